@@ -1,0 +1,48 @@
+//! Least and greatest present value of a set of voxels; absent voxels take no part.
+
+use serde::{Deserialize, Serialize};
+
+/// Closed interval of values; `min > max` means no present value at all.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ValueRange {
+    /// Least present value.
+    pub min: f64,
+    /// Greatest present value.
+    pub max: f64,
+}
+
+impl ValueRange {
+    /// The range of nothing.
+    pub const EMPTY: Self = Self { min: f64::INFINITY, max: f64::NEG_INFINITY };
+
+    /// Whether nothing is present.
+    #[must_use]
+    pub fn is_empty(self) -> bool {
+        self.min > self.max
+    }
+
+    /// Grown to hold `value`.
+    #[inline]
+    pub fn include(&mut self, value: f64) {
+        self.min = self.min.min(value);
+        self.max = self.max.max(value);
+    }
+
+    /// The least range that holds both.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    /// Whether every value of `other` lies inside.
+    #[must_use]
+    pub fn holds(self, other: Self) -> bool {
+        other.is_empty() || (self.min <= other.min && other.max <= self.max)
+    }
+
+    /// `max - min`, or 0 where nothing is present.
+    #[must_use]
+    pub fn width(self) -> f64 {
+        if self.is_empty() { 0.0 } else { self.max - self.min }
+    }
+}

@@ -1,0 +1,230 @@
+//! The eight voxel types, and reading voxels out of their bytes.
+//!
+//! Voxels in memory and in containers are little endian, packed without padding, x fastest.
+//! A voxel is *absent* when it equals the declared nodata value, or when it is a NaN or an infinity: neither can be
+//! interpolated (0 * inf is not 0), so both are holes ([`Absence`]).
+
+use serde::{Deserialize, Serialize};
+
+/// Type of one stored voxel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[repr(u8)]
+pub enum VoxelType {
+    /// 8-bit unsigned integer.
+    U8 = 1,
+    /// 8-bit signed integer.
+    I8 = 2,
+    /// 16-bit unsigned integer.
+    U16 = 3,
+    /// 16-bit signed integer.
+    I16 = 4,
+    /// 32-bit unsigned integer.
+    U32 = 5,
+    /// 32-bit signed integer.
+    I32 = 6,
+    /// IEEE 754 single precision.
+    F32 = 7,
+    /// IEEE 754 double precision.
+    F64 = 8,
+}
+
+impl VoxelType {
+    /// Every type, in tag order.
+    pub const ALL: [Self; 8] = [Self::U8, Self::I8, Self::U16, Self::I16, Self::U32, Self::I32, Self::F32, Self::F64];
+
+    /// Bytes of one voxel: 1, 2, 4 or 8.
+    #[must_use]
+    pub const fn bytes(self) -> usize {
+        match self {
+            Self::U8 | Self::I8 => 1,
+            Self::U16 | Self::I16 => 2,
+            Self::U32 | Self::I32 | Self::F32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    /// Name as written on the command line and in `info --json`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::U8 => "u8",
+            Self::I8 => "i8",
+            Self::U16 => "u16",
+            Self::I16 => "i16",
+            Self::U32 => "u32",
+            Self::I32 => "i32",
+            Self::F32 => "f32",
+            Self::F64 => "f64",
+        }
+    }
+
+    /// The type with this name, if there is one.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|t| t.name() == name)
+    }
+
+    /// The type with this tag in a container, if there is one.
+    #[must_use]
+    pub fn from_tag(tag: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|t| *t as u32 == tag)
+    }
+
+    /// Whether the type has NaNs and infinities.
+    #[must_use]
+    pub const fn is_float(self) -> bool {
+        matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// Least and greatest finite value.
+    #[must_use]
+    pub const fn limits(self) -> (f64, f64) {
+        match self {
+            Self::U8 => (0.0, u8::MAX as f64),
+            Self::I8 => (i8::MIN as f64, i8::MAX as f64),
+            Self::U16 => (0.0, u16::MAX as f64),
+            Self::I16 => (i16::MIN as f64, i16::MAX as f64),
+            Self::U32 => (0.0, u32::MAX as f64),
+            Self::I32 => (i32::MIN as f64, i32::MAX as f64),
+            Self::F32 => (f32::MIN as f64, f32::MAX as f64),
+            Self::F64 => (f64::MIN, f64::MAX),
+        }
+    }
+}
+
+impl std::fmt::Display for VoxelType {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A Rust type that voxels are stored as.
+pub trait Voxel: bytemuck::Pod + PartialEq + PartialOrd + Send + Sync + 'static {
+    /// The tag of this type.
+    const TYPE: VoxelType;
+    /// The value as a double; exact for every voxel type.
+    fn to_f64(self) -> f64;
+    /// The nearest value of this type (ties to even, saturating); NaN becomes 0 for integers.
+    fn from_f64(value: f64) -> Self;
+    /// Reads one voxel from exactly `size_of::<Self>()` little-endian bytes.
+    fn read_le(bytes: &[u8]) -> Self;
+    /// Writes the voxel as little-endian bytes.
+    fn write_le(self, out: &mut [u8]);
+}
+
+macro_rules! voxel {
+    ($t:ty, $tag:ident, |$v:ident| $from:expr) => {
+        impl Voxel for $t {
+            const TYPE: VoxelType = VoxelType::$tag;
+            #[inline]
+            fn to_f64(self) -> f64 {
+                self as f64
+            }
+            #[inline]
+            fn from_f64($v: f64) -> Self {
+                $from
+            }
+            #[inline]
+            fn read_le(bytes: &[u8]) -> Self {
+                Self::from_le_bytes(bytes.try_into().expect("the caller hands exactly one voxel's bytes"))
+            }
+            #[inline]
+            fn write_le(self, out: &mut [u8]) {
+                out.copy_from_slice(&self.to_le_bytes());
+            }
+        }
+    };
+}
+// `as` from float to integer saturates and maps NaN to 0, which is what the contract above says.
+voxel!(u8, U8, |v| v.round_ties_even() as u8);
+voxel!(i8, I8, |v| v.round_ties_even() as i8);
+voxel!(u16, U16, |v| v.round_ties_even() as u16);
+voxel!(i16, I16, |v| v.round_ties_even() as i16);
+voxel!(u32, U32, |v| v.round_ties_even() as u32);
+voxel!(i32, I32, |v| v.round_ties_even() as i32);
+voxel!(f32, F32, |v| v as f32);
+voxel!(f64, F64, |v| v);
+
+/// Calls a generic function once for the Rust type behind a [`VoxelType`]: `with_voxel!(t, V => f::<V>(x))`.
+#[macro_export]
+macro_rules! with_voxel {
+    ($voxel_type:expr, $v:ident => $body:expr) => {
+        match $voxel_type {
+            $crate::VoxelType::U8 => {
+                type $v = u8;
+                $body
+            }
+            $crate::VoxelType::I8 => {
+                type $v = i8;
+                $body
+            }
+            $crate::VoxelType::U16 => {
+                type $v = u16;
+                $body
+            }
+            $crate::VoxelType::I16 => {
+                type $v = i16;
+                $body
+            }
+            $crate::VoxelType::U32 => {
+                type $v = u32;
+                $body
+            }
+            $crate::VoxelType::I32 => {
+                type $v = i32;
+                $body
+            }
+            $crate::VoxelType::F32 => {
+                type $v = f32;
+                $body
+            }
+            $crate::VoxelType::F64 => {
+                type $v = f64;
+                $body
+            }
+        }
+    };
+}
+
+/// The rule that tells present voxels from absent ones: one for the whole container.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Absence {
+    /// Stored value that means "no data", if the source declares one. NaN adds nothing: NaN is always absent.
+    pub nodata: Option<f64>,
+}
+
+impl Absence {
+    /// Nothing but NaN and infinities is absent.
+    pub const NON_FINITE_ONLY: Self = Self { nodata: None };
+
+    /// Whether this stored value is a hole.
+    #[inline]
+    #[must_use]
+    pub fn is_absent(self, stored: f64) -> bool {
+        !stored.is_finite() || self.nodata == Some(stored)
+    }
+
+    /// The stored value that marks a hole at coarser levels, where all finer voxels are absent.
+    ///
+    /// Integers without a nodata value have no holes and never ask.
+    #[must_use]
+    pub fn marker(self) -> f64 {
+        self.nodata.unwrap_or(f64::NAN)
+    }
+
+    /// Whether a volume of this type can have holes at all.
+    #[must_use]
+    pub fn possible(self, voxel_type: VoxelType) -> bool {
+        voxel_type.is_float() || self.nodata.is_some()
+    }
+}
+
+/// The voxels of a little-endian byte slice as doubles, x fastest.
+///
+/// # Panics
+/// If the slice is not a whole number of voxels.
+pub fn voxels_as_f64(voxel_type: VoxelType, bytes: &[u8]) -> Vec<f64> {
+    assert_eq!(bytes.len() % voxel_type.bytes(), 0, "{} bytes are no whole number of {voxel_type} voxels", bytes.len());
+    with_voxel!(voxel_type, V => bytes.chunks_exact(size_of::<V>()).map(|b| V::read_le(b).to_f64()).collect())
+}

@@ -1,0 +1,170 @@
+//! Volume files behind one trait: where voxels come from.
+//!
+//! A source knows its grid, its voxel type and its place in the world, and hands out any box of voxels. Voxels are
+//! handed out little endian and packed, x fastest, whatever the file's own order is; nothing is rescaled (scale and
+//! offset travel as metadata). A reader checks every length against the file before it allocates, and answers a wrong
+//! file with what was expected, what was found, and where: never a panic.
+//!
+//! `read_box` may be called from several threads at once, and for boxes in any order; [`AccessOrder`] says which order
+//! the file likes.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use supervol_format::{Dims, Geometry, VoxelBox, VoxelType};
+
+/// A volume that can be read box by box.
+pub trait VolumeSource: Send + Sync {
+    /// What the source says about itself; constant.
+    fn info(&self) -> &SourceInfo;
+
+    /// Fills `out` with the voxels of `voxels`, little endian, packed, x fastest.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or holds something its header does not allow.
+    ///
+    /// # Panics
+    /// If the box is not inside the grid or `out` has not exactly the box's bytes: both are the caller's mistakes.
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError>;
+}
+
+/// What a source says about itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SourceInfo {
+    /// `raw`, `nrrd`, `segy`, `nifti`, `npy` or `synth`.
+    pub format: &'static str,
+    /// Voxels along x, y, z.
+    pub dims: Dims,
+    /// Type of the voxels that `read_box` hands out.
+    pub voxel_type: VoxelType,
+    /// Place in the world.
+    pub geometry: Geometry,
+    /// Value = stored * scale + offset.
+    pub scale: f64,
+    /// See `scale`.
+    pub offset: f64,
+    /// Stored value that means "no data". NaN voxels are absent with or without it.
+    pub nodata: Option<f64>,
+    /// Unit of the values, empty where unknown.
+    pub unit: String,
+    /// The three axes, x first.
+    pub axes: [Axis; 3],
+    /// Geometry of a seismic survey, where there is one.
+    pub survey: Option<Survey>,
+    /// Axes in the order in which the file stores them, slowest first: reading whole runs of the last is cheapest.
+    pub access_order: AccessOrder,
+    /// What the reader noticed and a person should know, one sentence each: traces missing, header overridden, ...
+    pub notes: Vec<String>,
+}
+
+impl SourceInfo {
+    /// A plain grid: identity geometry, no scale, x fastest, axes named x, y, z.
+    #[must_use]
+    pub fn plain(format: &'static str, dims: Dims, voxel_type: VoxelType) -> Self {
+        Self {
+            format,
+            dims,
+            voxel_type,
+            geometry: Geometry::IDENTITY,
+            scale: 1.0,
+            offset: 0.0,
+            nodata: None,
+            unit: String::new(),
+            axes: ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: String::new() }),
+            survey: None,
+            access_order: AccessOrder::X_FASTEST,
+            notes: Vec::new(),
+        }
+    }
+}
+
+/// Name and unit of one axis.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Axis {
+    /// `x`, `inline`, `time`, ...
+    pub name: String,
+    /// Unit of the spacing along this axis: `mm`, `ms`, `m`, ...; empty where unknown.
+    pub unit: String,
+}
+
+/// Axes from the slowest in the file to the fastest: `[2, 1, 0]` is x fastest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AccessOrder(pub [usize; 3]);
+
+impl AccessOrder {
+    /// x runs fastest, z slowest: raw, NRRD, NIfTI.
+    pub const X_FASTEST: Self = Self([2, 1, 0]);
+}
+
+/// Geometry of a seismic survey, as the trace headers give it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Survey {
+    /// First inline number and step: inline of row j is `first + j * step`, step positive.
+    pub inline: LineNumbers,
+    /// The same for crosslines, along x.
+    pub crossline: LineNumbers,
+    /// World positions (CDP x, y, scaled) of the grid's corners (first il, first xl), (first il, last xl),
+    /// (last il, first xl), (last il, last xl), where the headers give them.
+    pub corners: Option<[[f64; 2]; 4]>,
+    /// Sample interval along z, in the z axis's unit.
+    pub sample_interval: f64,
+    /// Position of the first sample along z (delay), in the z axis's unit.
+    pub first_sample: f64,
+    /// Traces of the grid that the file does not have.
+    pub missing_traces: u64,
+    /// Traces marked dead in their header (trace identification code 2).
+    pub dead_traces: u64,
+    /// The text header, 40 lines of 80 characters, decoded.
+    pub text_header: String,
+}
+
+/// Arithmetic progression of line numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LineNumbers {
+    /// Smallest number.
+    pub first: i64,
+    /// Distance between neighbours, positive.
+    pub step: i64,
+    /// How many.
+    pub count: u64,
+}
+
+/// Why a file cannot be used. The message of each variant is complete; callers add nothing but the context they own.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
+pub enum SourceError {
+    /// The machine failed: exit code 3.
+    #[error("cannot read {path}: {source}")]
+    Io { path: PathBuf, source: std::io::Error },
+    /// The file breaks its format's rules: exit code 1.
+    #[error("{path}: {location}: expected {expected}, found {found}")]
+    Invalid { path: PathBuf, location: String, expected: String, found: String },
+    /// The file is right but is not what we read; `advice` says what to do: exit code 1.
+    #[error("{path}: {what}; {advice}")]
+    Unsupported { path: PathBuf, what: String, advice: String },
+    /// The options given contradict the file or each other: exit code 2.
+    #[error("{0}")]
+    Options(String),
+}
+
+impl SourceError {
+    /// Shorthand for [`SourceError::Invalid`].
+    pub fn invalid(
+        path: &Path,
+        location: impl Into<String>,
+        expected: impl Into<String>,
+        found: impl Into<String>,
+    ) -> Self {
+        Self::Invalid { path: path.into(), location: location.into(), expected: expected.into(), found: found.into() }
+    }
+
+    /// Shorthand for [`SourceError::Unsupported`].
+    pub fn unsupported(path: &Path, what: impl Into<String>, advice: impl Into<String>) -> Self {
+        Self::Unsupported { path: path.into(), what: what.into(), advice: advice.into() }
+    }
+
+    /// Shorthand for [`SourceError::Io`].
+    pub fn io(path: &Path, source: std::io::Error) -> Self {
+        Self::Io { path: path.into(), source }
+    }
+}
