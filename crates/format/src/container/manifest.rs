@@ -1,0 +1,81 @@
+//! What the data is and where it came from: JSON at the tail of a container. No dates, no paths, no host names: the
+//! same input and options must give the same bytes.
+
+use serde::{Deserialize, Serialize};
+
+use crate::ValueRange;
+
+/// Most bytes a manifest may have.
+pub const BYTES_LIMIT: u64 = 16 << 20;
+
+/// The manifest of a container. Values are data values: scale and offset applied.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// `supervol VERSION`, the program that wrote the container.
+    pub tool: String,
+    /// Options that shaped the bytes, by name.
+    pub parameters: std::collections::BTreeMap<String, String>,
+    /// Where the voxels came from.
+    pub source: Source,
+    /// Names and units of x, y, z.
+    pub axes: [AxisName; 3],
+    /// Unit of the values, empty where unknown.
+    pub unit: String,
+    /// Range of all present voxels of level 0, null where none is present.
+    pub value_range: Option<ValueRange>,
+    /// Present voxels of level 0.
+    pub present_voxels: u64,
+    /// Counts of present voxels in equal parts of `value_range`.
+    pub histogram: Vec<u64>,
+    /// `[percent, value]` pairs, ascending.
+    pub percentiles: Vec<[f64; 2]>,
+    /// Largest error bound of each level, level 0 first, data units.
+    pub level_errors: Vec<f64>,
+    /// Seismic survey geometry, null where there is none.
+    pub survey: Option<serde_json::Value>,
+    /// What the reader of the source noticed, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// A source file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Source {
+    /// File name without its folder, or the name of a synthetic volume.
+    pub name: String,
+    /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `synth`.
+    pub format: String,
+    /// Size of the file, bytes.
+    pub bytes: u64,
+    /// XXH3-64 of the file, 16 hexadecimal digits; empty for synthetic volumes.
+    pub xxh3_64: String,
+}
+
+/// Name and unit of one axis.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AxisName {
+    /// `x`, `inline`, ...
+    pub name: String,
+    /// Unit of the spacing.
+    pub unit: String,
+}
+
+impl Manifest {
+    /// The value below which this percentage of present voxels lies, interpolated between the stored pairs.
+    #[must_use]
+    pub fn percentile(&self, percent: f64) -> Option<f64> {
+        let first = self.percentiles.first()?;
+        let after = self.percentiles.iter().position(|p| p[0] >= percent);
+        Some(match after {
+            None => self.percentiles.last()?[1],
+            Some(0) => first[1],
+            Some(i) => {
+                let [p0, v0] = self.percentiles[i - 1];
+                let [p1, v1] = self.percentiles[i];
+                v0 + (v1 - v0) * (percent - p0) / (p1 - p0)
+            }
+        })
+    }
+}

@@ -1,0 +1,140 @@
+//! The `.svol` file, byte by byte. Format version 1.
+//!
+//! ```text
+//! +-------------+-----------------------------+-----------+----------+-------------+
+//! | header page | brick records, append-only  | TOC pages | manifest | footer page |
+//! |    4096     |   finest level ... coarsest |  n*65536  |   JSON   |    4096     |
+//! +-------------+-----------------------------+-----------+----------+-------------+
+//! ```
+//!
+//! All numbers are little endian. Reserved bytes are zero, and readers check that they are. A reader needs one read at
+//! the tail: the footer holds everything the header does and where the TOC and the manifest lie; the coarsest bricks
+//! lie next to the TOC, and their entries at its end.
+//!
+//! # Header and footer page
+//! One layout ([`header`]), written twice. In the header the section fields are zero, because they are not yet known;
+//! in the footer they are set. The first bytes of both are the same for all future versions.
+//!
+//! | offset | size | type | unit | meaning |
+//! |---|---|---|---|---|
+//! | 0 | 8 | bytes | | magic `89 53 56 4f 4c 0d 0a 1a` (`\x89SVOL\r\n\x1a`) |
+//! | 8 | 4 | u32 | | format version: 1 |
+//! | 12 | 4 | u32 | bytes | size of this page: 4096 |
+//! | 16 | 4 | u32 | | voxel type: 1 u8, 2 i8, 3 u16, 4 i16, 5 u32, 6 i32, 7 f32, 8 f64 |
+//! | 20 | 4 | u32 | voxels | core of a brick: 16, 32, 64 or 128 |
+//! | 24 | 4 | u32 | voxels | apron: 2 |
+//! | 28 | 4 | u32 | voxels | macro cell: 8 |
+//! | 32 | 4 | u32 | | number of levels, 1 to 64 |
+//! | 36 | 4 | u32 | | flags: bit 0: a nodata value is declared |
+//! | 40 | 24 | 3 x u64 | voxels | dims of level 0 |
+//! | 64 | 8 | f64 | | scale: value = stored * scale + offset |
+//! | 72 | 8 | f64 | | offset |
+//! | 80 | 8 | f64 | stored | nodata value, 0 if none is declared |
+//! | 88 | 24 | 3 x f64 | world | spacing |
+//! | 112 | 24 | 3 x f64 | world | origin |
+//! | 136 | 72 | 9 x f64 | | direction, row-major |
+//! | 208 | 192 | 64 x 3 x u8 | | factors of levels 1, 2, ...: 1 or 2 per axis; 0 beyond the last level |
+//! | 400 | 8 | u64 | bytes | offset of the TOC (header: 0) |
+//! | 408 | 8 | u64 | bytes | length of the TOC (header: 0) |
+//! | 416 | 8 | u64 | bytes | offset of the manifest (header: 0) |
+//! | 424 | 8 | u64 | bytes | length of the manifest (header: 0) |
+//! | 432 | 8 | u64 | | XXH3-64 of the manifest (header: 0) |
+//! | 440 | 3648 | | | reserved, zero |
+//! | 4088 | 8 | u64 | | XXH3-64 of bytes 0 to 4087 of this page |
+//!
+//! # Brick record
+//! The payload (see [`crate::codec`]), directly followed by the macro cells (see [`crate::macro_cells`]): two bytes each,
+//! x fastest, for all macro cells of the brick's core. Records lie one behind the other without gaps, in the order in
+//! which the bricks were written. A brick whose codec is *uniform* has no record: offset and lengths are zero.
+//!
+//! # TOC
+//! One entry per brick in entry order ([`crate::Pyramid::entry`]: level by level, finest first, x fastest), packed
+//! into pages of 65536 bytes so that each can be read and trusted alone:
+//!
+//! | offset in page | size | meaning |
+//! |---|---|---|
+//! | 0 | 818 x 80 | entries; unused ones at the end are zero |
+//! | 65440 | 88 | reserved, zero |
+//! | 65528 | 8 | XXH3-64 of bytes 0 to 65527 of this page |
+//!
+//! # TOC entry ([`toc`])
+//!
+//! | offset | size | type | unit | meaning |
+//! |---|---|---|---|---|
+//! | 0 | 8 | u64 | bytes | offset of the record |
+//! | 8 | 4 | u32 | bytes | length of the payload |
+//! | 12 | 4 | u32 | bytes | length of the macro cells |
+//! | 16 | 1 | u8 | | codec: 0 uniform, 1 raw, 2 rle, 3 zstd (4 wavelet, reserved) |
+//! | 17 | 1 | u8 | | flags: bit 0 absent (no voxel of the core is present), bit 1 uniform, bit 2 has holes |
+//! | 18 | 1 | u8 | | stored scale: log2 of the coarsening the brick is stored at; 0 in this version |
+//! | 19 | 5 | | | reserved, zero |
+//! | 24 | 8 | u64 | | XXH3-64 of the record; 0 without one |
+//! | 32 | 8 | u64 | | fill: the bits of every stored voxel of a uniform codec; otherwise 0 |
+//! | 40 | 8 | f64 | stored | least value that interpolation reaches in the brick (+inf if nothing is present) |
+//! | 48 | 8 | f64 | stored | greatest value (-inf if nothing is present) |
+//! | 56 | 8 | f64 | stored | least value of this brick and of all finer bricks under it |
+//! | 64 | 8 | f64 | stored | greatest value of the same |
+//! | 72 | 8 | f64 | stored | error: bound on the distance between this level's and level 0's trilinear interpolation at every point of the brick's region where both are present |
+//!
+//! # Manifest
+//! UTF-8 JSON, see [`manifest::Manifest`]: what the data is and where it came from. Nothing in it is needed to decode.
+
+pub mod header;
+pub mod manifest;
+pub mod reader;
+pub mod toc;
+pub mod validate;
+pub mod writer;
+
+use std::io;
+
+use crate::codec::CodecError;
+use crate::pyramid::PyramidError;
+use crate::{BrickKey, VoxelType};
+
+/// Why a container cannot be opened or a part of it cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
+pub enum ContainerError {
+    /// The machine failed, or the file is shorter than it says.
+    #[error("cannot read {bytes} bytes at offset {offset} ({what}): {source}")]
+    Io { what: String, offset: u64, bytes: u64, source: io::Error },
+    /// The file breaks a rule of this module's specification.
+    #[error("{what} at offset {offset}: expected {expected}, found {found}")]
+    Invalid { what: String, offset: u64, expected: String, found: String },
+    /// A container, but of a version this program does not know.
+    #[error(
+        "container format version {found}; this program reads version {known}. Use a newer supervol, or build the container anew"
+    )]
+    Version { found: u32, known: u32 },
+    /// The levels make no pyramid.
+    #[error("levels in the header: {0}")]
+    Pyramid(#[from] PyramidError),
+    /// A brick's payload cannot be decoded.
+    #[error("{key} at offset {offset}: {source}")]
+    Decode { key: BrickKey, offset: u64, source: CodecError },
+}
+
+impl ContainerError {
+    pub(crate) fn invalid(
+        what: impl Into<String>,
+        offset: u64,
+        expected: impl std::fmt::Display,
+        found: impl std::fmt::Display,
+    ) -> Self {
+        Self::Invalid { what: what.into(), offset, expected: expected.to_string(), found: found.to_string() }
+    }
+}
+
+/// The value of a fill: its low bytes are a little-endian voxel.
+#[must_use]
+pub fn fill_value(voxel_type: VoxelType, fill: u64) -> f64 {
+    use crate::voxel_type::Voxel;
+    crate::with_voxel!(voxel_type, V => V::read_le(&fill.to_le_bytes()[..size_of::<V>()]).to_f64())
+}
+
+/// The checksum of everything in a container: XXH3-64.
+#[must_use]
+pub fn checksum(bytes: &[u8]) -> u64 {
+    xxhash_rust::xxh3::xxh3_64(bytes)
+}

@@ -1,0 +1,150 @@
+//! The rules of one container that can be checked brick by brick: see [`check_brick`] and [`check_coverage`].
+//!
+//! Rules between levels (coarser voxels are averages of finer ones, error bounds hold) need several bricks at once and
+//! are checked by the preprocessor's `verify`, which calls the ones here first.
+
+use super::ContainerError;
+use super::reader::{Container, RECORDS_START};
+use super::toc::BrickEntry;
+use crate::codec::{BrickShape, Codec};
+use crate::macro_cells;
+use crate::{BrickKey, Lod, ValueRange};
+
+/// Checks all that can be known of one brick from its record and its children's entries. Returns its stored voxels.
+///
+/// Rules: the record's checksum fits and the payload decodes; flags say what the voxels are; the range is exactly that
+/// of the voxels interpolation reaches, macro cells are exactly what [`macro_cells::quantize`] makes of theirs; the
+/// range beneath is the union with the children's; level 0 has no error, and no brick less than its children.
+///
+/// # Errors
+/// The first rule that is broken, with the brick, what was expected and what was found.
+pub fn check_brick(container: &Container, key: BrickKey) -> Result<(BrickEntry, Vec<u8>), ContainerError> {
+    let entry = container.entry(key)?;
+    let broken = |rule: &str, expected: String, found: String| {
+        Err(ContainerError::invalid(format!("{key}: {rule}"), entry.offset, expected, found))
+    };
+    let mut record = vec![0; entry.record_bytes() as usize];
+    container.read_at(entry.offset, &mut record)?;
+    let shape = container.shape(key);
+    let mut voxels = vec![0; shape.bytes()];
+    container.decode_brick(key, &entry, &record, &mut voxels)?;
+
+    let measured = macro_cells::measure(shape, &voxels, container.descriptor().absence);
+    let uniform = measured.fill.is_some() && !measured.absent;
+    let flags = (entry.absent, entry.has_holes, entry.uniform);
+    if flags != (measured.absent, measured.has_holes, uniform) {
+        let expected = format!("{:?}", (measured.absent, measured.has_holes, uniform));
+        return broken("flags (absent, has holes, uniform)", expected, format!("{flags:?}"));
+    }
+    if entry.range != measured.range {
+        return broken("value range", format!("{:?}", measured.range), format!("{:?}", entry.range));
+    }
+    if entry.codec != Codec::Uniform {
+        let expected = macro_cells::quantize(&measured.cells, measured.range);
+        let found = &record[entry.payload_bytes as usize..];
+        if let Some(cell) = expected.chunks_exact(2).zip(found.chunks_exact(2)).position(|(e, f)| e != f) {
+            let pair = |bytes: &[u8]| format!("{:?}", &bytes[2 * cell..2 * cell + 2]);
+            return broken(&format!("macro cell {cell}"), pair(&expected), pair(found));
+        }
+    }
+    let mut beneath = entry.range;
+    let mut children_error: f64 = 0.0;
+    for child in container.pyramid().children(key) {
+        let child = container.entry(child)?;
+        beneath = beneath.union(child.range_beneath);
+        children_error = children_error.max(child.error);
+    }
+    if entry.range_beneath != beneath {
+        return broken("range beneath", format!("{beneath:?}"), format!("{:?}", entry.range_beneath));
+    }
+    if entry.error < children_error || (key.lod() == Lod::FINEST && entry.error != 0.0) {
+        return broken("error", format!("at least {children_error}, 0 at level 0"), entry.error.to_string());
+    }
+    Ok((entry, voxels))
+}
+
+/// Checks that the records tile the space between header and TOC: nothing overlaps and nothing is unreachable.
+///
+/// Memory: 16 bytes per brick that has a record.
+///
+/// # Errors
+/// The first gap or overlap.
+pub fn check_coverage(container: &Container) -> Result<(), ContainerError> {
+    let pyramid = container.pyramid();
+    let mut records = Vec::new();
+    for number in 0..pyramid.brick_count() {
+        let key = pyramid.key(number).expect("every number below the count is a brick");
+        let entry = container.entry(key)?;
+        if entry.codec != Codec::Uniform {
+            records.push((entry.offset, entry.record_bytes()));
+        }
+    }
+    records.sort_unstable();
+    let mut end = RECORDS_START;
+    for (offset, bytes) in records {
+        if offset != end {
+            return Err(ContainerError::invalid(
+                "brick records",
+                end,
+                "a record that begins here",
+                format!("one at {offset}"),
+            ));
+        }
+        end += bytes;
+    }
+    let toc = container.sections().toc_offset;
+    if end == toc {
+        Ok(())
+    } else {
+        Err(ContainerError::invalid(
+            "brick records",
+            end,
+            format!("records up to the TOC at {toc}"),
+            "unreachable bytes",
+        ))
+    }
+}
+
+/// Makes the entry and record of a brick from its stored voxels; the inverse of what [`check_brick`] checks.
+///
+/// `error` is the brick's error bound, `children` the union of its children's ranges beneath (empty at level 0).
+///
+/// # Errors
+/// If a codec fails, which means that it could not get memory.
+pub fn seal_brick(
+    key: BrickKey,
+    shape: BrickShape,
+    voxels: &[u8],
+    absence: crate::voxel_type::Absence,
+    choice: crate::codec::CodecChoice,
+    children: ValueRange,
+    error: f64,
+) -> Result<super::writer::EncodedBrick, crate::codec::CodecError> {
+    let measured = macro_cells::measure(shape, voxels, absence);
+    let (codec, mut record, fill) = match measured.fill {
+        Some(fill) => (Codec::Uniform, Vec::new(), fill),
+        None => {
+            let (codec, payload) = crate::codec::encode(choice, shape, voxels)?;
+            (codec, payload, 0)
+        }
+    };
+    let payload_bytes = record.len();
+    if codec != Codec::Uniform {
+        record.extend(macro_cells::quantize(&measured.cells, measured.range));
+    }
+    let entry = BrickEntry {
+        offset: 0,
+        payload_bytes: u32::try_from(payload_bytes).expect("a brick of 132^3 doubles has fewer than 2^32 bytes"),
+        macro_cell_bytes: (record.len() - payload_bytes) as u32,
+        codec,
+        absent: measured.absent,
+        uniform: measured.fill.is_some() && !measured.absent,
+        has_holes: measured.has_holes,
+        checksum: 0,
+        fill,
+        range: measured.range,
+        range_beneath: measured.range.union(children),
+        error,
+    };
+    Ok(super::writer::EncodedBrick { key, entry, record })
+}

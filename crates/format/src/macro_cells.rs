@@ -1,0 +1,284 @@
+//! Value ranges of macro cells: what interpolation can reach inside each cell of 8^3 voxels of a brick.
+//!
+//! Macro cell m on an axis covers the core voxels 8m to 8m+7 and draws the region `[8m - 1/2, 8m + 7 1/2]` around them,
+//! in which trilinear interpolation reaches voxels 8m-1 to 8m+8. Its range is the range of those 10^3 voxels (fewer at
+//! the core's far end, where the cell is cut).
+//! In a container a cell is two bytes, `low` and `high`: the range `[lo + low*w/255, lo + high*w/255]`, where `[lo, lo+w]`
+//! is the brick's range, rounded outward; `low > high` means that no voxel the cell reaches is present.
+
+use crate::brick::{APRON, MACRO_CELL};
+use crate::codec::BrickShape;
+use crate::voxel_type::{Absence, Voxel};
+use crate::{ValueRange, with_voxel};
+
+/// Bytes of one macro cell in a container.
+pub const MACRO_CELL_BYTES: usize = 2;
+
+/// What the voxels of a brick are, as far as skipping and drawing care.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BrickRanges {
+    /// Range of what interpolation reaches inside the brick: its core and one voxel around. Empty where the core is absent.
+    pub range: ValueRange,
+    /// Range of each macro cell, x fastest.
+    pub cells: Vec<ValueRange>,
+    /// Whether a voxel that interpolation reaches is absent.
+    pub has_holes: bool,
+    /// Whether no voxel of the core is present.
+    pub absent: bool,
+    /// The bits of every stored voxel, little endian in the low bytes, if they are all the same.
+    pub fill: Option<u64>,
+}
+
+/// Macro cells along each axis of a brick with this stored extent.
+#[must_use]
+pub fn cells_along(stored_extent: [usize; 3]) -> [usize; 3] {
+    stored_extent.map(|n| (n - 2 * APRON).div_ceil(MACRO_CELL))
+}
+
+/// Measures a brick's stored voxels.
+///
+/// # Panics
+/// If `voxels` is not as long as `shape` says, or the shape has no core.
+#[must_use]
+pub fn measure(shape: BrickShape, voxels: &[u8], absence: Absence) -> BrickRanges {
+    assert_eq!(voxels.len(), shape.bytes(), "a brick of {:?} {} has other bytes", shape.extent, shape.voxel_type);
+    assert!(shape.extent.iter().all(|&n| n > 2 * APRON), "stored extent {:?} has no core", shape.extent);
+    with_voxel!(shape.voxel_type, V => measure_typed::<V>(shape.extent, voxels, absence))
+}
+
+/// Least and greatest present voxel of a row part, and whether one is absent.
+#[derive(Clone, Copy)]
+struct Span<V> {
+    min: V,
+    max: V,
+    any: bool,
+    holes: bool,
+}
+
+impl<V: Voxel> Span<V> {
+    fn none() -> Self {
+        Self { min: V::zeroed(), max: V::zeroed(), any: false, holes: false }
+    }
+
+    fn merge(&mut self, other: Self) {
+        self.holes |= other.holes;
+        if other.any {
+            let first = !self.any;
+            self.min = if first || other.min < self.min { other.min } else { self.min };
+            self.max = if first || other.max > self.max { other.max } else { self.max };
+            self.any = true;
+        }
+    }
+
+    fn range(self) -> ValueRange {
+        if self.any { ValueRange { min: self.min.to_f64(), max: self.max.to_f64() } } else { ValueRange::EMPTY }
+    }
+}
+
+fn measure_typed<V: Voxel>(extent: [usize; 3], voxels: &[u8], absence: Absence) -> BrickRanges {
+    let [nx, ny, nz] = extent;
+    let cells = cells_along(extent);
+    let holes_possible = absence.possible(V::TYPE);
+    let mut spans = vec![Span::<V>::none(); cells.iter().product()];
+    let mut row = vec![V::zeroed(); nx];
+    let mut core_present = false;
+    for z in 1..nz - 1 {
+        for y in 1..ny - 1 {
+            let start = (z * ny + y) * nx * size_of::<V>();
+            for (v, b) in row.iter_mut().zip(voxels[start..].chunks_exact(size_of::<V>())) {
+                *v = V::read_le(b);
+            }
+            let in_core = |i: usize, n: usize| (APRON..n - APRON).contains(&i);
+            if holes_possible && !core_present && in_core(y, ny) && in_core(z, nz) {
+                core_present = row[APRON..nx - APRON].iter().any(|v| !absence.is_absent(v.to_f64()));
+            }
+            for cx in 0..cells[0] {
+                let span = row_span(&row[reach(cx, nx)], absence, holes_possible);
+                for cz in cells_reaching(z, nz) {
+                    for cy in cells_reaching(y, ny) {
+                        spans[cx + cells[0] * (cy + cells[1] * cz)].merge(span);
+                    }
+                }
+            }
+        }
+    }
+    // Every sample inside the brick leans on a core voxel: with none present, nothing is.
+    let absent = holes_possible && !core_present;
+    let cell_ranges: Vec<ValueRange> =
+        spans.iter().map(|s| if absent { ValueRange::EMPTY } else { s.range() }).collect();
+    BrickRanges {
+        range: cell_ranges.iter().fold(ValueRange::EMPTY, |a, &b| a.union(b)),
+        cells: cell_ranges,
+        has_holes: spans.iter().any(|s| s.holes),
+        absent,
+        fill: fill_of(voxels, size_of::<V>()),
+    }
+}
+
+/// The bits that all voxels share, if they do.
+fn fill_of(voxels: &[u8], voxel_bytes: usize) -> Option<u64> {
+    // A slice that equals itself shifted by one voxel repeats its first voxel; this compares at memory speed.
+    let all_equal = voxels[voxel_bytes..] == voxels[..voxels.len() - voxel_bytes];
+    all_equal.then(|| {
+        let mut bits = [0; 8];
+        bits[..voxel_bytes].copy_from_slice(&voxels[..voxel_bytes]);
+        u64::from_le_bytes(bits)
+    })
+}
+
+/// Stored voxels that interpolation reaches in macro cell `cell` of an axis with `stored` voxels.
+fn reach(cell: usize, stored: usize) -> std::ops::Range<usize> {
+    let first = cell * MACRO_CELL + APRON - 1;
+    first..(first + MACRO_CELL + 2).min(stored - APRON + 1)
+}
+
+/// Macro cells that reach stored voxel `i` of an axis: one, or two at their common face.
+fn cells_reaching(i: usize, stored: usize) -> std::ops::RangeInclusive<usize> {
+    let last_cell = (stored - 2 * APRON).div_ceil(MACRO_CELL) - 1;
+    let low = i.saturating_sub(APRON + MACRO_CELL).div_ceil(MACRO_CELL);
+    let high = (i + 1 - APRON) / MACRO_CELL;
+    low.min(last_cell)..=high.min(last_cell)
+}
+
+fn row_span<V: Voxel>(row: &[V], absence: Absence, holes_possible: bool) -> Span<V> {
+    if !holes_possible {
+        let (mut min, mut max) = (row[0], row[0]);
+        for &v in &row[1..] {
+            min = if v < min { v } else { min };
+            max = if v > max { v } else { max };
+        }
+        return Span { min, max, any: true, holes: false };
+    }
+    let mut span = Span::none();
+    for &v in row {
+        if absence.is_absent(v.to_f64()) {
+            span.holes = true;
+        } else {
+            span.merge(Span { min: v, max: v, any: true, holes: false });
+        }
+    }
+    span
+}
+
+/// The value that byte `code` stands for in a brick of this range.
+#[must_use]
+pub fn dequantize(code: u8, range: ValueRange) -> f64 {
+    match code {
+        0 => range.min,
+        // Not lo + w: the sum may fall short of the range's end by rounding.
+        255 => range.max,
+        _ => range.min + range.width() * (f64::from(code) / 255.0),
+    }
+}
+
+/// Packs cell ranges outward into bytes: `low, high` for each cell, x fastest.
+#[must_use]
+pub fn quantize(cells: &[ValueRange], range: ValueRange) -> Vec<u8> {
+    let scale = if range.width() > 0.0 { 255.0 / range.width() } else { 0.0 };
+    let mut bytes = Vec::with_capacity(cells.len() * MACRO_CELL_BYTES);
+    for cell in cells {
+        if cell.is_empty() {
+            bytes.extend([255, 0]);
+            continue;
+        }
+        // The first guess may be off by rounding; these loops make it outward, by at most a step or two.
+        let mut low = ((cell.min - range.min) * scale).floor().clamp(0.0, 255.0) as u8;
+        while low > 0 && dequantize(low, range) > cell.min {
+            low -= 1;
+        }
+        let mut high = ((cell.max - range.min) * scale).ceil().clamp(0.0, 255.0) as u8;
+        while high < 255 && dequantize(high, range) < cell.max {
+            high += 1;
+        }
+        bytes.extend([low, high]);
+    }
+    bytes
+}
+
+/// Unpacks what [`quantize`] packed.
+#[must_use]
+pub fn dequantize_cells(bytes: &[u8], range: ValueRange) -> Vec<ValueRange> {
+    bytes
+        .chunks_exact(MACRO_CELL_BYTES)
+        .map(|b| {
+            if b[0] > b[1] {
+                ValueRange::EMPTY
+            } else {
+                ValueRange { min: dequantize(b[0], range), max: dequantize(b[1], range) }
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::VoxelType;
+    use proptest::prelude::*;
+
+    /// Brute force over every voxel each cell reaches.
+    fn naive(extent: [usize; 3], values: &[f64], absence: Absence) -> Vec<ValueRange> {
+        let cells = cells_along(extent);
+        let mut out = Vec::new();
+        for cz in 0..cells[2] {
+            for cy in 0..cells[1] {
+                for cx in 0..cells[0] {
+                    let mut range = ValueRange::EMPTY;
+                    for z in reach(cz, extent[2]) {
+                        for y in reach(cy, extent[1]) {
+                            for x in reach(cx, extent[0]) {
+                                let v = values[x + extent[0] * (y + extent[1] * z)];
+                                if !absence.is_absent(v) {
+                                    range.include(v);
+                                }
+                            }
+                        }
+                    }
+                    out.push(range);
+                }
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn cells_reach_each_other_s_voxels_consistently() {
+        for stored in 5..80 {
+            for i in 1..stored - 1 {
+                let expected: Vec<usize> =
+                    (0..(stored - 2 * APRON).div_ceil(MACRO_CELL)).filter(|&c| reach(c, stored).contains(&i)).collect();
+                assert_eq!(cells_reaching(i, stored).collect::<Vec<_>>(), expected, "voxel {i} of {stored}");
+            }
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 60, failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn ranges_equal_brute_force_and_bytes_hold_them_tightly(
+            extent in [5usize..24, 5usize..24, 5usize..24], seed in any::<u64>(), with_holes in any::<bool>(),
+        ) {
+            let n: usize = extent.iter().product();
+            let mut state = seed | 1;
+            let values: Vec<f32> = (0..n).map(|_| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                if with_holes && (state >> 60) < 3 { f32::NAN } else { (state >> 40) as f32 * 1e-3 - 5000.0 }
+            }).collect();
+            let shape = BrickShape { voxel_type: VoxelType::F32, extent };
+            let measured = measure(shape, bytemuck::cast_slice(&values), Absence::NON_FINITE_ONLY);
+            let as_f64: Vec<f64> = values.iter().map(|&v| f64::from(v)).collect();
+            prop_assume!(!measured.absent);
+            let expected = naive(extent, &as_f64, Absence::NON_FINITE_ONLY);
+            prop_assert_eq!(&measured.cells, &expected);
+            let bytes = quantize(&measured.cells, measured.range);
+            let step = measured.range.width() / 255.0;
+            for (packed, exact) in dequantize_cells(&bytes, measured.range).iter().zip(&expected) {
+                prop_assert!(packed.holds(*exact), "{packed:?} does not hold {exact:?}");
+                if !exact.is_empty() {
+                    prop_assert!(exact.min - packed.min <= 1.001 * step && packed.max - exact.max <= 1.001 * step);
+                }
+            }
+        }
+    }
+}
