@@ -1,5 +1,25 @@
 //! Offline half of Supervol: one volume file in, one `.svol` container out, in bounded memory.
 //!
-//! The data path, left to right: [`source`] (one reader per file format) -> bricks -> container.
+//! The data path, left to right: [`source`] (one reader per file format) -> [`bricker`] (tiles, bricks with apron) ->
+//! [`downsample`] (coarser voxels) and [`error_bound`] (how far they are from the finer ones) -> encoding and ordered
+//! writing in [`pipeline`]. [`verify`] checks a container rule by rule; [`extract`] takes voxels out again.
+//!
+//! Nothing here touches a GPU. Memory is a number of bytes given by the caller ([`memory`]). The same input and options
+//! give the same bytes, whatever the number of threads.
 
+pub mod bricker;
+pub mod downsample;
+pub mod error;
+pub mod error_bound;
+pub mod extract;
+pub mod level_reader;
+pub mod lod_axes;
+pub mod memory;
+pub mod pipeline;
+pub mod report;
 pub mod source;
+pub mod statistics;
+pub mod verify;
+
+pub use error::BuildError;
+pub use pipeline::{BuildOptions, Existing, build, identify};

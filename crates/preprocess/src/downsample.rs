@@ -1,0 +1,152 @@
+//! Averages: the voxels of a coarser level from those of the finer one.
+//!
+//! Coarse voxel c of a halved axis is the mean of fine voxels 2c and 2c+1; where the finer grid ends with 2c, of that
+//! one alone. Absent voxels take no part; where all are absent, the coarse voxel is absent too. Means are taken in
+//! double precision and rounded to the voxel type, ties to even.
+
+use supervol_format::voxel_type::{Absence, Voxel};
+use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
+
+/// The finer voxels that the voxels of a coarse box are averages of.
+#[must_use]
+pub fn finer_box(coarse: VoxelBox, factors: [u32; 3], finer_dims: Dims) -> VoxelBox {
+    let scaled = |v: [u64; 3]| std::array::from_fn(|a| v[a] * u64::from(factors[a]));
+    VoxelBox { start: scaled(coarse.start), end: scaled(coarse.end) }.intersect(finer_dims.full_box())
+}
+
+/// A box of voxels in memory: little endian, packed, x fastest.
+#[derive(Debug, Clone, Copy)]
+pub struct VoxelBlock<'a> {
+    /// Which voxels of its level.
+    pub voxels: VoxelBox,
+    /// Their bytes.
+    pub bytes: &'a [u8],
+}
+
+/// Averages `fine` into the coarse voxels of `coarse`, which are written to `out`, one z-slice per task.
+///
+/// # Panics
+/// If `fine` lacks a voxel that [`finer_box`] names, or a buffer has another length than its box.
+pub fn downsample(
+    voxel_type: VoxelType,
+    absence: Absence,
+    factors: [u32; 3],
+    fine: VoxelBlock<'_>,
+    coarse: VoxelBox,
+    out: &mut [u8],
+) {
+    with_voxel!(voxel_type, V => downsample_typed::<V>(absence, factors, fine, coarse, out));
+}
+
+fn downsample_typed<V: Voxel>(
+    absence: Absence,
+    factors: [u32; 3],
+    fine: VoxelBlock<'_>,
+    coarse: VoxelBox,
+    out: &mut [u8],
+) {
+    use rayon::prelude::*;
+    let [nx, ny, nz] = coarse.extent();
+    let [fine_nx, fine_ny, fine_nz] = fine.voxels.extent();
+    assert_eq!(fine.bytes.len(), fine_nx * fine_ny * fine_nz * size_of::<V>(), "fine box {:?}", fine.voxels);
+    assert_eq!(out.len(), nx * ny * nz * size_of::<V>(), "coarse box {coarse:?}");
+    // First fine voxel of a coarse one, and whether there is a second, on one axis of the fine box.
+    let pair = |axis: usize, c: usize, n: usize| -> (usize, usize) {
+        let first = (coarse.start[axis] + c as u64) * u64::from(factors[axis]);
+        let first = usize::try_from(first - fine.voxels.start[axis]).expect("an offset inside a box fits");
+        (first, if factors[axis] == 2 && first + 1 < n { 2 } else { 1 })
+    };
+    let holes_possible = absence.possible(V::TYPE);
+    out.par_chunks_exact_mut(nx * ny * size_of::<V>()).enumerate().for_each(|(z, slice)| {
+        let (z0, z_count) = pair(2, z, fine_nz);
+        for (y, row) in slice.chunks_exact_mut(nx * size_of::<V>()).enumerate() {
+            let (y0, y_count) = pair(1, y, fine_ny);
+            let rows: [&[u8]; 4] = std::array::from_fn(|i| {
+                let (dy, dz) = ((i & 1).min(y_count - 1), (i >> 1).min(z_count - 1));
+                let start = ((z0 + dz) * fine_ny + y0 + dy) * fine_nx * size_of::<V>();
+                &fine.bytes[start..start + fine_nx * size_of::<V>()]
+            });
+            let (x0, _) = pair(0, 0, fine_nx);
+            if holes_possible {
+                average_row_with_holes::<V>(absence, factors[0] as usize, x0, rows, row);
+            } else {
+                average_row::<V>(factors[0] as usize, x0, rows, row);
+            }
+        }
+    });
+}
+
+/// Mean of eight voxels each; where an axis is not halved or ends, its voxel simply counts twice.
+fn average_row<V: Voxel>(factor: usize, x0: usize, rows: [&[u8]; 4], out: &mut [u8]) {
+    let size = size_of::<V>();
+    let n = rows[0].len() / size;
+    let at = |row: &[u8], i: usize| V::read_le(&row[i * size..(i + 1) * size]).to_f64();
+    for (c, target) in out.chunks_exact_mut(size).enumerate() {
+        let first = x0 + c * factor;
+        let second = (first + factor - 1).min(n - 1);
+        let sum: f64 = rows.iter().map(|row| at(row, first) + at(row, second)).sum();
+        V::from_f64(sum * 0.125).write_le(target);
+    }
+}
+
+fn average_row_with_holes<V: Voxel>(absence: Absence, factor: usize, x0: usize, rows: [&[u8]; 4], out: &mut [u8]) {
+    let size = size_of::<V>();
+    let n = rows[0].len() / size;
+    for (c, target) in out.chunks_exact_mut(size).enumerate() {
+        let first = x0 + c * factor;
+        let second = (first + factor - 1).min(n - 1);
+        let values: [f64; 8] = std::array::from_fn(|i| {
+            let x = if i & 1 == 0 { first } else { second };
+            V::read_le(&rows[i >> 1][x * size..(x + 1) * size]).to_f64()
+        });
+        V::from_f64(mean_of_present(values, absence)).write_le(target);
+    }
+}
+
+/// Mean of the present ones of eight values, the absence marker if there is none.
+fn mean_of_present(values: [f64; 8], absence: Absence) -> f64 {
+    let present = || values.iter().copied().filter(|&v| !absence.is_absent(v));
+    let count = present().count();
+    if count == 0 {
+        return absence.marker();
+    }
+    let sum: f64 = present().sum();
+    // Doubles near their limit overflow as a sum; each part of the mean does not.
+    let mean = if sum.is_finite() { sum / count as f64 } else { present().map(|v| v / count as f64).sum() };
+    // A mean that happens to equal the nodata value would turn present data into a hole: the first voxel stands for it.
+    if absence.is_absent(mean) { present().next().unwrap_or(mean) } else { mean }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn average_u8(dims: [u64; 3], factors: [u32; 3], values: &[u8], nodata: Option<f64>) -> Vec<u8> {
+        let fine_dims = Dims(dims);
+        let coarse = Dims(std::array::from_fn(|a| dims[a].div_ceil(u64::from(factors[a]))));
+        let block = VoxelBlock { voxels: finer_box(coarse.full_box(), factors, fine_dims), bytes: values };
+        let mut out = vec![0; coarse.full_box().voxels()];
+        downsample(VoxelType::U8, Absence { nodata }, factors, block, coarse.full_box(), &mut out);
+        out
+    }
+
+    #[test]
+    fn means_round_to_even_and_end_with_single_voxels() {
+        assert_eq!(average_u8([5, 1, 1], [2, 1, 1], &[1, 2, 3, 4, 9], None), [2, 4, 9]);
+        assert_eq!(average_u8([2, 2, 2], [2, 2, 2], &[0, 1, 2, 3, 4, 5, 6, 8], None), [4]);
+        assert_eq!(average_u8([2, 2, 1], [1, 2, 1], &[10, 20, 30, 50], None), [20, 35]);
+    }
+
+    #[test]
+    fn absent_voxels_take_no_part() {
+        assert_eq!(average_u8([4, 1, 1], [2, 1, 1], &[255, 8, 255, 255], Some(255.0)), [8, 255]);
+        // The mean of 0 and 2 is 1, but 1 means "no data": the result must stay present.
+        assert_eq!(average_u8([2, 1, 1], [2, 1, 1], &[0, 2], Some(1.0)), [0]);
+    }
+
+    #[test]
+    fn doubles_near_their_limit_do_not_overflow() {
+        assert_eq!(mean_of_present([f64::MAX; 8], Absence::NON_FINITE_ONLY), f64::MAX);
+        assert!(mean_of_present([f64::NAN; 8], Absence::NON_FINITE_ONLY).is_nan());
+    }
+}

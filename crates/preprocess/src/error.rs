@@ -1,0 +1,72 @@
+//! Why a build, a check or an extraction failed.
+
+use std::path::{Path, PathBuf};
+
+use supervol_format::container::ContainerError;
+use supervol_format::pyramid::PyramidError;
+
+use crate::source::SourceError;
+
+/// Why it failed. Each message says what was expected, what was found, and where.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
+pub enum BuildError {
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    #[error("{path}: {source}")]
+    Container { path: PathBuf, source: ContainerError },
+    #[error("cannot write {path}: {source}{}", advice(source))]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error("{path} exists; --force overwrites it")]
+    Exists { path: PathBuf },
+    #[error("these levels make no pyramid: {0}")]
+    Pyramid(#[from] PyramidError),
+    #[error("{needed} of memory are needed ({what}), --memory allows {allowed}. {advice}")]
+    Memory { needed: String, allowed: String, what: String, advice: String },
+    #[error("cannot start {threads} threads: {source}")]
+    Threads { threads: usize, source: rayon::ThreadPoolBuildError },
+    #[error("{path}: {rule}: expected {expected}, found {found}")]
+    Broken { path: PathBuf, rule: String, expected: String, found: String },
+    #[error("{0}")]
+    Options(String),
+}
+
+impl BuildError {
+    pub(crate) fn write(path: &Path, source: std::io::Error) -> Self {
+        Self::Write { path: path.into(), source }
+    }
+
+    pub(crate) fn container(path: &Path, source: ContainerError) -> Self {
+        Self::Container { path: path.into(), source }
+    }
+
+    /// Whether the machine failed us (disk, memory, I/O) rather than the data or the command.
+    #[must_use]
+    pub fn is_machine_failure(&self) -> bool {
+        matches!(
+            self,
+            Self::Write { .. }
+                | Self::Threads { .. }
+                | Self::Source(SourceError::Io { .. })
+                | Self::Container { source: ContainerError::Io { .. }, .. }
+        )
+    }
+
+    /// Whether the command asked for something impossible.
+    #[must_use]
+    pub fn is_wrong_command(&self) -> bool {
+        matches!(
+            self,
+            Self::Exists { .. } | Self::Options(_) | Self::Memory { .. } | Self::Source(SourceError::Options(_))
+        )
+    }
+}
+
+fn advice(error: &std::io::Error) -> &'static str {
+    match error.kind() {
+        std::io::ErrorKind::StorageFull => ". The disk is full: free space, or write to another one with -o",
+        std::io::ErrorKind::PermissionDenied => ". Choose a folder you may write to with -o",
+        std::io::ErrorKind::NotFound => ". The folder does not exist",
+        _ => "",
+    }
+}

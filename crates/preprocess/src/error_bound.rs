@@ -1,0 +1,322 @@
+//! How far a level's trilinear interpolation is from that of the next finer one, at worst, inside one brick.
+//!
+//! Both interpolants are trilinear between their own voxels, so their difference is trilinear inside each box of the
+//! grid that both sets of planes cut together, and a trilinear function is greatest at a corner. On a halved axis the
+//! corners lie, per coarse voxel c, at the fine coordinates 2c, 2c + 1/2 (the coarse voxel itself) and 2c + 1; and at
+//! the region's two ends, 2c - 1/2. The maximum over these points is the exact maximum over the region, not a sample.
+//! Points at which either side is absent are left out; the brick's flag "has holes" says that there are such.
+//!
+//! Voxels of 8 and 16 bits are compared in single precision, wider integers in double: there all weights are multiples
+//! of 1/4 and every product is exact. Floating-point voxels are compared in double precision, and a difference is
+//! widened by the rounding it may have suffered.
+
+use supervol_format::voxel_type::{Absence, Voxel};
+use supervol_format::{VoxelBox, VoxelType, with_voxel};
+
+use crate::downsample::VoxelBlock;
+
+/// Lanes of the innermost loop: independent maxima, so that the compiler can keep them in vector registers.
+const LANES: usize = 16;
+
+/// The arithmetic of the comparison.
+trait Real: Copy + PartialOrd + Default {
+    const NAN: Self;
+    fn from_f64(v: f64) -> Self;
+    fn to_f64(self) -> f64;
+    /// `a + (b - a) w`.
+    fn blend(a: Self, b: Self, w: Self) -> Self;
+    fn distance(a: Self, b: Self) -> Self;
+}
+
+macro_rules! real {
+    ($t:ty) => {
+        impl Real for $t {
+            const NAN: Self = <$t>::NAN;
+            #[inline]
+            fn from_f64(v: f64) -> Self {
+                v as $t
+            }
+            #[inline]
+            fn to_f64(self) -> f64 {
+                f64::from(self)
+            }
+            #[inline]
+            fn blend(a: Self, b: Self, w: Self) -> Self {
+                a + (b - a) * w
+            }
+            #[inline]
+            fn distance(a: Self, b: Self) -> Self {
+                (a - b).abs()
+            }
+        }
+    };
+}
+real!(f32);
+real!(f64);
+
+/// Linear interpolation on one axis at one point: two voxels of a box and the weight of the second.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Tap {
+    first: usize,
+    second: usize,
+    weight: f64,
+}
+
+impl Tap {
+    /// The tap of coordinate `p` (voxels of the level) in a box that starts at `start` and has `n` voxels on this
+    /// axis, clamped to the box: where the box ends before the grid does, the caller never asks beyond it.
+    fn new(p: f64, start: u64, n: usize) -> Self {
+        let q = (p - start as f64).clamp(0.0, (n - 1) as f64);
+        let first = (q.floor() as usize).min(n - 1);
+        Self { first, second: (first + 1).min(n - 1), weight: q - first as f64 }
+    }
+
+    /// Leans on the second voxel only where its weight is not 0: an absent one must not spoil an exact hit.
+    #[inline]
+    fn blend<F: Real>(self, a: F, b: F) -> F {
+        if self.weight == 0.0 { a } else { F::blend(a, b, F::from_f64(self.weight)) }
+    }
+}
+
+/// The points of one axis, in voxels of the coarse level, for core voxels `c0..c1`.
+fn points(c0: u64, c1: u64, factor: u32) -> Vec<f64> {
+    let offsets: &[f64] = if factor == 2 { &[-0.25, 0.0, 0.25] } else { &[0.0] };
+    let inner = (c0..c1).flat_map(|c| offsets.iter().map(move |o| c as f64 + o));
+    std::iter::once(c0 as f64 - 0.5).chain(inner).chain([c1 as f64 - 0.5]).collect()
+}
+
+/// Greatest distance between both interpolants over the region of the coarse brick with this core.
+///
+/// `fine` must hold the finer voxels of the core grown by one coarse voxel, `coarse` the core grown by one, both
+/// clipped to their grids.
+#[must_use]
+pub fn step_error(
+    voxel_type: VoxelType,
+    absence: Absence,
+    factors: [u32; 3],
+    fine: VoxelBlock<'_>,
+    coarse: VoxelBlock<'_>,
+    core: VoxelBox,
+) -> f64 {
+    match voxel_type {
+        VoxelType::U8 | VoxelType::I8 | VoxelType::U16 | VoxelType::I16 => {
+            step_error_in::<f32>(voxel_type, absence, factors, fine, coarse, core).0
+        }
+        VoxelType::U32 | VoxelType::I32 => step_error_in::<f64>(voxel_type, absence, factors, fine, coarse, core).0,
+        VoxelType::F32 | VoxelType::F64 => {
+            let (error, magnitude) = step_error_in::<f64>(voxel_type, absence, factors, fine, coarse, core);
+            // Three nested blends on either side round at most 14 times, each by half a unit in the last place.
+            if error > 0.0 { error + 16.0 * f64::EPSILON * magnitude } else { 0.0 }
+        }
+    }
+}
+
+/// The greatest distance and the greatest magnitude met.
+fn step_error_in<F: Real>(
+    voxel_type: VoxelType,
+    absence: Absence,
+    factors: [u32; 3],
+    fine: VoxelBlock<'_>,
+    coarse: VoxelBlock<'_>,
+    core: VoxelBox,
+) -> (f64, f64) {
+    // The parts of both blocks that this brick's region leans on.
+    let around = VoxelBox { start: core.start.map(|v| v.saturating_sub(1)), end: core.end.map(|v| v + 1) }
+        .intersect(coarse.voxels);
+    let scaled = |v: [u64; 3]| std::array::from_fn(|a| v[a] * u64::from(factors[a]));
+    let beneath = VoxelBox { start: scaled(around.start), end: scaled(around.end) }.intersect(fine.voxels);
+    let points: [Vec<f64>; 3] = std::array::from_fn(|a| points(core.start[a], core.end[a], factors[a]));
+    let taps = |a: usize, part: VoxelBox, scale: f64, shift: f64| -> Vec<Tap> {
+        let n = part.extent()[a];
+        points[a].iter().map(|p| Tap::new(p * scale + shift, part.start[a], n)).collect()
+    };
+    let axes = |part: VoxelBox, fine: bool| -> [Vec<Tap>; 3] {
+        std::array::from_fn(|a| {
+            // Coarse point p of a halved axis is the fine point 2p + 1/2; of another axis, p itself.
+            let f = if fine { f64::from(factors[a]) } else { 1.0 };
+            taps(a, part, f, (f - 1.0) * 0.5)
+        })
+    };
+    let (fine_axes, coarse_axes) = (axes(beneath, true), axes(around, false));
+    with_voxel!(voxel_type, V => {
+        let mut fine = Slices::<F>::new::<V>(fine, beneath, absence, &fine_axes[0]);
+        let mut coarse = Slices::<F>::new::<V>(coarse, around, absence, &coarse_axes[0]);
+        let mut worst = 0.0f64;
+        for (fine_z, coarse_z) in fine_axes[2].iter().zip(&coarse_axes[2]) {
+            fine.blend_slice(*fine_z);
+            coarse.blend_slice(*coarse_z);
+            for (fine_y, coarse_y) in fine_axes[1].iter().zip(&coarse_axes[1]) {
+                worst = worst.max(greatest_distance(fine.rows(*fine_y), coarse.rows(*coarse_y)));
+            }
+        }
+        (worst, fine.magnitude.max(coarse.magnitude))
+    })
+}
+
+/// Two rows to blend, and the weight of the second.
+type RowPair<'a, F> = (&'a [F], &'a [F], F);
+
+/// Greatest distance between two blended rows; absent points are NaN, and no NaN is greater than anything.
+fn greatest_distance<F: Real>(fine: RowPair<'_, F>, coarse: RowPair<'_, F>) -> f64 {
+    let mut worst = [F::default(); LANES];
+    let chunks = |row| <[F]>::chunks(row, LANES);
+    let fine_chunks = chunks(fine.0).zip(chunks(fine.1));
+    let coarse_chunks = chunks(coarse.0).zip(chunks(coarse.1));
+    for ((fa, fb), (ca, cb)) in fine_chunks.zip(coarse_chunks) {
+        for (i, worst) in worst.iter_mut().enumerate().take(fa.len()) {
+            let distance = F::distance(F::blend(fa[i], fb[i], fine.2), F::blend(ca[i], cb[i], coarse.2));
+            *worst = if distance > *worst { distance } else { *worst };
+        }
+    }
+    worst.iter().map(|w| w.to_f64()).fold(0.0, f64::max)
+}
+
+/// Part of a block, interpolated along x at all points of that axis, then slice by slice along z, row by row along y.
+struct Slices<F> {
+    /// Points along x, voxels along y and z.
+    extent: [usize; 3],
+    /// Values at x points, y voxels, z voxels; NaN where absent.
+    values: Vec<F>,
+    /// The same at the current z point.
+    slice: Vec<F>,
+    /// Greatest present absolute value.
+    magnitude: f64,
+}
+
+impl<F: Real> Slices<F> {
+    fn new<V: Voxel>(block: VoxelBlock<'_>, part: VoxelBox, absence: Absence, x_taps: &[Tap]) -> Self {
+        let [nx, ny, nz] = part.extent();
+        let block_extent = block.voxels.extent();
+        let from: [usize; 3] = std::array::from_fn(|a| (part.start[a] - block.voxels.start[a]) as usize);
+        let holes = absence.possible(V::TYPE);
+        let mut values = Vec::with_capacity(x_taps.len() * ny * nz);
+        let mut row = vec![F::NAN; nx];
+        let mut magnitude = 0.0f64;
+        for z in 0..nz {
+            for y in 0..ny {
+                let start = ((from[2] + z) * block_extent[1] + from[1] + y) * block_extent[0] + from[0];
+                let bytes = &block.bytes[start * size_of::<V>()..(start + nx) * size_of::<V>()];
+                for (target, b) in row.iter_mut().zip(bytes.chunks_exact(size_of::<V>())) {
+                    let v = V::read_le(b).to_f64();
+                    let absent = holes && absence.is_absent(v);
+                    *target = if absent { F::NAN } else { F::from_f64(v) };
+                    if V::TYPE.is_float() && !absent {
+                        magnitude = magnitude.max(v.abs());
+                    }
+                }
+                values.extend(x_taps.iter().map(|t| t.blend(row[t.first], row[t.second])));
+            }
+        }
+        let extent = [x_taps.len(), ny, nz];
+        Self { extent, values, slice: vec![F::NAN; extent[0] * ny], magnitude }
+    }
+
+    fn blend_slice(&mut self, tap: Tap) {
+        let n = self.slice.len();
+        let slice = |z: usize| &self.values[z * n..(z + 1) * n];
+        if tap.weight == 0.0 {
+            self.slice.copy_from_slice(slice(tap.first));
+            return;
+        }
+        let weight = F::from_f64(tap.weight);
+        let pairs = slice(tap.first).iter().zip(slice(tap.second));
+        self.slice.iter_mut().zip(pairs).for_each(|(t, (&a, &b))| *t = F::blend(a, b, weight));
+    }
+
+    /// The two rows that a y point leans on; where it hits a row exactly, that row twice.
+    fn rows(&self, tap: Tap) -> RowPair<'_, F> {
+        let n = self.extent[0];
+        let row = |y: usize| &self.slice[y * n..(y + 1) * n];
+        let second = if tap.weight == 0.0 { tap.first } else { tap.second };
+        (row(tap.first), row(second), F::from_f64(tap.weight))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::downsample::{downsample, finer_box};
+    use supervol_format::Dims;
+
+    /// Trilinear interpolation with clamped indices, straight from the model's text.
+    fn interpolate(dims: [usize; 3], values: &[f64], p: [f64; 3]) -> f64 {
+        let mut sum = 0.0;
+        for corner in 0..8usize {
+            let (mut weight, mut index) = (1.0, [0usize; 3]);
+            for a in 0..3 {
+                let q = p[a].clamp(0.0, (dims[a] - 1) as f64);
+                let w = q - q.floor();
+                let bit = corner >> a & 1;
+                weight *= if bit == 1 { w } else { 1.0 - w };
+                index[a] = (q.floor() as usize + bit).min(dims[a] - 1);
+            }
+            if weight > 0.0 {
+                sum += weight * values[index[0] + dims[0] * (index[1] + dims[1] * index[2])];
+            }
+        }
+        sum
+    }
+
+    fn noise(n: usize) -> Vec<f32> {
+        let mut state = 12345u64;
+        (0..n)
+            .map(|_| {
+                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (state >> 40) as f32 / 1000.0
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_bound_holds_at_random_points_and_is_reached() {
+        for (dims, factors) in [([9u64, 8, 7], [2u32, 2, 2]), ([6, 6, 6], [2, 1, 1]), ([5, 1, 12], [1, 1, 2])] {
+            let fine_dims = Dims(dims);
+            let values = noise(fine_dims.full_box().voxels());
+            let fine = VoxelBlock { voxels: fine_dims.full_box(), bytes: bytemuck::cast_slice(&values) };
+            let coarse_dims = Dims(std::array::from_fn(|a| dims[a].div_ceil(u64::from(factors[a]))));
+            let coarse_box = coarse_dims.full_box();
+            assert_eq!(finer_box(coarse_box, factors, fine_dims), fine_dims.full_box());
+            let mut coarse = vec![0; coarse_box.voxels() * 4];
+            let absence = Absence::NON_FINITE_ONLY;
+            downsample(VoxelType::F32, absence, factors, fine, coarse_box, &mut coarse);
+            let block = VoxelBlock { voxels: coarse_box, bytes: &coarse };
+            let bound = step_error(VoxelType::F32, absence, factors, fine, block, coarse_box);
+
+            let as_f64 = |v: &[f32]| v.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
+            let (fine_f64, coarse_f64) = (as_f64(&values), as_f64(bytemuck::cast_slice(&coarse)));
+            let (fine_n, coarse_n) = (dims.map(|n| n as usize), coarse_dims.0.map(|n| n as usize));
+            let difference = |p: [f64; 3]| {
+                let fine_p = std::array::from_fn(|a| (p[a] + 0.5) * f64::from(factors[a]) - 0.5);
+                (interpolate(fine_n, &fine_f64, fine_p) - interpolate(coarse_n, &coarse_f64, p)).abs()
+            };
+            // A grid of eighths holds every corner of both grids and many points between them.
+            let mut reached = 0.0f64;
+            let steps = coarse_n.map(|n| n * 8 + 1);
+            for k in 0..steps[2] {
+                for j in 0..steps[1] {
+                    for i in 0..steps[0] {
+                        reached = reached.max(difference([i, j, k].map(|s| s as f64 / 8.0 - 0.5)));
+                    }
+                }
+            }
+            assert!(reached <= bound * (1.0 + 1e-12), "{reached} exceeds the bound {bound} for {dims:?}");
+            assert!(
+                reached >= bound * (1.0 - 1e-12),
+                "the bound {bound} is wider than the {reached} reached for {dims:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_ramp_along_a_kept_axis_has_no_error_and_holes_are_left_out() {
+        let values: Vec<f32> = (0..4 * 4 * 4).map(|i| if i == 5 { f32::NAN } else { (i % 4) as f32 }).collect();
+        let dims = Dims([4, 4, 4]);
+        let fine = VoxelBlock { voxels: dims.full_box(), bytes: bytemuck::cast_slice(&values) };
+        let coarse_box = Dims([4, 2, 2]).full_box();
+        let mut coarse = vec![0; coarse_box.voxels() * 4];
+        let absence = Absence::NON_FINITE_ONLY;
+        downsample(VoxelType::F32, absence, [1, 2, 2], fine, coarse_box, &mut coarse);
+        let block = VoxelBlock { voxels: coarse_box, bytes: &coarse };
+        assert_eq!(step_error(VoxelType::F32, absence, [1, 2, 2], fine, block, coarse_box), 0.0);
+    }
+}

@@ -1,0 +1,215 @@
+//! Voxels of a container back into plain files: `.npy`, `.raw`, `.nrrd`.
+//!
+//! Voxels come out in the data's own units: the stored type where no scale applies, otherwise f64 for 64-bit and 32-bit
+//! integer voxels and f32 for all others (f32 holds every scaled 8- or 16-bit voxel to 24 bits). Absent voxels of scaled
+//! volumes become NaN; unscaled ones keep the nodata value they have. Written slab by slab, under a temporary name,
+//! renamed when whole.
+
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use supervol_format::container::header::Descriptor;
+use supervol_format::voxel_type::{Voxel, voxels_as_f64};
+use supervol_format::{Container, Geometry, Lod, VoxelBox, VoxelType};
+
+use crate::error::BuildError;
+use crate::level_reader::LevelReader;
+use crate::pipeline::Existing;
+
+/// What to extract.
+#[derive(Debug, Clone, Copy)]
+pub struct Extraction {
+    /// Level of detail.
+    pub lod: Lod,
+    /// Voxels of that level; `None` for all.
+    pub voxels: Option<VoxelBox>,
+    /// What to do when the output exists.
+    pub existing: Existing,
+    /// Bytes for slabs and decoded bricks.
+    pub memory_bytes: u64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Npy,
+    Raw,
+    Nrrd,
+}
+
+/// Writes voxels to `output`, whose extension chooses the format. Returns the box and the type written.
+///
+/// # Errors
+/// If the level or box is not there, the extension unknown, a brick unreadable or the output unwritable.
+pub fn extract(container: &Container, output: &Path, what: &Extraction) -> Result<(VoxelBox, VoxelType), BuildError> {
+    let format = match output.extension().and_then(|e| e.to_str()) {
+        Some("npy") => Format::Npy,
+        Some("raw") => Format::Raw,
+        Some("nrrd") => Format::Nrrd,
+        other => {
+            let found = other.map_or("none".into(), |o| format!(".{o}"));
+            return Err(BuildError::Options(format!(
+                "{}: expected an output ending in .npy, .raw or .nrrd, found {found}",
+                output.display()
+            )));
+        }
+    };
+    let levels = container.pyramid().levels();
+    let Some(level) = levels.get(usize::from(what.lod.0)) else {
+        return Err(BuildError::Options(format!(
+            "level {}: this container has levels 0 to {}",
+            what.lod.0,
+            levels.len() - 1
+        )));
+    };
+    let voxels = what.voxels.unwrap_or(level.dims.full_box());
+    if (0..3).any(|a| voxels.start[a] >= voxels.end[a] || voxels.end[a] > level.dims.0[a]) {
+        return Err(BuildError::Options(format!(
+            "box {voxels:?}: level {} has {} voxels, and a box needs some",
+            what.lod.0, level.dims
+        )));
+    }
+    if what.existing == Existing::Keep && output.exists() {
+        return Err(BuildError::Exists { path: output.into() });
+    }
+    let written_type = output_type(container.descriptor());
+    let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let write_error = |e| BuildError::write(output, e);
+    let file =
+        tempfile::Builder::new().prefix(".supervol-").suffix(".partial").tempfile_in(folder).map_err(write_error)?;
+    let mut out = BufWriter::with_capacity(1 << 20, file);
+    out.write_all(&file_header(format, container, what.lod, voxels, written_type)).map_err(write_error)?;
+    write_slabs(container, what, voxels, written_type, &mut |bytes| out.write_all(bytes).map_err(write_error))?;
+    let file = out.into_inner().map_err(|e| BuildError::write(output, e.into_error()))?;
+    file.as_file().sync_all().map_err(write_error)?;
+    crate::pipeline::publish(file, output, folder, what.existing)?;
+    Ok((voxels, written_type))
+}
+
+/// The type that voxels are written in.
+fn output_type(descriptor: &Descriptor) -> VoxelType {
+    let unscaled = descriptor.scale == 1.0 && descriptor.offset == 0.0;
+    match descriptor.voxel_type {
+        t if unscaled => t,
+        VoxelType::F64 | VoxelType::U32 | VoxelType::I32 => VoxelType::F64,
+        _ => VoxelType::F32,
+    }
+}
+
+fn write_slabs(
+    container: &Container,
+    what: &Extraction,
+    voxels: VoxelBox,
+    written_type: VoxelType,
+    write: &mut dyn FnMut(&[u8]) -> Result<(), BuildError>,
+) -> Result<(), BuildError> {
+    let descriptor = container.descriptor();
+    let size = descriptor.voxel_type.bytes();
+    let [nx, ny, _] = voxels.extent();
+    let reader = LevelReader::new(container, what.lod, (what.memory_bytes / 2) as usize);
+    // Slabs as thick as a brick, thinner where the budget is small; two copies where values are scaled.
+    let slice_bytes = (nx * ny * (size + written_type.bytes())) as u64;
+    let thickest = (what.memory_bytes / 2 / slice_bytes).clamp(1, container.pyramid().layout().core() as u64);
+    let mut z = voxels.start[2];
+    while z < voxels.end[2] {
+        let slab = VoxelBox {
+            start: [voxels.start[0], voxels.start[1], z],
+            end: [voxels.end[0], voxels.end[1], (z + thickest).min(voxels.end[2])],
+        };
+        let mut bytes = vec![0; slab.voxels() * size];
+        reader
+            .read_box(slab, &mut bytes)
+            .map_err(|e| BuildError::container(Path::new(&container.manifest().source.name), e))?;
+        if written_type != descriptor.voxel_type || descriptor.scale != 1.0 || descriptor.offset != 0.0 {
+            bytes = scaled(descriptor, &bytes, written_type);
+        }
+        write(&bytes)?;
+        z = slab.end[2];
+    }
+    Ok(())
+}
+
+fn scaled(descriptor: &Descriptor, stored: &[u8], written_type: VoxelType) -> Vec<u8> {
+    let mut out = vec![0; stored.len() / descriptor.voxel_type.bytes() * written_type.bytes()];
+    let values = voxels_as_f64(descriptor.voxel_type, stored)
+        .into_iter()
+        .map(|v| if descriptor.absence.is_absent(v) { f64::NAN } else { descriptor.value(v) });
+    for (value, target) in values.zip(out.chunks_exact_mut(written_type.bytes())) {
+        match written_type {
+            VoxelType::F64 => value.write_le(target),
+            _ => (value as f32).write_le(target),
+        }
+    }
+    out
+}
+
+fn file_header(format: Format, container: &Container, lod: Lod, voxels: VoxelBox, t: VoxelType) -> Vec<u8> {
+    let [nx, ny, nz] = voxels.extent();
+    match format {
+        Format::Raw => Vec::new(),
+        Format::Npy => npy_header(t, [nz, ny, nx]),
+        Format::Nrrd => {
+            let geometry = level_geometry(container, lod, voxels);
+            nrrd_header(t, [nx, ny, nz], &geometry).into_bytes()
+        }
+    }
+}
+
+/// Placement of a box of a level: its first voxel's position, and the level's spacing.
+fn level_geometry(container: &Container, lod: Lod, voxels: VoxelBox) -> Geometry {
+    let base = container.descriptor().geometry;
+    let scale = container.pyramid().level_at(lod).scale;
+    // Level index point p lies at the level-0 point (p + 1/2) * scale - 1/2.
+    let index: [f64; 3] = std::array::from_fn(|a| (voxels.start[a] as f64 + 0.5) * scale[a] as f64 - 0.5);
+    let origin = base.world_from_index().transform_point3(glam::DVec3::from_array(index)).to_array();
+    Geometry { spacing: std::array::from_fn(|a| base.spacing[a] * scale[a] as f64), origin, direction: base.direction }
+}
+
+/// NPY format 1.0 (NEP 1): magic, version, header length, a Python dictionary padded to 64 bytes.
+fn npy_header(t: VoxelType, shape: [usize; 3]) -> Vec<u8> {
+    let descr = match t {
+        VoxelType::U8 => "|u1",
+        VoxelType::I8 => "|i1",
+        VoxelType::U16 => "<u2",
+        VoxelType::I16 => "<i2",
+        VoxelType::U32 => "<u4",
+        VoxelType::I32 => "<i4",
+        VoxelType::F32 => "<f4",
+        VoxelType::F64 => "<f8",
+    };
+    let [nz, ny, nx] = shape;
+    let mut dictionary = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({nz}, {ny}, {nx}), }}");
+    let padding = 64 - (10 + dictionary.len() + 1) % 64;
+    dictionary.push_str(&" ".repeat(padding % 64));
+    dictionary.push('\n');
+    let mut header = b"\x93NUMPY\x01\x00".to_vec();
+    header.extend((dictionary.len() as u16).to_le_bytes());
+    header.extend(dictionary.into_bytes());
+    header
+}
+
+fn nrrd_header(t: VoxelType, sizes: [usize; 3], geometry: &Geometry) -> String {
+    let kind = match t {
+        VoxelType::U8 => "uint8",
+        VoxelType::I8 => "int8",
+        VoxelType::U16 => "uint16",
+        VoxelType::I16 => "int16",
+        VoxelType::U32 => "uint32",
+        VoxelType::I32 => "int32",
+        VoxelType::F32 => "float",
+        VoxelType::F64 => "double",
+    };
+    let d = &geometry.direction;
+    let vector = |v: [f64; 3]| format!("({},{},{})", v[0], v[1], v[2]);
+    // A space direction is a column of D times the spacing.
+    let directions: Vec<String> =
+        (0..3).map(|a| vector([d[a], d[3 + a], d[6 + a]].map(|c| c * geometry.spacing[a]))).collect();
+    let endian = if t.bytes() > 1 { "endian: little\n" } else { "" };
+    format!(
+        "NRRD0004\ntype: {kind}\ndimension: 3\nspace dimension: 3\nsizes: {} {} {}\nspace directions: {}\nspace origin: {}\n{endian}encoding: raw\n\n",
+        sizes[0],
+        sizes[1],
+        sizes[2],
+        directions.join(" "),
+        vector(geometry.origin)
+    )
+}

@@ -1,0 +1,208 @@
+//! Which axes each coarser level halves.
+//!
+//! `xyz` halves all axes, `xy` halves x and y first. `auto` keeps voxels near-cubic and loses least: at each level it
+//! measures on sample boxes how much of the field's variance survives averaging along each axis, and
+//! - never halves the sample axis (z) of a seismic survey while x or y can be halved: reflections alternate within a few
+//!   samples, and their mean is nothing (STABILITY, S17);
+//! - leaves an axis for later whose spacing is already twice the smallest (equal units only), or which would lose
+//!   [`WORSE`] more variance than the best axis.
+//!
+//! An axis that fits one brick is not halved for its own sake; the last level fits one brick on every axis.
+
+use supervol_format::{BrickLayout, Dims, VoxelBox};
+
+use crate::source::{SourceError, SourceInfo, VolumeSource};
+
+/// How to choose the axes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LodAxes {
+    /// By measurement; see the module's head.
+    #[default]
+    Auto,
+    /// All axes at each level.
+    Xyz,
+    /// x and y first, z when they fit one brick.
+    Xy,
+}
+
+/// An axis that would lose this much more of the variance than the best one waits.
+const WORSE: f64 = 0.1;
+/// Edge of a sample box, voxels.
+const SAMPLE_EDGE: u64 = 32;
+/// Sample boxes along each axis of the volume.
+const SAMPLES_ALONG: u64 = 3;
+
+/// Factors of levels 1, 2, ... for this source.
+///
+/// # Errors
+/// If the sample boxes cannot be read.
+pub fn factors(source: &dyn VolumeSource, layout: BrickLayout, choice: LodAxes) -> Result<Vec<[u32; 3]>, SourceError> {
+    let info = source.info();
+    let mut samples = match choice {
+        LodAxes::Auto => sample_boxes(source)?,
+        _ => Vec::new(),
+    };
+    let mut dims = info.dims.0;
+    let mut spacing = info.geometry.spacing;
+    let mut out = Vec::new();
+    while dims.iter().any(|&n| layout.bricks_along(n) > 1) {
+        let open: [bool; 3] = dims.map(|n| layout.bricks_along(n) > 1);
+        let halved = match choice {
+            LodAxes::Xyz => open,
+            LodAxes::Xy => z_last(open),
+            LodAxes::Auto => best_axes(info, open, spacing, &samples),
+        };
+        let factors = halved.map(|h| if h { 2 } else { 1 });
+        for a in 0..3 {
+            dims[a] = dims[a].div_ceil(u64::from(factors[a]));
+            spacing[a] *= f64::from(factors[a]);
+        }
+        samples.iter_mut().for_each(|s| s.halve(halved));
+        out.push(factors);
+    }
+    Ok(out)
+}
+
+fn z_last(open: [bool; 3]) -> [bool; 3] {
+    [open[0], open[1], open[2] && !(open[0] || open[1])]
+}
+
+fn best_axes(info: &SourceInfo, open: [bool; 3], spacing: [f64; 3], samples: &[Sample]) -> [bool; 3] {
+    if info.survey.is_some() && (open[0] || open[1]) {
+        return z_last(open);
+    }
+    let kept: [f64; 3] = std::array::from_fn(|a| variance_kept(samples, a));
+    let best = (0..3).filter(|&a| open[a]).map(|a| kept[a]).fold(0.0, f64::max);
+    let one_unit = info.axes.iter().all(|axis| axis.unit == info.axes[0].unit);
+    let smallest = (0..3).filter(|&a| open[a]).map(|a| spacing[a]).fold(f64::INFINITY, f64::min);
+    let cubic = |a: usize| !one_unit || spacing[a] < 2.0 * smallest;
+    let chosen: [bool; 3] = std::array::from_fn(|a| open[a] && cubic(a) && kept[a] >= best - WORSE);
+    if chosen == [false; 3] { open.map(|o| o) } else { chosen }
+}
+
+/// A box of the volume as doubles, NaN where absent.
+struct Sample {
+    extent: [usize; 3],
+    values: Vec<f64>,
+}
+
+impl Sample {
+    /// Means of pairs along the chosen axes that still have two voxels.
+    fn halve(&mut self, axes: [bool; 3]) {
+        for axis in (0..3).filter(|&a| axes[a]) {
+            if self.extent[axis] < 2 {
+                continue;
+            }
+            let mut extent = self.extent;
+            extent[axis] /= 2;
+            let values = self.pairs(axis).map(|(a, b)| 0.5 * (a + b)).collect();
+            *self = Self { extent, values };
+        }
+    }
+
+    /// Neighbours (0, 1), (2, 3), ... along an axis, in memory order of the first.
+    fn pairs(&self, axis: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
+        let stride = [1, self.extent[0], self.extent[0] * self.extent[1]][axis];
+        let extent = self.extent;
+        (0..self.values.len()).filter_map(move |i| {
+            let position = i / stride % extent[axis];
+            let paired = position % 2 == 0 && position + 1 < extent[axis];
+            paired.then(|| (self.values[i], self.values[i + stride]))
+        })
+    }
+}
+
+/// Share of the variance that means of pairs along this axis keep; 1 where nothing can be said.
+fn variance_kept(samples: &[Sample], axis: usize) -> f64 {
+    let (mut total, mut lost) = (0.0, 0.0);
+    for sample in samples {
+        let present = || sample.values.iter().filter(|v| v.is_finite());
+        let mean = present().sum::<f64>() / present().count().max(1) as f64;
+        for (a, b) in sample.pairs(axis).filter(|(a, b)| a.is_finite() && b.is_finite()) {
+            total += (a - mean).powi(2) + (b - mean).powi(2);
+            lost += (a - b).powi(2) / 2.0;
+        }
+    }
+    if total > 0.0 { 1.0 - lost / total } else { 1.0 }
+}
+
+/// Up to 27 boxes, evenly spread.
+fn sample_boxes(source: &dyn VolumeSource) -> Result<Vec<Sample>, SourceError> {
+    let info = source.info();
+    let absence = supervol_format::voxel_type::Absence { nodata: info.nodata };
+    let starts = |n: u64| -> Vec<u64> {
+        let mut starts: Vec<u64> =
+            (0..SAMPLES_ALONG).map(|i| n.saturating_sub(SAMPLE_EDGE) * i / (SAMPLES_ALONG - 1)).collect();
+        starts.dedup();
+        starts
+    };
+    let Dims(dims) = info.dims;
+    let mut samples = Vec::new();
+    for z in starts(dims[2]) {
+        for y in starts(dims[1]) {
+            for x in starts(dims[0]) {
+                let start = [x, y, z];
+                let voxels = VoxelBox { start, end: std::array::from_fn(|a| (start[a] + SAMPLE_EDGE).min(dims[a])) };
+                let mut bytes = vec![0; voxels.voxels() * info.voxel_type.bytes()];
+                source.read_box(voxels, &mut bytes)?;
+                let values = supervol_format::voxel_type::voxels_as_f64(info.voxel_type, &bytes)
+                    .into_iter()
+                    .map(|v| if absence.is_absent(v) { f64::NAN } else { v })
+                    .collect();
+                samples.push(Sample { extent: voxels.extent(), values });
+            }
+        }
+    }
+    Ok(samples)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use supervol_format::VoxelType;
+
+    struct Field {
+        info: SourceInfo,
+        value: fn([u64; 3]) -> u8,
+    }
+
+    impl VolumeSource for Field {
+        fn info(&self) -> &SourceInfo {
+            &self.info
+        }
+
+        fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+            let [nx, ny, _] = voxels.extent();
+            for (i, v) in out.iter_mut().enumerate() {
+                let local = [i % nx, i / nx % ny, i / nx / ny];
+                *v = (self.value)(std::array::from_fn(|a| voxels.start[a] + local[a] as u64));
+            }
+            Ok(())
+        }
+    }
+
+    fn factors_of(dims: [u64; 3], spacing: [f64; 3], value: fn([u64; 3]) -> u8) -> Vec<[u32; 3]> {
+        let mut info = SourceInfo::plain("synth", Dims(dims), VoxelType::U8);
+        info.geometry.spacing = spacing;
+        let layout = BrickLayout::new(16).expect("16 is a core");
+        factors(&Field { info, value }, layout, LodAxes::Auto).expect("the field is always readable")
+    }
+
+    #[test]
+    fn smooth_cubic_volumes_halve_all_axes() {
+        let smooth = |p: [u64; 3]| (p[0] + p[1] + p[2]) as u8;
+        assert_eq!(factors_of([64; 3], [1.0; 3], smooth), [[2, 2, 2], [2, 2, 2]]);
+    }
+
+    #[test]
+    fn thick_slices_wait_until_voxels_are_cubic() {
+        let smooth = |p: [u64; 3]| (p[0] + p[1] + p[2]) as u8;
+        assert_eq!(factors_of([64, 64, 32], [1.0, 1.0, 4.0], smooth)[..2], [[2, 2, 1], [2, 2, 1]]);
+    }
+
+    #[test]
+    fn an_axis_whose_pairs_cancel_waits() {
+        let layers = |p: [u64; 3]| if p[2] % 2 == 0 { 200 } else { 50 };
+        assert_eq!(factors_of([64; 3], [1.0; 3], layers)[0], [2, 2, 1]);
+    }
+}

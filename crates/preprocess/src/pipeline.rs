@@ -1,0 +1,521 @@
+//! The build: source -> tiles -> bricks -> container, level by level, in bounded memory.
+//!
+//! Level 0 is read from the source. Each coarser level is read from the container's own finer level, averaged, and
+//! compared with it for the error bound. Of each level one tile is read ahead while another is encoded on all threads;
+//! encoded bricks are written in tile order, Morton order inside a tile, so that the bytes do not depend on the number
+//! of threads. The output is written under a temporary name beside the final one, synced, and renamed when it is whole.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use rayon::prelude::*;
+use supervol_format::brick::APRON;
+use supervol_format::codec::{BrickShape, Codec, CodecChoice};
+use supervol_format::container::header::Descriptor;
+use supervol_format::container::manifest::{AxisName, Manifest, Source};
+use supervol_format::container::reader::decode_record;
+use supervol_format::container::toc::BrickEntry;
+use supervol_format::container::validate::seal_brick;
+use supervol_format::container::writer::{ContainerWriter, EncodedBrick};
+use supervol_format::container::{ContainerError, checksum};
+use supervol_format::voxel_type::Absence;
+use supervol_format::{BrickKey, BrickLayout, ByteSource, Level, Lod, Pyramid, ValueRange, VoxelBox};
+
+use crate::bricker::{Tile, cut_brick, key_of, tiles};
+use crate::downsample::{VoxelBlock, downsample, finer_box};
+use crate::error::BuildError;
+use crate::error_bound::step_error;
+use crate::level_reader::{BrickStore, LevelReader};
+use crate::lod_axes::{self, LodAxes};
+use crate::memory::{MemoryPlan, read_bytes};
+use crate::report::{BuildReport, LevelReport, Progress};
+use crate::source::{AccessOrder, VolumeSource};
+use crate::statistics::Statistics;
+
+/// Voxels of margin around a tile's core when it is read: the apron.
+const MARGIN: u64 = APRON as u64;
+/// Bytes buffered before the file is written to.
+const WRITE_BUFFER_BYTES: usize = 1 << 20;
+
+/// How to build.
+#[derive(Debug, Clone)]
+pub struct BuildOptions {
+    /// Size of the bricks.
+    pub layout: BrickLayout,
+    /// Codecs that may be used.
+    pub codec: CodecChoice,
+    /// Which axes coarser levels halve.
+    pub lod_axes: LodAxes,
+    /// Most bytes of memory to use, without the program itself.
+    pub memory_bytes: u64,
+    /// Threads that encode.
+    pub threads: usize,
+    /// What to do when the output exists.
+    pub existing: Existing,
+}
+
+/// What to do with a file that is already there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Existing {
+    /// Refuse.
+    Keep,
+    /// Replace it once the new one is whole.
+    Replace,
+}
+
+/// Receives progress; may be called from any thread, many times a second.
+pub type OnProgress<'a> = &'a (dyn Fn(Progress) + Sync);
+
+/// Builds a container from a source.
+///
+/// `origin` names the source in the manifest.
+///
+/// # Errors
+/// If the source cannot be read, the output not written, or the memory does not suffice. No output is left then.
+pub fn build(
+    source: &dyn VolumeSource,
+    origin: Source,
+    output: &Path,
+    options: &BuildOptions,
+    on_progress: OnProgress<'_>,
+) -> Result<BuildReport, BuildError> {
+    let started = Instant::now();
+    if options.existing == Existing::Keep && output.exists() {
+        return Err(BuildError::Exists { path: output.into() });
+    }
+    let descriptor = describe(source, options)?;
+    let plan = MemoryPlan::new(options.memory_bytes, options.threads, &descriptor.pyramid, descriptor.voxel_type)?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(options.threads)
+        .build()
+        .map_err(|source| BuildError::Threads { threads: options.threads, source })?;
+
+    let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let unfinished = tempfile::Builder::new()
+        .prefix(".supervol-")
+        .suffix(".partial")
+        .tempfile_in(folder)
+        .map_err(|e| BuildError::write(output, e))?;
+    let write_error = |e| BuildError::write(output, e);
+    let file = unfinished.as_file().try_clone().map_err(write_error)?;
+    let writer = ContainerWriter::begin(BufWriter::with_capacity(WRITE_BUFFER_BYTES, file), descriptor.clone())
+        .map_err(write_error)?;
+    let build = Build {
+        output,
+        descriptor: &descriptor,
+        options,
+        plan,
+        pool: &pool,
+        file: unfinished.as_file(),
+        writer: Mutex::new(writer),
+        statistics: Mutex::new(Statistics::new(descriptor.voxel_type)),
+        counter: ProgressCounter::new(&descriptor, on_progress),
+    };
+    let mut levels = vec![build.write_finest(source)?];
+    for lod in 1..descriptor.pyramid.levels().len() {
+        levels.push(build.write_coarser(lod)?);
+    }
+    let Build { writer, statistics, .. } = build;
+    let statistics = statistics.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let manifest = manifest(source, origin, &descriptor, options, &statistics, &levels);
+    let writer = writer.into_inner().unwrap_or_else(PoisonError::into_inner);
+    writer.finish(&manifest).map_err(write_error)?;
+    unfinished.as_file().sync_all().map_err(write_error)?;
+    let container_bytes = unfinished.as_file().len().map_err(write_error)?;
+    publish(unfinished, output, folder, options.existing)?;
+
+    let source_bytes = descriptor.dims().bytes(descriptor.voxel_type).unwrap_or(u64::MAX);
+    let wall = started.elapsed().as_secs_f64();
+    Ok(BuildReport {
+        bricks: levels.iter().map(|l| l.bricks).sum(),
+        levels,
+        source_bytes,
+        container_bytes,
+        memory_budget_bytes: plan.budget_bytes,
+        memory_planned_bytes: plan.planned_bytes(),
+        threads: options.threads,
+        wall_ms: wall * 1e3,
+        bytes_per_second: source_bytes as f64 / wall,
+        notes: source.info().notes.clone(),
+    })
+}
+
+/// Gives the finished file its name, readable like any other file, and makes the name last.
+pub(crate) fn publish(
+    file: tempfile::NamedTempFile,
+    output: &Path,
+    folder: &Path,
+    existing: Existing,
+) -> Result<(), BuildError> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let readable = std::fs::Permissions::from_mode(0o644);
+        file.as_file().set_permissions(readable).map_err(|e| BuildError::write(output, e))?;
+    }
+    let renamed = match existing {
+        Existing::Replace => file.persist(output),
+        Existing::Keep => file.persist_noclobber(output),
+    };
+    renamed.map_err(|e| match e.error.kind() {
+        std::io::ErrorKind::AlreadyExists => BuildError::Exists { path: output.into() },
+        _ => BuildError::write(output, e.error),
+    })?;
+    // The rename itself is durable once the folder is; folders cannot be opened everywhere, and then nothing is lost.
+    if let Ok(folder) = File::open(folder) {
+        folder.sync_all().map_err(|e| BuildError::write(output, e))?;
+    }
+    Ok(())
+}
+
+fn describe(source: &dyn VolumeSource, options: &BuildOptions) -> Result<Descriptor, BuildError> {
+    let info = source.info();
+    if let Some(defect) = info.geometry.defect() {
+        return Err(BuildError::Options(format!("the volume cannot be placed in the world: {defect}")));
+    }
+    // Too many bricks are refused before the levels are chosen, which needs voxels to be read.
+    let factors = lod_axes::factors(source, options.layout, options.lod_axes)?;
+    Ok(Descriptor {
+        voxel_type: info.voxel_type,
+        pyramid: Pyramid::new(info.dims, options.layout, &factors)?,
+        geometry: info.geometry,
+        scale: info.scale,
+        offset: info.offset,
+        absence: Absence { nodata: info.nodata },
+    })
+}
+
+/// One build under way.
+struct Build<'a> {
+    output: &'a Path,
+    descriptor: &'a Descriptor,
+    options: &'a BuildOptions,
+    plan: MemoryPlan,
+    pool: &'a rayon::ThreadPool,
+    /// The unfinished container, for reading finer levels back.
+    file: &'a File,
+    writer: Mutex<ContainerWriter<BufWriter<File>>>,
+    statistics: Mutex<Statistics>,
+    counter: ProgressCounter<'a>,
+}
+
+/// The finer voxels a coarse tile was made of.
+struct FinerTile<'a> {
+    factors: [u32; 3],
+    block: VoxelBlock<'a>,
+}
+
+impl Build<'_> {
+    fn writer(&self) -> MutexGuard<'_, ContainerWriter<BufWriter<File>>> {
+        self.writer.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn write_finest(&self, source: &dyn VolumeSource) -> Result<LevelReport, BuildError> {
+        let level = *self.descriptor.pyramid.level_at(Lod::FINEST);
+        let order = source.info().access_order;
+        let read = |tile: &Tile| {
+            let voxels = tile.voxels(self.options.layout.core(), level.dims, MARGIN);
+            let mut bytes = vec![0; voxels.voxels() * self.descriptor.voxel_type.bytes()];
+            self.read_source(source, voxels, &mut bytes)?;
+            Ok((voxels, bytes))
+        };
+        self.write_level(0, order, &read, &|tile, voxels, bytes| {
+            self.encode_tile(0, tile, VoxelBlock { voxels, bytes }, None)
+        })
+    }
+
+    /// Reads a tile from the source; in parallel slabs where slabs are what the file stores one behind the other.
+    fn read_source(&self, source: &dyn VolumeSource, voxels: VoxelBox, bytes: &mut [u8]) -> Result<(), BuildError> {
+        let [nx, ny, nz] = voxels.extent();
+        if source.info().access_order.0[0] != 2 {
+            return Ok(source.read_box(voxels, bytes)?);
+        }
+        let slab = nz.div_ceil(self.options.threads);
+        let slab_bytes = slab * nx * ny * self.descriptor.voxel_type.bytes();
+        self.pool.install(|| {
+            bytes.par_chunks_mut(slab_bytes).enumerate().try_for_each(|(i, part)| {
+                let mut slab_box = voxels;
+                slab_box.start[2] += (i * slab) as u64;
+                slab_box.end[2] = (slab_box.start[2] + slab as u64).min(voxels.end[2]);
+                Ok(source.read_box(slab_box, part)?)
+            })
+        })
+    }
+
+    fn write_coarser(&self, lod: usize) -> Result<LevelReport, BuildError> {
+        self.writer().flush().map_err(|e| BuildError::write(self.output, e))?;
+        let pyramid = &self.descriptor.pyramid;
+        let level = *pyramid.level_at(Lod(lod as u8));
+        let finer_lod = Lod(lod as u8 - 1);
+        let finer_dims = pyramid.level_at(finer_lod).dims;
+        let reader = LevelReader::new(self, finer_lod, self.plan.cache_bytes as usize);
+        let voxel_bytes = self.descriptor.voxel_type.bytes();
+        let coarse_box = |tile: &Tile| tile.voxels(self.options.layout.core(), level.dims, MARGIN);
+        let read = |tile: &Tile| {
+            let fine = finer_box(coarse_box(tile), level.factors, finer_dims);
+            let mut bytes = vec![0; fine.voxels() * voxel_bytes];
+            self.pool
+                .install(|| reader.read_box(fine, &mut bytes))
+                .map_err(|e| BuildError::container(self.output, e))?;
+            Ok((fine, bytes))
+        };
+        self.write_level(lod, AccessOrder::X_FASTEST, &read, &|tile, fine, bytes| {
+            let block = VoxelBlock { voxels: fine, bytes };
+            let coarse = coarse_box(&tile);
+            let mut voxels = vec![0; coarse.voxels() * voxel_bytes];
+            let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
+            self.pool.install(|| downsample(voxel_type, absence, level.factors, block, coarse, &mut voxels));
+            let finer = FinerTile { factors: level.factors, block };
+            self.encode_tile(lod, tile, VoxelBlock { voxels: coarse, bytes: &voxels }, Some(&finer))
+        })
+    }
+
+    /// Reads the level's tiles one ahead, has each encoded, and writes its bricks.
+    #[allow(clippy::type_complexity, reason = "two closures that only this function takes")]
+    fn write_level(
+        &self,
+        lod: usize,
+        order: AccessOrder,
+        read: &(dyn Fn(&Tile) -> Result<(VoxelBox, Vec<u8>), BuildError> + Sync),
+        encode: &dyn Fn(Tile, VoxelBox, &[u8]) -> Result<Vec<EncodedBrick>, BuildError>,
+    ) -> Result<LevelReport, BuildError> {
+        let level = *self.descriptor.pyramid.level_at(Lod(lod as u8));
+        let tiles = self.tiles(lod, &level, order);
+        let mut report = LevelReport { factors: level.factors, dims: level.dims.0, ..LevelReport::default() };
+        std::thread::scope(|scope| {
+            // Room for none: one tile waits in the reader's hands while another is encoded, and that is all.
+            let (send, receive) = crossbeam_channel::bounded(0);
+            let tiles = &tiles;
+            scope.spawn(move || {
+                for tile in tiles {
+                    let result = read(tile);
+                    let failed = result.is_err();
+                    // The receiver is gone only when encoding or writing failed: then there is nothing left to read for.
+                    if send.send((*tile, result)).is_err() || failed {
+                        return;
+                    }
+                }
+            });
+            for (tile, result) in receive {
+                let (voxels, bytes) = result?;
+                let bricks = encode(tile, voxels, &bytes)?;
+                let count = bricks.len() as u64;
+                for brick in bricks {
+                    let entry = self.writer().append(brick).map_err(|e| BuildError::write(self.output, e))?;
+                    tally(&mut report, &entry, self.descriptor.scale);
+                }
+                self.counter.add(lod, count, bytes.len() as u64);
+            }
+            Ok(report)
+        })
+    }
+
+    fn tiles(&self, lod: usize, level: &Level, order: AccessOrder) -> Vec<Tile> {
+        let factors = if lod == 0 { [1; 3] } else { level.factors };
+        let fits = |size: [u32; 3]| {
+            let bytes = read_bytes(&self.descriptor.pyramid, level, factors, size, self.descriptor.voxel_type);
+            bytes <= self.plan.tile_bytes
+        };
+        tiles(level, order, &fits)
+    }
+
+    /// Encodes all bricks of a tile, in Morton order.
+    fn encode_tile(
+        &self,
+        lod: usize,
+        tile: Tile,
+        block: VoxelBlock<'_>,
+        finer: Option<&FinerTile<'_>>,
+    ) -> Result<Vec<EncodedBrick>, BuildError> {
+        let bricks = tile.bricks();
+        self.pool.install(|| {
+            if lod == 0 {
+                self.count_voxels(tile, block);
+            }
+            bricks.par_iter().map(|&brick| self.encode_brick(key_of(lod, brick), block, finer)).collect()
+        })
+    }
+
+    /// Adds the tile's own voxels to the statistics, one z-slab per task.
+    fn count_voxels(&self, tile: Tile, block: VoxelBlock<'_>) {
+        let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
+        let core = tile.voxels(self.options.layout.core(), self.descriptor.dims(), 0);
+        let extent = block.voxels.extent();
+        let offset: [usize; 3] = std::array::from_fn(|a| (core.start[a] - block.voxels.start[a]) as usize);
+        let [nx, ny, nz] = core.extent();
+        let size = voxel_type.bytes();
+        let slab = nz.div_ceil(self.options.threads);
+        (0..self.options.threads).into_par_iter().for_each(|part| {
+            let mut statistics = Statistics::new(voxel_type);
+            for z in (part * slab).min(nz)..((part + 1) * slab).min(nz) {
+                for y in 0..ny {
+                    let row = ((offset[2] + z) * extent[1] + offset[1] + y) * extent[0] + offset[0];
+                    statistics.add(&block.bytes[row * size..(row + nx) * size], absence);
+                }
+            }
+            self.statistics.lock().unwrap_or_else(PoisonError::into_inner).merge(&statistics);
+        });
+    }
+
+    fn encode_brick(
+        &self,
+        key: BrickKey,
+        block: VoxelBlock<'_>,
+        finer: Option<&FinerTile<'_>>,
+    ) -> Result<EncodedBrick, BuildError> {
+        let pyramid = &self.descriptor.pyramid;
+        let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
+        let shape = BrickShape { voxel_type, extent: pyramid.stored_extent(key) };
+        let voxels = cut_brick(pyramid, key, voxel_type.bytes(), block);
+        let (mut beneath, mut error) = (ValueRange::EMPTY, 0.0f64);
+        if let Some(finer) = finer {
+            for child in pyramid.children(key) {
+                let child = self.writer().entry(child).map_err(|e| BuildError::container(self.output, e))?;
+                beneath = beneath.union(child.range_beneath);
+                error = error.max(child.error);
+            }
+            error += step_error(voxel_type, absence, finer.factors, finer.block, block, pyramid.core_box(key));
+        }
+        seal_brick(key, shape, &voxels, absence, self.options.codec, beneath, error).map_err(|e| BuildError::Broken {
+            path: self.output.into(),
+            rule: format!("encoding of {key}"),
+            expected: "a payload".into(),
+            found: e.to_string(),
+        })
+    }
+}
+
+/// Reads finer levels of the unfinished container back.
+impl BrickStore for Build<'_> {
+    fn descriptor(&self) -> &Descriptor {
+        self.descriptor
+    }
+
+    fn read_brick(&self, key: BrickKey) -> Result<Vec<u8>, ContainerError> {
+        let entry = self.writer().entry(key)?;
+        let mut record = vec![0; entry.record_bytes() as usize];
+        ByteSource::read_exact_at(self.file, entry.offset, &mut record).map_err(|source| ContainerError::Io {
+            what: key.to_string(),
+            offset: entry.offset,
+            bytes: entry.record_bytes(),
+            source,
+        })?;
+        let shape =
+            BrickShape { voxel_type: self.descriptor.voxel_type, extent: self.descriptor.pyramid.stored_extent(key) };
+        let mut voxels = vec![0; shape.bytes()];
+        decode_record(self.descriptor, key, &entry, &record, &mut voxels)?;
+        Ok(voxels)
+    }
+}
+
+fn tally(report: &mut LevelReport, entry: &BrickEntry, scale: f64) {
+    report.bricks += 1;
+    report.uniform_bricks += u64::from(entry.uniform);
+    report.absent_bricks += u64::from(entry.absent);
+    report.raw_bricks += u64::from(entry.codec == Codec::Raw);
+    report.rle_bricks += u64::from(entry.codec == Codec::Rle);
+    report.zstd_bricks += u64::from(entry.codec == Codec::Zstd);
+    report.bytes += entry.record_bytes();
+    report.error = report.error.max(entry.error * scale.abs());
+}
+
+/// Counts what is done and tells whoever wants to know.
+struct ProgressCounter<'a> {
+    on_progress: OnProgress<'a>,
+    state: Mutex<Progress>,
+}
+
+impl<'a> ProgressCounter<'a> {
+    fn new(descriptor: &Descriptor, on_progress: OnProgress<'a>) -> Self {
+        let levels = descriptor.pyramid.levels();
+        let bytes = |l: &Level| l.dims.bytes(descriptor.voxel_type).unwrap_or(u64::MAX);
+        // Each level but the last is read twice: as itself, and for the next coarser one.
+        let bytes_total = levels.iter().take(levels.len() - 1).map(bytes).fold(bytes(&levels[0]), u64::saturating_add);
+        let bricks_total = descriptor.pyramid.brick_count();
+        let start =
+            Progress { level: 0, levels: levels.len(), bricks_done: 0, bricks_total, bytes_done: 0, bytes_total };
+        Self { on_progress, state: Mutex::new(start) }
+    }
+
+    fn add(&self, level: usize, bricks: u64, bytes: u64) {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.level = level;
+        state.bricks_done += bricks;
+        // Aprons are read more than once; the total does not know by how much.
+        state.bytes_done = (state.bytes_done + bytes).min(state.bytes_total);
+        (self.on_progress)(*state);
+    }
+}
+
+fn manifest(
+    source: &dyn VolumeSource,
+    origin: Source,
+    descriptor: &Descriptor,
+    options: &BuildOptions,
+    statistics: &Statistics,
+    levels: &[LevelReport],
+) -> Manifest {
+    let info = source.info();
+    let range = statistics.range();
+    let ends = [descriptor.value(range.min), descriptor.value(range.max)];
+    let value_range = (!range.is_empty()).then(|| ValueRange { min: ends[0].min(ends[1]), max: ends[0].max(ends[1]) });
+    let mut percentiles: Vec<[f64; 2]> =
+        statistics.percentiles().into_iter().map(|[p, v]| [p, descriptor.value(v)]).collect();
+    let mut histogram = if range.is_empty() { Vec::new() } else { statistics.histogram() };
+    if descriptor.scale < 0.0 {
+        // A negative scale turns the order of values round.
+        percentiles.iter_mut().for_each(|p| p[0] = 100.0 - p[0]);
+        percentiles.reverse();
+        histogram.reverse();
+    }
+    let codec = match options.codec {
+        CodecChoice::Smallest => "auto",
+        CodecChoice::Only(codec) => codec.name(),
+    };
+    let parameters = [
+        ("brick", options.layout.core().to_string()),
+        ("codec", codec.to_string()),
+        ("lod_axes", format!("{:?}", options.lod_axes).to_lowercase()),
+        ("memory_bytes", options.memory_bytes.to_string()),
+    ];
+    Manifest {
+        tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
+        parameters: parameters.into_iter().map(|(k, v)| (k.to_string(), v)).collect(),
+        source: origin,
+        axes: info.axes.clone().map(|a| AxisName { name: a.name, unit: a.unit }),
+        unit: info.unit.clone(),
+        value_range,
+        present_voxels: statistics.present(),
+        histogram,
+        percentiles,
+        level_errors: levels.iter().map(|l| l.error).collect(),
+        survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).ok()),
+        notes: info.notes.clone(),
+    }
+}
+
+/// Name, size and checksum of a source file, read once from end to end.
+///
+/// # Errors
+/// If the file cannot be read.
+pub fn identify(path: &Path, format: &str) -> Result<Source, BuildError> {
+    let io = |e| BuildError::Source(crate::source::SourceError::io(path, e));
+    let mut file = File::open(path).map_err(io)?;
+    let mut hash = xxhash_rust::xxh3::Xxh3Default::new();
+    let mut buffer = vec![0; 4 << 20];
+    let mut bytes = 0;
+    loop {
+        let n = std::io::Read::read(&mut file, &mut buffer).map_err(io)?;
+        if n == 0 {
+            break;
+        }
+        bytes += n as u64;
+        hash.update(&buffer[..n]);
+    }
+    debug_assert_eq!(checksum(b""), xxhash_rust::xxh3::xxh3_64(b""), "one checksum everywhere");
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    Ok(Source { name, format: format.into(), bytes, xxh3_64: format!("{:016x}", hash.digest()) })
+}

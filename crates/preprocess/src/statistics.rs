@@ -1,0 +1,158 @@
+//! Histogram, percentiles and range of a volume's present voxels, gathered brick by brick in bounded memory.
+//!
+//! Voxels are counted in [`KEYS`] bins that follow the order of the values: 8- and 16-bit voxels have a bin each, so
+//! that their percentiles are exact; wider voxels are counted by the upper 16 bits of their single-precision value,
+//! which resolves values to 1 part in 128 at any magnitude, so that one spike does not swallow the rest. Counts are sums
+//! of integers: their order, and with it the number of threads, does not matter.
+
+use supervol_format::voxel_type::{Absence, Voxel};
+use supervol_format::{ValueRange, VoxelType, with_voxel};
+
+/// Number of bins.
+pub const KEYS: usize = 1 << 16;
+/// Bins of the histogram that goes into the manifest.
+pub const HISTOGRAM_BINS: usize = 256;
+/// Percentiles that go into the manifest.
+pub const PERCENTS: [f64; 11] = [0.1, 1.0, 2.0, 5.0, 25.0, 50.0, 75.0, 95.0, 98.0, 99.0, 99.9];
+
+/// Counts of one volume.
+#[derive(Debug, Clone)]
+pub struct Statistics {
+    voxel_type: VoxelType,
+    counts: Vec<u64>,
+    range: ValueRange,
+}
+
+impl Statistics {
+    /// No voxels yet.
+    #[must_use]
+    pub fn new(voxel_type: VoxelType) -> Self {
+        Self { voxel_type, counts: vec![0; KEYS], range: ValueRange::EMPTY }
+    }
+
+    /// Counts the present ones of these voxels (little endian).
+    pub fn add(&mut self, voxels: &[u8], absence: Absence) {
+        with_voxel!(self.voxel_type, V => self.add_typed::<V>(voxels, absence));
+    }
+
+    fn add_typed<V: Voxel>(&mut self, voxels: &[u8], absence: Absence) {
+        let holes = absence.possible(V::TYPE);
+        for bytes in voxels.chunks_exact(size_of::<V>()) {
+            let v = V::read_le(bytes).to_f64();
+            if !(holes && absence.is_absent(v)) {
+                self.counts[key(V::TYPE, v)] += 1;
+                self.range.include(v);
+            }
+        }
+    }
+
+    /// Adds another part of the same volume.
+    pub fn merge(&mut self, other: &Self) {
+        self.counts.iter_mut().zip(&other.counts).for_each(|(a, b)| *a += b);
+        self.range = self.range.union(other.range);
+    }
+
+    /// Range of the present voxels, stored values.
+    #[must_use]
+    pub fn range(&self) -> ValueRange {
+        self.range
+    }
+
+    /// Number of present voxels.
+    #[must_use]
+    pub fn present(&self) -> u64 {
+        self.counts.iter().sum()
+    }
+
+    /// `[percent, stored value]` pairs: the value of the bin in which that share of the voxels is reached.
+    #[must_use]
+    pub fn percentiles(&self) -> Vec<[f64; 2]> {
+        let total = self.present();
+        let mut out = Vec::new();
+        let mut percents = PERCENTS.iter().peekable();
+        let mut below = 0;
+        for (bin, &count) in self.counts.iter().enumerate() {
+            below += count;
+            while count > 0 && percents.peek().is_some_and(|p| below as f64 >= total as f64 * **p / 100.0) {
+                let value = value_of(self.voxel_type, bin).clamp(self.range.min, self.range.max);
+                out.extend(percents.next().map(|&p| [p, value]));
+            }
+        }
+        out
+    }
+
+    /// Counts in [`HISTOGRAM_BINS`] equal parts of the range; bins of wide voxel types count where their middle lies.
+    #[must_use]
+    pub fn histogram(&self) -> Vec<u64> {
+        let mut out = vec![0; HISTOGRAM_BINS];
+        let width = self.range.width();
+        for (bin, &count) in self.counts.iter().enumerate().filter(|(_, c)| **c > 0) {
+            let value = value_of(self.voxel_type, bin).clamp(self.range.min, self.range.max);
+            let share = if width > 0.0 { (value - self.range.min) / width } else { 0.0 };
+            out[((share * HISTOGRAM_BINS as f64) as usize).min(HISTOGRAM_BINS - 1)] += count;
+        }
+        out
+    }
+}
+
+/// The bin of a stored value; greater values have no smaller bins.
+fn key(voxel_type: VoxelType, value: f64) -> usize {
+    match voxel_type {
+        VoxelType::U8 | VoxelType::U16 => value as usize,
+        VoxelType::I8 => (value + 128.0) as usize,
+        VoxelType::I16 => (value + 32768.0) as usize,
+        _ => {
+            let bits = (value as f32).to_bits();
+            // Floats sort as integers when negative ones have all bits flipped and the others the sign bit.
+            let sortable = if bits >> 31 == 1 { !bits } else { bits | 1 << 31 };
+            (sortable >> 16) as usize
+        }
+    }
+}
+
+/// The stored value that a bin stands for: the value itself, or the middle of the bin.
+fn value_of(voxel_type: VoxelType, bin: usize) -> f64 {
+    match voxel_type {
+        VoxelType::U8 | VoxelType::U16 => bin as f64,
+        VoxelType::I8 => bin as f64 - 128.0,
+        VoxelType::I16 => bin as f64 - 32768.0,
+        _ => {
+            let sortable = (bin as u32) << 16 | 0x8000;
+            let bits = if sortable >> 31 == 1 { sortable & !(1 << 31) } else { !sortable };
+            f64::from(f32::from_bits(bits))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bins_follow_the_order_of_values() {
+        let values = [-1e30, -5.0, -1.0, -1e-20, 0.0, 1e-20, 1.0, 2.0, 3e4, 1e30];
+        let bins: Vec<usize> = values.iter().map(|&v| key(VoxelType::F64, v)).collect();
+        assert!(bins.windows(2).all(|w| w[0] < w[1]), "{bins:?}");
+        for v in values.into_iter().filter(|v| *v != 0.0) {
+            let back = value_of(VoxelType::F64, key(VoxelType::F64, v));
+            assert!((back - v).abs() <= v.abs() / 128.0, "{v} became {back}");
+        }
+    }
+
+    #[test]
+    fn percentiles_of_bytes_are_exact_and_spikes_move_nothing() {
+        let mut bytes = Statistics::new(VoxelType::U8);
+        bytes.add(&(0..=255).collect::<Vec<u8>>(), Absence { nodata: Some(255.0) });
+        assert_eq!(bytes.present(), 255);
+        assert_eq!(bytes.range(), ValueRange { min: 0.0, max: 254.0 });
+        assert!(bytes.percentiles().contains(&[50.0, 127.0]));
+
+        let mut floats = Statistics::new(VoxelType::F32);
+        let mut values: Vec<f32> = (0..10_000).map(|i| i as f32).collect();
+        values[17] = 1e7;
+        floats.add(bytemuck::cast_slice(&values), Absence::NON_FINITE_ONLY);
+        let p99 = floats.percentiles().iter().find(|p| p[0] == 99.0).expect("99 is listed")[1];
+        assert!((p99 - 9900.0).abs() < 80.0, "{p99}");
+        assert_eq!(floats.histogram().iter().sum::<u64>(), 10_000);
+    }
+}
