@@ -211,8 +211,8 @@ mod tests {
             (0x4264_0000, 100.0),
             (0x0000_0000, 0.0),
             (0x8000_0000, -0.0),
-            (0x4019_999A, 0.1),
-            (0x4600_0001, 1.0), // unnormalised
+            (0x4019_999A, 1_677_722.0 / 16_777_216.0), // 0.1 as far as 21 bits go
+            (0x4600_0001, 1.0),                        // unnormalised
             (0x60FF_FFFF, f32::MAX),
         ];
         for (word, value) in cases {

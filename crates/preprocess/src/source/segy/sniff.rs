@@ -156,7 +156,7 @@ mod tests {
 
     /// A wavelet train with amplitudes over three decades.
     fn amplitudes() -> impl Iterator<Item = f64> {
-        (0..4000).map(|i| (f64::from(i) * 0.37).sin() * 1000.0 * (-f64::from(i % 500) / 90.0).exp())
+        (1..4000).map(|i| (f64::from(i) * 0.37).sin() * 1000.0 * (-f64::from(i % 500) / 90.0).exp())
     }
 
     /// IBM bits of a value: the largest exponent that keeps the fraction below 1.
@@ -169,9 +169,9 @@ mod tests {
     #[test]
     fn formats_are_told_apart_and_never_mistaken() {
         let ieee = words(amplitudes().map(|v| (v as f32).to_bits()));
-        assert!(ieee.surely_ieee() && !ieee.surely_ibm(), "{ieee:?}");
+        assert!(ieee.surely_ieee() && !ieee.surely_ibm());
         let ibm = words(amplitudes().map(ibm));
-        assert!(ibm.surely_ibm() && !ibm.surely_ieee(), "{ibm:?}");
+        assert!(ibm.surely_ibm() && !ibm.surely_ieee());
     }
 
     #[test]
