@@ -75,7 +75,7 @@ const OPENS_TOO: [(&str, [u64; 3], VoxelType); 3] = [
 
 /// What is refused, and words that the message must have.
 const REFUSED: [(&str, &[&str]); 8] = [
-    ("f3-formats/Format4msb.sgy", &["format 4", "look like IBM", "--format 1"]),
+    ("f3-formats/Format4msb.sgy", &["format 4", "look like IEEE", "--format 5"]),
     ("real/volve_arbitrary_line_2d.sgy", &["2D line", "225 traces", "--il-byte 9 --xl-byte 21", "one section"]),
     ("odd/small-ps.sgy", &["pre-stack gather: 2 offsets"]),
     ("odd/small-ps-dec-il-inc-xl-off.sgy", &["pre-stack gather: 2 offsets"]),
@@ -152,7 +152,7 @@ fn formats_of_f3_hold_equal_values() {
 #[test]
 fn format_4_can_be_overridden() {
     let Some(folder) = folder() else { return };
-    let options = SegyOptions { format: Some(1), ..SegyOptions::default() };
+    let options = SegyOptions { format: Some(5), ..SegyOptions::default() };
     let source = SegySource::open(&folder.join("f3-formats/Format4msb.sgy"), &options).unwrap();
     assert!(values(&source) == values(&open(&folder.join("real/f3_int16_be.sgy")).unwrap()));
     assert!(source.info().notes.iter().any(|n| n.contains("sample format 4")), "{:?}", source.info().notes);

@@ -79,12 +79,13 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// Factor that a SEG-Y scalar stands for: positive multiplies, negative divides, zero means none.
-pub(super) fn scalar_factor(scalar: i16) -> f64 {
+/// A header value with its SEG-Y scalar applied: positive multiplies, negative divides, zero means none. Dividing, and
+/// not multiplying by a rounded inverse, keeps decimal coordinates as close as they can be.
+pub(super) fn scaled(value: f64, scalar: i16) -> f64 {
     match scalar {
-        0 => 1.0,
-        s if s > 0 => f64::from(s),
-        s => -1.0 / f64::from(s),
+        0 => value,
+        s if s > 0 => value * f64::from(s),
+        s => value / -f64::from(s),
     }
 }
 
@@ -102,7 +103,10 @@ mod tests {
 
     #[test]
     fn scalars_multiply_divide_or_do_nothing() {
-        assert_eq!([0, 1, 10, -10, -100].map(scalar_factor), [1.0, 1.0, 10.0, 0.1, 0.01]);
-        assert!((scalar_factor(i16::MIN) - 1.0 / 32768.0).abs() < 1e-15);
+        assert_eq!(
+            [0, 1, 10, -10, -100].map(|s| scaled(6_201_972.0, s)),
+            [6_201_972.0, 6_201_972.0, 62_019_720.0, 620_197.2, 62_019.72]
+        );
+        assert_eq!(scaled(32768.0, i16::MIN), 1.0);
     }
 }

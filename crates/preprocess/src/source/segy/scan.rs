@@ -11,7 +11,7 @@ use supervol_format::ByteSource;
 
 use super::SegyOptions;
 use super::binary_header::{BinaryHeader, TRACE_HEADER_BYTES};
-use super::fields::{Fields, scalar_factor};
+use super::fields::{Fields, scaled};
 use super::layout::Layout;
 use super::survey::PositionFit;
 use crate::source::SourceError;
@@ -195,11 +195,11 @@ impl Scan {
             add_line(&mut self.lines[axis], position[axis], trace);
         }
         if kind == TraceKind::Live {
-            let delay = f64::from(fields.i16(109)) * scalar_factor(fields.i16(215));
+            let delay = scaled(f64::from(fields.i16(109)), fields.i16(215));
             Extent::add(&mut self.delay_ms, delay, trace);
         }
-        let factor = scalar_factor(fields.i16(71));
-        let point = |x: usize, y: usize| [x, y].map(|byte| f64::from(fields.i32(byte)) * factor);
+        let scalar = fields.i16(71);
+        let point = |x: usize, y: usize| [x, y].map(|byte| scaled(f64::from(fields.i32(byte)), scalar));
         self.cdp.add(position, point(181, 185));
         self.source.add(position, point(73, 77));
         // Sixteen bits of noise could fill 65,536 entries at most.

@@ -9,7 +9,7 @@ use std::path::Path;
 use supervol_format::ByteSource;
 
 use super::binary_header::{BinaryHeader, TRACE_HEADER_BYTES};
-use super::fields::{Fields, scalar_factor};
+use super::fields::{Fields, scaled};
 use super::grid::Grid;
 use super::layout::Layout;
 use super::scan::Scan;
@@ -167,8 +167,8 @@ fn corners(
             let mut buffer = [0; TRACE_HEADER_BYTES as usize];
             bytes.read_exact_at(layout.header_offset(trace), &mut buffer).map_err(|e| SourceError::io(path, e))?;
             let fields = Fields::trace_header(&buffer, layout.endian);
-            let factor = scalar_factor(fields.i16(71));
-            *corner = [x_byte, x_byte + 4].map(|byte| f64::from(fields.i32(byte)) * factor);
+            let scalar = fields.i16(71);
+            *corner = [x_byte, x_byte + 4].map(|byte| scaled(f64::from(fields.i32(byte)), scalar));
             continue;
         }
         let number = |line: LineNumbers, index: u64| line.first + index as i64 * line.step;
