@@ -3,6 +3,8 @@
 //! The folder is `shared/data` beside the repository or further up, or what `SUPERVOL_DATA` names. Without it these
 //! tests print SKIPPED and pass.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "test helpers fail by panicking, and say what they skip")]
+
 use std::path::{Path, PathBuf};
 
 use supervol_format::{Dims, VoxelType, voxel_type::voxels_as_f64};

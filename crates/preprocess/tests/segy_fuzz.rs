@@ -1,6 +1,8 @@
 //! Damaged headers: whatever the bytes say, the reader answers with a volume or a message, never with a panic, and
 //! never asks for more memory than the file justifies.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "test helpers fail by panicking, and say what they skip")]
+
 use std::path::{Path, PathBuf};
 
 use supervol_preprocess::source::VolumeSource;

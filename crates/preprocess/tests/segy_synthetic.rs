@@ -1,5 +1,7 @@
 //! SEG-Y files made here: sample formats, orders and headers of which no small real file is at hand.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "test helpers fail by panicking, and say what they skip")]
+
 use std::collections::BTreeMap;
 use std::path::Path;
 
