@@ -8,6 +8,8 @@
 //! `read_box` may be called from several threads at once, and for boxes in any order; [`AccessOrder`] says which order
 //! the file likes.
 
+pub mod segy;
+
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};

@@ -1,0 +1,295 @@
+//! SEG-Y: post-stack 3D seismic volumes, revisions 0, 1 and 2.
+//!
+//! Grid: x = crossline, y = inline, z = sample, z down; the grid ascends in inline and crossline number, and sample k
+//! is k sample intervals below the first. Traces the file does not have, and traces marked dead, are absent: NaN in
+//! float volumes, a value no sample has in integer volumes (`nodata`). A live trace of zeros stays zeros.
+//!
+//! The path of a file through this folder:
+//! 1. `text_header`, `binary_header`: what the file says about itself, and in which byte order (`fields`);
+//! 2. `layout`: those claims held against the size of the file;
+//! 3. `sniff`: samples held against the declared format;
+//! 4. `scan`, `grid`: one pass over the trace headers, then the trace of each grid cell;
+//! 5. `diagnose`: if there is no grid, why, and what to do;
+//! 6. `survey`: place in the world; `nodata`: how holes are stored;
+//! 7. `read`, `samples`: boxes of voxels.
+//!
+//! A header that lies is refused with the reason, or overridden by an option; nothing is guessed silently, and what
+//! was assumed stands in [`SourceInfo::notes`].
+//!
+//! Memory: 20 bytes per run of traces while opening (a line in order is one run), then nothing per trace for complete
+//! grids, or 4 bytes per grid cell for grids with holes; all of it bounded by the size of the file.
+//!
+//! Not read: pre-stack gathers, 2D lines without line numbers, traces of varying length, format 4, and the contents of
+//! trace header extensions and extended text headers.
+
+mod binary_header;
+mod diagnose;
+mod fields;
+mod grid;
+mod layout;
+mod nodata;
+mod read;
+mod samples;
+mod scan;
+mod sniff;
+mod survey;
+mod text_header;
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use supervol_format::{ByteSource, Dims, Geometry, VoxelBox};
+
+use self::binary_header::{BinaryHeader, FILE_HEADER_BYTES};
+pub use self::fields::Endian;
+use self::grid::{Grid, GridDefect};
+use self::layout::Layout;
+use self::nodata::Absent;
+use self::read::{Neighbours, Reader};
+use self::samples::SampleFormat;
+use self::scan::Scan;
+use self::text_header::TEXT_BYTES;
+use super::{AccessOrder, Axis, SourceError, SourceInfo, Survey, VolumeSource};
+
+/// Last byte of a trace header at which a four-byte word can begin.
+const LAST_WORD_BYTE: u16 = 237;
+
+/// What a person may say about a file, where its headers do not or lie.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SegyOptions {
+    /// Byte of the trace header, from 1, at which the four-byte inline number begins; 189 by the standard.
+    pub inline_byte: u16,
+    /// The same for the crossline number; 193 by the standard.
+    pub crossline_byte: u16,
+    /// Sample format code that overrides bytes 3225-3226, and is believed without judging the samples.
+    pub format: Option<u16>,
+    /// Byte order, where detection from the headers fails.
+    pub endian: Option<Endian>,
+}
+
+impl Default for SegyOptions {
+    fn default() -> Self {
+        Self { inline_byte: 189, crossline_byte: 193, format: None, endian: None }
+    }
+}
+
+impl SegyOptions {
+    /// Refuses options that no file can satisfy.
+    fn check(&self) -> Result<(), SourceError> {
+        for (name, byte) in [("--il-byte", self.inline_byte), ("--xl-byte", self.crossline_byte)] {
+            if !(1..=LAST_WORD_BYTE).contains(&byte) {
+                let message = format!("{name} {byte}: expected a byte of the trace header from 1 to {LAST_WORD_BYTE}");
+                return Err(SourceError::Options(message));
+            }
+        }
+        if self.inline_byte == self.crossline_byte {
+            let message = format!("--il-byte and --xl-byte are both {}: expected two places", self.inline_byte);
+            return Err(SourceError::Options(message));
+        }
+        match self.format {
+            Some(code) if SampleFormat::from_code(code).is_none() => {
+                Err(SourceError::Options(format!("--format {code}: expected 1 to 12, 15 or 16")))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A SEG-Y file as a volume.
+pub struct SegySource {
+    path: PathBuf,
+    bytes: Box<dyn ByteSource>,
+    layout: Layout,
+    grid: Grid,
+    absent: Absent,
+    neighbours: Neighbours,
+    info: SourceInfo,
+}
+
+impl SegySource {
+    /// Opens a file: reads its headers, and the header of every trace.
+    ///
+    /// Integer files whose grid has holes are read through once more, for a value that can stand for absence.
+    ///
+    /// # Errors
+    /// If the file cannot be read, is not a post-stack 3D SEG-Y file, or contradicts itself.
+    pub fn open(path: &Path, options: &SegyOptions) -> Result<Self, SourceError> {
+        let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
+        Self::from_bytes(Box::new(file), path, options)
+    }
+
+    /// The same, from any source of bytes; `path` is only used in messages.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn from_bytes(bytes: Box<dyn ByteSource>, path: &Path, options: &SegyOptions) -> Result<Self, SourceError> {
+        options.check()?;
+        let (text, header) = read_file_header(path, bytes.as_ref(), options)?;
+        let mut notes = Vec::new();
+        let layout = Layout::resolve(path, bytes.as_ref(), &header, options, &mut notes)?;
+        if options.format.is_none() || layout.format == SampleFormat::FixedPointWithGain {
+            sniff::check_format(path, bytes.as_ref(), &layout)?;
+        }
+        let scan = Scan::run(path, bytes.as_ref(), &layout, &header, options)?;
+        let grid = Grid::build(path, &scan, &layout).map_err(|defect| match defect {
+            GridDefect::Refused(error) => error,
+            GridDefect::Duplicate { traces, inline, crossline } => {
+                let position = [inline, crossline];
+                diagnose::refuse_duplicates(path, bytes.as_ref(), &layout, options, traces, position)
+            }
+        })?;
+        let holes = grid.missing + grid.dead > 0;
+        let absent = if holes {
+            nodata::choose(path, bytes.as_ref(), &layout)?
+        } else {
+            Absent { voxel_type: layout.format.voxel_type(), value: f64::NAN }
+        };
+        note_traces(&layout, &scan, &grid, absent, &mut notes);
+        let neighbours =
+            if scan.steps_along[1] > scan.steps_along[0] { Neighbours::AlongY } else { Neighbours::AlongX };
+        let mut info = describe(path, bytes.as_ref(), (&layout, &header), &scan, &grid, text, notes)?;
+        info.voxel_type = absent.voxel_type;
+        info.nodata = (!absent.value.is_nan()).then_some(absent.value);
+        info.access_order = AccessOrder(if neighbours == Neighbours::AlongX { [1, 0, 2] } else { [0, 1, 2] });
+        Ok(Self { path: path.into(), bytes, layout, grid, absent, neighbours, info })
+    }
+}
+
+impl VolumeSource for SegySource {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        let reader = Reader {
+            path: &self.path,
+            bytes: self.bytes.as_ref(),
+            layout: &self.layout,
+            grid: &self.grid,
+            absent: self.absent,
+            neighbours: self.neighbours,
+        };
+        reader.read_box(self.info.dims, voxels, out)
+    }
+}
+
+/// Reads text and binary header.
+fn read_file_header(
+    path: &Path,
+    bytes: &dyn ByteSource,
+    options: &SegyOptions,
+) -> Result<(String, BinaryHeader), SourceError> {
+    let file_bytes = bytes.len().map_err(|e| SourceError::io(path, e))?;
+    if file_bytes < FILE_HEADER_BYTES {
+        let expected = format!("at least the {FILE_HEADER_BYTES} bytes of the file headers");
+        return Err(SourceError::invalid(path, "file size", expected, format!("{file_bytes} bytes")));
+    }
+    let mut headers = [0; FILE_HEADER_BYTES as usize];
+    bytes.read_exact_at(0, &mut headers).map_err(|e| SourceError::io(path, e))?;
+    let (text, binary) = headers.split_at(TEXT_BYTES);
+    if matches!(&text[4..7], b"SY1" | b"SY2") {
+        let advice = "cut off its first 128 bytes";
+        return Err(SourceError::unsupported(
+            path,
+            "the file begins with a tape label (SEG storage unit label)",
+            advice,
+        ));
+    }
+    let binary = binary.first_chunk().expect("400 bytes follow the text header");
+    let header = BinaryHeader::read(binary, file_bytes, options)
+        .map_err(|what| SourceError::unsupported(path, what, "say --endian big or --endian little"))?;
+    Ok((text_header::decode(text, text_header::detect(text)), header))
+}
+
+/// Notes what a person should know about the traces.
+fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, absent: Absent, notes: &mut Vec<String>) {
+    let stored = if absent.value.is_nan() { "NaN".to_owned() } else { format!("{}", absent.value) };
+    if grid.missing > 0 {
+        notes.push(format!("{} places of the grid have no trace; their voxels are absent ({stored})", grid.missing));
+    }
+    if grid.dead > 0 {
+        notes.push(format!("{} traces are marked dead; their voxels are absent ({stored})", grid.dead));
+    }
+    if scan.padding > 0 {
+        notes.push(format!("{} dead traces without line numbers were left out", scan.padding));
+    }
+    if absent.voxel_type != layout.format.voxel_type() {
+        notes.push(format!(
+            "every {} value occurs in the file; voxels were widened to {} to have one for absence",
+            layout.format.voxel_type(),
+            absent.voxel_type
+        ));
+    }
+    if let Some(samples) = scan.overruled_samples {
+        notes.push(format!(
+            "trace headers say {samples} samples (bytes 115-116); the {} of the binary header, which declares a fixed \
+             trace length, were read",
+            layout.samples
+        ));
+    }
+    if let Some(delay) = scan.delay_ms
+        && delay.min.0 != delay.max.0
+    {
+        notes.push(format!(
+            "delays differ between traces, from {} ms (trace {}) to {} ms (trace {}); traces were not shifted, and the \
+             first sample is taken to lie at the smallest",
+            delay.min.0,
+            delay.min.1 + 1,
+            delay.max.0,
+            delay.max.1 + 1
+        ));
+    }
+}
+
+/// Grid, world and survey, once traces and grid are known.
+fn describe(
+    path: &Path,
+    bytes: &dyn ByteSource,
+    (layout, header): (&Layout, &BinaryHeader),
+    scan: &Scan,
+    grid: &Grid,
+    text_header: String,
+    mut notes: Vec<String>,
+) -> Result<SourceInfo, SourceError> {
+    let placement = survey::place(path, bytes, (layout, header), scan, grid, &mut notes)?;
+    let interval = survey::sample_interval(header, scan, &mut notes);
+    let depth = text_header::says_depth_domain(&text_header);
+    let (z_name, z_unit) = match (interval, depth, header.feet) {
+        (None, _, _) => ("sample", ""),
+        (_, false, _) => ("time", "ms"),
+        (_, true, false) => ("depth", "m"),
+        (_, true, true) => ("depth", "ft"),
+    };
+    // Without an interval the z axis counts samples, and a delay in ms has no place on it.
+    let first_sample = interval.and(scan.delay_ms).map_or(0.0, |delay| delay.min.0);
+    let spacing_z = interval.unwrap_or(1.0);
+    let dims = Dims([grid.crossline.count, grid.inline.count, layout.samples]);
+    let axis = |name: &str, unit: &str| Axis { name: name.into(), unit: unit.into() };
+    let mut info = SourceInfo::plain("segy", dims, layout.format.voxel_type());
+    info.geometry = Geometry {
+        spacing: [placement.spacing[0], placement.spacing[1], spacing_z],
+        origin: [0.0, 0.0, first_sample],
+        ..Geometry::IDENTITY
+    };
+    info.axes = [axis("crossline", placement.unit), axis("inline", placement.unit), axis(z_name, z_unit)];
+    info.survey = Some(Survey {
+        inline: grid.inline,
+        crossline: grid.crossline,
+        corners: placement.corners,
+        sample_interval: spacing_z,
+        first_sample,
+        missing_traces: grid.missing,
+        dead_traces: grid.dead,
+        text_header,
+    });
+    info.notes = notes;
+    if let Some(defect) = info.geometry.defect() {
+        return Err(SourceError::invalid(
+            path,
+            "geometry from coordinates and sample interval",
+            "finite lengths",
+            defect,
+        ));
+    }
+    Ok(info)
+}
