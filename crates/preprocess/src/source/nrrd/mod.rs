@@ -26,7 +26,7 @@ const LINE_SKIP_LIMIT_BYTES: u64 = 16 << 20;
 
 /// Fields that change neither voxels nor their place.
 const FIELDS_WITHOUT_EFFECT: [&str; 9] =
-    ["content", "number", "min", "max", "oldmin", "oldmax", "thicknesses", "measurementframe", "blocksize", "centers"];
+    ["content", "number", "min", "max", "oldmin", "oldmax", "thicknesses", "measurementframe", "blocksize"];
 
 /// Fields that are read.
 const FIELDS_READ: [&str; 22] = [
