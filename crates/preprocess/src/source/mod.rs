@@ -8,7 +8,14 @@
 //! `read_box` may be called from several threads at once, and for boxes in any order; [`AccessOrder`] says which order
 //! the file likes.
 
+pub mod grid_file;
+pub mod nifti;
+pub mod npy;
+pub mod nrrd;
+pub mod raw;
 pub mod segy;
+pub mod spool;
+pub mod synthetic;
 
 use std::path::{Path, PathBuf};
 

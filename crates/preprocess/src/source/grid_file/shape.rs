@@ -1,0 +1,69 @@
+//! From the axes a file has (one to many) to the three of a volume.
+//!
+//! Missing axes get one voxel. Of more than three, those with a single voxel are dropped: first those the header calls
+//! non-spatial, then from the slowest to the fastest. What is left must be three, or the caller refuses the file.
+
+use std::fmt::Display;
+
+use supervol_format::Dims;
+
+/// Which axes of the file became x, y and z.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ChosenAxes {
+    /// Indices of the file's axes (fastest first) that are x, y, z, as many as the file has, at most three.
+    pub axes: Vec<usize>,
+    /// Voxels along x, y, z.
+    pub dims: Dims,
+    /// What a person should know, or nothing.
+    pub notes: Vec<String>,
+}
+
+/// Chooses three axes; `sizes` has the fastest axis first, `spatial` says which axes may be space.
+///
+/// # Errors
+/// The indices of the axes that would have to go but have more than one voxel.
+pub fn choose_axes(sizes: &[u64], spatial: &[bool]) -> Result<ChosenAxes, Vec<usize>> {
+    let mut axes: Vec<usize> = (0..sizes.len()).collect();
+    let mut notes = Vec::new();
+    for wanted_spatial in [false, true] {
+        for axis in (0..sizes.len()).rev() {
+            if axes.len() > 3 && sizes[axis] == 1 && spatial[axis] == wanted_spatial {
+                axes.retain(|a| *a != axis);
+                notes.push(format!("axis {axis} has one voxel and is dropped"));
+            }
+        }
+    }
+    let not_space: Vec<usize> = axes.iter().copied().filter(|a| !spatial[*a] && sizes[*a] != 1).collect();
+    let in_the_way = if not_space.is_empty() { axes.iter().copied().skip(3).collect() } else { not_space };
+    if !in_the_way.is_empty() {
+        return Err(in_the_way);
+    }
+    let dims = Dims(std::array::from_fn(|i| axes.get(i).map_or(1, |a| sizes[*a])));
+    if axes.len() < 3 {
+        notes.push(format!("the file has {}: read as {dims} voxels", count(axes.len(), "axis", "axes")));
+    }
+    Ok(ChosenAxes { axes, dims, notes })
+}
+
+fn count(n: usize, one: impl Display, many: impl Display) -> String {
+    if n == 1 { format!("{n} {one}") } else { format!("{n} {many}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn drops_single_voxels_and_nothing_else() {
+        let chosen = |sizes: &[u64], spatial: &[bool]| choose_axes(sizes, spatial).map(|c| (c.axes, c.dims.0));
+        assert_eq!(chosen(&[7], &[true]), Ok((vec![0], [7, 1, 1])));
+        assert_eq!(chosen(&[7, 5], &[true; 2]), Ok((vec![0, 1], [7, 5, 1])));
+        assert_eq!(chosen(&[1, 7, 5], &[true; 3]), Ok((vec![0, 1, 2], [1, 7, 5])));
+        assert_eq!(chosen(&[1, 7, 5, 3], &[true; 4]), Ok((vec![1, 2, 3], [7, 5, 3])));
+        assert_eq!(chosen(&[1, 1, 1, 1], &[false, true, true, true]), Ok((vec![1, 2, 3], [1, 1, 1])));
+        assert_eq!(chosen(&[7, 5, 3, 1, 1], &[true; 5]), Ok((vec![0, 1, 2], [7, 5, 3])));
+        assert_eq!(chosen(&[7, 5, 3, 2], &[true; 4]), Err(vec![3]));
+        assert_eq!(chosen(&[3, 7, 5], &[false, true, true]), Err(vec![0]));
+        assert_eq!(chosen(&[3, 7, 5, 9], &[false, true, true, true]), Err(vec![0]));
+    }
+}

@@ -1,0 +1,93 @@
+//! Where a NIfTI volume lies in the world: sform, else qform, else the spacings alone.
+//!
+//! World coordinates are the file's own, right-anterior-superior. Columns of the affine become spacing (their lengths)
+//! and direction (their unit vectors), so that a sheared sform is kept exactly. What cannot be inverted is passed over
+//! for the next best, with a note.
+
+use glam::{DMat3, DQuat, DVec3};
+use supervol_format::Geometry;
+
+use super::header::Header;
+
+/// The geometry and what a person should know about it.
+pub(super) fn placement(header: &Header) -> (Geometry, Vec<String>) {
+    let mut notes = Vec::new();
+    if header.sform_code > 0 {
+        let origin = header.affine_rows.map(|row| row[3]);
+        let columns: [DVec3; 3] =
+            std::array::from_fn(|axis| DVec3::from_array(header.affine_rows.map(|row| row[axis])));
+        match from_columns(columns, origin) {
+            Ok(geometry) => {
+                notes.push(world_note("sform", header.sform_code));
+                return (geometry, notes);
+            }
+            Err(defect) => notes.push(format!("the sform is not used: {defect}")),
+        }
+    }
+    let spacing = spacings(header, &mut notes);
+    if header.qform_code > 0 {
+        let columns = qform_columns(header, spacing);
+        match from_columns(columns, header.quaternion_offset) {
+            Ok(geometry) => {
+                notes.push(world_note("qform", header.qform_code));
+                return (geometry, notes);
+            }
+            Err(defect) => notes.push(format!("the qform is not used: {defect}")),
+        }
+    }
+    notes.push("the header gives no orientation: the axes are the world's and the first voxel is the origin".into());
+    (Geometry { spacing, ..Geometry::IDENTITY }, notes)
+}
+
+fn world_note(form: &str, code: i32) -> String {
+    let space = match code {
+        1 => "scanner",
+        2 => "aligned to another file",
+        3 => "Talairach",
+        4 => "MNI 152",
+        5 => "a template",
+        _ => "an unknown code",
+    };
+    format!("world coordinates are right-anterior-superior by the {form} ({space})")
+}
+
+/// Positive spacings along the three axes.
+fn spacings(header: &Header, notes: &mut Vec<String>) -> [f64; 3] {
+    std::array::from_fn(|axis| {
+        let stated = header.pixdim[axis + 1].abs();
+        // Axes the file does not have need no spacing.
+        let needed = (axis as i64) < header.dim[0];
+        if stated.is_finite() && stated > 0.0 {
+            return stated;
+        }
+        if needed {
+            notes.push(format!("spacing {stated} of axis {axis} is impossible: replaced by 1"));
+        }
+        1.0
+    })
+}
+
+/// Columns of R * diag(spacing) with the third turned round where `pixdim[0]` is negative
+/// (NIfTI-1 specification, method 2: a = sqrt(1 - b^2 - c^2 - d^2)).
+fn qform_columns(header: &Header, spacing: [f64; 3]) -> [DVec3; 3] {
+    let vector = DVec3::from_array(header.quaternion);
+    let scalar = (1.0 - vector.length_squared()).max(0.0).sqrt();
+    let quaternion = DQuat::from_xyzw(vector.x, vector.y, vector.z, scalar);
+    // Rounding to 32 bits leaves half turns slightly too long; NaN stays NaN and is found by the caller.
+    let length = quaternion.length();
+    let rotation = if length > 0.0 { DMat3::from_quat(quaternion / length) } else { DMat3::NAN };
+    let handedness = if header.pixdim[0] < 0.0 { -1.0 } else { 1.0 };
+    [rotation.x_axis * spacing[0], rotation.y_axis * spacing[1], rotation.z_axis * spacing[2] * handedness]
+}
+
+/// Lengths and directions of the columns, or what is wrong with them.
+fn from_columns(columns: [DVec3; 3], origin: [f64; 3]) -> Result<Geometry, String> {
+    let spacing = columns.map(DVec3::length);
+    let [x, y, z] = [0, 1, 2].map(|axis| columns[axis] / spacing[axis]);
+    let direction = DMat3::from_cols(x, y, z).transpose().to_cols_array();
+    let geometry = Geometry { spacing, origin, direction };
+    match geometry.defect() {
+        None => Ok(geometry),
+        Some(defect) => Err(defect),
+    }
+}

@@ -1,0 +1,349 @@
+//! NRRD volumes (versions 1 to 5): a text header, and the voxels behind it or in files of their own.
+//!
+//! Raw voxels are read in place; gzip and text are decoded once into a spool file ([`super::spool`]). The header's
+//! world space is kept as it is. Hex, bzip2, 64-bit integers, block types, and grids of more than three axes with more
+//! than one voxel are refused, each with the way out. Bytes behind raw voxels are noted, not refused: the format allows
+//! them.
+//! Written by hand: the crates for NRRD at hand read whole volumes into memory, which is what this program must not do.
+
+mod geometry;
+mod header;
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use supervol_format::{ByteSource, VoxelBox, VoxelType};
+
+use super::grid_file::shape::{ChosenAxes, choose_axes};
+use super::grid_file::{Endian, GridFile, GridLayout, GridSource, Part, checked_bytes};
+use super::spool::{Excess, GzipShare, Spool, SpoolFolder};
+use super::{SourceError, SourceInfo, VolumeSource};
+use header::{DataFiles, Encoding, Header, shortened};
+
+/// Most bytes that `line skip` may pass over.
+const LINE_SKIP_LIMIT_BYTES: u64 = 16 << 20;
+
+/// Fields that change neither voxels nor their place.
+const FIELDS_WITHOUT_EFFECT: [&str; 9] =
+    ["content", "number", "min", "max", "oldmin", "oldmax", "thicknesses", "measurementframe", "blocksize"];
+
+/// Fields that are read.
+const FIELDS_READ: [&str; 22] = [
+    "type",
+    "dimension",
+    "sizes",
+    "encoding",
+    "endian",
+    "datafile",
+    "byteskip",
+    "lineskip",
+    "space",
+    "spacedimension",
+    "spacedirections",
+    "spaceorigin",
+    "spaceunits",
+    "spacings",
+    "axismins",
+    "axismaxs",
+    "centerings",
+    "centers",
+    "kinds",
+    "labels",
+    "units",
+    "sampleunits",
+];
+
+/// A NRRD file.
+#[derive(Debug)]
+pub struct NrrdSource(GridSource);
+
+impl NrrdSource {
+    /// Opens a NRRD file, or the header (`.nhdr`) of one in several files; compressed voxels are decoded into `spool`.
+    ///
+    /// # Errors
+    /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
+    pub fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
+        let mut reader = BufReader::new(File::open(path).map_err(|e| SourceError::io(path, e))?);
+        let header = Header::read(path, &mut reader)?;
+        let sizes = header.sizes(path)?;
+        let voxel_type = voxel_type(path, header.required(path, "type")?)?;
+        let chosen = chosen_axes(path, &header, &sizes)?;
+        checked_bytes(path, chosen.dims, voxel_type)?;
+        let placement = geometry::placement(path, &header, &chosen, sizes.len())?;
+
+        let mut info = SourceInfo::plain("nrrd", chosen.dims, voxel_type);
+        info.geometry = placement.geometry;
+        info.axes = placement.axes;
+        info.unit = header.field("sampleunits").map(|u| shortened(u.trim_matches('"'))).unwrap_or_default();
+        info.notes = chosen.notes;
+        info.notes.extend(placement.notes);
+        info.notes.extend(field_notes(&header));
+
+        let data = Data { path, header: &header, voxel_type, encoding: header.encoding(path)? };
+        let layout =
+            GridLayout { dims: chosen.dims, voxel_type, endian: data.endian()?, fastest_first: GridLayout::X_FASTEST };
+        let grid = data.open(layout, sizes.len(), spool, &mut info.notes)?;
+        Ok(Self(GridSource::new(info, grid)))
+    }
+}
+
+impl VolumeSource for NrrdSource {
+    fn info(&self) -> &SourceInfo {
+        self.0.info()
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        self.0.read_box(voxels, out)
+    }
+}
+
+/// The voxel type behind one of the format's many names for it.
+fn voxel_type(path: &Path, name: &str) -> Result<VoxelType, SourceError> {
+    Ok(match name.to_lowercase().split_whitespace().collect::<Vec<_>>().join(" ").as_str() {
+        "signed char" | "int8" | "int8_t" => VoxelType::I8,
+        "uchar" | "unsigned char" | "uint8" | "uint8_t" => VoxelType::U8,
+        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => VoxelType::I16,
+        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => VoxelType::U16,
+        "int" | "signed int" | "int32" | "int32_t" => VoxelType::I32,
+        "uint" | "unsigned int" | "uint32" | "uint32_t" => VoxelType::U32,
+        "float" => VoxelType::F32,
+        "double" => VoxelType::F64,
+        "longlong"
+        | "long long"
+        | "long long int"
+        | "signed long long"
+        | "signed long long int"
+        | "int64"
+        | "int64_t"
+        | "ulonglong"
+        | "unsigned long long"
+        | "unsigned long long int"
+        | "uint64"
+        | "uint64_t" => {
+            let what = format!("64-bit integers (`{name}`) have no exact voxel type here");
+            let advice = "convert to 32-bit integers or double first, for example with `unu convert -t double`";
+            return Err(SourceError::unsupported(path, what, advice));
+        }
+        "block" => {
+            let advice = "only its writer knows what the blocks are: write out one number per voxel";
+            return Err(SourceError::unsupported(path, "voxels are opaque blocks (`type: block`)", advice));
+        }
+        _ => {
+            let found = format!("`{}`", shortened(name));
+            return Err(SourceError::invalid(path, "type", "an integer type, float or double", found));
+        }
+    })
+}
+
+/// The three axes of the volume, or a refusal that names the axis in the way.
+fn chosen_axes(path: &Path, header: &Header, sizes: &[u64]) -> Result<ChosenAxes, SourceError> {
+    let kinds = header.words(path, "kinds", sizes.len())?;
+    let directions = header.field("spacedirections").unwrap_or_default();
+    let kind = |axis: usize| kinds.as_ref().map_or("", |k| k[axis].as_str());
+    let spatial: Vec<bool> = (0..sizes.len())
+        .map(|axis| match kind(axis) {
+            "domain" | "space" | "time" => true,
+            "" | "none" | "???" => nth_direction(directions, axis) != Some("none"),
+            _ => false,
+        })
+        .collect();
+    choose_axes(sizes, &spatial).map_err(|in_the_way| {
+        let describe = |axis: &usize| match kind(*axis) {
+            "" => format!("axis {axis} of {} values", sizes[*axis]),
+            kind => format!("axis {axis} of {} values (kind {kind})", sizes[*axis]),
+        };
+        let list: Vec<String> = in_the_way.iter().map(describe).collect();
+        let what = format!("a volume has three axes and one number per voxel, but there is also {}", list.join(", "));
+        let example = in_the_way.first().copied().unwrap_or_default();
+        let advice = format!("take one slice of it first, for example with `unu slice -a {example} -p 0 -i IN -o OUT`");
+        SourceError::unsupported(path, what, advice)
+    })
+}
+
+/// The text of one direction: `none` or a vector in parentheses.
+fn nth_direction(text: &str, axis: usize) -> Option<&str> {
+    text.split_inclusive(')')
+        .flat_map(|piece| match piece.find('(') {
+            Some(open) => [&piece[..open], &piece[open..]],
+            None => [piece, ""],
+        })
+        .flat_map(|piece| if piece.starts_with('(') { vec![piece] } else { piece.split_whitespace().collect() })
+        .nth(axis)
+}
+
+/// Notes on fields that a person might expect to matter.
+fn field_notes(header: &Header) -> Vec<String> {
+    let mut notes = Vec::new();
+    for name in header.names() {
+        if !FIELDS_READ.contains(&name) && !FIELDS_WITHOUT_EFFECT.contains(&name) {
+            notes.push(format!("field `{}` is unknown and ignored", shortened(name)));
+        }
+    }
+    if let (Some(low), Some(high)) = (header.field("oldmin"), header.field("oldmax")) {
+        let (low, high) = (shortened(low), shortened(high));
+        notes.push(format!("the values were quantised from {low} to {high}; they are kept as stored"));
+    }
+    notes
+}
+
+/// What is needed to find the voxels.
+struct Data<'a> {
+    path: &'a Path,
+    header: &'a Header,
+    voxel_type: VoxelType,
+    encoding: Encoding,
+}
+
+impl Data<'_> {
+    fn endian(&self) -> Result<Endian, SourceError> {
+        // Text is decoded to little endian, and single bytes have no order.
+        if self.encoding == Encoding::Text || self.voxel_type.bytes() == 1 {
+            return Ok(Endian::Little);
+        }
+        match self.header.required(self.path, "endian")?.to_lowercase().as_str() {
+            "little" => Ok(Endian::Little),
+            "big" => Ok(Endian::Big),
+            other => {
+                let found = format!("`{}`", shortened(other));
+                Err(SourceError::invalid(self.path, "endian", "little or big", found))
+            }
+        }
+    }
+
+    fn open(
+        &self,
+        layout: GridLayout,
+        axes: usize,
+        spool: &SpoolFolder,
+        notes: &mut Vec<String>,
+    ) -> Result<GridFile, SourceError> {
+        let bytes = checked_bytes(self.path, layout.dims, layout.voxel_type)?;
+        let (files, start) = match self.header.data_files(self.path, axes)? {
+            DataFiles::Attached => (vec![self.path.to_path_buf()], self.header.end),
+            DataFiles::Named(names) => (names.iter().map(|name| beside(self.path, name)).collect(), 0),
+        };
+        if !bytes.is_multiple_of(files.len() as u64 * layout.voxel_type.bytes() as u64) {
+            let expected = format!("a number of files that divides the {} voxels", layout.dims);
+            return Err(SourceError::invalid(self.path, "data file", expected, format!("{} files", files.len())));
+        }
+        let share_bytes = bytes / files.len() as u64;
+        if self.encoding != Encoding::Raw {
+            let file = self.decode(&files, start, share_bytes, spool)?;
+            return GridFile::single(&files[0], file, 0, layout);
+        }
+        let mut parts = Vec::with_capacity(files.len());
+        for path in files {
+            let offset = self.raw_offset(&path, start, share_bytes, notes)?;
+            parts.push(Part { path, offset });
+        }
+        match &parts[..] {
+            [one] => {
+                let file = File::open(&one.path).map_err(|e| SourceError::io(&one.path, e))?;
+                GridFile::single(&one.path, file, one.offset, layout)
+            }
+            _ => GridFile::parts(self.path, parts, layout),
+        }
+    }
+
+    /// First byte of the voxels in a raw data file, after the lines and bytes to skip.
+    fn raw_offset(
+        &self,
+        path: &Path,
+        start: u64,
+        share_bytes: u64,
+        notes: &mut Vec<String>,
+    ) -> Result<u64, SourceError> {
+        let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
+        let length = file.len().map_err(|e| SourceError::io(path, e))?;
+        let byte_skip = self.header.whole_number(self.path, "byteskip")?;
+        // -1: the voxels are the end of the file, whatever is before them.
+        if byte_skip == -1 {
+            return length.checked_sub(share_bytes).filter(|offset| *offset >= start).ok_or_else(|| {
+                let expected = format!("{share_bytes} bytes of voxels at its end");
+                SourceError::invalid(path, "length of the file", expected, format!("{length} bytes"))
+            });
+        }
+        let mut reader = BufReader::new(file);
+        let start = self.skip_lines(path, &mut reader, start)?;
+        let offset = start.checked_add(self.byte_skip()?);
+        let offset = offset.filter(|offset| *offset <= length).ok_or_else(|| {
+            let expected = format!("at most the {length} bytes of the file");
+            SourceError::invalid(path, "byte skip", expected, format!("{byte_skip} after byte {start}"))
+        })?;
+        // A shortage is found when the grid is opened; the sum there is checked for overflow.
+        let excess = (length - offset).saturating_sub(share_bytes);
+        if excess > 0 && notes.iter().all(|n| !n.contains("after the voxels")) {
+            notes.push(format!("{excess} bytes after the voxels of {} are not read", path.display()));
+        }
+        Ok(offset)
+    }
+
+    /// Decodes all data files, one after the other, into one spool file.
+    fn decode(
+        &self,
+        files: &[PathBuf],
+        start: u64,
+        share_bytes: u64,
+        folder: &SpoolFolder,
+    ) -> Result<File, SourceError> {
+        let mut spool = Spool::create(folder)?;
+        for path in files {
+            let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
+            let length = file.len().map_err(|e| SourceError::io(path, e))?;
+            let mut reader = BufReader::new(file);
+            let start = self.skip_lines(path, &mut reader, start)?;
+            let left = length.saturating_sub(start);
+            if self.encoding == Encoding::Gzip {
+                let skip_bytes = self.byte_skip()?;
+                let excess = Excess::Refused;
+                let share = GzipShare { path, compressed_bytes: left, skip_bytes, bytes: share_bytes, excess };
+                spool.append_gzip(reader, &share)?;
+                continue;
+            }
+            let voxels = share_bytes / self.voxel_type.bytes() as u64;
+            // A number takes a digit and, unless it is the last, a separator.
+            if left.saturating_add(1) / 2 < voxels {
+                let found = format!("{left} bytes of text");
+                return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));
+            }
+            let skip = self.byte_skip()?;
+            let skip = i64::try_from(skip).map_err(|_| SourceError::invalid(path, "byte skip", "less", "2^63"))?;
+            reader.seek_relative(skip).map_err(|e| SourceError::io(path, e))?;
+            spool.append_text(path, reader, self.voxel_type, voxels)?;
+        }
+        spool.finish()
+    }
+
+    /// `byte skip`, where only a number of bytes makes sense.
+    fn byte_skip(&self) -> Result<u64, SourceError> {
+        let skip = self.header.whole_number(self.path, "byteskip")?;
+        u64::try_from(skip).map_err(|_| {
+            let expected = "a number of bytes, or -1 with raw encoding";
+            SourceError::invalid(self.path, "byte skip", expected, skip.to_string())
+        })
+    }
+
+    /// Moves the reader to `start` and past the lines to skip; gives the offset it is at.
+    fn skip_lines(&self, path: &Path, reader: &mut BufReader<File>, start: u64) -> Result<u64, SourceError> {
+        let lines = self.header.whole_number(self.path, "lineskip")?;
+        if lines < 0 {
+            return Err(SourceError::invalid(self.path, "line skip", "a number of lines", lines.to_string()));
+        }
+        reader.seek(SeekFrom::Start(start)).map_err(|e| SourceError::io(path, e))?;
+        let mut limited = reader.take(LINE_SKIP_LIMIT_BYTES);
+        for line in 0..lines {
+            let passed = limited.skip_until(b'\n').map_err(|e| SourceError::io(path, e))?;
+            if passed == 0 {
+                let expected = format!("{lines} lines to skip within {LINE_SKIP_LIMIT_BYTES} bytes");
+                return Err(SourceError::invalid(path, "line skip", expected, format!("{line} lines")));
+            }
+        }
+        Ok(start + LINE_SKIP_LIMIT_BYTES - limited.limit())
+    }
+}
+
+/// A data file's path: relative names are relative to the header.
+fn beside(header: &Path, name: &str) -> PathBuf {
+    header.parent().unwrap_or_else(|| Path::new("")).join(name)
+}

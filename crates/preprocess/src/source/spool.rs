@@ -1,0 +1,237 @@
+//! Voxels that cannot be read at random (gzip, text) are decoded once into a temporary file that can.
+//!
+//! The temporary file has no name: it vanishes with the process, however that ends. Decoding streams, and stops at the
+//! byte count the header announces (one byte more is asked for, to notice excess); a header that announces more than
+//! its file could ever hold is refused before anything is decoded. The checksum at the end of a gzip stream is checked.
+
+use std::fs::File;
+use std::io::{BufRead, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
+
+use flate2::bufread::MultiGzDecoder;
+use supervol_format::voxel_type::Voxel;
+use supervol_format::{VoxelType, with_voxel};
+
+use super::SourceError;
+
+/// Bytes held while copying.
+const BUFFER_BYTES: usize = 1 << 18;
+
+/// No deflate stream expands more than this (zlib's technical notes: 1032 to 1).
+const DEFLATE_RATIO_LIMIT: u64 = 1032;
+
+/// Longest number accepted in a text encoding, characters.
+const TOKEN_LIMIT: usize = 128;
+
+/// Folder that decoded voxels are spooled to.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct SpoolFolder(Option<PathBuf>);
+
+impl SpoolFolder {
+    /// The system's folder for temporary files.
+    #[must_use]
+    pub fn system() -> Self {
+        Self(None)
+    }
+
+    /// This folder, which must exist; it needs room for the decoded volume.
+    #[must_use]
+    pub fn at(folder: impl Into<PathBuf>) -> Self {
+        Self(Some(folder.into()))
+    }
+
+    fn path(&self) -> PathBuf {
+        self.0.clone().unwrap_or_else(std::env::temp_dir)
+    }
+}
+
+/// What a decoder does when more bytes follow than the header announces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Excess {
+    /// It is an error, found by asking for one byte more.
+    Refused,
+    /// It is expected (further volumes of a series); decoding stops.
+    Expected,
+}
+
+/// A compressed stream and what to take from it.
+#[derive(Debug)]
+pub struct GzipShare<'a> {
+    /// File the stream comes from, for messages.
+    pub path: &'a Path,
+    /// Bytes of the file that are left for the stream.
+    pub compressed_bytes: u64,
+    /// Decoded bytes to pass over first.
+    pub skip_bytes: u64,
+    /// Decoded bytes to keep.
+    pub bytes: u64,
+    /// What to do about more.
+    pub excess: Excess,
+}
+
+/// A spool file being written.
+#[derive(Debug)]
+pub struct Spool {
+    folder: PathBuf,
+    file: BufWriter<File>,
+}
+
+impl Spool {
+    /// An empty spool file in this folder.
+    ///
+    /// # Errors
+    /// If the folder cannot be written to.
+    pub fn create(folder: &SpoolFolder) -> Result<Self, SourceError> {
+        let folder = folder.path();
+        let file = tempfile::tempfile_in(&folder).map_err(|e| SourceError::io(&folder, e))?;
+        Ok(Self { file: BufWriter::with_capacity(BUFFER_BYTES, file), folder })
+    }
+
+    /// Appends the decoded bytes of a gzip stream.
+    ///
+    /// # Errors
+    /// If the stream is damaged, holds less than announced, or more where that is refused; or the folder is full.
+    pub fn append_gzip(&mut self, reader: impl BufRead, share: &GzipShare<'_>) -> Result<(), SourceError> {
+        let wanted = share.skip_bytes.checked_add(share.bytes);
+        let ceiling = share.compressed_bytes.saturating_add(1).saturating_mul(DEFLATE_RATIO_LIMIT);
+        let Some(wanted) = wanted.filter(|w| *w <= ceiling) else {
+            let found = format!("{} compressed bytes, which hold at most {ceiling}", share.compressed_bytes);
+            return Err(SourceError::invalid(share.path, "gzip data", format!("{} bytes", share.bytes), found));
+        };
+        let mut decoder = MultiGzDecoder::new(reader);
+        let mut buffer = vec![0; BUFFER_BYTES];
+        let mut done = 0;
+        while done < wanted {
+            let room = buffer.len().min(usize::try_from(wanted - done).unwrap_or(usize::MAX));
+            let count = decoder.read(&mut buffer[..room]).map_err(|e| damaged(share.path, done, e))?;
+            if count == 0 {
+                let found = format!("{done} bytes");
+                return Err(SourceError::invalid(share.path, "decoded gzip data", format!("{wanted} bytes"), found));
+            }
+            let passed_over = share.skip_bytes.saturating_sub(done).min(count as u64) as usize;
+            self.write(&buffer[passed_over..count])?;
+            done += count as u64;
+        }
+        if share.excess == Excess::Refused {
+            // Reading on to the end also makes the decoder compare the stream's checksum.
+            let more = decoder.read(&mut buffer[..1]).map_err(|e| damaged(share.path, done, e))?;
+            if more != 0 {
+                let found = format!("at least {} bytes", wanted + 1);
+                return Err(SourceError::invalid(share.path, "decoded gzip data", format!("{wanted} bytes"), found));
+            }
+        }
+        Ok(())
+    }
+
+    /// Appends `voxels` numbers written as text, separated by white space or commas, as little-endian voxels.
+    ///
+    /// # Errors
+    /// If there are fewer or more numbers, or one is no number of this type; or the folder is full.
+    pub fn append_text(
+        &mut self,
+        path: &Path,
+        reader: impl BufRead,
+        voxel_type: VoxelType,
+        voxels: u64,
+    ) -> Result<(), SourceError> {
+        let mut tokens = Tokens { reader, path, token: String::new() };
+        let mut voxel = [0; 8];
+        let voxel = &mut voxel[..voxel_type.bytes()];
+        for number in 0..voxels {
+            let Some(token) = tokens.next()? else {
+                let found = format!("{number} numbers");
+                return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));
+            };
+            if !parse_voxel(token, voxel_type, voxel) {
+                let found = format!("`{token}`");
+                let location = format!("number {number} of the text data");
+                return Err(SourceError::invalid(path, location, format!("a number of type {voxel_type}"), found));
+            }
+            self.write(voxel)?;
+        }
+        if tokens.next()?.is_some() {
+            let found = format!("at least {} numbers", voxels + 1);
+            return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));
+        }
+        Ok(())
+    }
+
+    /// The finished file.
+    ///
+    /// # Errors
+    /// If the last bytes cannot be written.
+    pub fn finish(self) -> Result<File, SourceError> {
+        self.file.into_inner().map_err(|e| SourceError::io(&self.folder, e.into_error()))
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), SourceError> {
+        self.file.write_all(bytes).map_err(|e| SourceError::io(&self.folder, e))
+    }
+}
+
+/// A stream that breaks gzip's rules is wrong data; everything else is the machine's failure.
+pub(super) fn damaged(path: &Path, done: u64, error: std::io::Error) -> SourceError {
+    use std::io::ErrorKind::{InvalidData, InvalidInput, UnexpectedEof};
+    match error.kind() {
+        InvalidData | InvalidInput | UnexpectedEof => {
+            let location = format!("after {done} decoded bytes");
+            SourceError::invalid(path, location, "a whole gzip stream", error.to_string())
+        }
+        _ => SourceError::io(path, error),
+    }
+}
+
+/// Numbers of a text, one at a time.
+struct Tokens<'a, R> {
+    reader: R,
+    path: &'a Path,
+    token: String,
+}
+
+impl<R: BufRead> Tokens<'_, R> {
+    fn next(&mut self) -> Result<Option<&str>, SourceError> {
+        self.token.clear();
+        loop {
+            let available = self.reader.fill_buf().map_err(|e| SourceError::io(self.path, e))?;
+            if available.is_empty() {
+                return Ok((!self.token.is_empty()).then_some(&self.token));
+            }
+            let mut used = 0;
+            for byte in available {
+                used += 1;
+                let separator = byte.is_ascii_whitespace() || *byte == b',';
+                if separator && !self.token.is_empty() {
+                    self.reader.consume(used);
+                    return Ok(Some(&self.token));
+                }
+                if !separator {
+                    self.token.push(char::from(*byte));
+                }
+                if self.token.len() > TOKEN_LIMIT {
+                    let found = format!("`{}...`", self.token);
+                    let expected = format!("numbers of at most {TOKEN_LIMIT} characters");
+                    return Err(SourceError::invalid(self.path, "text data", expected, found));
+                }
+            }
+            self.reader.consume(used);
+        }
+    }
+}
+
+/// Writes the number as a voxel; false if it is none of this type.
+fn parse_voxel(token: &str, voxel_type: VoxelType, out: &mut [u8]) -> bool {
+    if voxel_type.is_float() {
+        let Ok(value) = token.parse::<f64>() else { return false };
+        with_voxel!(voxel_type, V => V::from_f64(value).write_le(out));
+        return true;
+    }
+    let (least, greatest) = voxel_type.limits();
+    // Every integer type here fits a double exactly.
+    match token.parse::<i64>() {
+        Ok(value) if (least..=greatest).contains(&(value as f64)) => {
+            with_voxel!(voxel_type, V => V::from_f64(value as f64).write_le(out));
+            true
+        }
+        _ => false,
+    }
+}
