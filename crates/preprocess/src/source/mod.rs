@@ -12,6 +12,7 @@ pub mod grid_file;
 pub mod nifti;
 pub mod npy;
 pub mod nrrd;
+pub mod open;
 pub mod raw;
 pub mod segy;
 pub mod spool;

@@ -1,0 +1,239 @@
+//! `supervol build`: a volume file to a container.
+
+use std::io::Write;
+use std::num::NonZero;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use supervol_format::codec::{Codec, CodecChoice};
+use supervol_format::container::manifest::Source;
+use supervol_format::{BrickLayout, Dims, Geometry};
+use supervol_preprocess::lod_axes::LodAxes;
+use supervol_preprocess::report::BuildReport;
+use supervol_preprocess::source::VolumeSource;
+use supervol_preprocess::source::open::{OpenOptions, open};
+use supervol_preprocess::source::raw::RawOptions;
+use supervol_preprocess::source::segy::SegyOptions;
+use supervol_preprocess::source::spool::SpoolFolder;
+use supervol_preprocess::{BuildOptions, Existing};
+
+use crate::failure::{Failure, with_output};
+use crate::progress::Reporter;
+use crate::quantity::{self, Dtype, ErrorBound, show_bytes};
+
+/// What to build, from what, and how.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Volume file: SEG-Y, NRRD, NIfTI, npy, or raw with --dims and --dtype
+    input: PathBuf,
+    #[command(flatten)]
+    output: OutputArguments,
+    #[command(flatten)]
+    raw: RawArguments,
+    #[command(flatten)]
+    segy: SegyArguments,
+}
+
+/// What every command that writes a container takes.
+#[derive(Debug, Args)]
+pub struct OutputArguments {
+    /// Container to write
+    #[arg(short, long, value_name = "OUT.svol")]
+    pub output: PathBuf,
+    /// Core voxels of a brick along each axis: 16, 32, 64 or 128
+    #[arg(long, default_value = "64", value_parser = brick_layout)]
+    brick: BrickLayout,
+    /// How bricks are coded; auto takes what is smallest, brick by brick
+    #[arg(long, default_value = "auto", value_enum)]
+    codec: CodecName,
+    /// Largest error of a voxel, in data units or percent of the range; all codecs of this version are lossless
+    #[arg(long, value_name = "E|P%", value_parser = quantity::error_bound)]
+    max_error: Option<ErrorBound>,
+    /// Axes that coarser levels halve
+    #[arg(long, default_value = "auto", value_enum)]
+    lod_axes: LodAxesName,
+    /// Most memory to use
+    #[arg(long, default_value = "1GiB", value_parser = quantity::bytes)]
+    memory: u64,
+    /// Threads; all processors by default
+    #[arg(long)]
+    threads: Option<NonZero<usize>>,
+    /// Overwrite the output
+    #[arg(long)]
+    pub force: bool,
+    /// Progress and report as JSON lines on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum CodecName {
+    Auto,
+    Raw,
+    Rle,
+    Zstd,
+    Wavelet,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum LodAxesName {
+    Auto,
+    Xyz,
+    Xy,
+}
+
+/// Shape of a headerless file.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Raw input")]
+struct RawArguments {
+    /// Voxels along x, y, z
+    #[arg(long, value_name = "NX,NY,NZ", value_parser = quantity::dims, requires = "dtype")]
+    dims: Option<Dims>,
+    /// Voxel type, with byte order: u8, i16be, f32le, ...
+    #[arg(long, value_name = "TYPE", value_parser = quantity::dtype, requires = "dims")]
+    dtype: Option<Dtype>,
+    /// World length between voxels
+    #[arg(long, value_name = "SX,SY,SZ", value_parser = quantity::triple, requires = "dims")]
+    spacing: Option<[f64; 3]>,
+    /// World position of the first voxel
+    #[arg(long, value_name = "X,Y,Z", value_parser = quantity::triple, requires = "dims", allow_hyphen_values = true)]
+    origin: Option<[f64; 3]>,
+    /// Bytes before the first voxel
+    #[arg(long, value_name = "BYTES", default_value = "0", value_parser = quantity::bytes)]
+    offset: u64,
+    /// Value that means "no data"
+    #[arg(long, value_name = "V", requires = "dims", allow_hyphen_values = true)]
+    nodata: Option<f64>,
+}
+
+/// What SEG-Y headers may not say, or say wrong.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "SEG-Y input")]
+struct SegyArguments {
+    /// Byte of the trace header where the inline number begins
+    #[arg(long, default_value_t = 189)]
+    il_byte: u16,
+    /// Byte of the trace header where the crossline number begins
+    #[arg(long, default_value_t = 193)]
+    xl_byte: u16,
+    /// Sample format code, where the header lies
+    #[arg(long, value_name = "N")]
+    format: Option<u16>,
+    /// Byte order, where it cannot be told
+    #[arg(long, value_enum)]
+    endian: Option<EndianName>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum EndianName {
+    Big,
+    Little,
+}
+
+fn brick_layout(text: &str) -> Result<BrickLayout, String> {
+    text.parse().ok().and_then(BrickLayout::new).ok_or_else(|| format!("'{text}': expected 16, 32, 64 or 128"))
+}
+
+impl OutputArguments {
+    fn build_options(&self) -> Result<BuildOptions, Failure> {
+        let codec = match self.codec {
+            CodecName::Auto => CodecChoice::Smallest,
+            CodecName::Raw => CodecChoice::Only(Codec::Raw),
+            CodecName::Rle => CodecChoice::Only(Codec::Rle),
+            CodecName::Zstd => CodecChoice::Only(Codec::Zstd),
+            CodecName::Wavelet => {
+                let message = "--codec wavelet: this version has no wavelet codec; expected auto, raw, rle or zstd";
+                return Err(Failure::command(message));
+            }
+        };
+        let lod_axes = match self.lod_axes {
+            LodAxesName::Auto => LodAxes::Auto,
+            LodAxesName::Xyz => LodAxes::Xyz,
+            LodAxesName::Xy => LodAxes::Xy,
+        };
+        let processors = || std::thread::available_parallelism().map_or(1, NonZero::get);
+        Ok(BuildOptions {
+            layout: self.brick,
+            codec,
+            lod_axes,
+            memory_bytes: self.memory,
+            threads: self.threads.map_or_else(processors, NonZero::get),
+            existing: if self.force { Existing::Replace } else { Existing::Keep },
+        })
+    }
+
+    /// Builds a container from an open source, with progress and a report.
+    pub fn build(&self, source: &dyn VolumeSource, origin: Source) -> Result<(), Failure> {
+        let options = self.build_options()?;
+        let reporter = Reporter::over_bytes(self.json);
+        let result =
+            supervol_preprocess::build(source, origin, &self.output, &options, &|progress| reporter.show(progress));
+        reporter.finish();
+        let report = result?;
+        let mut out = std::io::stdout().lock();
+        if self.json {
+            writeln!(out, "{}", serde_json::json!({ "report": report })).map_err(with_output)
+        } else {
+            self.print(&report, &mut out).map_err(with_output)
+        }
+    }
+
+    fn print(&self, report: &BuildReport, out: &mut impl Write) -> std::io::Result<()> {
+        for note in &report.notes {
+            writeln!(out, "note: {note}")?;
+        }
+        writeln!(
+            out,
+            "{}: {} from {} of voxels ({:.1} %), {} bricks in {} levels, {:.1} s, {}/s",
+            self.output.display(),
+            show_bytes(report.container_bytes),
+            show_bytes(report.source_bytes),
+            100.0 * report.container_bytes as f64 / report.source_bytes as f64,
+            report.bricks,
+            report.levels.len(),
+            report.wall_ms / 1e3,
+            show_bytes(report.bytes_per_second as u64),
+        )
+    }
+}
+
+impl Arguments {
+    fn open_options(&self) -> Result<OpenOptions, Failure> {
+        use supervol_preprocess::source::grid_file::Endian;
+        let raw = match (self.raw.dims, self.raw.dtype) {
+            (Some(dims), Some(dtype)) => Some(RawOptions {
+                dims,
+                voxel_type: dtype.voxel_type,
+                endian: dtype.endian,
+                header_bytes: self.raw.offset,
+                geometry: Geometry {
+                    spacing: self.raw.spacing.unwrap_or([1.0; 3]),
+                    origin: self.raw.origin.unwrap_or([0.0; 3]),
+                    ..Geometry::IDENTITY
+                },
+                nodata: self.raw.nodata,
+            }),
+            _ => None,
+        };
+        let segy = SegyOptions {
+            inline_byte: self.segy.il_byte,
+            crossline_byte: self.segy.xl_byte,
+            format: self.segy.format,
+            endian: self.segy.endian.map(|e| match e {
+                EndianName::Big => Endian::Big,
+                EndianName::Little => Endian::Little,
+            }),
+        };
+        // Decoded copies of compressed inputs go where the output goes: that disk has room for a volume.
+        let folder = self.output.output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Ok(OpenOptions { raw, segy, spool: SpoolFolder::at(folder) })
+    }
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let options = arguments.open_options()?;
+    let source = open(&arguments.input, &options).map_err(supervol_preprocess::BuildError::from)?;
+    let origin = supervol_preprocess::identify(&arguments.input, source.info().format)?;
+    arguments.output.build(source.as_ref(), origin)
+}

@@ -1,0 +1,49 @@
+//! `supervol extract`: voxels of a container to a plain file.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use supervol_format::{Container, Lod, VoxelBox};
+use supervol_preprocess::Existing;
+use supervol_preprocess::extract::{Extraction, extract};
+
+use crate::failure::{Failure, with_container, with_output};
+use crate::quantity;
+
+/// What to extract, and to where.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Container
+    container: PathBuf,
+    /// Level of detail, 0 the finest
+    #[arg(long, default_value_t = 0)]
+    level: u8,
+    /// Voxels of that level, ends not included; all by default
+    #[arg(long = "box", value_name = "I0:I1,J0:J1,K0:K1", value_parser = quantity::voxel_box)]
+    voxels: Option<VoxelBox>,
+    /// File to write: .npy (C order, [z, y, x]), .raw (little endian) or .nrrd
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Most memory to use
+    #[arg(long, default_value = "512MiB", value_parser = quantity::bytes)]
+    memory: u64,
+    /// Overwrite the output
+    #[arg(long)]
+    force: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let path = &arguments.container;
+    let container = Container::open(path).map_err(|e| with_container(path, e))?;
+    let what = Extraction {
+        lod: Lod(arguments.level),
+        voxels: arguments.voxels,
+        existing: if arguments.force { Existing::Replace } else { Existing::Keep },
+        memory_bytes: arguments.memory,
+    };
+    let (voxels, voxel_type) = extract(&container, &arguments.output, &what)?;
+    let [x, y, z] = voxels.extent();
+    writeln!(std::io::stdout(), "{}: {x} x {y} x {z} {voxel_type} voxels", arguments.output.display()).map_err(with_output)
+}

@@ -1,0 +1,60 @@
+//! Failures and their exit codes.
+
+use std::fmt::Display;
+use std::process::ExitCode;
+
+use supervol_format::container::ContainerError;
+use supervol_preprocess::BuildError;
+
+/// Whose fault it is decides the exit code.
+#[derive(Debug)]
+pub enum Failure {
+    /// The data is wrong: 1.
+    Data(String),
+    /// The command is wrong: 2.
+    Command(String),
+    /// The machine failed us: 3.
+    Machine(String),
+}
+
+impl Failure {
+    /// Prints the message and returns the exit code.
+    #[allow(clippy::print_stderr, reason = "the one place where failures are reported")]
+    pub fn report(self) -> ExitCode {
+        let (message, code) = match self {
+            Self::Data(message) => (message, 1),
+            Self::Command(message) => (message, 2),
+            Self::Machine(message) => (message, 3),
+        };
+        eprintln!("supervol: {message}");
+        ExitCode::from(code)
+    }
+
+    /// A wrong command.
+    pub fn command(message: impl Display) -> Self {
+        Self::Command(message.to_string())
+    }
+}
+
+impl From<BuildError> for Failure {
+    fn from(error: BuildError) -> Self {
+        let message = error.to_string();
+        if error.is_machine_failure() {
+            Self::Machine(message)
+        } else if error.is_wrong_command() {
+            Self::Command(message)
+        } else {
+            Self::Data(message)
+        }
+    }
+}
+
+/// A failure with a container, named by its file.
+pub fn with_container(path: &std::path::Path, error: ContainerError) -> Failure {
+    BuildError::Container { path: path.into(), source: error }.into()
+}
+
+/// A failure to write to standard output or a small file.
+pub fn with_output(error: std::io::Error) -> Failure {
+    Failure::Machine(format!("cannot write: {error}"))
+}

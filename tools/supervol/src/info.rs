@@ -1,0 +1,166 @@
+//! `supervol info`: what a container holds.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+use supervol_format::container::manifest::{AxisName, Source};
+use supervol_format::{Container, Lod};
+
+use crate::failure::{Failure, with_container, with_output};
+use crate::quantity::show_bytes;
+
+/// Which container.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Container
+    container: PathBuf,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// The JSON that `--json` prints; its keys are a contract.
+#[derive(Debug, Serialize)]
+struct Info<'a> {
+    dims: [u64; 3],
+    spacing: [f64; 3],
+    origin: [f64; 3],
+    direction: [f64; 9],
+    dtype: &'static str,
+    scale: f64,
+    offset: f64,
+    value_range: Option<[f64; 2]>,
+    unit: &'a str,
+    axes: &'a [AxisName; 3],
+    brick: usize,
+    bricks: u64,
+    levels: Vec<LevelInfo>,
+    nodata: Option<f64>,
+    present_voxels: u64,
+    percentiles: &'a [[f64; 2]],
+    histogram: &'a [u64],
+    source: &'a Source,
+    tool: &'a str,
+    parameters: &'a std::collections::BTreeMap<String, String>,
+    survey: &'a Option<serde_json::Value>,
+    notes: &'a [String],
+    container_bytes: u64,
+    format_version: u32,
+}
+
+#[derive(Debug, Serialize)]
+struct LevelInfo {
+    factors: [u32; 3],
+    dims: [u64; 3],
+    bricks: u64,
+    bytes: u64,
+    error: f64,
+    uniform_bricks: u64,
+    absent_bricks: u64,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let path = &arguments.container;
+    let container = Container::open(path).map_err(|e| with_container(path, e))?;
+    let info = gather(&container).map_err(|e| with_container(path, e))?;
+    let mut out = std::io::stdout().lock();
+    let printed = if arguments.json {
+        serde_json::to_string_pretty(&info).map_err(std::io::Error::other).and_then(|text| writeln!(out, "{text}"))
+    } else {
+        print(&info, &mut out)
+    };
+    printed.map_err(with_output)
+}
+
+fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container::ContainerError> {
+    let descriptor = container.descriptor();
+    let manifest = container.manifest();
+    let pyramid = container.pyramid();
+    let mut levels = Vec::new();
+    for (lod, level) in pyramid.levels().iter().enumerate() {
+        let mut info = LevelInfo {
+            factors: level.factors,
+            dims: level.dims.0,
+            bricks: level.brick_count(),
+            bytes: 0,
+            error: 0.0,
+            uniform_bricks: 0,
+            absent_bricks: 0,
+        };
+        for key in pyramid.keys_of(Lod(lod as u8)) {
+            let entry = container.entry(key)?;
+            info.bytes += entry.record_bytes();
+            info.error = info.error.max(entry.error * descriptor.scale.abs());
+            info.uniform_bricks += u64::from(entry.uniform);
+            info.absent_bricks += u64::from(entry.absent);
+        }
+        levels.push(info);
+    }
+    Ok(Info {
+        dims: descriptor.dims().0,
+        spacing: descriptor.geometry.spacing,
+        origin: descriptor.geometry.origin,
+        direction: descriptor.geometry.direction,
+        dtype: descriptor.voxel_type.name(),
+        scale: descriptor.scale,
+        offset: descriptor.offset,
+        value_range: manifest.value_range.map(|r| [r.min, r.max]),
+        unit: &manifest.unit,
+        axes: &manifest.axes,
+        brick: pyramid.layout().core(),
+        bricks: pyramid.brick_count(),
+        levels,
+        nodata: descriptor.absence.nodata.map(|v| descriptor.value(v)),
+        present_voxels: manifest.present_voxels,
+        percentiles: &manifest.percentiles,
+        histogram: &manifest.histogram,
+        source: &manifest.source,
+        tool: &manifest.tool,
+        parameters: &manifest.parameters,
+        survey: &manifest.survey,
+        notes: &manifest.notes,
+        container_bytes: container.file_bytes(),
+        format_version: supervol_format::container::header::VERSION,
+    })
+}
+
+fn print(info: &Info<'_>, out: &mut impl Write) -> std::io::Result<()> {
+    let [nx, ny, nz] = info.dims;
+    let axes = info.axes.iter().map(|a| if a.unit.is_empty() { a.name.clone() } else { format!("{} ({})", a.name, a.unit) });
+    writeln!(out, "volume     {nx} x {ny} x {nz} {} voxels", info.dtype)?;
+    writeln!(out, "axes       {}", axes.collect::<Vec<_>>().join(", "))?;
+    writeln!(out, "spacing    {:?}, origin {:?}", info.spacing, info.origin)?;
+    match info.value_range {
+        Some([min, max]) => writeln!(out, "values     {min} to {max} {}", info.unit)?,
+        None => writeln!(out, "values     none present")?,
+    }
+    if let Some(nodata) = info.nodata {
+        writeln!(out, "no data    {nodata}")?;
+    }
+    let total = nx * ny * nz;
+    writeln!(out, "present    {} of {total} voxels", info.present_voxels)?;
+    writeln!(out, "source     {} ({}, {})", info.source.name, info.source.format, show_bytes(info.source.bytes))?;
+    writeln!(out, "container  {}, bricks of {}, written by {}", show_bytes(info.container_bytes), info.brick, info.tool)?;
+    for note in info.notes {
+        writeln!(out, "note       {note}")?;
+    }
+    writeln!(out, "\nlevel  factors        dims                   bricks   uniform    absent         size  error bound")?;
+    for (lod, level) in info.levels.iter().enumerate() {
+        let [x, y, z] = level.dims;
+        writeln!(
+            out,
+            "{lod:>5}  {:<13}  {:<18}  {:>9} {:>9} {:>9} {:>12}  {:.6}",
+            format!("{:?}", level.factors),
+            format!("{x} x {y} x {z}"),
+            level.bricks,
+            level.uniform_bricks,
+            level.absent_bricks,
+            show_bytes(level.bytes),
+            level.error
+        )?;
+    }
+    Ok(())
+}

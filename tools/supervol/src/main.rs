@@ -1,0 +1,56 @@
+//! `supervol`: the one command-line program. A file per subcommand; no algorithm lives here.
+//!
+//! Exit codes: 0 done, 1 the data is wrong, 2 the command is wrong, 3 the machine failed us (disk full, no memory, I/O
+//! error). Results go to standard output, messages and progress to standard error.
+
+mod build;
+mod extract;
+mod failure;
+mod info;
+mod progress;
+mod quantity;
+mod synth;
+mod verify;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use crate::failure::Failure;
+
+/// Turns volumes larger than the hardware into one bricked, multiresolution container, and renders them out of core.
+#[derive(Debug, Parser)]
+#[command(name = "supervol", version, about)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Build a container from a SEG-Y, NRRD, NIfTI, npy or raw file
+    Build(Box<build::Arguments>),
+    /// Make a synthetic volume: as a container, or as a raw file
+    Synth(synth::Arguments),
+    /// Say what a container holds
+    Info(info::Arguments),
+    /// Check every rule of a container
+    Verify(verify::Arguments),
+    /// Write voxels of a container to a .npy, .raw or .nrrd file
+    Extract(extract::Arguments),
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let result = match arguments.command {
+        Command::Build(arguments) => build::run(&arguments),
+        Command::Synth(arguments) => synth::run(&arguments),
+        Command::Info(arguments) => info::run(&arguments),
+        Command::Verify(arguments) => verify::run(&arguments),
+        Command::Extract(arguments) => extract::run(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => failure.report(),
+    }
+}

@@ -1,0 +1,146 @@
+//! Numbers as people write them: with units, fractions, percent, and lists.
+
+use std::str::FromStr;
+
+use supervol_format::{Dims, VoxelBox, VoxelType};
+use supervol_preprocess::source::grid_file::Endian;
+
+/// Bytes: `1048576`, `64MiB`, `1GiB`, `500 MB`, `2G` (binary).
+pub fn bytes(text: &str) -> Result<u64, String> {
+    let (number, unit) = split_unit(text)?;
+    let factor: f64 = match unit.to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "k" | "kib" => 1024.0,
+        "m" | "mib" => 1024.0 * 1024.0,
+        "g" | "gib" => 1024.0 * 1024.0 * 1024.0,
+        "t" | "tib" => 1024.0 * 1024.0 * 1024.0 * 1024.0,
+        "kb" => 1e3,
+        "mb" => 1e6,
+        "gb" => 1e9,
+        "tb" => 1e12,
+        _ => return Err(format!("unit '{unit}': expected B, KiB, MiB, GiB, TiB, kB, MB, GB or TB")),
+    };
+    let value = number * factor;
+    if (0.0..9e18).contains(&value) { Ok(value as u64) } else { Err(format!("{text}: expected a size from 0 to 8 EiB")) }
+}
+
+/// Number and the unit behind it.
+fn split_unit(text: &str) -> Result<(f64, &str), String> {
+    let text = text.trim();
+    let end = text.find(|c: char| !(c.is_ascii_digit() || ".+-eE".contains(c))).unwrap_or(text.len());
+    // In "1e3" the e is the number's; in "5e" it would be a unit.
+    let number = f64::from_str(&text[..end]).map_err(|_| format!("'{text}': expected a number with a unit"))?;
+    Ok((number, text[end..].trim()))
+}
+
+/// A list of N numbers: `1,2,3`.
+fn list<T: FromStr, const N: usize>(text: &str, what: &str) -> Result<[T; N], String> {
+    let wrong = || format!("'{text}': expected {N} {what} with commas between");
+    let values: Vec<T> = text.split(',').map(|v| v.trim().parse().map_err(|_| wrong())).collect::<Result<_, _>>()?;
+    values.try_into().map_err(|_| wrong())
+}
+
+/// `NX,NY,NZ`.
+pub fn dims(text: &str) -> Result<Dims, String> {
+    let dims = Dims(list(text, "numbers of voxels")?);
+    if dims.is_valid() { Ok(dims) } else { Err(format!("'{text}': expected 1 to {} voxels on each axis", Dims::LIMIT)) }
+}
+
+/// `X,Y,Z`.
+pub fn triple(text: &str) -> Result<[f64; 3], String> {
+    list(text, "numbers")
+}
+
+/// `I0:I1,J0:J1,K0:K1`, the second not included.
+pub fn voxel_box(text: &str) -> Result<VoxelBox, String> {
+    let ranges: [String; 3] = list(text, "ranges I0:I1")?;
+    let mut out = VoxelBox { start: [0; 3], end: [0; 3] };
+    for (axis, range) in ranges.iter().enumerate() {
+        let ends = range.split_once(':').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+        let Some((start, end)) = ends.filter(|(start, end)| start < end) else {
+            return Err(format!("'{range}': expected I0:I1 with I0 < I1"));
+        };
+        (out.start[axis], out.end[axis]) = (start, end);
+    }
+    Ok(out)
+}
+
+/// A voxel type with an optional byte order: `u16`, `f32be`, `i16le`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Dtype {
+    /// Type of a voxel.
+    pub voxel_type: VoxelType,
+    /// Byte order; little where it is not said.
+    pub endian: Endian,
+}
+
+/// See [`Dtype`].
+pub fn dtype(text: &str) -> Result<Dtype, String> {
+    let lower = text.trim().to_ascii_lowercase();
+    let (name, endian) = match (lower.strip_suffix("be"), lower.strip_suffix("le")) {
+        (Some(name), _) => (name, Endian::Big),
+        (_, Some(name)) => (name, Endian::Little),
+        _ => (lower.as_str(), Endian::Little),
+    };
+    let voxel_type = VoxelType::from_name(name)
+        .ok_or_else(|| format!("'{text}': expected u8, i8, u16, i16, u32, i32, f32 or f64, with be or le behind it"))?;
+    Ok(Dtype { voxel_type, endian })
+}
+
+/// A bound on an error: in data units (`0.5`), as a fraction (`0.5/255`), or in percent of the value range (`1%`).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ErrorBound {
+    /// Data units, or a share of full scale for pictures.
+    Absolute(f64),
+    /// Percent of the value range.
+    Percent(f64),
+}
+
+/// See [`ErrorBound`].
+pub fn error_bound(text: &str) -> Result<ErrorBound, String> {
+    let wrong = || format!("'{text}': expected a number that is not negative, like 0.5, 0.5/255 or 1%");
+    let number = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0).ok_or_else(wrong);
+    if let Some(percent) = text.trim().strip_suffix('%') {
+        return Ok(ErrorBound::Percent(number(percent)?));
+    }
+    match text.split_once('/') {
+        Some((a, b)) => {
+            let divisor = number(b)?;
+            if divisor > 0.0 { Ok(ErrorBound::Absolute(number(a)? / divisor)) } else { Err(wrong()) }
+        }
+        None => Ok(ErrorBound::Absolute(number(text)?)),
+    }
+}
+
+/// Bytes for people: three digits and a binary unit.
+pub fn show_bytes(bytes: u64) -> String {
+    indicatif::BinaryBytes(bytes).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_take_binary_and_decimal_units() {
+        for (text, expected) in [("4096", 4096), ("1GiB", 1 << 30), ("1.5 MiB", 3 << 19), ("2MB", 2_000_000), ("64k", 65536)] {
+            assert_eq!(bytes(text), Ok(expected), "{text}");
+        }
+        for text in ["", "GiB", "-1", "1 parsec", "1e30GiB"] {
+            assert!(bytes(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn types_boxes_and_errors_are_read() {
+        assert_eq!(dtype("f32be"), Ok(Dtype { voxel_type: VoxelType::F32, endian: Endian::Big }));
+        assert_eq!(dtype("u8"), Ok(Dtype { voxel_type: VoxelType::U8, endian: Endian::Little }));
+        assert!(dtype("u12").is_err());
+        assert_eq!(voxel_box("0:4,1:2, 3:9"), Ok(VoxelBox { start: [0, 1, 3], end: [4, 2, 9] }));
+        assert!(voxel_box("4:4,0:1,0:1").is_err());
+        assert_eq!(error_bound("0.5/255"), Ok(ErrorBound::Absolute(0.5 / 255.0)));
+        assert_eq!(error_bound("1%"), Ok(ErrorBound::Percent(1.0)));
+        assert!(error_bound("-1").is_err());
+        assert!(dims("10,0,3").is_err() && dims("1,2").is_err());
+    }
+}

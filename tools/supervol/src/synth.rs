@@ -1,0 +1,93 @@
+//! `supervol synth`: synthetic volumes, as a container or as a raw file.
+
+use std::io::Write;
+
+use clap::Args;
+use supervol_format::container::manifest::Source;
+use supervol_format::{Dims, VoxelBox};
+use supervol_preprocess::BuildError;
+use supervol_preprocess::source::VolumeSource;
+use supervol_preprocess::source::synthetic::{NAMES, Synthetic};
+
+use crate::build::OutputArguments;
+use crate::failure::Failure;
+use crate::quantity::{self, Dtype, show_bytes};
+
+/// Which volume, how large.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Name of the volume
+    #[arg(value_parser = NAMES)]
+    name: String,
+    /// Voxels along x, y, z
+    #[arg(long, value_name = "NX,NY,NZ", value_parser = quantity::dims)]
+    dims: Dims,
+    /// Voxel type; each volume has its own default
+    #[arg(long, value_name = "TYPE", value_parser = quantity::dtype)]
+    dtype: Option<Dtype>,
+    /// Seed of everything that is random
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    #[command(flatten)]
+    output: OutputArguments,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let voxel_type = arguments.dtype.map(|d| d.voxel_type);
+    let source = Synthetic::new(&arguments.name, arguments.dims, voxel_type, arguments.seed).map_err(BuildError::from)?;
+    if arguments.output.output.extension().is_some_and(|e| e == "raw") {
+        return write_raw(arguments, &source);
+    }
+    let origin = Source {
+        name: format!("{} seed {}", arguments.name, arguments.seed),
+        format: "synth".into(),
+        bytes: 0,
+        xxh3_64: String::new(),
+    };
+    arguments.output.build(&source, origin)
+}
+
+/// Writes slabs of whole z slices, a few MiB at a time, under a temporary name that the finished file loses.
+fn write_raw(arguments: &Arguments, source: &dyn VolumeSource) -> Result<(), Failure> {
+    use rayon::prelude::*;
+    let output = &arguments.output.output;
+    if output.exists() && !arguments.output.force {
+        return Err(BuildError::Exists { path: output.clone() }.into());
+    }
+    let write_error = |e| Failure::from(BuildError::Write { path: output.clone(), source: e });
+    let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(std::path::Path::new("."));
+    let mut file =
+        tempfile::Builder::new().prefix(".supervol-").suffix(".partial").tempfile_in(folder).map_err(write_error)?;
+    let info = source.info();
+    let [nx, ny, nz] = info.dims.0;
+    let slice_bytes = (nx * ny) as usize * info.voxel_type.bytes();
+    let slices = ((64 << 20) / slice_bytes).max(1) as u64;
+    let mut z = 0;
+    while z < nz {
+        let end = (z + slices).min(nz);
+        let mut bytes = vec![0; (end - z) as usize * slice_bytes];
+        bytes
+            .par_chunks_mut(slice_bytes)
+            .enumerate()
+            .try_for_each(|(i, slice)| {
+                let z = z + i as u64;
+                source.read_box(VoxelBox { start: [0, 0, z], end: [nx, ny, z + 1] }, slice)
+            })
+            .map_err(BuildError::from)?;
+        file.write_all(&bytes).map_err(write_error)?;
+        z = end;
+    }
+    file.as_file().sync_all().map_err(write_error)?;
+    let bytes = nz * slice_bytes as u64;
+    file.persist(output).map_err(|e| write_error(e.error))?;
+    writeln!(
+        std::io::stdout(),
+        "{}: {} of {}, {} voxels, little endian",
+        output.display(),
+        show_bytes(bytes),
+        info.voxel_type,
+        info.dims
+    )
+    .map_err(crate::failure::with_output)
+}
