@@ -1,5 +1,7 @@
 //! Damaged NIfTI headers: never a panic, never a large allocation.
 
+#![allow(clippy::unwrap_used, reason = "tests fail loudly")]
+
 mod grid_support;
 
 use std::io::Write;

@@ -1,5 +1,7 @@
 //! npy files: the stored ones, every type, byte and memory order, and headers that are refused.
 
+#![allow(clippy::unwrap_used, reason = "tests fail loudly")]
+
 mod grid_support;
 
 use std::path::{Path, PathBuf};

@@ -1,5 +1,7 @@
 //! NRRD files: the stored ones, written ones of every type, encoding and data-file form, geometry, and refusals.
 
+#![allow(clippy::unwrap_used, reason = "tests fail loudly")]
+
 mod grid_support;
 
 use std::io::Write;

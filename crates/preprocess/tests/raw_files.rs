@@ -1,5 +1,7 @@
 //! Raw files: every type and byte order, boxes against a naive copy, and lengths that do not fit.
 
+#![allow(clippy::unwrap_used, reason = "tests fail loudly")]
+
 mod grid_support;
 
 use std::path::Path;

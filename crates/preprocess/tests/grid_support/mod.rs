@@ -1,6 +1,7 @@
 //! What the reader tests share: where the real files are, seeded numbers, and a naive copy to compare boxes with.
 
 #![allow(dead_code, reason = "each test binary uses a part")]
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "these are tests: they fail loudly and skip loudly")]
 
 pub mod largest_allocation;
 

@@ -20,7 +20,7 @@ const AXES_LIMIT: usize = 16;
 const PATTERN_WIDTH_LIMIT: usize = 32;
 
 /// Most files a pattern may name.
-const PATTERN_FILES_LIMIT: i64 = 1 << 20;
+const PATTERN_FILES_LIMIT: i64 = 1 << 16;
 
 /// How the voxels are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -223,7 +223,7 @@ fn pattern_names(path: &Path, pattern: &str, numbers: [&str; 3]) -> Result<Vec<S
     };
     let count = if step == 0 { None } else { max.checked_sub(min).and_then(|d| d.checked_div(step)) };
     let Some(count) = count.filter(|c| (0..PATTERN_FILES_LIMIT).contains(c)) else {
-        return Err(wrong("min, max and step of 1 to 1048576 files"));
+        return Err(wrong("min, max and step of 1 to 65536 files"));
     };
     let parts =
         split_pattern(pattern).ok_or_else(|| wrong("one %d in the file-name pattern, such as `slice%03d.raw`"))?;

@@ -1,0 +1,55 @@
+//! Seeded randomness without state: hashes of coordinates, and a small generator for tables.
+//!
+//! Integer arithmetic only, so that the same seed gives the same numbers everywhere.
+
+/// Splitmix64 (Steele, Lea, Flood 2014): for tables that are made once.
+#[derive(Debug, Clone)]
+pub(super) struct Generator(u64);
+
+impl Generator {
+    pub(super) fn new(seed: u64, purpose: u64) -> Self {
+        Self(seed ^ purpose.wrapping_mul(0xd6e8_feb8_6659_fd93))
+    }
+
+    pub(super) fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Evenly spread over `low..high`.
+    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
+        // 53 bits: every value is a double exactly.
+        let unit = (self.next() >> 11) as f64 / (1_u64 << 53) as f64;
+        low + (high - low) * unit
+    }
+
+    pub(super) fn sign(&mut self) -> f64 {
+        if self.next() & 1 == 0 { 1.0 } else { -1.0 }
+    }
+}
+
+/// Mixes 32 bits (the finaliser of MurmurHash3, Appleby 2011).
+#[inline]
+pub(super) fn mix(mut h: u32) -> u32 {
+    h ^= h >> 16;
+    h = h.wrapping_mul(0x85eb_ca6b);
+    h ^= h >> 13;
+    h = h.wrapping_mul(0xc2b2_ae35);
+    h ^ (h >> 16)
+}
+
+/// What the voxels of a row along x have in common; coordinates are below 2^32 as every axis is.
+pub(super) fn row_hash(seed: u64, y: u64, z: u64) -> u32 {
+    let seed = mix(seed as u32 ^ mix((seed >> 32) as u32 ^ 0x5bd1_e995));
+    mix(mix(seed.wrapping_add((y as u32).wrapping_mul(0x27d4_eb2f))).wrapping_add((z as u32).wrapping_mul(0x1656_67b1)))
+}
+
+/// Noise of the voxel x of a row: symmetric about 0, between -1 and 1, triangular.
+#[inline]
+pub(super) fn voxel_noise(row: u32, x: u32) -> f32 {
+    let h = mix(row.wrapping_add(x.wrapping_mul(0x9e37_79b1)));
+    let sum = (h & 0xffff) as i32 + (h >> 16) as i32 - 0xffff;
+    sum as f32 * (1.0 / 65536.0)
+}
