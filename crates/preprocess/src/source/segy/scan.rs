@@ -2,8 +2,8 @@
 //!
 //! The pass reads headers only (or, where traces are short, whole stretches of the file, which is faster than hopping)
 //! and keeps a summary and a list of *runs*: stretches of traces whose inline and crossline numbers progress evenly.
-//! A survey stored line by line has one run per line. Memory: 24 bytes per run; at worst, in a file of live and dead traces
-//! by turns, every trace is a run.
+//! A survey stored line by line has one run per line. Memory: 24 bytes per run; at worst, where live and dead traces
+//! take turns, every trace is a run.
 
 use std::collections::HashMap;
 
