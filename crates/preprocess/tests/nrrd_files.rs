@@ -334,7 +334,8 @@ fn geometry() {
     assert_eq!(turned.direction, [0.0, -1.0, 0.0, 1.0, 0.0, 0.6, 0.0, 0.0, 0.8]);
     // A missing vector is perpendicular to the others, its spacing the per-axis one.
     let none = open(
-        "space dimension: 3\nspace directions: (0,2,0) (0,0,3) none\nspacings: nan nan 7\nkinds: domain domain domain\n",
+        "space dimension: 3\nspace directions: (0,2,0) (0,0,3) none\n\
+         spacings: nan nan 7\nkinds: domain domain domain\n",
     );
     assert_eq!(none.info().geometry.spacing, [2.0, 3.0, 7.0]);
     assert_eq!(none.info().geometry.direction, [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
