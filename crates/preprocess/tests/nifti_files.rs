@@ -14,8 +14,8 @@ use grid_support::{
 };
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Geometry, VoxelType};
+use supervol_preprocess::source::Endian;
 use supervol_preprocess::source::VolumeSource;
-use supervol_preprocess::source::grid_file::Endian;
 use supervol_preprocess::source::nifti::NiftiSource;
 use supervol_preprocess::source::spool::SpoolFolder;
 

@@ -10,7 +10,7 @@ use grid_support::{
     BOTH_ORDERS, assert_refused, check_boxes, data_file, in_order, random_voxels, read_all, summary, value_at,
 };
 use supervol_format::VoxelType;
-use supervol_preprocess::source::grid_file::Endian;
+use supervol_preprocess::source::Endian;
 use supervol_preprocess::source::npy::NpySource;
 use supervol_preprocess::source::{AccessOrder, VolumeSource};
 

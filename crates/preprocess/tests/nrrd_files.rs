@@ -14,7 +14,7 @@ use grid_support::{
 };
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Geometry, VoxelBox, VoxelType};
-use supervol_preprocess::source::grid_file::Endian;
+use supervol_preprocess::source::Endian;
 use supervol_preprocess::source::nrrd::NrrdSource;
 use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::source::{SourceError, VolumeSource};

@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use supervol_format::{Dims, VoxelBox, VoxelType, voxel_type::voxels_as_f64};
-use supervol_preprocess::source::segy::{Endian, SegyOptions, SegySource};
+use supervol_preprocess::source::Endian;
+use supervol_preprocess::source::segy::{SegyOptions, SegySource};
 use supervol_preprocess::source::{AccessOrder, LineNumbers, SourceError, VolumeSource};
 
 /// A trace to be written: line numbers and samples, which are encoded by the file's format.

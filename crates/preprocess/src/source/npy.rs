@@ -11,8 +11,9 @@ use std::path::Path;
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
+use super::Endian;
 use super::grid_file::shape::{ChosenAxes, choose_axes};
-use super::grid_file::{Endian, GridFile, GridLayout, GridSource, checked_bytes};
+use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
 use super::{SourceError, SourceInfo, VolumeSource};
 
 /// Longest header read. NumPy itself warns beyond 10,000.

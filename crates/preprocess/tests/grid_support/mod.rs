@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::voxel_type::{Voxel, voxels_as_f64};
 use supervol_format::{VoxelBox, VoxelType, with_voxel};
-use supervol_preprocess::source::grid_file::Endian;
+use supervol_preprocess::source::Endian;
 use supervol_preprocess::source::{SourceError, VolumeSource};
 
 /// A file of the developers' data folder: `$SUPERVOL_DATA`, or `shared/data` beside the workspace.

@@ -15,8 +15,9 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
+use super::Endian;
 use super::grid_file::shape::{ChosenAxes, choose_axes};
-use super::grid_file::{Endian, GridFile, GridLayout, GridSource, Part, checked_bytes};
+use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use super::spool::{Excess, GzipShare, Spool, SpoolFolder};
 use super::{SourceError, SourceInfo, VolumeSource};
 use header::{DataFiles, Encoding, Header, shortened};

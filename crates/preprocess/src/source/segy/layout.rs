@@ -11,10 +11,11 @@
 
 use super::SegyOptions;
 use super::binary_header::{BinaryHeader, FILE_HEADER_BYTES, TRACE_HEADER_BYTES};
-use super::fields::{Endian, Fields};
+use super::fields::Fields;
 use super::input::Input;
 use super::samples::SampleFormat;
 use super::text_header::{TEXT_BYTES, is_end_stanza};
+use crate::source::Endian;
 use crate::source::SourceError;
 
 /// Extended text headers that a search for the end stanza looks at.

@@ -42,7 +42,6 @@ use std::path::{Path, PathBuf};
 use supervol_format::{ByteSource, Dims, Geometry, VoxelBox};
 
 use self::binary_header::{BinaryHeader, FILE_HEADER_BYTES};
-pub use self::fields::Endian;
 use self::grid::{Grid, GridDefect};
 use self::input::Input;
 use self::layout::Layout;
@@ -51,7 +50,7 @@ use self::read::{Neighbours, Reader};
 use self::samples::SampleFormat;
 use self::scan::Scan;
 use self::text_header::TEXT_BYTES;
-use super::{AccessOrder, Axis, SourceError, SourceInfo, Survey, VolumeSource};
+use super::{AccessOrder, Axis, Endian, SourceError, SourceInfo, Survey, VolumeSource};
 
 /// Last byte of a trace header at which a four-byte word can begin.
 const LAST_WORD_BYTE: u16 = 237;

@@ -108,7 +108,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::source::segy::fields::Endian;
+    use crate::source::Endian;
 
     fn choose_for(format: u16, samples: &[u8]) -> Absent {
         let format = SampleFormat::from_code(format).unwrap();

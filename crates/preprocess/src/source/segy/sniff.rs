@@ -10,10 +10,10 @@
 
 use std::collections::HashSet;
 
-use super::fields::Endian;
 use super::input::Input;
 use super::layout::Layout;
 use super::samples::SampleFormat;
+use crate::source::Endian;
 use crate::source::SourceError;
 
 /// Traces looked at.
