@@ -16,6 +16,9 @@
 
 pub mod camera;
 pub mod clip;
+pub mod image;
+pub mod lod;
 pub mod preset;
+pub mod raycast;
 pub mod scene;
 pub mod transfer_function;
