@@ -2,7 +2,8 @@
 //!
 //! - [`volume`]: what a ray caster reads: decoded bricks, and which of them are resident;
 //! - [`reference`](mod@reference): the brute-force `f64` integrator that decides what is right;
-//! - `cpu`: the ray caster in Rust; its small functions are the twins of shader functions.
+//! - [`cpu`]: the ray caster in Rust; its small functions are the twins of shader functions.
 
+pub mod cpu;
 pub mod reference;
 pub mod volume;
