@@ -1,27 +1,18 @@
 //! What the table of contents alone says about a brick: absent, invisible, uniform, or to be read.
 //!
-//! A brick is *invisible* only where the mode draws nothing at values it cannot see: `dvr` under a transfer function that
-//! is transparent on the brick's whole range, `iso` where no iso value lies in it. `mip`, `minip` and `mean` must see
-//! every present value. The range in the TOC bounds everything that interpolation reaches, so an invisible brick's macro
-//! cells are all invisible too: leaving it out changes no picture.
+//! The range in the TOC bounds everything that interpolation reaches. In `dvr`, a brick on whose range the transfer
+//! function is transparent is *invisible*: its macro cells are so too, and leaving it out changes no picture. In `iso`, a
+//! ray must know on which side of the iso values it is: a brick without holes whose range holds no iso value is answered
+//! as uniform, with a value on its side. `mip`, `minip` and `mean` must see every present value.
 
 use supervol_format::VoxelType;
 use supervol_format::container::toc::BrickEntry;
 
 use super::state::Emptiness;
+use crate::raycast::cpu::Skipping;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{Mode, ResolvedScene};
 use crate::transfer_function::RenderTransferFunction;
-
-/// Whether what cannot be seen is left out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Skipping {
-    /// Invisible bricks are not read.
-    #[default]
-    On,
-    /// All present bricks are read: to check that skipping changes nothing.
-    Off,
-}
 
 /// What must be done for a brick.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,17 +65,15 @@ impl Classifier {
         }
         let ends = [entry.range.min, entry.range.max].map(|v| self.map.from_container(self.voxel_type, v));
         let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
-        let visible = match &self.visibility {
-            Visibility::All => true,
-            Visibility::Classified(function) => function.is_visible(low, high),
-            Visibility::Iso(values) => values.iter().any(|v| (low..=high).contains(v)),
-        };
-        if !visible {
-            Class::Nothing(Emptiness::Invisible)
-        } else if entry.uniform {
-            Class::Uniform(low)
-        } else {
-            Class::Load
+        match &self.visibility {
+            Visibility::Classified(function) if !function.is_visible(low, high) => {
+                Class::Nothing(Emptiness::Invisible)
+            }
+            Visibility::Iso(values) if !entry.has_holes && !values.iter().any(|v| (low..=high).contains(v)) => {
+                Class::Uniform(low)
+            }
+            _ if entry.uniform => Class::Uniform(low),
+            _ => Class::Load,
         }
     }
 }
@@ -142,8 +131,9 @@ mod tests {
         assert_eq!(dvr.classify(&entry(5.0, 5.0)), Class::Uniform(250.0));
         assert_eq!(classifier(&format!("{{{points}}}"), Skipping::Off).classify(&entry(60.0, 250.0)), Class::Load);
         let iso = classifier(r#"{"mode": "iso", "iso": [{"value": 100, "color": [1,1,1]}]}"#, Skipping::On);
-        assert_eq!(iso.classify(&entry(156.0, 250.0)), invisible);
+        assert_eq!(iso.classify(&entry(156.0, 250.0)), Class::Uniform(5.0));
         assert_eq!(iso.classify(&entry(155.0, 250.0)), Class::Load);
+        assert_eq!(iso.classify(&BrickEntry { has_holes: true, ..entry(156.0, 250.0) }), Class::Load);
         for mode in ["mip", "minip", "mean"] {
             let all = classifier(&format!("{{\"mode\": \"{mode}\", {points}}}"), Skipping::On);
             assert_eq!(all.classify(&entry(60.0, 250.0)), Class::Load, "{mode}");

@@ -6,7 +6,7 @@
 //!   Unknown, Evicted, Reading, Decoding --> Failed             TOC entry, read, checksum, codec
 //!   Queued --> Unknown | Evicted              cancelled: no ray wants it any more
 //!   Failed --> Unknown                        may be tried again, in a later frame
-//!   Evicted --> Nothing                       invisible under a new transfer function
+//!   Evicted --> Nothing | Uniform             under a new transfer function
 //!   Nothing, Uniform, Evicted --> Unknown     forgotten, or to be classified anew
 //! ```
 //!
@@ -85,7 +85,7 @@ pub const KINDS: usize = 9;
 use StateKind as K;
 
 /// The transitions that may happen, from left to right. All others are mistakes.
-pub const ALLOWED: [(StateKind, StateKind); 19] = [
+pub const ALLOWED: [(StateKind, StateKind); 20] = [
     (K::Unknown, K::Nothing),
     (K::Unknown, K::Uniform),
     (K::Unknown, K::Queued),
@@ -100,6 +100,7 @@ pub const ALLOWED: [(StateKind, StateKind); 19] = [
     (K::InHost, K::Evicted),
     (K::Evicted, K::Queued),
     (K::Evicted, K::Nothing),
+    (K::Evicted, K::Uniform),
     (K::Evicted, K::Failed),
     (K::Evicted, K::Unknown),
     (K::Failed, K::Unknown),
