@@ -234,6 +234,21 @@ fn render_cpu(
     start: Instant,
 ) -> Result<(Image, FrameStats), RenderError> {
     let plan = plan_host(container, scene, options, size_of::<RayState>() as u64)?;
+    render_cpu_with(container, scene, options, plan, start)
+}
+
+/// [`render`] on the CPU, on the calling thread's pool, with the host budget already divided. The time budget began at
+/// `start`; what [`render`] adds to the statistics is missing.
+///
+/// # Errors
+/// As [`render`].
+pub fn render_cpu_with(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions<'_>,
+    plan: HostPlan,
+    start: Instant,
+) -> Result<(Image, FrameStats), RenderError> {
     let map = value_map(container);
     let lod = match options.level {
         LevelChoice::Auto => CpuQuality::default().lod,

@@ -196,7 +196,8 @@ mod tests {
     #[test]
     fn an_eye_at_any_distance_gives_an_order() {
         for eye in [DVec3::splat(1e300), DVec3::new(-1e25, 0.0, 3.0), DVec3::splat(0.0)] {
-            let camera = camera(eye, DVec3::new(1.0, 0.2, 0.1), Projection::Orthographic { height: 1.0 });
+            let near = camera(DVec3::ZERO, DVec3::new(1.0, 0.2, 0.1), Projection::Orthographic { height: 1.0 });
+            let camera = Camera { eye, ..near };
             let perspective = Camera { projection: Projection::Perspective { fov_y: 30.0 }, ..camera };
             for camera in [camera, perspective] {
                 let order = FrontToBack::new(&camera, &Geometry::IDENTITY);
