@@ -10,15 +10,23 @@
 //! - [`transfer_function`]: values to colour and opacity;
 //! - [`lod`]: how fine a brick must be;
 //! - [`raycast`]: the reference integrator and the CPU ray caster;
+//! - [`streamer`], [`cache`]: which bricks are wanted, reading and decoding them, where they are kept;
+//! - [`frame`]: the walk of one frame; the only module that knows all the others;
+//! - [`stats`], [`process`]: what a frame cost;
 //! - [`image`]: what a ray caster returns, and its files.
 //!
 //! This crate's ray casters open no file, wait for nothing, and never change what is resident.
 
+pub mod cache;
 pub mod camera;
 pub mod clip;
+pub mod frame;
 pub mod image;
 pub mod lod;
 pub mod preset;
+pub mod process;
 pub mod raycast;
 pub mod scene;
+pub mod stats;
+pub mod streamer;
 pub mod transfer_function;

@@ -18,6 +18,7 @@ pub mod shade;
 pub mod walk;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 use rayon::prelude::*;
 use supervol_format::{BrickKey, Geometry, Lod, Pyramid, ValueRange};
@@ -64,6 +65,8 @@ pub struct CpuFrame {
     pub(crate) geometry: Geometry,
     pub(crate) camera: Camera,
     subgrid: u32,
+    /// Rows of rays that are cast; the whole picture unless [`CpuFrame::band`] says otherwise.
+    rows: Range<u32>,
     clip: Clip,
     pub(crate) mode: Mode,
     pub(crate) transfer_function: RenderTransferFunction,
@@ -173,6 +176,7 @@ impl CpuFrame {
             geometry: *geometry,
             camera: scene.camera,
             subgrid: scene.subgrid,
+            rows: 0..scene.camera.height,
             clip: scene.clip.clone(),
             mode: scene.mode,
             transfer_function: RenderTransferFunction::new(&scene.transfer_function, map.shift),
@@ -193,12 +197,23 @@ impl CpuFrame {
         }
     }
 
+    /// The same frame for some rows of pixels only, numbered from the top: its picture is that band of the picture.
+    ///
+    /// # Panics
+    /// If the picture has no such rows.
+    #[must_use]
+    pub fn band(&self, pixel_rows: Range<u32>) -> Self {
+        let rows = pixel_rows.start * self.subgrid..pixel_rows.end * self.subgrid;
+        assert!(rows.end <= self.camera.height, "pixel rows {pixel_rows:?} of {} rows of rays", self.camera.height);
+        Self { rows, ..self.clone() }
+    }
+
     /// The states of all rays before the first pass, row by row from the top.
     #[must_use]
     pub fn begin(&self) -> Vec<RayState> {
         let dims = self.pyramid.level_at(Lod::FINEST).dims;
-        let (width, height) = (self.camera.width, self.camera.height);
-        let rays = (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| self.camera.ray(x, y)));
+        let width = self.camera.width;
+        let rays = self.rows.clone().into_par_iter().flat_map_iter(|y| (0..width).map(move |x| self.camera.ray(x, y)));
         rays.map(|ray| {
             let segment = clip_ray(&ray, &IndexRay::new(&ray, &self.geometry), dims, &self.clip);
             RayState {
@@ -222,7 +237,7 @@ impl CpuFrame {
     /// If the states are not this frame's.
     #[must_use]
     pub fn image(&self, states: &[RayState]) -> Image {
-        let (width, height) = (self.camera.width, self.camera.height);
+        let (width, height) = (self.camera.width, self.rows.len() as u32);
         assert_eq!(states.len(), width as usize * height as usize, "states of another frame");
         let pixels = states.iter().map(|state| self.pixel(state)).collect();
         Image { width, height, pixels }.downsampled(self.subgrid)
@@ -288,7 +303,7 @@ pub(crate) struct BlockFeedback {
 /// If the states are not this frame's, or a brick's size is not what the pyramid says.
 pub fn cast_pass<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame, states: &mut [RayState]) -> PassFeedback {
     let width = frame.camera.width as usize;
-    assert_eq!(states.len(), width * frame.camera.height as usize, "states of another frame");
+    assert_eq!(states.len(), width * frame.rows.len(), "states of another frame");
     let blocks: Vec<BlockFeedback> = states
         .par_chunks_mut(BLOCK_RAYS)
         .enumerate()
@@ -296,7 +311,7 @@ pub fn cast_pass<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame, states: &mut
             let mut feedback = BlockFeedback::default();
             for (i, state) in states.iter_mut().enumerate().filter(|(_, state)| !state.finished) {
                 let pixel = block * BLOCK_RAYS + i;
-                let ray = frame.camera.ray((pixel % width) as u32, (pixel / width) as u32);
+                let ray = frame.camera.ray((pixel % width) as u32, frame.rows.start + (pixel / width) as u32);
                 march::cast_ray(view, frame, &ray, state, &mut feedback);
             }
             feedback
