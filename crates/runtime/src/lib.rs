@@ -16,6 +16,7 @@
 
 pub mod camera;
 pub mod clip;
+pub mod gpu;
 pub mod preset;
 pub mod scene;
 pub mod transfer_function;
