@@ -5,6 +5,8 @@
 
 // Beyond every segment.
 const NEVER: f32 = 3.0e38;
+// Keeps a division from dividing by zero.
+const TINY: f32 = 1.0e-30;
 
 // Where the ray crosses the planes, one per axis.
 fn crossings(planes: vec3<f32>, origin: vec3<f32>, direction: vec3<f32>) -> vec3<f32> {

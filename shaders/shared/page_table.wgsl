@@ -19,8 +19,21 @@ fn box_crossings(ray: LevelRay, first: vec3<i32>, edge: i32) -> vec3<f32> {
     return crossings(planes, origin_from(ray, first), ray.direction);
 }
 
+// The level from which a brick of level 0 is drawn: the coarsest whose brick need not be refined.
+fn wanted_level(brick: vec3<i32>) -> u32 {
+    var level = config.level_count - 1u;
+    while (level > 0u) {
+        let entry = entry_of(level, brick >> tables.levels[level].scale_log2);
+        if ((page_table[entry].x & PAGE_REFINE) == 0u) {
+            break;
+        }
+        level -= 1u;
+    }
+    return level;
+}
+
 // The brick of the wanted level of detail that holds the ray just behind t. Its `leave` is greater than t.
-fn region_at(ray: LevelRay, t: f32, eye_distance: f32) -> Region {
+fn region_at(ray: LevelRay, t: f32) -> Region {
     let core = i32(config.core);
     let point = vec3<i32>(floor(ray.fraction + t * ray.direction + 0.5)) + ray.voxel;
     let last = vec3<i32>(tables.levels[0].bricks) - 1;
@@ -35,7 +48,7 @@ fn region_at(ray: LevelRay, t: f32, eye_distance: f32) -> Region {
             continue;
         }
         // Ancestors come from whole numbers: every ray that meets this place makes the same choice.
-        let level = wanted_level(brick, eye_distance + t);
+        let level = wanted_level(brick);
         let shift = tables.levels[level].scale_log2;
         let ancestor = brick >> shift;
         let level_leaves = box_crossings(ray_at_level(ray, level), ancestor * core, core);
@@ -72,11 +85,11 @@ fn page_of(region: Region) -> Page {
     var brick = region.brick;
     var entry = entry_of(level, brick);
     var page = page_table[entry];
-    while (page.x == PAGE_FAILED && level + 1u < config.level_count) {
+    while ((page.x & PAGE_STATE) == PAGE_FAILED && level + 1u < config.level_count) {
         brick = brick >> (tables.levels[level + 1u].scale_log2 - tables.levels[level].scale_log2);
         level += 1u;
         entry = entry_of(level, brick);
         page = page_table[entry];
     }
-    return Page(brick, level, entry, page.x, page.y);
+    return Page(brick, level, entry, page.x & PAGE_STATE, page.y);
 }

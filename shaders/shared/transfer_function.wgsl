@@ -32,6 +32,27 @@ fn classify(value: f32) -> vec4<f32> {
     return points[i].rgba + tf_position(i, value) * points[i].delta;
 }
 
+// Points with positive alpha up to the end of a segment's left point.
+fn visible_points_up_to(segment: u32) -> u32 {
+    if (segment == BEFORE_FIRST) {
+        return 0u;
+    }
+    if (segment + 1u < config.point_count) {
+        return points[segment + 1u].visible_before;
+    }
+    return config.visible_points;
+}
+
+// Whether a value of the closed interval can have positive opacity; false for the empty interval `low > high`.
+fn is_visible(low: f32, high: f32) -> bool {
+    if (low > high || config.visible_points == 0u) {
+        return false;
+    }
+    return classify(low).a > 0.0
+        || classify(high).a > 0.0
+        || visible_points_up_to(tf_segment(high)) > visible_points_up_to(tf_segment(low));
+}
+
 // Variation gathered below a value.
 fn tf_gathered(value: f32) -> f32 {
     let i = tf_segment(value);

@@ -3,10 +3,6 @@
 // Bricks that a ray may meet in one dispatch; it then goes on in the next.
 const BRICK_LIMIT: u32 = 4096u;
 
-fn is_opaque(state: ptr<function, RayState>) -> bool {
-    return (*state).transmittance < config.transmittance_limit;
-}
-
 // Moves the base point of a ray that has come far: t stays small (camera.wgsl).
 fn rebase(state: ptr<function, RayState>) {
     let strides = u32((*state).t / config.stride_world);
@@ -23,14 +19,13 @@ fn cast_ray(ray: GpuRay, state: ptr<function, RayState>) {
         rebase(state);
         let end = segment_end(ray, (*state).strides);
         let base = ray_from(ray, (*state).strides);
-        if ((*state).t >= end || is_opaque(state)) {
-            finish_ray(state);
+        if ((*state).t >= end || is_settled(state)) {
+            (*state).status = STATUS_DONE;
             return;
         }
-        let behind = ray.eye_distance + f32((*state).strides) * config.stride_world;
-        let region = region_at(base, (*state).t, behind);
+        let region = region_at(base, (*state).t);
         if (region.found == 0u) {
-            finish_ray(state);
+            (*state).status = STATUS_DONE;
             return;
         }
         let leave = min(region.leave, end);
@@ -51,10 +46,8 @@ fn cast_page(page: Page, base: LevelRay, leave: f32, state: ptr<function, RaySta
     bricks_entered += 1u;
     switch page.state {
         case PAGE_RESIDENT: {
-            let ray = ray_at_level(base, page.level);
-            let origin = origin_from(ray, page.brick * i32(config.core));
             note_use(page.payload);
-            cast_brick(slot_at(page.payload), LocalRay(origin, ray.direction), leave, state);
+            cast_brick(slot_at(page.payload), local_ray(page, base), leave, state);
         }
         case PAGE_UNIFORM: {
             gather_uniform(bitcast<f32>(page.payload), leave - (*state).t, state);
@@ -62,7 +55,7 @@ fn cast_page(page: Page, base: LevelRay, leave: f32, state: ptr<function, RaySta
         }
         default: {
             lost += u32(page.state == PAGE_FAILED);
-            gather_nothing(page.state, state);
+            gather_absent(state);
             (*state).t = leave;
         }
     }
@@ -71,7 +64,19 @@ fn cast_page(page: Page, base: LevelRay, leave: f32, state: ptr<function, RaySta
 // A ray in brick-local index space.
 struct LocalRay {
     origin: vec3<f32>,
+    // Index offset per world length.
     direction: vec3<f32>,
+    // Unit world vector.
+    to_eye: vec3<f32>,
+    // Gradients per voxel of this level to gradients per voxel of level 0.
+    gradient_scale: vec3<f32>,
+}
+
+fn local_ray(page: Page, base: LevelRay) -> LocalRay {
+    let ray = ray_at_level(base, page.level);
+    let origin = origin_from(ray, page.brick * i32(config.core));
+    let scale = vec3<f32>(vec3<u32>(1u) << tables.levels[page.level].scale_log2);
+    return LocalRay(origin, ray.direction, -world_direction(base.direction), 1.0 / scale);
 }
 
 fn local_at(ray: LocalRay, t: f32) -> vec3<f32> {
@@ -90,16 +95,17 @@ fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RaySta
         let leaves = crossings(vec3<f32>((cell + side) * MACRO_CELL) - 0.5, ray.origin, ray.direction);
         let cell_leave = min(first_crossing(leaves), leave);
         if (cell_leave > (*state).t) {
-            if (is_worth_a_visit(macro_range(slot, cell), state)) {
+            let range = macro_range(slot, cell);
+            if (is_worth_a_visit(range, state)) {
                 macro_cells += 1u;
                 cast_macro_cell(slot, ray, cell * MACRO_CELL, cell_leave, state);
             } else {
                 macro_cells_skipped += 1u;
-                gather_nothing(PAGE_NOTHING, state);
+                gather_skipped(range, state);
             }
             (*state).t = cell_leave;
         }
-        if (cell_leave >= leave || is_opaque(state) || cells >= job.cell_limit) {
+        if (cell_leave >= leave || is_settled(state) || cells >= job.cell_limit) {
             return;
         }
         cell += first_axis(leaves) * step_of(ray.direction);
@@ -131,10 +137,10 @@ fn cast_macro_cell(slot: Slot, ray: LocalRay, first: vec3<i32>, leave: f32, stat
                 clamp(local_at(ray, cell_leave) - corner, vec3<f32>(0.0), vec3<f32>(1.0)),
                 cell_leave - t,
             );
-            gather_cell(slot, cell, chord, ray.direction, state);
+            gather_cell(slot, cell, chord, ray, state);
             t = cell_leave;
         }
-        if (cell_leave >= leave || is_opaque(state)) {
+        if (cell_leave >= leave || is_settled(state)) {
             return;
         }
         cell += first_axis(leaves) * step_of(ray.direction);

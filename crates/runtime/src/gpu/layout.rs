@@ -113,6 +113,10 @@ shared_constants! {
     PAGE_FAILED = 3;
     /// Page table: the payload is the slot.
     PAGE_RESIDENT = 4;
+    /// Page table: bits of the state.
+    PAGE_STATE = 0xff;
+    /// Page table: the brick is too coarse; look at its children.
+    PAGE_REFINE = 0x100;
     /// What a ray gathers.
     MODE_DVR = 0;
     /// See above.
@@ -154,8 +158,8 @@ shared_struct! {
         first_entry: u32,
         /// Binary logarithm of the source voxels per voxel of this level, per axis.
         scale_log2: [u32; 3],
-        /// Edge of a voxel of this level, world units: the largest of the three axes.
-        voxel_world: f32,
+        /// Zero.
+        padding: u32,
     }
 }
 
@@ -272,14 +276,10 @@ shared_struct! {
         stride_world: f32,
         /// Places in the miss list.
         miss_limit: u32,
-        /// Level of detail: `LOD_...`
-        lod_kind: u32,
-        /// Level of detail: the fixed level.
-        lod_fixed: u32,
-        /// Level of detail: world length of a pixel per world length of distance.
-        lod_slope: f32,
-        /// Level of detail: world length of a pixel at distance 0.
-        lod_base: f32,
+        /// Control points with positive alpha.
+        visible_points: u32,
+        /// Zero: the table below begins at a multiple of 16.
+        padding: u32,
         /// The cache textures.
         grids: [SlotGrid; 4],
     }
@@ -311,12 +311,12 @@ shared_struct! {
         rest: f32,
         /// Index offset per world length, rounded.
         direction: [f32; 3],
-        /// Distance from the eye to the segment's first point, world units; negative before the eye.
-        eye_distance: f32,
+        /// Zero.
+        padding_0: f32,
         /// What the rounding of `direction` took away.
         direction_low: [f32; 3],
         /// Zero.
-        padding: f32,
+        padding_1: f32,
     }
 }
 
@@ -337,12 +337,12 @@ shared_struct! {
         wanted: u32,
         /// Modes mip, minip: extreme so far; mode mean: integral of the value over the length.
         value: f32,
-        /// World length over which the value was present.
+        /// Modes mip, minip, mean: world length over which the value was present; mode iso: 1 where `sides` holds.
         present: f32,
         /// Mode iso: one bit for each surface, set where the value was not below the surface's.
         sides: u32,
-        /// Mode iso: 1 where `sides` holds.
-        sides_known: u32,
+        /// Mode iso: one bit for each surface that was crossed already: only first crossings count.
+        crossed: u32,
     }
 }
 
@@ -355,8 +355,8 @@ shared_struct! {
         ray_count: u32,
         /// Trilinear cells that a ray may visit before it stops at the next macro cell.
         cell_limit: u32,
-        /// Zero.
-        padding: u32,
+        /// 1 in a pass's first round: waiting rays look again whether their brick has come.
+        first_round: u32,
     }
 }
 

@@ -108,8 +108,8 @@ pub fn gpu_ray(ray: &IndexRay, segment: Segment, stride: f64) -> GpuRay {
         fraction: std::array::from_fn(|a| (first[a] - voxel[a]) as f32),
         rest: (length - strides * stride) as f32,
         direction: ray.direction.map(|d| d as f32),
-        eye_distance: segment.t0 as f32,
+        padding_0: 0.0,
         direction_low: ray.direction.map(|d| (d - f64::from(d as f32)) as f32),
-        padding: 0.0,
+        padding_1: 0.0,
     }
 }

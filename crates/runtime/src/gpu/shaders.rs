@@ -32,6 +32,7 @@ pub const RAYCAST: ShaderModule = ShaderModule {
         file!("shared/sample.wgsl"),
         file!("shared/transfer_function.wgsl"),
         file!("shared/shading.wgsl"),
+        file!("shared/quadrature.wgsl"),
         file!("shared/compositing.wgsl"),
         file!("shared/cell.wgsl"),
         file!("shared/feedback.wgsl"),
