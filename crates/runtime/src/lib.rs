@@ -17,6 +17,9 @@
 pub mod camera;
 pub mod clip;
 pub mod gpu;
+pub mod image;
+pub mod lod;
 pub mod preset;
+pub mod raycast;
 pub mod scene;
 pub mod transfer_function;

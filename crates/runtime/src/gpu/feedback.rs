@@ -1,49 +1,46 @@
 //! What the rays of a pass say: bricks they wait for, bricks they used, and what it cost.
 //!
-//! Layout of the buffer, in words: [`Counters`]; the number of misses; three zeros; [`MISS_LIMIT`] pairs (entry, waiting
+//! Layout of the buffer, in words: [`GpuCounters`]; the number of misses; three zeros; [`MISS_LIMIT`] pairs (entry, waiting
 //! rays); one bit for each slot. All of it is read back after every pass, so that it is bounded: at most
 //! [`MISS_LIMIT`] misses are listed, the rest is counted and asked for again in the next pass.
 
 use supervol_format::BrickKey;
 
-use super::layout::Counters;
+use super::layout::GpuCounters;
 use super::slots::SlotIndex;
+use crate::raycast::cpu::{Counters, Miss};
 
 /// Most misses listed in one pass.
 pub const MISS_LIMIT: u32 = 1 << 16;
 
 /// Words before the miss list.
-pub const HEADER_WORDS: usize = size_of::<Counters>() / 4 + 4;
+pub const HEADER_WORDS: usize = size_of::<GpuCounters>() / 4 + 4;
 
 /// Place of the number of misses, words.
-pub const MISS_COUNT_WORD: usize = size_of::<Counters>() / 4;
+pub const MISS_COUNT_WORD: usize = size_of::<GpuCounters>() / 4;
 
-/// A brick that rays wait for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Miss {
-    /// The brick.
-    pub key: BrickKey,
-    /// Rays that stand before it.
-    pub rays: u32,
+/// What one pass has to say.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PassFeedback {
+    /// Bricks that rays wait for, each once, nearest first.
+    pub misses: Vec<Miss>,
+    /// Misses that the list had no room for; they come again in the next pass.
+    pub misses_not_listed: u64,
+    /// Resident bricks that rays sampled, each once, in the order of their slots.
+    pub uses: Vec<BrickKey>,
+    /// Rays that are not finished: all of them wait for one of the misses.
+    pub unfinished_rays: u64,
+    /// What the rays did.
+    pub counters: Counters,
+    /// What only this backend counts.
+    pub gpu: GpuPassCounters,
 }
 
-/// Sums over one pass.
+/// Sums over one pass that only the GPU backend has.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct PassCounters {
-    /// Trilinear cells integrated.
-    pub cells: u64,
-    /// Points at which the transfer function was evaluated.
-    pub samples: u64,
-    /// Macro cells entered.
-    pub macro_cells: u64,
-    /// Macro cells skipped.
-    pub macro_cells_skipped: u64,
-    /// Bricks entered by rays.
-    pub bricks: u64,
-    /// Of these: drawn from an ancestor because they have failed.
-    pub fallbacks: u64,
+pub struct GpuPassCounters {
     /// Bricks left out because they and all their ancestors have failed.
-    pub lost: u64,
+    pub bricks_lost: u64,
     /// Times a loop hit its limit: the ray is not exact there.
     pub anomalies: u64,
     /// Times a ray reached the cell limit of a dispatch and went on in the next.
@@ -52,42 +49,28 @@ pub struct PassCounters {
     pub dispatches: u64,
 }
 
-impl PassCounters {
-    /// Adds what one dispatch counted.
-    pub fn add(&mut self, counters: &Counters) {
-        self.cells += u64::from(counters.cells);
-        self.samples += u64::from(counters.samples);
-        self.macro_cells += u64::from(counters.macro_cells);
-        self.macro_cells_skipped += u64::from(counters.macro_cells_skipped);
-        self.bricks += u64::from(counters.bricks);
-        self.fallbacks += u64::from(counters.fallbacks);
-        self.lost += u64::from(counters.lost);
-        self.anomalies += u64::from(counters.anomalies);
-        self.interruptions += u64::from(counters.active);
-        self.dispatches += 1;
-    }
-}
-
-/// What one pass has to say.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct PassFeedback {
-    /// Bricks that rays wait for, each once, in the order of their entries.
-    pub misses: Vec<Miss>,
-    /// Misses that the list had no room for; they come again in the next pass.
-    pub misses_not_listed: u64,
-    /// Resident bricks that rays sampled, each once, in the order of their slots.
-    pub uses: Vec<BrickKey>,
-    /// Rays that are not finished: all of them wait for one of the misses.
-    pub unfinished_rays: u64,
-    /// What it cost.
-    pub counters: PassCounters,
-}
-
 impl PassFeedback {
     /// Whether every ray is finished.
     #[must_use]
     pub fn is_converged(&self) -> bool {
         self.unfinished_rays == 0
+    }
+
+    /// Adds what one dispatch counted.
+    pub fn add(&mut self, counters: &GpuCounters) {
+        let sums = &mut self.counters;
+        sums.cells += u64::from(counters.cells);
+        sums.samples += u64::from(counters.samples);
+        sums.macro_cells += u64::from(counters.macro_cells);
+        sums.macro_cells_skipped += u64::from(counters.macro_cells_skipped);
+        sums.bricks += u64::from(counters.bricks);
+        sums.parent_bricks += u64::from(counters.fallbacks);
+        sums.rays_finished += u64::from(counters.finished);
+        sums.rays_waiting += u64::from(counters.waiting);
+        self.gpu.bricks_lost += u64::from(counters.lost);
+        self.gpu.anomalies += u64::from(counters.anomalies);
+        self.gpu.interruptions += u64::from(counters.interrupted);
+        self.gpu.dispatches += 1;
     }
 }
 

@@ -279,7 +279,11 @@ shared_struct! {
         /// Control points with positive alpha.
         visible_points: u32,
         /// Zero: the table below begins at a multiple of 16.
-        padding: u32,
+        padding_0: u32,
+        /// Zero.
+        padding_1: u32,
+        /// Zero.
+        padding_2: u32,
         /// The cache textures.
         grids: [SlotGrid; 4],
     }
@@ -362,9 +366,9 @@ shared_struct! {
 
 shared_struct! {
     /// Counters of one dispatch, read back after it.
-    Counters {
+    GpuCounters {
         /// Rays that stopped at the cell limit.
-        active: u32,
+        interrupted: u32,
         /// Rays that wait for a brick.
         waiting: u32,
         /// Rays that finished in this dispatch.
@@ -404,7 +408,7 @@ pub fn structs() -> Vec<StructLayout> {
         GpuRay::layout(),
         RayState::layout(),
         Dispatch::layout(),
-        Counters::layout(),
+        GpuCounters::layout(),
     ]
 }
 
@@ -418,4 +422,69 @@ pub fn wgsl() -> String {
         text.push_str(&layout.wgsl);
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::shaders;
+
+    const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shaders/shared/layout.wgsl");
+
+    #[test]
+    fn the_file_is_what_this_module_writes() {
+        if std::env::var_os("UPDATE_LAYOUT").is_some() {
+            std::fs::write(FILE, wgsl()).unwrap();
+        }
+        let file = std::fs::read_to_string(FILE).unwrap();
+        assert!(file == wgsl(), "shaders/shared/layout.wgsl is out of date: run this test with UPDATE_LAYOUT=1");
+    }
+
+    fn parsed(module: &shaders::ShaderModule) -> naga::Module {
+        let source = module.source();
+        let parsed = naga::front::wgsl::parse_str(&source)
+            .unwrap_or_else(|e| panic!("{}: {}", module.name, e.emit_to_string(&source)));
+        let flags = naga::valid::ValidationFlags::all();
+        naga::valid::Validator::new(flags, naga::valid::Capabilities::empty())
+            .validate(&parsed)
+            .unwrap_or_else(|e| panic!("{}: {}", module.name, e.emit_to_string(&source)));
+        parsed
+    }
+
+    /// Core WebGPU only: no capability is granted.
+    #[test]
+    fn every_shader_is_valid() {
+        for module in shaders::ALL {
+            let parsed = parsed(&module);
+            assert!(parsed.entry_points.iter().any(|e| e.name == module.name), "no entry point {}", module.name);
+        }
+    }
+
+    #[test]
+    fn fields_sit_where_the_compiled_shader_expects_them() {
+        let module = parsed(&shaders::RAYCAST);
+        for layout in structs() {
+            let found = module.types.iter().find_map(|(_, ty)| match &ty.inner {
+                naga::TypeInner::Struct { members, span } if ty.name.as_deref() == Some(layout.name) => {
+                    Some((members, *span))
+                }
+                _ => None,
+            });
+            let Some((members, span)) = found else { panic!("{} is not in the shader", layout.name) };
+            let found: Vec<_> =
+                members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset as usize)).collect();
+            let expected: Vec<_> = layout.fields.iter().map(|&(name, offset)| (name.to_owned(), offset)).collect();
+            assert_eq!(found, expected, "{}", layout.name);
+            assert_eq!(span as usize, layout.size, "size of {}", layout.name);
+        }
+    }
+
+    /// Style: an entry is read on one screen.
+    #[test]
+    fn entries_are_short() {
+        for module in shaders::ALL {
+            let (name, text) = module.files[module.files.len() - 1];
+            assert!(text.lines().count() <= 80, "{name} has more than 80 lines");
+        }
+    }
 }

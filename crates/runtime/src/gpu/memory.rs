@@ -63,12 +63,11 @@ impl MemoryPlan {
         let texels = u64::from(request.slot_edge).pow(3) * request.texel_bytes;
         let slot_bytes = texels + request.ranges_bytes;
         let min_slots = MIN_SLOTS.min(request.useful_slots);
-        let staging_bytes = (request.budget_bytes / 16).clamp(texels, STAGING_BYTES_LIMIT.max(texels));
-        let fixed = request.fixed_bytes.saturating_add(staging_bytes);
-        let needed = fixed.saturating_add(slot_bytes * min_slots);
+        // The least staging holds one brick.
+        let needed = request.fixed_bytes.saturating_add(texels + slot_bytes * min_slots);
         let too_small = || GpuError::Budget {
             budget: request.budget_bytes,
-            fixed,
+            fixed: request.fixed_bytes + texels,
             slot_bytes,
             min_slots,
             needed,
@@ -76,6 +75,9 @@ impl MemoryPlan {
         if needed > request.budget_bytes {
             return Err(too_small());
         }
+        let spare = request.budget_bytes - needed;
+        let staging_bytes = (spare / 16).clamp(texels, STAGING_BYTES_LIMIT.max(texels)).min(spare + texels);
+        let fixed = request.fixed_bytes + staging_bytes;
         let by_ranges = request.max_binding_bytes / request.ranges_bytes.max(1);
         let mut wanted =
             ((request.budget_bytes - fixed) / slot_bytes).min(request.useful_slots).min(by_ranges).min(1 << 24);
@@ -90,8 +92,11 @@ impl MemoryPlan {
                 break;
             }
             textures.push(grid);
-            // A grid may leave a few slots over; a further small texture is not worth its binding.
-            wanted = if slots < wanted.min(per_texture) { 0 } else { wanted - slots };
+            // A grid may leave a few slots over; a texture for so few is not worth its binding.
+            wanted -= slots;
+            if wanted < slots / 32 {
+                break;
+            }
         }
         let slots = textures.iter().map(|g| g.iter().map(|&n| u64::from(n)).product::<u64>()).sum();
         if slots < min_slots {
@@ -164,7 +169,8 @@ mod tests {
     fn too_little_says_how_much_is_needed() {
         let request = MemoryRequest { budget_bytes: 11 << 20, fixed_bytes: (11 << 20) - 1000, ..REQUEST };
         let Err(GpuError::Budget { needed, .. }) = MemoryPlan::new(&request) else { panic!("the budget was accepted") };
-        let plan = MemoryPlan::new(&MemoryRequest { budget_bytes: needed, ..request }).expect("the named bytes suffice");
+        let plan =
+            MemoryPlan::new(&MemoryRequest { budget_bytes: needed, ..request }).expect("the named bytes suffice");
         assert_eq!(plan.slots, MIN_SLOTS);
     }
 }

@@ -4,6 +4,7 @@
 //! - [`layout`]: every struct and constant that Rust and WGSL share, defined once;
 //! - [`shaders`]: the WGSL files, in the order in which they are joined;
 //! - [`memory`]: bytes of everything, computed before anything is allocated;
+//! - [`pipelines`]: the compute pipelines and what they bind;
 //! - [`rays`]: pixels to clipped rays that hold no large number in an `f32`;
 //! - [`slots`]: which brick sits in which slot, and who must leave;
 //! - [`cache`]: the cache textures, the page table and the macro ranges on the GPU;
@@ -16,6 +17,7 @@ pub mod device;
 pub mod feedback;
 pub mod layout;
 pub mod memory;
+pub mod pipelines;
 pub mod rays;
 pub mod shaders;
 pub mod slots;

@@ -44,11 +44,7 @@ pub const RAYCAST: ShaderModule = ShaderModule {
 /// Completes the miss list with its counts.
 pub const GATHER_MISSES: ShaderModule = ShaderModule {
     name: "gather_misses",
-    files: &[
-        file!("shared/layout.wgsl"),
-        file!("shared/config.wgsl"),
-        file!("gather_misses.wgsl"),
-    ],
+    files: &[file!("shared/layout.wgsl"), file!("shared/config.wgsl"), file!("gather_misses.wgsl")],
 };
 
 /// Every module there is.
