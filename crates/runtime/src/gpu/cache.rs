@@ -120,6 +120,12 @@ impl GpuCache {
         })
     }
 
+    /// Slots of all textures.
+    #[must_use]
+    pub fn slot_count(&self) -> u64 {
+        self.grids[..self.textures.len()].iter().map(|g| g.slots.iter().map(|&n| u64::from(n)).product::<u64>()).sum()
+    }
+
     /// Where each texture's slots lie, for the shader.
     #[must_use]
     pub fn grids(&self) -> [SlotGrid; TEXTURE_LIMIT] {

@@ -15,6 +15,9 @@ pub const TEXTURE_BYTES_LIMIT: u64 = 1 << 31;
 /// Fewest slots that are worth starting with; one brick suffices for progress, two let a ray keep the one it left.
 pub const MIN_SLOTS: u64 = 2;
 
+/// Most slots in all: a use bitmap of 2 MiB.
+pub const SLOT_LIMIT: u64 = 1 << 24;
+
 /// Most bytes of voxels in flight between host and GPU.
 pub const STAGING_BYTES_LIMIT: u64 = 32 << 20;
 
@@ -80,7 +83,7 @@ impl MemoryPlan {
         let fixed = request.fixed_bytes + staging_bytes;
         let by_ranges = request.max_binding_bytes / request.ranges_bytes.max(1);
         let mut wanted =
-            ((request.budget_bytes - fixed) / slot_bytes).min(request.useful_slots).min(by_ranges).min(1 << 24);
+            ((request.budget_bytes - fixed) / slot_bytes).min(request.useful_slots).min(by_ranges).min(SLOT_LIMIT);
 
         let per_texture = TEXTURE_BYTES_LIMIT / texels;
         let per_axis = request.max_dimension / request.slot_edge;

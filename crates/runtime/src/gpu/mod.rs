@@ -6,6 +6,7 @@
 //! - [`memory`]: bytes of everything, computed before anything is allocated;
 //! - [`pipelines`]: the compute pipelines and what they bind;
 //! - [`rays`]: pixels to clipped rays that hold no large number in an `f32`;
+//! - [`scene_tables`]: a scene as the shaders read it;
 //! - [`slots`]: which brick sits in which slot, and who must leave;
 //! - [`cache`]: the cache textures, the page table and the macro ranges on the GPU;
 //! - [`feedback`]: what the rays say: misses, uses, counters.
@@ -19,5 +20,6 @@ pub mod layout;
 pub mod memory;
 pub mod pipelines;
 pub mod rays;
+pub mod scene_tables;
 pub mod shaders;
 pub mod slots;
