@@ -3,11 +3,11 @@
 
 mod gpu_support;
 
+use gpu_support::{F32, I16, Storage, TestVolume, U8, gpu, greatest_difference, marschner_lobb, noise};
 use supervol_format::{BrickIndex, BrickKey, Geometry, Lod};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::Skipping;
 use supervol_runtime::raycast::gpu::{GpuDevice, PageEntry};
-use gpu_support::{F32, I16, Storage, TestVolume, U8, gpu, greatest_difference, marschner_lobb, noise};
 
 const FINEST: LodChoice = LodChoice::Fixed(Lod::FINEST);
 /// Half a grey level.
