@@ -15,8 +15,8 @@ pub mod reference;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use supervol_format::container::toc;
 use supervol_format::container::ContainerError;
+use supervol_format::container::toc;
 use supervol_format::{BrickKey, Container, Lod, ValueRange};
 
 use crate::image::Image;

@@ -1,5 +1,7 @@
 //! The picture does not depend on cache, threads, bands or speed; bricks are fetched front to back, once.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "helpers of tests are tests")]
+
 mod containers;
 mod support;
 
@@ -79,8 +81,7 @@ fn levels_chosen_by_distance_converge_too() {
     let container = open(&container_bytes(&volume, 16));
     let scene = scene(&volume, &json(OUTSIDE, r#""dvr""#));
     let automatic = RenderOptions { level: LevelChoice::Auto, ..FINEST };
-    let expected =
-        Bricked::new(&volume, 16).render_with(&scene, LodChoice::Auto { voxel_pixels: 1.0 }, Skipping::On).0;
+    let expected = Bricked::new(&volume, 16).render_with(&scene, LodChoice::Auto { voxel_pixels: 1.0 }, Skipping::On).0;
     for bricks in [1, 2, 5, 100] {
         let plan = plan(&container, &scene, bricks);
         let (image, stats) = render_planned(&container, &scene, &automatic, plan, 2).unwrap();
@@ -113,7 +114,13 @@ fn skipping_bands_and_slow_sources_change_nothing() {
 }
 
 /// Page-ins over distinct bricks, for a cache with this share of the working set.
-fn repeats(container: &Arc<Container>, scene_json: &str, volume: &Volume, level: LevelChoice, share: f64) -> FrameStats {
+fn repeats(
+    container: &Arc<Container>,
+    scene_json: &str,
+    volume: &Volume,
+    level: LevelChoice,
+    share: f64,
+) -> FrameStats {
     let scene = scene(volume, scene_json);
     let options = RenderOptions { level, ..FINEST };
     let (expected, all) = render_planned(container, &scene, &options, plan(container, &scene, 10_000), 2).unwrap();
@@ -224,7 +231,8 @@ fn a_time_budget_in_the_middle_gives_a_complete_picture_that_gets_better() {
 
 #[test]
 fn the_reference_backend_loads_a_level_within_the_budget() {
-    let volume = Volume::new([21, 18, 17], VoxelType::F32, |p| noise(p.map(|v| (v / 4.0).floor()))).with_holes(|p| p[0] == 3);
+    let volume =
+        Volume::new([21, 18, 17], VoxelType::F32, |p| noise(p.map(|v| (v / 4.0).floor()))).with_holes(|p| p[0] == 3);
     let container = open(&container_bytes(&volume, 16));
     let camera = r#""eye": [70, -50, 50], "target": [10, 9, 8], "up": [0, 0, 1], "fov_y": 25"#;
     let scene = scene(&volume, &json(camera, r#""dvr""#));

@@ -101,10 +101,7 @@ pub fn scene_of_level(container: &Container, lod: Lod, scene: &ResolvedScene) ->
     let dims = container.descriptor().dims().0;
     let domain = [[-HALF_VOXEL; 3], dims.map(|n| n as f64 - HALF_VOXEL)];
     let [low, high] = scene.clip.index_box.unwrap_or(domain);
-    let kept = [
-        std::array::from_fn(|a| low[a].max(domain[0][a])),
-        std::array::from_fn(|a| high[a].min(domain[1][a])),
-    ];
+    let kept = [std::array::from_fn(|a| low[a].max(domain[0][a])), std::array::from_fn(|a| high[a].min(domain[1][a]))];
     let index_box = Some(kept.map(|corner| level.from_level_0(corner)));
     ResolvedScene { clip: Clip { index_box, planes: scene.clip.planes.clone() }, ..scene.clone() }
 }

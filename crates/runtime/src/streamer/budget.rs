@@ -132,7 +132,8 @@ impl HostPlan {
         let least_cache = demand.least_bricks * demand.brick.decoded;
         let fixed = image + rays + toc;
         // Where the shares leave too little for the cache, reads in flight go down to one record.
-        let in_flight = if fixed + states + in_flight + least_cache > budget_bytes { least_in_flight } else { in_flight };
+        let in_flight =
+            if fixed + states + in_flight + least_cache > budget_bytes { least_in_flight } else { in_flight };
         let needed = fixed + states + in_flight + least_cache;
         if needed > budget_bytes {
             return Err(BudgetError {

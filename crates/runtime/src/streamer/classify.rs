@@ -66,9 +66,7 @@ impl Classifier {
         let ends = [entry.range.min, entry.range.max].map(|v| self.map.from_container(self.voxel_type, v));
         let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
         match &self.visibility {
-            Visibility::Classified(function) if !function.is_visible(low, high) => {
-                Class::Nothing(Emptiness::Invisible)
-            }
+            Visibility::Classified(function) if !function.is_visible(low, high) => Class::Nothing(Emptiness::Invisible),
             Visibility::Iso(values) if !entry.has_holes && !values.iter().any(|v| (low..=high).contains(v)) => {
                 Class::Uniform(low)
             }

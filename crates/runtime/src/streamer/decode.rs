@@ -29,7 +29,10 @@ pub fn decode_bricks(
     map: &ValueMap,
     bricks: Vec<Encoded>,
 ) -> Vec<(BrickKey, Result<DecodedBrick, ContainerError>)> {
-    bricks.into_par_iter().map_init(Vec::new, |voxels, brick| (brick.key, decode(container, map, &brick, voxels))).collect()
+    bricks
+        .into_par_iter()
+        .map_init(Vec::new, |voxels, brick| (brick.key, decode(container, map, &brick, voxels)))
+        .collect()
 }
 
 /// Decodes one brick; `voxels` is scratch space that is kept from brick to brick.

@@ -110,17 +110,8 @@ pub const ALLOWED: [(StateKind, StateKind); 20] = [
 
 impl StateKind {
     /// Every kind, in declaration order.
-    pub const ALL: [Self; KINDS] = [
-        K::Unknown,
-        K::Nothing,
-        K::Uniform,
-        K::Queued,
-        K::Reading,
-        K::Decoding,
-        K::InHost,
-        K::Evicted,
-        K::Failed,
-    ];
+    pub const ALL: [Self; KINDS] =
+        [K::Unknown, K::Nothing, K::Uniform, K::Queued, K::Reading, K::Decoding, K::InHost, K::Evicted, K::Failed];
 
     /// Name as in statistics.
     #[must_use]

@@ -13,9 +13,7 @@ use supervol_format::container::manifest::{AxisName, Manifest, Source};
 use supervol_format::container::validate::seal_brick;
 use supervol_format::container::writer::ContainerWriter;
 use supervol_format::voxel_type::Absence;
-use supervol_format::{
-    BrickKey, BrickLayout, ByteSource, Container, Dims, Lod, Pyramid, ValueRange, VoxelType,
-};
+use supervol_format::{BrickKey, BrickLayout, ByteSource, Container, Dims, Lod, Pyramid, ValueRange, VoxelType};
 use supervol_runtime::frame::{RenderError, RenderOptions, render_cpu_with};
 use supervol_runtime::image::Image;
 use supervol_runtime::scene::ResolvedScene;
