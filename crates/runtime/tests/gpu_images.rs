@@ -1,13 +1,13 @@
 #![allow(clippy::print_stdout, reason = "measured errors are printed")]
 //! GPU pictures against the reference integrator and against the CPU ray caster.
 
-mod support;
+mod gpu_support;
 
 use supervol_format::{BrickIndex, BrickKey, Geometry, Lod};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::Skipping;
 use supervol_runtime::raycast::gpu::{GpuDevice, PageEntry};
-use support::{F32, I16, Storage, TestVolume, U8, gpu, greatest_difference, marschner_lobb, noise};
+use gpu_support::{F32, I16, Storage, TestVolume, U8, gpu, greatest_difference, marschner_lobb, noise};
 
 const FINEST: LodChoice = LodChoice::Fixed(Lod::FINEST);
 /// Half a grey level.

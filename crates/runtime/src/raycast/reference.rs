@@ -2,8 +2,9 @@
 //!
 //! It follows RENDERING-MODEL line by line and shares nothing with the ray casters but the camera, the clipping and the
 //! transfer function's definition. A ray's segment is cut at the faces of the trilinear cells (index coordinates that
-//! are integers), because the field bends there; each *piece* is sampled at the midpoints of n equal parts, n doubled
-//! until the piece's colour and opacity stand still. So it converges under steep transfer functions as well, slowly.
+//! are integers), because the field bends there; each *piece* is cut again where s crosses a control point, found by
+//! dense sampling and bisection, and each part is sampled at midpoints and halved until doubling the samples changes
+//! nothing any more. So it converges under steep transfer functions as well.
 //! It holds the whole volume in memory: fit for small volumes only.
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -16,12 +17,12 @@ use crate::clip::{IndexRay, Segment, clip_ray};
 use crate::image::Image;
 use crate::scene::{Mode, ResolvedScene, Shading};
 
-/// Midpoint samples of a piece to begin with.
-const FIRST_SAMPLES: usize = 32;
-/// Most midpoint samples of a piece; reaching it is counted.
-const SAMPLE_LIMIT: usize = 1 << 15;
-/// Change of a piece's colour and opacity that counts as standing still; it must do so twice running.
-const PIECE_TOLERANCE: f64 = 1e-6;
+/// Midpoint samples of an interval.
+const SAMPLES: usize = 16;
+/// Change of an interval's colour and opacity that counts as standing still when its samples are doubled.
+const TOLERANCE: f64 = 1e-7;
+/// Most halvings of an interval; reaching it is counted.
+const DEPTH_LIMIT: u32 = 30;
 /// Relative distance from a piece's ends at which they are sampled: on the ends themselves rounding could choose the
 /// neighbouring cell, which may be absent.
 const END_INSET: f64 = 1e-9;
@@ -48,7 +49,7 @@ pub struct ReferenceVolume {
 pub struct ReferencePicture {
     /// The picture.
     pub image: Image,
-    /// Pieces that still moved at the sample limit.
+    /// Intervals that still moved at the limit of halvings.
     pub capped_pieces: u64,
 }
 
@@ -165,30 +166,61 @@ impl<'a> Frame<'a> {
         let mut color = DVec3::ZERO;
         let mut transmittance = 1.0;
         for end in pieces.ends.windows(2) {
-            let (c, t) = self.converged_piece(pieces, end[0], end[1]);
-            color += transmittance * c;
-            transmittance *= t;
+            (color, transmittance) = behind((color, transmittance), self.converged_piece(pieces, end[0], end[1]));
         }
         [color.x, color.y, color.z, 1.0 - transmittance]
     }
 
-    /// Premultiplied colour and transmittance of a piece, with as many samples as it takes.
+    /// Premultiplied colour and transmittance of a piece, cut where the transfer function bends or steps.
     fn converged_piece(&self, pieces: &Pieces, t0: f64, t1: f64) -> (DVec3, f64) {
-        let mut samples = FIRST_SAMPLES;
-        let mut last = self.piece(pieces, t0, t1, samples);
-        let mut still = 0;
-        while still < 2 {
-            if samples >= SAMPLE_LIMIT {
-                self.capped_pieces.fetch_add(1, Ordering::Relaxed);
-                break;
+        let cuts = self.cuts(pieces, t0, t1);
+        cuts.windows(2).map(|c| self.refined(pieces, c[0], c[1], 0)).fold((DVec3::ZERO, 1.0), behind)
+    }
+
+    /// The piece's ends, and where s crosses a control point. Extremes of s are searched first: between them s is
+    /// monotone, so that no crossing is missed where the ray only grazes a value.
+    fn cuts(&self, pieces: &Pieces, t0: f64, t1: f64) -> Vec<f64> {
+        let at = |t: f64| self.volume.sample(pieces.ray.at(t)).unwrap_or(f64::NAN);
+        let (mut grid, _) = search_grid(t0, t1);
+        let extremes = grid.windows(3).filter_map(|t| {
+            let sign = match (at(t[1]) - at(t[0]), at(t[2]) - at(t[1])) {
+                (a, b) if a >= 0.0 && b <= 0.0 => 1.0,
+                (a, b) if a <= 0.0 && b >= 0.0 => -1.0,
+                _ => return None,
+            };
+            Some(peak(t[0], t[2], |t| sign * at(t)))
+        });
+        let extremes: Vec<f64> = extremes.collect();
+        grid.extend(extremes);
+        grid.sort_by(f64::total_cmp);
+        let values: Vec<f64> = grid.iter().map(|&t| at(t)).collect();
+        let mut cuts = vec![t0, t1];
+        for point in self.scene.transfer_function.points() {
+            for i in 1..grid.len() {
+                let before = values[i - 1] >= point.value;
+                if before != (values[i] >= point.value) {
+                    cuts.push(bisect(grid[i - 1], grid[i], |t| (at(t) >= point.value) == before));
+                }
             }
-            samples *= 2;
-            let next = self.piece(pieces, t0, t1, samples);
-            let change = (next.0 - last.0).abs().max_element().max((next.1 - last.1).abs());
-            still = if change < PIECE_TOLERANCE { still + 1 } else { 0 };
-            last = next;
         }
-        last
+        cuts.sort_by(f64::total_cmp);
+        cuts
+    }
+
+    /// An interval, halved until doubling its samples changes nothing.
+    fn refined(&self, pieces: &Pieces, t0: f64, t1: f64, depth: u32) -> (DVec3, f64) {
+        let middle = 0.5 * (t0 + t1);
+        let coarse = self.piece(pieces, t0, t1, SAMPLES);
+        let fine = behind(self.piece(pieces, t0, middle, SAMPLES), self.piece(pieces, middle, t1, SAMPLES));
+        let change = (fine.0 - coarse.0).abs().max_element().max((fine.1 - coarse.1).abs());
+        if change < TOLERANCE {
+            return fine;
+        }
+        if depth == DEPTH_LIMIT {
+            self.capped_pieces.fetch_add(1, Ordering::Relaxed);
+            return fine;
+        }
+        behind(self.refined(pieces, t0, middle, depth + 1), self.refined(pieces, middle, t1, depth + 1))
     }
 
     fn piece(&self, pieces: &Pieces, t0: f64, t1: f64, samples: usize) -> (DVec3, f64) {
@@ -227,14 +259,11 @@ impl<'a> Frame<'a> {
             let (t, step) = search_grid(end[0], end[1]);
             let at = |t: f64| self.volume.sample(pieces.ray.at(t)).map(|v| v * sign);
             let Some(values) = t.iter().map(|&t| at(t)).collect::<Option<Vec<f64>>>() else { continue };
-            let peak = (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b])).unwrap_or(0);
+            let best_at = (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b])).unwrap_or(0);
             // The cubic has one greatest value inside at most: between the neighbours of the greatest sample.
-            let (mut low, mut high) = ((t[peak] - step).max(t[0]), (t[peak] + step).min(t[t.len() - 1]));
-            for _ in 0..60 {
-                let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
-                if at(a) < at(b) { low = a } else { high = b }
-            }
-            let refined = at(0.5 * (low + high)).unwrap_or(values[peak]).max(values[peak]);
+            let (low, high) = ((t[best_at] - step).max(t[0]), (t[best_at] + step).min(t[t.len() - 1]));
+            let top = peak(low, high, |t| at(t).unwrap_or(f64::NEG_INFINITY));
+            let refined = at(top).unwrap_or(values[best_at]).max(values[best_at]);
             best = Some(best.map_or(refined, |b| b.max(refined)));
         }
         best.map(|v| v * sign)
@@ -284,18 +313,36 @@ impl<'a> Frame<'a> {
                     continue;
                 };
                 if let Some((t_before, before)) = previous.filter(|&(_, before)| before != here) {
-                    let (mut low, mut high) = (t_before, t);
-                    while high - low > 1e-9 * (1.0 + high.abs()) {
-                        let middle = 0.5 * (low + high);
-                        if above(middle) == Some(before) { low = middle } else { high = middle }
-                    }
-                    return Some(high);
+                    return Some(bisect(t_before, t, |t| above(t) == Some(before)));
                 }
                 previous = Some((t, here));
             }
         }
         None
     }
+}
+
+/// Where a function with one greatest value between `low` and `high` has it.
+fn peak(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
+    for _ in 0..60 {
+        let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+        if f(a) < f(b) { low = a } else { high = b }
+    }
+    0.5 * (low + high)
+}
+
+/// The end of the part of `low..high` in which `holds`, which begins with it and leaves it once.
+fn bisect(mut low: f64, mut high: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..50 {
+        let middle = 0.5 * (low + high);
+        if holds(middle) { low = middle } else { high = middle }
+    }
+    high
+}
+
+/// Colour and transmittance of `far` seen through `near`.
+fn behind(near: (DVec3, f64), far: (DVec3, f64)) -> (DVec3, f64) {
+    (near.0 + near.1 * far.0, near.1 * far.1)
 }
 
 /// Two-sided Blinn-Phong (RENDERING-MODEL, section 5); `normal`, `to_eye` and the lights' vectors are unit vectors.

@@ -4,10 +4,14 @@
 //! [0, 1]; a *chord* runs from fraction `a` to fraction `b`, its parameter u from 0 to 1. Values are render values.
 //! All interpolation is written with differences, so that equal corners interpolate to themselves exactly.
 
-/// Newton steps in a bracket; bisection alone would take 24 to the last bit.
-const ROOT_STEPS: usize = 24;
-/// Width of a bracket, in u, at which a root is found: about one ulp.
-const ROOT_TOLERANCE: f32 = 1e-7;
+/// What cubics are computed in. Where a ray grazes a step of the transfer function, an error e of s moves the crossings
+/// by the square root of e: `f32` is then wrong by half a grey level, which is what the shader twins settle for.
+pub type Real = f64;
+
+/// Newton steps in a bracket; bisection alone would take 30.
+const ROOT_STEPS: usize = 40;
+/// Width of a bracket, in u, at which a root is found.
+const ROOT_TOLERANCE: Real = 1e-9;
 
 /// The eight corner values of a cell, and what bounds everything between them.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,7 +29,7 @@ impl Cell {
     /// corner a weight other than zero.
     #[inline]
     #[must_use]
-    pub fn new(mut corners: [f32; 8], a: [f32; 3], b: [f32; 3]) -> Option<Self> {
+    pub fn new(mut corners: [f32; 8], a: [Real; 3], b: [Real; 3]) -> Option<Self> {
         if corners.iter().any(|c| c.is_nan()) {
             replace_unreached(&mut corners, a, b);
             if corners.iter().any(|c| c.is_nan()) {
@@ -42,7 +46,7 @@ impl Cell {
 ///
 /// A ray that runs exactly in a plane of voxels is not disturbed by holes in the next plane.
 #[cold]
-pub fn replace_unreached(corners: &mut [f32; 8], a: [f32; 3], b: [f32; 3]) {
+pub fn replace_unreached(corners: &mut [f32; 8], a: [Real; 3], b: [Real; 3]) {
     for axis in 0..3 {
         let reached_side = match (a[axis], b[axis]) {
             (0.0, 0.0) => 0,
@@ -59,7 +63,8 @@ pub fn replace_unreached(corners: &mut [f32; 8], a: [f32; 3], b: [f32; 3]) {
 
 /// Coefficients of 1, x, y, z, xy, xz, yz, xyz of the interpolant.
 #[inline]
-fn monomials(c: &[f32; 8]) -> [f32; 8] {
+fn monomials(corners: &[f32; 8]) -> [Real; 8] {
+    let c = corners.map(Real::from);
     let (x0, x1, x2, x3) = (c[1] - c[0], c[3] - c[2], c[5] - c[4], c[7] - c[6]);
     let (xy0, xy1) = (x1 - x0, x3 - x2);
     [c[0], x0, c[2] - c[0], c[4] - c[0], xy0, x2 - x0, (c[6] - c[4]) - (c[2] - c[0]), xy1 - xy0]
@@ -68,7 +73,7 @@ fn monomials(c: &[f32; 8]) -> [f32; 8] {
 /// Trilinear interpolation at the fractions `p`.
 #[inline]
 #[must_use]
-pub fn trilinear(corners: &[f32; 8], p: [f32; 3]) -> f32 {
+pub fn trilinear(corners: &[f32; 8], p: [Real; 3]) -> Real {
     let [k, kx, ky, kz, kxy, kxz, kyz, kxyz] = monomials(corners);
     let [x, y, z] = p;
     k + x * (kx + y * (kxy + z * kxyz)) + y * (ky + z * kyz) + z * (kz + x * kxz)
@@ -77,7 +82,7 @@ pub fn trilinear(corners: &[f32; 8], p: [f32; 3]) -> f32 {
 /// Coefficients, lowest power first, of s(u) along the chord from `a` to `b`.
 #[inline]
 #[must_use]
-pub fn cubic_of_cell(corners: &[f32; 8], a: [f32; 3], b: [f32; 3]) -> [f32; 4] {
+pub fn cubic_of_cell(corners: &[f32; 8], a: [Real; 3], b: [Real; 3]) -> [Real; 4] {
     let [_, kx, ky, kz, kxy, kxz, kyz, kxyz] = monomials(corners);
     let [ax, ay, az] = a;
     let [dx, dy, dz] = [b[0] - ax, b[1] - ay, b[2] - az];
@@ -95,21 +100,21 @@ pub fn cubic_of_cell(corners: &[f32; 8], a: [f32; 3], b: [f32; 3]) -> [f32; 4] {
 /// The cubic at u.
 #[inline]
 #[must_use]
-pub fn cubic_at(c: &[f32; 4], u: f32) -> f32 {
+pub fn cubic_at(c: &[Real; 4], u: Real) -> Real {
     c[0] + u * (c[1] + u * (c[2] + u * c[3]))
 }
 
 /// Mean of the cubic over [0, 1].
 #[inline]
 #[must_use]
-pub fn cubic_mean(c: &[f32; 4]) -> f32 {
+pub fn cubic_mean(c: &[Real; 4]) -> Real {
     c[0] + c[1] * (1.0 / 2.0) + c[2] * (1.0 / 3.0) + c[3] * (1.0 / 4.0)
 }
 
 /// A short list of parameters u on a chord.
 #[derive(Debug, Clone, Copy)]
 pub struct Parameters<const N: usize> {
-    values: [f32; N],
+    values: [Real; N],
     length: usize,
 }
 
@@ -126,7 +131,7 @@ impl<const N: usize> Parameters<N> {
     /// # Panics
     /// If the list is full: its size is chosen for the most there can be.
     #[inline]
-    pub fn insert(&mut self, u: f32) {
+    pub fn insert(&mut self, u: Real) {
         assert!(self.length < N, "a list of {N} parameters is full");
         let mut at = self.length;
         while at > 0 && self.values[at - 1] > u {
@@ -140,7 +145,7 @@ impl<const N: usize> Parameters<N> {
     /// The parameters, ascending.
     #[inline]
     #[must_use]
-    pub fn as_slice(&self) -> &[f32] {
+    pub fn as_slice(&self) -> &[Real] {
         &self.values[..self.length]
     }
 }
@@ -154,7 +159,7 @@ impl<const N: usize> Default for Parameters<N> {
 /// Ends of the intervals of [0, 1] in which the cubic is monotone: 0, its critical points inside, 1.
 #[inline]
 #[must_use]
-pub fn monotone_intervals(c: &[f32; 4]) -> Parameters<4> {
+pub fn monotone_intervals(c: &[Real; 4]) -> Parameters<4> {
     let mut ends = Parameters::new();
     ends.insert(0.0);
     // s'(u) = c1 + 2 c2 u + 3 c3 u^2; the stable form of the two roots never subtracts equal numbers.
@@ -176,16 +181,16 @@ pub fn monotone_intervals(c: &[f32; 4]) -> Parameters<4> {
 /// Least and greatest value of the cubic over the intervals of [`monotone_intervals`].
 #[inline]
 #[must_use]
-pub fn cubic_extremes(c: &[f32; 4], intervals: &[f32]) -> (f32, f32) {
+pub fn cubic_extremes(c: &[Real; 4], intervals: &[Real]) -> (Real, Real) {
     intervals
         .iter()
         .map(|&u| cubic_at(c, u))
-        .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+        .fold((Real::INFINITY, Real::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
 }
 
 /// Inserts into `out` every u in (0, 1) at which the cubic passes `value`: at most 3.
 #[inline]
-pub fn cubic_roots<const N: usize>(c: &[f32; 4], intervals: &[f32], value: f32, out: &mut Parameters<N>) {
+pub fn cubic_roots<const N: usize>(c: &[Real; 4], intervals: &[Real], value: Real, out: &mut Parameters<N>) {
     for pair in intervals.windows(2) {
         if let Some(u) = monotone_root(c, pair[0], pair[1], value)
             && u > 0.0
@@ -201,8 +206,8 @@ pub fn cubic_roots<const N: usize>(c: &[f32; 4], intervals: &[f32], value: f32, 
 /// Newton's method inside a shrinking bracket, bisection where Newton leaves it.
 #[inline]
 #[must_use]
-pub fn monotone_root(c: &[f32; 4], mut low: f32, mut high: f32, value: f32) -> Option<f32> {
-    let is_above = |u: f32| cubic_at(c, u) >= value;
+pub fn monotone_root(c: &[Real; 4], mut low: Real, mut high: Real, value: Real) -> Option<Real> {
+    let is_above = |u: Real| cubic_at(c, u) >= value;
     let low_above = is_above(low);
     if low_above == is_above(high) {
         return None;
@@ -233,41 +238,41 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn unit() -> impl Strategy<Value = [f32; 3]> {
-        prop::array::uniform3(0.0f32..=1.0)
+    fn unit() -> impl Strategy<Value = [Real; 3]> {
+        prop::array::uniform3(0.0f64..=1.0)
     }
 
     proptest! {
         #[test]
         fn the_cubic_is_the_interpolant_along_the_chord(
-            corners in prop::array::uniform8(-1.0f32..1.0), a in unit(), b in unit(), u in 0.0f32..=1.0,
+            corners in prop::array::uniform8(-1.0f32..1.0), a in unit(), b in unit(), u in 0.0f64..=1.0,
         ) {
             let cubic = cubic_of_cell(&corners, a, b);
-            let p: [f32; 3] = std::array::from_fn(|i| a[i] + u * (b[i] - a[i]));
+            let p: [Real; 3] = std::array::from_fn(|i| a[i] + u * (b[i] - a[i]));
             let mut expected = 0.0;
             for (corner, &value) in corners.iter().enumerate() {
-                let weight = |i: usize| if corner >> i & 1 == 1 { f64::from(p[i]) } else { 1.0 - f64::from(p[i]) };
+                let weight = |i: usize| if corner >> i & 1 == 1 { p[i] } else { 1.0 - p[i] };
                 expected += f64::from(value) * weight(0) * weight(1) * weight(2);
             }
-            prop_assert!((f64::from(cubic_at(&cubic, u)) - expected).abs() < 4e-6);
-            prop_assert!((f64::from(trilinear(&corners, p)) - expected).abs() < 4e-6);
+            prop_assert!((cubic_at(&cubic, u) - expected).abs() < 1e-12);
+            prop_assert!((trilinear(&corners, p) - expected).abs() < 1e-12);
         }
 
         #[test]
-        fn roots_are_found_and_are_roots(c in prop::array::uniform4(-2.0f32..2.0), value in -1.0f32..1.0) {
+        fn roots_are_found_and_are_roots(c in prop::array::uniform4(-2.0f64..2.0), value in -1.0f64..1.0) {
             let intervals = monotone_intervals(&c);
             let mut roots = Parameters::<3>::new();
             cubic_roots(&c, intervals.as_slice(), value, &mut roots);
             for &u in roots.as_slice() {
-                prop_assert!((cubic_at(&c, u) - value).abs() < 1e-5, "{u}");
+                prop_assert!((cubic_at(&c, u) - value).abs() < 1e-7, "{u}");
             }
-            let sides: Vec<bool> = (0..=1000).map(|i| cubic_at(&c, i as f32 / 1000.0) > value).collect();
+            let sides: Vec<bool> = (0..=1000).map(|i| cubic_at(&c, f64::from(i) / 1000.0) > value).collect();
             let changes = sides.windows(2).filter(|s| s[0] != s[1]).count();
             prop_assert!(roots.as_slice().len() >= changes);
             let (low, high) = cubic_extremes(&c, intervals.as_slice());
             for i in 0..=1000 {
-                let s = cubic_at(&c, i as f32 / 1000.0);
-                prop_assert!(s >= low - 1e-5 && s <= high + 1e-5);
+                let s = cubic_at(&c, f64::from(i) / 1000.0);
+                prop_assert!(s >= low - 1e-9 && s <= high + 1e-9);
             }
         }
     }
@@ -286,6 +291,6 @@ mod tests {
     #[test]
     fn equal_corners_interpolate_to_themselves() {
         let cubic = cubic_of_cell(&[0.1; 8], [0.3, 0.7, 0.2], [0.9, 0.1, 0.5]);
-        assert_eq!(cubic, [0.1, 0.0, 0.0, 0.0]);
+        assert_eq!(cubic, [Real::from(0.1f32), 0.0, 0.0, 0.0]);
     }
 }

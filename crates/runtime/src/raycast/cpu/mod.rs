@@ -8,7 +8,7 @@
 //! 4. [`CpuFrame::image`] makes the picture of the states, at any time.
 //!
 //! The picture depends neither on the number of threads, nor on which bricks came when, nor on the size of bricks: to
-//! the last bit. Crossings are `f64` world lengths; values in a cell are `f32` render values; a ray gathers in `f64`.
+//! the last bit. Crossings and cubics are `f64`, values and colours `f32`; a ray gathers in `f64`.
 
 pub mod cell;
 mod march;
@@ -116,7 +116,7 @@ pub struct Counters {
     pub parent_bricks: u64,
     /// Rays that this pass finished.
     pub rays_finished: u64,
-    /// Rays that wait for a brick after this pass.
+    /// Times a ray stopped at a brick that is not resident; in one pass: rays that wait.
     pub rays_waiting: u64,
 }
 
@@ -250,9 +250,9 @@ const PAIR_NORMAL_CHANGE: f32 = 0.25;
 
 impl CpuFrame {
     /// Gauss pairs that shading wants between two parameters of a chord: by how far the normal turns.
-    pub(crate) fn shaded_pairs(&self, chord: &modes::Chord, setup: &modes::ShadeSetup<'_>, u: [f32; 2]) -> u32 {
+    pub(crate) fn shaded_pairs(&self, chord: &modes::Chord, setup: &modes::ShadeSetup<'_>, u: [cell::Real; 2]) -> u32 {
         let Some(gradient) = &chord.gradient else { return 1 };
-        let normal = |u: f32| (setup.world_from_level_gradient * gradient.at(u)).normalize_or_zero();
+        let normal = |u: cell::Real| (setup.world_from_level_gradient * gradient.at(u)).normalize_or_zero();
         let [a, m, b] = [u[0], 0.5 * (u[0] + u[1]), u[1]].map(normal);
         let turn = a.distance(m) + m.distance(b);
         ((turn / PAIR_NORMAL_CHANGE).ceil() as u32).clamp(1, quadrature::PAIR_LIMIT)
@@ -333,6 +333,6 @@ impl Counters {
         self.samples += other.samples;
         self.parent_bricks += other.parent_bricks;
         self.rays_finished += other.rays_finished;
-        self.rays_waiting = other.rays_waiting.max(self.rays_waiting);
+        self.rays_waiting += other.rays_waiting;
     }
 }

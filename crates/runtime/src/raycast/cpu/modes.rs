@@ -4,7 +4,7 @@
 
 use glam::Vec3;
 
-use super::cell::{Cell, cubic_at, cubic_extremes, cubic_mean, monotone_intervals, monotone_root};
+use super::cell::{Cell, Real, cubic_at, cubic_extremes, cubic_mean, monotone_intervals, monotone_root};
 use super::quadrature::{GAUSS_OFFSET, integrate_pair, opacity_of, pairs_between, splits_of_chord};
 use super::shade::{ChordGradient, Lighting, shade};
 use super::{Counters, CpuFrame, RayState};
@@ -20,7 +20,7 @@ pub struct Chord {
     /// See `low`.
     pub high: f32,
     /// s(u).
-    pub cubic: [f32; 4],
+    pub cubic: [Real; 4],
     /// Index gradient of the chord's level; `None`: unshaded.
     pub gradient: Option<ChordGradient>,
     /// World length.
@@ -41,24 +41,24 @@ impl Chord {
     /// A chord through a cell.
     #[inline]
     #[must_use]
-    pub fn new(cell: &Cell, cubic: [f32; 4], gradient: Option<ChordGradient>, h: f64) -> Self {
+    pub fn new(cell: &Cell, cubic: [Real; 4], gradient: Option<ChordGradient>, h: f64) -> Self {
         Self { low: cell.low, high: cell.high, cubic, gradient, h }
     }
 
     /// A chord of constant value.
     #[must_use]
     pub fn uniform(value: f32, h: f64) -> Self {
-        Self { low: value, high: value, cubic: [value, 0.0, 0.0, 0.0], gradient: None, h }
+        Self { low: value, high: value, cubic: [Real::from(value), 0.0, 0.0, 0.0], gradient: None, h }
     }
 
     /// s(u), never outside the corners' range: rounding must not reach what the range says is not there.
     #[inline]
-    fn value(&self, u: f32) -> f32 {
-        cubic_at(&self.cubic, u).clamp(self.low, self.high)
+    fn value(&self, u: Real) -> f32 {
+        (cubic_at(&self.cubic, u) as f32).clamp(self.low, self.high)
     }
 
     #[inline]
-    fn shaded(&self, setup: &ShadeSetup<'_>, color: [f32; 3], u: f32) -> [f32; 3] {
+    fn shaded(&self, setup: &ShadeSetup<'_>, color: [f32; 3], u: Real) -> [f32; 3] {
         match (setup.lighting, &self.gradient) {
             (Some(lighting), Some(gradient)) => {
                 shade(lighting, color, setup.world_from_level_gradient * gradient.at(u), setup.to_eye)
@@ -86,10 +86,10 @@ pub fn gather_dvr(
     counters: &mut Counters,
 ) {
     let tf = &frame.transfer_function;
-    let h = chord.h as f32;
+    let h = chord.h;
     if chord.low == chord.high && chord.gradient.is_none() {
         let [r, g, b, alpha] = tf.classify(chord.low);
-        let opacity = opacity_of(tf.extinction(alpha) * h);
+        let opacity = opacity_of(tf.extinction(alpha) * h as f32);
         counters.samples += 1;
         composite(state, [r, g, b].map(|c| c * opacity), opacity);
         return;
@@ -104,19 +104,19 @@ pub fn gather_dvr(
         if setup.lighting.is_some() && chord.gradient.is_some() {
             pairs = pairs.max(frame.shaded_pairs(chord, setup, [part[0], part[1]]));
         }
-        let step = width / pairs as f32;
+        let step = width / Real::from(pairs);
         for i in 0..pairs {
             let mut kappa = [0.0; 2];
             let mut color = [[0.0; 3]; 2];
             for (point, offset) in [GAUSS_OFFSET, 1.0 - GAUSS_OFFSET].into_iter().enumerate() {
-                let u = begin + (i as f32 + offset) * step;
+                let u = begin + (Real::from(i) + offset) * step;
                 let [r, g, b, alpha] = tf.classify(chord.value(u));
                 if alpha > 0.0 {
                     kappa[point] = tf.extinction(alpha);
                     color[point] = chord.shaded(setup, [r, g, b], u);
                 }
             }
-            let (c, opacity) = integrate_pair(kappa, color, step * h);
+            let (c, opacity) = integrate_pair(kappa, color, (step * h) as f32);
             composite(state, c, opacity);
         }
         counters.samples += u64::from(2 * pairs);
@@ -127,7 +127,7 @@ pub fn gather_dvr(
 pub fn gather_mip(chord: &Chord, state: &mut RayState) {
     if f64::from(chord.high) > state.value || state.value.is_nan() {
         let (_, high) = cubic_extremes(&chord.cubic, monotone_intervals(&chord.cubic).as_slice());
-        state.value = f64::from(high.clamp(chord.low, chord.high)).max(state.value);
+        state.value = f64::from((high as f32).clamp(chord.low, chord.high)).max(state.value);
     }
 }
 
@@ -135,13 +135,13 @@ pub fn gather_mip(chord: &Chord, state: &mut RayState) {
 pub fn gather_minip(chord: &Chord, state: &mut RayState) {
     if f64::from(chord.low) < state.value || state.value.is_nan() {
         let (low, _) = cubic_extremes(&chord.cubic, monotone_intervals(&chord.cubic).as_slice());
-        state.value = f64::from(low.clamp(chord.low, chord.high)).min(state.value);
+        state.value = f64::from((low as f32).clamp(chord.low, chord.high)).min(state.value);
     }
 }
 
 /// The integral of the values, and the present length.
 pub fn gather_mean(chord: &Chord, state: &mut RayState) {
-    let mean = f64::from(cubic_mean(&chord.cubic).clamp(chord.low, chord.high));
+    let mean = cubic_mean(&chord.cubic);
     state.value = if state.value.is_nan() { 0.0 } else { state.value } + mean * chord.h;
     state.length += chord.h;
 }
@@ -162,7 +162,7 @@ pub struct IsoSides {
 /// The side is carried from chord to chord, so that a crossing exactly on a face is found although the cubics of its
 /// two cells round differently there.
 pub fn gather_iso(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state: &mut RayState) {
-    let mut hits = [(0.0f32, 0usize); ISO_LIMIT];
+    let mut hits = [(0.0, 0usize); ISO_LIMIT];
     let mut hit_count = 0;
     for (index, surface) in frame.iso.iter().enumerate() {
         let bit = 1u32 << index;
@@ -190,10 +190,10 @@ pub fn gather_iso(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state
     }
 }
 
-fn first_crossing(chord: &Chord, value: f32) -> Option<f32> {
+fn first_crossing(chord: &Chord, value: f32) -> Option<Real> {
     if value < chord.low || value > chord.high {
         return None;
     }
     let intervals = monotone_intervals(&chord.cubic);
-    intervals.as_slice().windows(2).find_map(|ends| monotone_root(&chord.cubic, ends[0], ends[1], value))
+    intervals.as_slice().windows(2).find_map(|ends| monotone_root(&chord.cubic, ends[0], ends[1], Real::from(value)))
 }

@@ -3,11 +3,11 @@
 //! Between the values at which the transfer function bends or steps, kappa and colour are smooth in u, so that a
 //! two-point Gauss rule is of fourth order. `h` is a world length, `kappa` extinction per world length.
 
-use super::cell::{Parameters, cubic_at, cubic_roots, monotone_intervals};
+use super::cell::{Parameters, Real, cubic_at, cubic_roots, monotone_intervals};
 use crate::transfer_function::RenderTransferFunction;
 
 /// Position of the first Gauss point in [0, 1]: `(1 - 1/sqrt(3)) / 2`; the second lies symmetric.
-pub const GAUSS_OFFSET: f32 = 0.211_324_87;
+pub const GAUSS_OFFSET: Real = 0.211_324_865_405_187_1;
 /// Distance between the two Gauss points, in parts of the interval: `1/sqrt(3)`.
 pub const GAUSS_DISTANCE: f32 = 0.577_350_3;
 /// A chord is split at the transfer function's knots if at most this many lie in its cell's range.
@@ -15,7 +15,7 @@ pub const KNOT_LIMIT: usize = 8;
 /// Most Gauss pairs between two splits.
 pub const PAIR_LIMIT: u32 = 32;
 /// Change of opacity and colour that one Gauss pair may bridge.
-const PAIR_VARIATION: f32 = 0.25;
+const PAIR_VARIATION: f32 = 0.06;
 /// Product of that change and of the optical depth that one Gauss pair may bridge.
 const PAIR_VARIATION_DEPTH: f32 = 0.1;
 /// Least weight of the farther Gauss point, where the exponential underflows.
@@ -68,14 +68,14 @@ pub fn pair_count(variation: f32, tau: f32) -> u32 {
 /// Where the chord is split: at its ends, and where its cubic crosses a knot of the transfer function.
 #[inline]
 #[must_use]
-pub fn splits_of_chord(tf: &RenderTransferFunction, cubic: &[f32; 4], low: f32, high: f32) -> Splits {
+pub fn splits_of_chord(tf: &RenderTransferFunction, cubic: &[Real; 4], low: f32, high: f32) -> Splits {
     let mut splits = Splits::new();
     splits.insert(0.0);
     let knots = tf.knots_in(low, high);
     if !knots.is_empty() && knots.len() <= KNOT_LIMIT {
         let intervals = monotone_intervals(cubic);
         for &knot in knots {
-            cubic_roots(cubic, intervals.as_slice(), knot, &mut splits);
+            cubic_roots(cubic, intervals.as_slice(), Real::from(knot), &mut splits);
         }
     }
     splits.insert(1.0);
@@ -85,15 +85,15 @@ pub fn splits_of_chord(tf: &RenderTransferFunction, cubic: &[f32; 4], low: f32, 
 /// Number of Gauss pairs between two splits, from the values there and in the middle.
 #[inline]
 #[must_use]
-pub fn pairs_between(tf: &RenderTransferFunction, cubic: &[f32; 4], u: [f32; 2], h: f32) -> u32 {
-    let values = [u[0], 0.5 * (u[0] + u[1]), u[1]].map(|u| cubic_at(cubic, u));
+pub fn pairs_between(tf: &RenderTransferFunction, cubic: &[Real; 4], u: [Real; 2], h: Real) -> u32 {
+    let values = [u[0], 0.5 * (u[0] + u[1]), u[1]].map(|u| cubic_at(cubic, u) as f32);
     let low = values[0].min(values[1]).min(values[2]);
     let high = values[0].max(values[1]).max(values[2]);
     let variation = tf.variation(low, high);
     if variation == 0.0 {
         return 1;
     }
-    pair_count(variation, tf.extinction(tf.classify(values[1])[3]) * h * (u[1] - u[0]))
+    pair_count(variation, tf.extinction(tf.classify(values[1])[3]) * (h * (u[1] - u[0])) as f32)
 }
 
 #[cfg(test)]
@@ -140,7 +140,7 @@ mod tests {
             let (mut color, mut transmittance) = (0.0, 1.0);
             let h = 1.0 / n as f32;
             for i in 0..n {
-                let x = [GAUSS_OFFSET, 1.0 - GAUSS_OFFSET].map(|g| (i as f32 + g) * h);
+                let x = [GAUSS_OFFSET, 1.0 - GAUSS_OFFSET].map(|g| (i as f32 + g as f32) * h);
                 let (c, a) = integrate_pair(x.map(|x| 0.2 + 1.3 * x), x.map(|x| [0.9 - 0.8 * x; 3]), h);
                 color += transmittance * f64::from(c[0]);
                 transmittance *= 1.0 - f64::from(a);

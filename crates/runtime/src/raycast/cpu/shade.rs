@@ -5,7 +5,7 @@
 
 use glam::{DMat3, Mat3, Vec3};
 
-use super::cell::{cubic_of_cell, replace_unreached};
+use super::cell::{Real, cubic_at, cubic_of_cell, replace_unreached};
 use crate::scene::Shading;
 
 /// Gradients below this share of the data range per smallest spacing are noise: no shading.
@@ -56,7 +56,7 @@ impl Lighting {
 /// The gradient along a chord: one cubic per index axis.
 #[derive(Debug, Clone, Copy)]
 pub struct ChordGradient {
-    cubics: [[f32; 4]; 3],
+    cubics: [[Real; 4]; 3],
 }
 
 impl ChordGradient {
@@ -64,7 +64,7 @@ impl ChordGradient {
     /// an absent tap has a weight other than zero on the chord from `a` to `b`.
     #[inline]
     #[must_use]
-    pub fn new(mut corners: [[f32; 8]; 3], a: [f32; 3], b: [f32; 3]) -> Option<Self> {
+    pub fn new(mut corners: [[f32; 8]; 3], a: [Real; 3], b: [Real; 3]) -> Option<Self> {
         if corners.iter().flatten().any(|g| g.is_nan()) {
             corners.iter_mut().for_each(|component| replace_unreached(component, a, b));
             if corners.iter().flatten().any(|g| g.is_nan()) {
@@ -77,8 +77,8 @@ impl ChordGradient {
     /// Index-space gradient at u.
     #[inline]
     #[must_use]
-    pub fn at(&self, u: f32) -> Vec3 {
-        Vec3::from_array(self.cubics.map(|c| super::cell::cubic_at(&c, u)))
+    pub fn at(&self, u: Real) -> Vec3 {
+        Vec3::from_array(self.cubics.map(|c| cubic_at(&c, u) as f32))
     }
 }
 

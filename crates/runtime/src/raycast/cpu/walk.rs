@@ -80,10 +80,10 @@ impl Planes {
     /// Position of the ray at t as a fraction of each cell `index`, clamped to [0, 1].
     #[inline]
     #[must_use]
-    pub fn fractions(&self, ray: &AxisRay, t: f64, index: [i64; 3]) -> [f32; 3] {
+    pub fn fractions(&self, ray: &AxisRay, t: f64, index: [i64; 3]) -> [f64; 3] {
         std::array::from_fn(|a| {
             let cells = (ray.coordinate(a, t) - self.first[a]) / self.spacing[a];
-            ((cells - index[a] as f64) as f32).clamp(0.0, 1.0)
+            (cells - index[a] as f64).clamp(0.0, 1.0)
         })
     }
 }
@@ -216,7 +216,7 @@ mod tests {
                             let raw = (ray.coordinate(a, 0.5 * (t + exit)) - planes.first[a]) / planes.spacing[a];
                             let inside = cells.low[a] < walk.index[a] && walk.index[a] < cells.high[a];
                             let true_fraction = raw - walk.index[a] as f64;
-                            assert!(!inside || (f64::from(f) - true_fraction).abs() < 1e-6, "{true_fraction}");
+                            assert!(!inside || (f - true_fraction).abs() < 1e-6, "{true_fraction}");
                         }
                     }
                     t = exit;
