@@ -21,6 +21,7 @@ pub mod cache;
 pub mod camera;
 pub mod clip;
 pub mod frame;
+pub mod gpu;
 pub mod image;
 pub mod lod;
 pub mod preset;
