@@ -14,8 +14,8 @@ pub const GAUSS_DISTANCE: f32 = 0.577_350_3;
 pub const KNOT_LIMIT: usize = 8;
 /// Most Gauss pairs between two splits.
 pub const PAIR_LIMIT: u32 = 32;
-/// Change of opacity and colour that one Gauss pair may bridge.
-const PAIR_VARIATION: f32 = 0.06;
+/// Change of opacity and colour that one Gauss pair may bridge; the error falls with the fourth power of their number.
+const PAIR_VARIATION: f32 = 0.006;
 /// Product of that change and of the optical depth that one Gauss pair may bridge.
 const PAIR_VARIATION_DEPTH: f32 = 0.1;
 /// Least weight of the farther Gauss point, where the exponential underflows.
@@ -60,7 +60,7 @@ pub fn integrate_pair(kappa: [f32; 2], color: [[f32; 3]; 2], h: f32) -> ([f32; 3
 #[inline]
 #[must_use]
 pub fn pair_count(variation: f32, tau: f32) -> u32 {
-    let wanted = variation * (1.0 / PAIR_VARIATION) + variation * tau * (1.0 / PAIR_VARIATION_DEPTH);
+    let wanted = (variation * (1.0 / PAIR_VARIATION)).sqrt().sqrt() + variation * tau * (1.0 / PAIR_VARIATION_DEPTH);
     // `as` saturates, and maps NaN to 0.
     (wanted.ceil() as u32).clamp(1, PAIR_LIMIT)
 }
