@@ -138,8 +138,10 @@ impl BrickView for Patched<'_> {
 fn uniform_absent_and_failed_bricks() {
     let volume = Volume::new([40, 40, 40], VoxelType::F32, |_| 0.5);
     let bricked = Bricked::new(&volume, 16);
+    // The data value 0.5 as a render value: a range of no width is moved to 0.
+    assert_eq!(bricked.map.from_data(0.5), 0.0);
     let patches: [fn(BrickKey) -> Option<Resident<'static>>; 3] = [
-        |key| key.brick().0[0].is_multiple_of(2).then_some(Resident::Uniform(0.5)),
+        |key| key.brick().0[0].is_multiple_of(2).then_some(Resident::Uniform(0.0)),
         |key| (key.lod() == Lod(0) && key.brick().0[1] == 1).then_some(Resident::UseParent),
         |key| (key.lod() < Lod(2)).then_some(Resident::UseParent),
     ];
@@ -150,7 +152,8 @@ fn uniform_absent_and_failed_bricks() {
             let mut states = frame.begin();
             assert!(cast_pass(&Patched { all: &bricked, patch }, &frame, &mut states).is_converged());
             let error = support::difference(&frame.image(&states), &whole);
-            assert!(error < 1e-3, "scene {i}, patch {p}: {error}/255");
+            // A uniform brick is one chord: a ray may end behind the opacity at which cells would have ended it.
+            assert!(error < 0.128, "scene {i}, patch {p}: {error}/255");
         }
         let mut states = frame.begin();
         let nothing = Patched { all: &bricked, patch: |_| Some(Resident::Nothing) };

@@ -17,7 +17,7 @@ pub const PAIR_LIMIT: u32 = 32;
 /// Change of opacity and colour that one Gauss pair may bridge; the error falls with the fourth power of their number.
 const PAIR_VARIATION: f32 = 0.006;
 /// Product of that change and of the optical depth that one Gauss pair may bridge.
-const PAIR_VARIATION_DEPTH: f32 = 0.1;
+const PAIR_VARIATION_DEPTH: f32 = 0.07;
 /// Least weight of the farther Gauss point, where the exponential underflows.
 const MIN_WEIGHT: f32 = 1e-20;
 
