@@ -2,6 +2,8 @@
 //!
 //! Early ray termination alone may cost 0.1275/255 ([`TERMINATION_OPACITY`]); bounds leave little beside it.
 
+#![allow(clippy::print_stderr, reason = "tests show the errors they measure")]
+
 mod support;
 
 use supervol_format::{Geometry, Lod, VoxelType};
@@ -170,7 +172,8 @@ fn axis_parallel_rays() {
 /// S38: single voxels, slabs, whole bricks.
 #[test]
 fn holes() {
-    let fields: [(&str, fn([usize; 3]) -> bool); 4] = [
+    type IsHole = fn([usize; 3]) -> bool;
+    let fields: [(&str, IsHole); 4] = [
         ("voxel", |p| p == [7, 8, 6]),
         ("slab", |p| (9..11).contains(&p[0])),
         ("brick", |p| p[0] >= 16),

@@ -1,5 +1,7 @@
 //! What must not change a picture: skipping, brick size, threads, the order in which bricks arrive.
 
+#![allow(clippy::print_stderr, reason = "tests show how much they skip")]
+
 mod support;
 
 use std::sync::Mutex;
