@@ -65,18 +65,16 @@ pub fn pair_count(variation: f32, tau: f32) -> u32 {
     (wanted.ceil() as u32).clamp(1, PAIR_LIMIT)
 }
 
-/// Where the chord is split: at its ends, and where its cubic crosses a knot of the transfer function.
+/// Where the chord is split: at its ends, and where its cubic crosses one of the knots, of which there are at most
+/// [`KNOT_LIMIT`].
 #[inline]
 #[must_use]
-pub fn splits_of_chord(tf: &RenderTransferFunction, cubic: &[Real; 4], low: f32, high: f32) -> Splits {
+pub fn splits_of_chord(cubic: &[Real; 4], knots: &[f32]) -> Splits {
     let mut splits = Splits::new();
     splits.insert(0.0);
-    let knots = tf.knots_in(low, high);
-    if !knots.is_empty() && knots.len() <= KNOT_LIMIT {
-        let intervals = monotone_intervals(cubic);
-        for &knot in knots {
-            cubic_roots(cubic, intervals.as_slice(), Real::from(knot), &mut splits);
-        }
+    let intervals = monotone_intervals(cubic);
+    for &knot in knots {
+        cubic_roots(cubic, intervals.as_slice(), Real::from(knot), &mut splits);
     }
     splits.insert(1.0);
     splits
