@@ -76,6 +76,7 @@ fn gather_light(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
         let first = view.intervals[piece];
         let last = view.intervals[piece + 1u];
         // A monotone piece meets the knots in their order, or in the reverse one.
+        work += count;
         let rises = cubic_at(view.cubic, last) > cubic_at(view.cubic, first);
         for (var i = 0u; i < count && first < last; i += 1u) {
             let index = select(knots.y - 1u - i, knots.x + i, rises);
@@ -93,6 +94,7 @@ fn gather_light(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
 fn gather_part(view: CellView, u0: f32, u1: f32, ray: LocalRay, state: ptr<function, RayState>) {
     let pairs = max(pairs_between(view, u0, u1), shaded_pairs(view.gradient, u0, u1, ray));
     let width = (u1 - u0) / f32(pairs);
+    work += pairs;
     for (var i = 0u; i < pairs; i += 1u) {
         let begin = u0 + f32(i) * width;
         let near_u = begin + GAUSS_OFFSET * width;
@@ -113,6 +115,7 @@ fn gather_part(view: CellView, u0: f32, u1: f32, ray: LocalRay, state: ptr<funct
 fn gather_surfaces(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
     let known = (*state).present > 0.0;
     for (var n = 0u; n < config.iso_count; n += 1u) {
+        work += config.iso_count;
         var nearest = NEVER;
         var surface = 0u;
         for (var i = 0u; i < config.iso_count; i += 1u) {

@@ -26,6 +26,7 @@ fn is_settled(state: ptr<function, RayState>) -> bool {
 // Surfaces whose value is not greater than this one.
 fn sides_of(value: f32) -> u32 {
     var sides = 0u;
+    work += config.iso_count;
     for (var i = 0u; i < config.iso_count; i += 1u) {
         sides |= select(0u, 1u << i, value >= tables.isos[i].value);
     }

@@ -242,15 +242,15 @@ struct Dispatch {
     first_ray: u32,
     // Rays.
     ray_count: u32,
-    // Trilinear cells that a ray may visit before it stops at the next macro cell.
-    cell_limit: u32,
+    // Loop iterations after which a ray stops at the next cell.
+    work_limit: u32,
     // 1 in a pass's first round: waiting rays look again whether their brick has come.
     first_round: u32,
 }
 
 // Counters of one dispatch, read back after it.
 struct GpuCounters {
-    // Rays that stopped at the cell limit.
+    // Rays that stopped at the work limit.
     interrupted: u32,
     // Rays that wait for a brick.
     waiting: u32,

@@ -27,6 +27,7 @@ fn wanted_level(brick: vec3<i32>) -> u32 {
             break;
         }
         level -= 1u;
+        work += 1u;
     }
     return level;
 }
@@ -38,6 +39,7 @@ fn region_at(ray: LevelRay, t: f32) -> Region {
     let last = vec3<i32>(tables.levels[0].bricks) - 1;
     var brick = clamp(point / core, vec3<i32>(0), last);
     for (var i = 0u; i < REGION_STEPS; i += 1u) {
+        work += 1u;
         if (any(brick < vec3<i32>(0)) || any(brick > last)) {
             return Region(brick, 0u, 0u);
         }
@@ -92,6 +94,7 @@ fn page_of(region: Region) -> Page {
     while ((page.x & PAGE_STATE) == PAGE_FAILED && level + 1u < config.level_count) {
         brick = brick >> (tables.levels[level + 1u].scale_log2 - tables.levels[level].scale_log2);
         level += 1u;
+        work += 1u;
         entry = entry_of(level, brick);
         page = page_table[entry];
     }

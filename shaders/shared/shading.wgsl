@@ -125,6 +125,7 @@ fn shade(color: vec3<f32>, gradient: vec3<f32>, to_eye: vec3<f32>) -> vec3<f32> 
     let normal = gradient * (-1.0 / size);
     var diffuse = config.ambient;
     var specular = 0.0;
+    work += config.light_count;
     for (var i = 0u; i < config.light_count; i += 1u) {
         let light = tables.lights[i];
         diffuse += config.diffuse * abs(dot(normal, light.to_light)) * light.intensity;

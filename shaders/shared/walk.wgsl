@@ -1,8 +1,5 @@
 // The walk of one ray: brick by brick, macro cell by macro cell, trilinear cell by trilinear cell.
 
-// Bricks that a ray may meet in one dispatch; it then goes on in the next.
-const BRICK_LIMIT: u32 = 4096u;
-
 // Moves the base point of a ray that has come far: t stays small (camera.wgsl).
 fn rebase(state: ptr<function, RayState>) {
     let strides = u32((*state).t / config.stride_world);
@@ -13,7 +10,7 @@ fn rebase(state: ptr<function, RayState>) {
 // Casts a ray as far as it goes now; afterwards its status is set.
 fn cast_ray(ray: GpuRay, state: ptr<function, RayState>) {
     (*state).status = STATUS_ACTIVE;
-    for (var i = 0u; i < BRICK_LIMIT && cells < job.cell_limit; i += 1u) {
+    while (!is_worked_off()) {
         var base = ray_from(ray, (*state).strides);
         let region = region_at(base, (*state).t);
         let is_over = (*state).t >= segment_end(ray, (*state).strides) || is_settled(state);
@@ -93,6 +90,7 @@ fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RaySta
     // A ray enters at most three macro cells per layer, and may begin one too far back on each axis.
     let limit = 3 * (last + 2);
     for (var i = 0; i < limit; i += 1) {
+        work += 1u;
         let leaves = crossings(vec3<f32>((cell + side) * MACRO_CELL) - 0.5, ray.origin, ray.direction);
         let cell_leave = min(first_crossing(leaves), leave);
         if (cell_leave > (*state).t) {
@@ -100,13 +98,16 @@ fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RaySta
             if (is_worth_a_visit(range, state)) {
                 macro_cells += 1u;
                 cast_macro_cell(slot, ray, cell * MACRO_CELL, cell_leave, state);
+                if (is_worked_off()) {
+                    return;
+                }
             } else {
                 macro_cells_skipped += 1u;
                 gather_skipped(range, state);
             }
             (*state).t = cell_leave;
         }
-        if (cell_leave >= leave || is_settled(state) || cells >= job.cell_limit) {
+        if (cell_leave >= leave || is_settled(state) || is_worked_off()) {
             return;
         }
         cell += first_axis(leaves) * step_of(ray.direction);
@@ -120,14 +121,16 @@ fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RaySta
     (*state).t = leave;
 }
 
-// Integrates the trilinear cells of one macro cell: faces at integers, `first - 1` to `first + 7`.
+// Integrates the trilinear cells of one macro cell: faces at integers, `first - 1` to `first + 7`. The ray's t follows
+// cell by cell, so that it can stop anywhere.
 fn cast_macro_cell(slot: Slot, ray: LocalRay, first: vec3<i32>, leave: f32, state: ptr<function, RayState>) {
     let low = first - 1;
     let high = first + MACRO_CELL - 1;
     let side = leaving_side(ray.direction);
-    var t = (*state).t;
-    var cell = clamp(vec3<i32>(floor(local_at(ray, t))), low, high);
+    var cell = clamp(vec3<i32>(floor(local_at(ray, (*state).t))), low, high);
     for (var i = 0; i < 3 * (MACRO_CELL + 2); i += 1) {
+        work += 1u;
+        let t = (*state).t;
         let leaves = crossings(vec3<f32>(cell + side), ray.origin, ray.direction);
         let cell_leave = min(first_crossing(leaves), leave);
         if (cell_leave > t) {
@@ -139,9 +142,9 @@ fn cast_macro_cell(slot: Slot, ray: LocalRay, first: vec3<i32>, leave: f32, stat
                 cell_leave - t,
             );
             gather_cell(slot, cell, chord, ray, state);
-            t = cell_leave;
+            (*state).t = cell_leave;
         }
-        if (cell_leave >= leave || is_settled(state)) {
+        if (cell_leave >= leave || is_settled(state) || is_worked_off()) {
             return;
         }
         cell += first_axis(leaves) * step_of(ray.direction);
