@@ -18,13 +18,14 @@ const STRIDE_BITS: u32 = 10u;
 // The ray from its base point `strides` strides after its first point, at level 0.
 fn ray_from(ray: GpuRay, strides: u32) -> LevelRay {
     // Multiplying by a power of two is exact, and so is splitting the product: into a whole number, some leading bits
-    // of the fraction, and a rest so small that its rounding does not matter even millions of strides on.
+    // of the fraction, and a rest so small that its rounding does not matter even millions of strides on. All three
+    // have the stride's sign: rounding down would turn a small negative stride into -1 and a rounded fraction.
     let stride = ray.direction * config.stride_world;
-    let whole = floor(stride);
-    let leading = floor((stride - whole) * f32(1u << STRIDE_BITS));
+    let whole = trunc(stride);
+    let leading = trunc((stride - whole) * f32(1u << STRIDE_BITS));
     let rest = (stride - whole) - leading / f32(1u << STRIDE_BITS) + ray.direction_low * config.stride_world;
-    let units = strides * vec3<u32>(leading);
-    let part = vec3<f32>(units & vec3<u32>((1u << STRIDE_BITS) - 1u)) / f32(1u << STRIDE_BITS);
+    let units = i32(strides) * vec3<i32>(leading);
+    let part = vec3<f32>(units & vec3<i32>((1 << STRIDE_BITS) - 1)) / f32(1u << STRIDE_BITS);
     let fraction = ray.fraction + (part + f32(strides) * rest);
     let carry = floor(fraction);
     let voxel = ray.voxel

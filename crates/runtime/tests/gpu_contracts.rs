@@ -44,7 +44,7 @@ fn huge_coordinates() {
     let pyramid = pyramid([length, 64, 64], 64);
     let key = BrickKey::new(Lod(0), BrickIndex([(length / 64 - 3) as u32, 0, 0]));
     let first = pyramid.core_box(key).start[0] as f64;
-    // Linear along the rays' crossing axes: an error of e voxels is an error of e/64 of the value.
+    // Linear in the position, which then is seen in the value.
     let at = |p: [usize; 3]| (0.4 * p[1] as f64 + 0.5 * p[2] as f64 + 0.1 * (p[0] as f64 - first)) / 64.0;
     let range = ValueRange { min: -0.1, max: 1.1 };
     let map = ValueMap::for_container(F32.voxel_type, 1.0, 0.0, None, range);
@@ -60,7 +60,7 @@ fn huge_coordinates() {
     let near = format!(r#""eye": [{}, 90.3, 120.1], "target": [{}, 30, 31], "fov_y": 30"#, first - 70.7, first + 30.0);
     let along = format!(r#""eye": [-1000, 32.1, 31.9], "target": [{}, 41.3, 27.2], "height": 30"#, first + 30.0);
     for (name, camera) in [("near", near), ("along the whole volume", along)] {
-        // Alpha equals the value, without colour: mip shows positions as grey levels.
+        // Alpha equals the value: `mean` shows positions as grey levels.
         let json = format!(
             r#"{{"camera": {{{camera}, "up": [0, 1, 0]}}, "image": {{"width": 8, "height": 6}}, "mode": "mean",
                 "transfer_function": {{"points": [{{"value": 0, "color": [1, 1, 1], "alpha": 0}},
@@ -86,7 +86,6 @@ fn huge_coordinates() {
             renderer.set_state(other, PageEntry::Nothing);
         }
         let feedback = renderer.cast_pass().unwrap();
-        println!("{:?} {:?}", feedback.misses, feedback);
         assert_eq!(feedback.misses.iter().map(|m| m.key).collect::<Vec<_>>(), [key]);
         renderer.insert(&far.brick).unwrap();
         assert!(renderer.cast_pass().unwrap().is_converged());
