@@ -1,8 +1,5 @@
 // Stored voxels of a resident brick. Brick-local index space: the core's first voxel is 0, the apron begins at -2.
 
-const APRON: i32 = 2;
-const MACRO_CELL: i32 = 8;
-
 // A slot: its cache texture, and the texel of the core's first voxel.
 struct Slot {
     index: u32,

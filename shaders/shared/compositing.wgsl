@@ -14,7 +14,7 @@ fn composite_surface(color: vec3<f32>, alpha: f32, state: ptr<function, RayState
 
 // One bit for each iso surface.
 fn all_surfaces() -> u32 {
-    return select((1u << config.iso_count) - 1u, 0xffffffffu, config.iso_count >= 32u);
+    return select((1u << config.iso_count) - 1u, 0xffffffffu, config.iso_count >= ISO_LIMIT);
 }
 
 // Whether nothing that still comes can change the ray.

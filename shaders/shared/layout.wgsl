@@ -42,6 +42,18 @@ const FLAG_SHADED: u32 = 4u;
 const FLAG_SKIPPING: u32 = 8u;
 // Flag: voxels can be absent at all.
 const FLAG_HOLES: u32 = 16u;
+// Explained where Rust defines them: format/src/brick.rs, raycast/cpu/quadrature.rs, raycast/cpu/mod.rs, scene.rs.
+const APRON: i32 = 2;
+const MACRO_CELL: i32 = 8;
+const KNOT_LIMIT: u32 = 8u;
+const PAIR_LIMIT: u32 = 32u;
+const GAUSS_OFFSET: f32 = 0.21132487;
+const GAUSS_DISTANCE: f32 = 0.5773503;
+const PAIR_VARIATION: f32 = 0.006;
+const PAIR_VARIATION_DEPTH: f32 = 0.07;
+const PAIR_NORMAL_CHANGE: f32 = 0.1;
+const MIN_WEIGHT: f32 = 1e-20;
+const ISO_LIMIT: u32 = 32u;
 
 // Where one cache texture's slots lie.
 struct SlotGrid {
