@@ -15,11 +15,11 @@ pub const KNOT_LIMIT: usize = 8;
 /// Most Gauss pairs between two splits.
 pub const PAIR_LIMIT: u32 = 32;
 /// Change of opacity and colour that one Gauss pair may bridge; the error falls with the fourth power of their number.
-const PAIR_VARIATION: f32 = 0.006;
+pub(crate) const PAIR_VARIATION: f32 = 0.006;
 /// Product of that change and of the optical depth that one Gauss pair may bridge.
-const PAIR_VARIATION_DEPTH: f32 = 0.07;
+pub(crate) const PAIR_VARIATION_DEPTH: f32 = 0.07;
 /// Least weight of the farther Gauss point, where the exponential underflows.
-const MIN_WEIGHT: f32 = 1e-20;
+pub(crate) const MIN_WEIGHT: f32 = 1e-20;
 
 /// Ends of the parts of a chord: 0, up to 3 crossings of each of [`KNOT_LIMIT`] knots, 1.
 pub type Splits = Parameters<{ 2 + 3 * KNOT_LIMIT }>;
