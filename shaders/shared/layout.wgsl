@@ -172,7 +172,11 @@ struct Config {
     // Control points with positive alpha.
     visible_points: u32,
     // Zero: the table below begins at a multiple of 16.
-    padding: u32,
+    padding_0: u32,
+    // Zero.
+    padding_1: u32,
+    // Zero.
+    padding_2: u32,
     // The cache textures.
     grids: array<SlotGrid, 4>,
 }

@@ -52,13 +52,13 @@ fn pair_count(change: f32, tau: f32) -> u32 {
 }
 
 // Number of Gauss pairs between two splits, from the values there and in the middle.
-fn pairs_between(cubic: vec4<f32>, u0: f32, u1: f32, extent: f32) -> u32 {
-    let first = cubic_at(cubic, u0);
-    let middle = cubic_at(cubic, 0.5 * (u0 + u1));
-    let last = cubic_at(cubic, u1);
+fn pairs_between(view: CellView, u0: f32, u1: f32) -> u32 {
+    let first = value_at(view, u0);
+    let middle = value_at(view, 0.5 * (u0 + u1));
+    let last = value_at(view, u1);
     let change = variation(min(min(first, middle), last), max(max(first, middle), last));
     if (change == 0.0) {
         return 1u;
     }
-    return pair_count(change, extinction(classify(middle).a) * extent * (u1 - u0));
+    return pair_count(change, extinction(classify(middle).a) * view.extent * (u1 - u0));
 }

@@ -6,29 +6,21 @@ const BRICK_LIMIT: u32 = 4096u;
 // Moves the base point of a ray that has come far: t stays small (camera.wgsl).
 fn rebase(state: ptr<function, RayState>) {
     let strides = u32((*state).t / config.stride_world);
-    if (strides >= 2u) {
-        (*state).strides += strides;
-        (*state).t -= f32(strides) * config.stride_world;
-    }
+    (*state).strides += strides;
+    (*state).t -= f32(strides) * config.stride_world;
 }
 
 // Casts a ray as far as it goes now; afterwards its status is set.
 fn cast_ray(ray: GpuRay, state: ptr<function, RayState>) {
     (*state).status = STATUS_ACTIVE;
     for (var i = 0u; i < BRICK_LIMIT && cells < job.cell_limit; i += 1u) {
-        rebase(state);
-        let end = segment_end(ray, (*state).strides);
-        let base = ray_from(ray, (*state).strides);
-        if ((*state).t >= end || is_settled(state)) {
-            (*state).status = STATUS_DONE;
-            return;
-        }
+        var base = ray_from(ray, (*state).strides);
         let region = region_at(base, (*state).t);
-        if (region.found == 0u) {
+        let is_over = (*state).t >= segment_end(ray, (*state).strides) || is_settled(state);
+        if (is_over || region.found == 0u) {
             (*state).status = STATUS_DONE;
             return;
         }
-        let leave = min(region.leave, end);
         let page = page_of(region);
         fallbacks += u32(page.level != region.level);
         if (page.state == PAGE_MISSING) {
@@ -37,6 +29,10 @@ fn cast_ray(ray: GpuRay, state: ptr<function, RayState>) {
             note_miss(page.entry);
             return;
         }
+        // Only inside a brick that is there: at its face, t is where the last brick's ended, to the last bit.
+        rebase(state);
+        base = ray_from(ray, (*state).strides);
+        let leave = min(region_leave(base, region), segment_end(ray, (*state).strides));
         cast_page(page, base, leave, state);
     }
 }
@@ -63,9 +59,13 @@ fn cast_page(page: Page, base: LevelRay, leave: f32, state: ptr<function, RaySta
 
 // A ray in brick-local index space.
 struct LocalRay {
+    // Relative to the core's first voxel.
     origin: vec3<f32>,
     // Index offset per world length.
     direction: vec3<f32>,
+    // The ray at the brick's level, and the core's first voxel there.
+    level: LevelRay,
+    first: vec3<i32>,
     // Unit world vector.
     to_eye: vec3<f32>,
     // Gradients per voxel of this level to gradients per voxel of level 0.
@@ -74,9 +74,10 @@ struct LocalRay {
 
 fn local_ray(page: Page, base: LevelRay) -> LocalRay {
     let ray = ray_at_level(base, page.level);
-    let origin = origin_from(ray, page.brick * i32(config.core));
+    let first = page.brick * i32(config.core);
     let scale = vec3<f32>(vec3<u32>(1u) << tables.levels[page.level].scale_log2);
-    return LocalRay(origin, ray.direction, -world_direction(base.direction), 1.0 / scale);
+    let to_eye = -world_direction(base.direction);
+    return LocalRay(origin_from(ray, first), ray.direction, ray, first, to_eye, 1.0 / scale);
 }
 
 fn local_at(ray: LocalRay, t: f32) -> vec3<f32> {
@@ -131,10 +132,10 @@ fn cast_macro_cell(slot: Slot, ray: LocalRay, first: vec3<i32>, leave: f32, stat
         let cell_leave = min(first_crossing(leaves), leave);
         if (cell_leave > t) {
             cells += 1u;
-            let corner = vec3<f32>(cell);
+            let corner = ray.first + cell;
             let chord = Chord(
-                clamp(local_at(ray, t) - corner, vec3<f32>(0.0), vec3<f32>(1.0)),
-                clamp(local_at(ray, cell_leave) - corner, vec3<f32>(0.0), vec3<f32>(1.0)),
+                clamp(point_from(ray.level, corner, t), vec3<f32>(0.0), vec3<f32>(1.0)),
+                clamp(point_from(ray.level, corner, cell_leave), vec3<f32>(0.0), vec3<f32>(1.0)),
                 cell_leave - t,
             );
             gather_cell(slot, cell, chord, ray, state);
