@@ -78,6 +78,37 @@ fn the_picture_is_the_cpu_s_for_every_budget() {
 }
 
 #[test]
+fn a_host_cache_of_about_one_brick_feeds_the_gpu_too() {
+    if !has_adapter() {
+        return;
+    }
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let scene = the_scene(&volume, r#""dvr""#);
+    let (expected, _) = render(&container, &scene, &options(Backend::Cpu)).unwrap();
+    let least_gpu = least_gpu_memory(&container, &scene);
+    let small = |host_memory_bytes, gpu_memory_bytes| {
+        let threads = Some(1);
+        render(
+            &container,
+            &scene,
+            &RenderOptions { host_memory_bytes, gpu_memory_bytes, threads, ..options(Backend::Gpu) },
+        )
+    };
+    let Err(RenderError::Budget(budget)) = small(1, least_gpu) else { panic!("one byte of host memory suffices") };
+    for gpu_memory_bytes in [least_gpu, least_gpu + 100_000] {
+        let (image, stats) = small(budget.needed_bytes, gpu_memory_bytes).unwrap();
+        assert!(difference(&image, &expected) <= TOLERANCE);
+        let page_ins = (stats.page_ins, stats.repeated_page_ins);
+        eprintln!(
+            "{} bytes of cache: {page_ins:?} page-ins, {} uploads",
+            stats.host_cache_budget_bytes, stats.gpu_page_ins
+        );
+        assert!(stats.host_cache_budget_bytes < 30_000 && stats.repeated_page_ins * 2 <= stats.page_ins, "{stats:#?}");
+    }
+}
+
+#[test]
 fn time_budgets_and_failed_bricks_work_the_same_way() {
     if !has_adapter() {
         return;
