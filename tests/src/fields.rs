@@ -55,11 +55,7 @@ impl std::fmt::Debug for Field {
 impl Field {
     /// A field of any function of the voxel's coordinates.
     #[must_use]
-    pub fn new(
-        dims: [u64; 3],
-        voxel_type: VoxelType,
-        value: impl Fn([u64; 3]) -> f64 + Send + Sync + 'static,
-    ) -> Self {
+    pub fn new(dims: [u64; 3], voxel_type: VoxelType, value: impl Fn([u64; 3]) -> f64 + Send + Sync + 'static) -> Self {
         Self { info: SourceInfo::plain("synth", Dims(dims), voxel_type), value: Box::new(value) }
     }
 

@@ -86,15 +86,15 @@ impl Forge {
         let old = self.entry(key);
         assert_eq!(old.codec, Codec::Raw, "only raw bricks keep their length");
         let descriptor = self.original.descriptor();
-        let shape =
-            BrickShape { voxel_type: descriptor.voxel_type, extent: descriptor.pyramid.stored_extent(key) };
+        let shape = BrickShape { voxel_type: descriptor.voxel_type, extent: descriptor.pyramid.stored_extent(key) };
         let beneath = self
             .original
             .pyramid()
             .children(key)
             .fold(ValueRange::EMPTY, |range, child| range.union(self.entry(child).range_beneath));
         let raw = CodecChoice::Only(Codec::Raw);
-        let sealed = seal_brick(key, shape, voxels, descriptor.absence, raw, beneath, old.error).expect("raw needs nothing");
+        let sealed =
+            seal_brick(key, shape, voxels, descriptor.absence, raw, beneath, old.error).expect("raw needs nothing");
         let start = old.offset as usize;
         self.bytes[start..start + sealed.record.len()].copy_from_slice(&sealed.record);
         let entry = BrickEntry { offset: old.offset, checksum: checksum(&sealed.record), ..sealed.entry };
@@ -107,11 +107,8 @@ impl Forge {
         let at = old.toc_offset as usize;
         self.bytes.splice(at..at, bytes.iter().copied());
         let moved = bytes.len() as u64;
-        let sections = Sections {
-            toc_offset: old.toc_offset + moved,
-            manifest_offset: old.manifest_offset + moved,
-            ..old
-        };
+        let sections =
+            Sections { toc_offset: old.toc_offset + moved, manifest_offset: old.manifest_offset + moved, ..old };
         let footer = self.bytes.len() - header::PAGE_BYTES;
         let page = header::encode(self.original.descriptor(), sections);
         self.bytes[footer..].copy_from_slice(&page);

@@ -145,8 +145,11 @@ pub fn all() -> Vec<(&'static str, fn(&[u8]), Vec<u8>)> {
     ];
     let shape = BrickShape { voxel_type: VoxelType::ALL[3], extent: [6, 7, 8] };
     let voxels: Vec<u8> = (0..shape.bytes()).map(|i| (i / 13) as u8).collect();
-    let codecs: [(&'static str, fn(&[u8]), Codec); 3] =
-        [("codec_raw", codec_raw, Codec::Raw), ("codec_rle", codec_rle, Codec::Rle), ("codec_zstd", codec_zstd, Codec::Zstd)];
+    let codecs: [(&'static str, fn(&[u8]), Codec); 3] = [
+        ("codec_raw", codec_raw, Codec::Raw),
+        ("codec_rle", codec_rle, Codec::Rle),
+        ("codec_zstd", codec_zstd, Codec::Zstd),
+    ];
     for (name, body, codec) in codecs {
         let (_, payload) = encode(CodecChoice::Only(codec), shape, &voxels).expect("encoding needs only memory");
         seeds.push((name, body, [&[3, 5, 6, 7], payload.as_slice()].concat()));

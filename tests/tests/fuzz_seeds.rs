@@ -12,9 +12,8 @@ const SEED: u64 = 20_260_101;
 
 /// One mutation: edits behind a mode byte, a damaged copy of the valid input, or noise.
 fn mutated(valid: &[u8], random: &mut Random) -> Vec<u8> {
-    let edits = |random: &mut Random| -> Vec<u8> {
-        (0..6 * (1 + random.below(6))).map(|_| random.next_u64() as u8).collect()
-    };
+    let edits =
+        |random: &mut Random| -> Vec<u8> { (0..6 * (1 + random.below(6))).map(|_| random.next_u64() as u8).collect() };
     match random.below(8) {
         0 => (0..random.below(600)).map(|_| random.next_u64() as u8).collect(),
         1 | 2 => fuzz_bodies::apply_edits(valid, &edits(random)),
@@ -23,8 +22,7 @@ fn mutated(valid: &[u8], random: &mut Random) -> Vec<u8> {
 }
 
 fn run(name: &str) {
-    let (_, body, valid) =
-        fuzz_bodies::all().into_iter().find(|(n, ..)| *n == name).expect("the body is listed");
+    let (_, body, valid) = fuzz_bodies::all().into_iter().find(|(n, ..)| *n == name).expect("the body is listed");
     body(&valid);
     body(&[]);
     let bad = (0..ROUNDS).into_par_iter().find_any(|round| {

@@ -4,7 +4,9 @@
 //! grid that both sets of planes cut together, and a trilinear function is greatest at a corner. On a halved axis the
 //! corners lie, per coarse voxel c, at the fine coordinates 2c, 2c + 1/2 (the coarse voxel itself) and 2c + 1; and at
 //! the region's two ends, 2c - 1/2. The maximum over these points is the exact maximum over the region, not a sample.
-//! Points at which either side is absent are left out; the brick's flag "has holes" says that there are such.
+//! Points at which either side is absent are left out; the brick's flag "has holes" says that there are such. So the sum
+//! over levels bounds the distance from level 0 wherever all levels in between are present; in slivers beside a hole,
+//! a quarter of a voxel wide, a level in between can be absent although both ends are not.
 //!
 //! Voxels of 8 and 16 bits are compared in single precision, wider integers in double: there all weights are multiples
 //! of 1/4 and every product is exact. Floating-point voxels are compared in double precision, and a difference is
@@ -105,6 +107,10 @@ pub fn step_error(
         VoxelType::U32 | VoxelType::I32 => step_error_in::<f64>(voxel_type, absence, factors, fine, coarse, core).0,
         VoxelType::F32 | VoxelType::F64 => {
             let (error, magnitude) = step_error_in::<f64>(voxel_type, absence, factors, fine, coarse, core);
+            // Near the greatest double differences overflow, and nothing can be promised.
+            if magnitude > f64::MAX / 8.0 {
+                return f64::INFINITY;
+            }
             // Three nested blends on either side round at most 14 times, each by half a unit in the last place.
             if error > 0.0 { error + 16.0 * f64::EPSILON * magnitude } else { 0.0 }
         }

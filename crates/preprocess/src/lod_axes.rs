@@ -9,6 +9,7 @@
 //!
 //! An axis that fits one brick is not halved for its own sake; the last level fits one brick on every axis.
 
+use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickLayout, Dims, VoxelBox};
 
 use crate::source::{SourceError, SourceInfo, VolumeSource};
@@ -129,7 +130,7 @@ fn variance_kept(samples: &[Sample], axis: usize) -> f64 {
 /// Up to 27 boxes, evenly spread.
 fn sample_boxes(source: &dyn VolumeSource) -> Result<Vec<Sample>, SourceError> {
     let info = source.info();
-    let absence = supervol_format::voxel_type::Absence { nodata: info.nodata };
+    let absence = Absence::declared(info.nodata, info.voxel_type);
     let starts = |n: u64| -> Vec<u64> {
         let mut starts: Vec<u64> =
             (0..SAMPLES_ALONG).map(|i| n.saturating_sub(SAMPLE_EDGE) * i / (SAMPLES_ALONG - 1)).collect();

@@ -45,5 +45,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let (voxels, voxel_type) = extract(&container, &arguments.output, &what)?;
     let [x, y, z] = voxels.extent();
-    writeln!(std::io::stdout(), "{}: {x} x {y} x {z} {voxel_type} voxels", arguments.output.display()).map_err(with_output)
+    writeln!(std::io::stdout(), "{}: {x} x {y} x {z} {voxel_type} voxels", arguments.output.display())
+        .map_err(with_output)
 }

@@ -129,7 +129,8 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
 
 fn print(info: &Info<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let [nx, ny, nz] = info.dims;
-    let axes = info.axes.iter().map(|a| if a.unit.is_empty() { a.name.clone() } else { format!("{} ({})", a.name, a.unit) });
+    let axes =
+        info.axes.iter().map(|a| if a.unit.is_empty() { a.name.clone() } else { format!("{} ({})", a.name, a.unit) });
     writeln!(out, "volume     {nx} x {ny} x {nz} {} voxels", info.dtype)?;
     writeln!(out, "axes       {}", axes.collect::<Vec<_>>().join(", "))?;
     writeln!(out, "spacing    {:?}, origin {:?}", info.spacing, info.origin)?;
@@ -143,11 +144,20 @@ fn print(info: &Info<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let total = nx * ny * nz;
     writeln!(out, "present    {} of {total} voxels", info.present_voxels)?;
     writeln!(out, "source     {} ({}, {})", info.source.name, info.source.format, show_bytes(info.source.bytes))?;
-    writeln!(out, "container  {}, bricks of {}, written by {}", show_bytes(info.container_bytes), info.brick, info.tool)?;
+    writeln!(
+        out,
+        "container  {}, bricks of {}, written by {}",
+        show_bytes(info.container_bytes),
+        info.brick,
+        info.tool
+    )?;
     for note in info.notes {
         writeln!(out, "note       {note}")?;
     }
-    writeln!(out, "\nlevel  factors        dims                   bricks   uniform    absent         size  error bound")?;
+    writeln!(
+        out,
+        "\nlevel  factors        dims                   bricks   uniform    absent         size  error bound"
+    )?;
     for (lod, level) in info.levels.iter().enumerate() {
         let [x, y, z] = level.dims;
         writeln!(

@@ -21,7 +21,11 @@ pub enum Reporter {
 impl Reporter {
     /// A bar over bytes, or JSON lines.
     pub fn over_bytes(json: bool) -> Self {
-        if json { Self::Json(Mutex::new(None)) } else { Self::Bar(bar("{msg} {wide_bar} {bytes}/{total_bytes} {bytes_per_sec} {eta} left")) }
+        if json {
+            Self::Json(Mutex::new(None))
+        } else {
+            Self::Bar(bar("{msg} {wide_bar} {bytes}/{total_bytes} {bytes_per_sec} {eta} left"))
+        }
     }
 
     /// A bar over bricks.

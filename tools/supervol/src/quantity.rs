@@ -21,7 +21,11 @@ pub fn bytes(text: &str) -> Result<u64, String> {
         _ => return Err(format!("unit '{unit}': expected B, KiB, MiB, GiB, TiB, kB, MB, GB or TB")),
     };
     let value = number * factor;
-    if (0.0..9e18).contains(&value) { Ok(value as u64) } else { Err(format!("{text}: expected a size from 0 to 8 EiB")) }
+    if (0.0..9e18).contains(&value) {
+        Ok(value as u64)
+    } else {
+        Err(format!("{text}: expected a size from 0 to 8 EiB"))
+    }
 }
 
 /// Number and the unit behind it.
@@ -123,7 +127,9 @@ mod tests {
 
     #[test]
     fn sizes_take_binary_and_decimal_units() {
-        for (text, expected) in [("4096", 4096), ("1GiB", 1 << 30), ("1.5 MiB", 3 << 19), ("2MB", 2_000_000), ("64k", 65536)] {
+        for (text, expected) in
+            [("4096", 4096), ("1GiB", 1 << 30), ("1.5 MiB", 3 << 19), ("2MB", 2_000_000), ("64k", 65536)]
+        {
             assert_eq!(bytes(text), Ok(expected), "{text}");
         }
         for text in ["", "GiB", "-1", "1 parsec", "1e30GiB"] {

@@ -35,7 +35,8 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let voxel_type = arguments.dtype.map(|d| d.voxel_type);
-    let source = Synthetic::new(&arguments.name, arguments.dims, voxel_type, arguments.seed).map_err(BuildError::from)?;
+    let source =
+        Synthetic::new(&arguments.name, arguments.dims, voxel_type, arguments.seed).map_err(BuildError::from)?;
     if arguments.output.output.extension().is_some_and(|e| e == "raw") {
         return write_raw(arguments, &source);
     }
