@@ -18,13 +18,15 @@ use supervol_tests::{Random, mix};
 const FLIPS: u64 = 5000;
 const SEED: u64 = 41;
 
-/// A small container with every codec, holes, uniform and absent bricks, and three levels.
+/// A small container with every codec, holes, uniform and absent bricks, and four levels. The bricks along x, with the
+/// two voxels that each borrows on either side, are noise (raw), waves (zstd), one lone voxel (rle), a constant
+/// (uniform), half a hole, and nothing at all (absent).
 fn small_container() -> Forge {
-    let field = Field::new([49, 20, 18], VoxelType::I16, |p| match p[0] {
-        // Noise (raw), runs (rle), waves (zstd), a constant (uniform), and nothing.
-        0..16 => (mix(p[0] ^ mix(p[1] ^ mix(p[2]))) % 60_000) as f64 - 30_000.0,
-        16..26 => f64::from(u8::from((p[1] + p[2]) > 15)) * 500.0,
-        26..34 => 3000.0 * ((p[1] as f64) * 0.4).sin() + 2000.0 * ((p[2] + p[0]) as f64 * 0.3).cos(),
+    let field = Field::new([97, 16, 11], VoxelType::I16, |p| match p[0] {
+        0..18 => (mix(p[0] ^ mix(p[1] ^ mix(p[2]))) % 65_536) as f64 - 32_768.0,
+        18..30 => 3000.0 * ((p[1] as f64) * 0.4).sin() + 2000.0 * ((p[2] + p[0]) as f64 * 0.3).cos(),
+        40 if p == [40, 8, 5] => 500.0,
+        30..72 => 0.0,
         _ => 17.0,
     })
     .with_info(|info| info.nodata = Some(17.0));

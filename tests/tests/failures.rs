@@ -44,7 +44,7 @@ fn an_existing_output_is_kept_unless_told_otherwise() {
 #[test]
 fn a_source_that_fails_at_any_read_leaves_nothing_behind() {
     // Little memory, so that the source is read in many boxes.
-    let options = BuildOptions { memory_bytes: 3 << 19, ..options(16) };
+    let options = BuildOptions { memory_bytes: 2 << 20, ..options(16) };
     let long = || Field::of(Content::Noise, [70, 40, 150], VoxelType::U16);
     let never = FailingVolume::new(long(), u64::MAX);
     try_build(&never, &options).expect("a source that does not fail builds");
