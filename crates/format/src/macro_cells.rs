@@ -46,32 +46,52 @@ pub fn measure(shape: BrickShape, voxels: &[u8], absence: Absence) -> BrickRange
     with_voxel!(shape.voxel_type, V => measure_typed::<V>(shape.extent, voxels, absence))
 }
 
-/// Least and greatest present voxel of a row part, and whether one is absent.
-#[derive(Clone, Copy)]
-struct Span<V> {
-    min: V,
-    max: V,
-    any: bool,
-    holes: bool,
+/// Least and greatest present voxel of each column of a bundle of rows, and whether one is absent.
+///
+/// A column without a present voxel has `min > max`. Columns are independent, so the compiler keeps many in a register.
+struct Columns<V> {
+    min: Vec<V>,
+    max: Vec<V>,
+    holes: Vec<bool>,
 }
 
-impl<V: Voxel> Span<V> {
-    fn none() -> Self {
-        Self { min: V::zeroed(), max: V::zeroed(), any: false, holes: false }
+impl<V: Voxel> Columns<V> {
+    fn new(n: usize) -> Self {
+        let (least, greatest) = V::TYPE.limits();
+        Self { min: vec![V::from_f64(greatest); n], max: vec![V::from_f64(least); n], holes: vec![false; n] }
     }
 
-    fn merge(&mut self, other: Self) {
-        self.holes |= other.holes;
-        if other.any {
-            let first = !self.any;
-            self.min = if first || other.min < self.min { other.min } else { self.min };
-            self.max = if first || other.max > self.max { other.max } else { self.max };
-            self.any = true;
+    fn clear(&mut self) {
+        let fresh = Self::new(self.min.len());
+        *self = fresh;
+    }
+
+    fn add(&mut self, row: &[V], absence: Absence, holes_possible: bool) {
+        let extremes = self.min.iter_mut().zip(&mut self.max);
+        if !holes_possible {
+            for ((min, max), &v) in extremes.zip(row) {
+                *min = if v < *min { v } else { *min };
+                *max = if v > *max { v } else { *max };
+            }
+            return;
+        }
+        for (((min, max), holes), &v) in extremes.zip(&mut self.holes).zip(row) {
+            let absent = absence.is_absent(v.to_f64());
+            *holes |= absent;
+            *min = if !absent && v < *min { v } else { *min };
+            *max = if !absent && v > *max { v } else { *max };
         }
     }
 
-    fn range(self) -> ValueRange {
-        if self.any { ValueRange { min: self.min.to_f64(), max: self.max.to_f64() } } else { ValueRange::EMPTY }
+    /// Range and holes of a part of the columns.
+    fn over(&self, part: std::ops::Range<usize>) -> (ValueRange, bool) {
+        let (mut min, mut max) = (self.min[part.start], self.max[part.start]);
+        for i in part.clone() {
+            min = if self.min[i] < min { self.min[i] } else { min };
+            max = if self.max[i] > max { self.max[i] } else { max };
+        }
+        let range = if min <= max { ValueRange { min: min.to_f64(), max: max.to_f64() } } else { ValueRange::EMPTY };
+        (range, self.holes[part].contains(&true))
     }
 }
 
@@ -79,40 +99,56 @@ fn measure_typed<V: Voxel>(extent: [usize; 3], voxels: &[u8], absence: Absence) 
     let [nx, ny, nz] = extent;
     let cells = cells_along(extent);
     let holes_possible = absence.possible(V::TYPE);
-    let mut spans = vec![Span::<V>::none(); cells.iter().product()];
     let mut row = vec![V::zeroed(); nx];
-    let mut core_present = false;
-    for z in 1..nz - 1 {
-        for y in 1..ny - 1 {
-            let start = (z * ny + y) * nx * size_of::<V>();
-            for (v, b) in row.iter_mut().zip(voxels[start..].chunks_exact(size_of::<V>())) {
-                *v = V::read_le(b);
-            }
-            let in_core = |i: usize, n: usize| (APRON..n - APRON).contains(&i);
-            if holes_possible && !core_present && in_core(y, ny) && in_core(z, nz) {
-                core_present = row[APRON..nx - APRON].iter().any(|v| !absence.is_absent(v.to_f64()));
+    let mut columns = Columns::<V>::new(nx);
+    let mut cell_ranges = Vec::with_capacity(cells.iter().product());
+    let mut has_holes = false;
+    for cz in 0..cells[2] {
+        for cy in 0..cells[1] {
+            columns.clear();
+            for z in reach(cz, nz) {
+                for y in reach(cy, ny) {
+                    read_row(&mut row, voxels, (z * ny + y) * nx);
+                    columns.add(&row, absence, holes_possible);
+                }
             }
             for cx in 0..cells[0] {
-                let span = row_span(&row[reach(cx, nx)], absence, holes_possible);
-                for cz in cells_reaching(z, nz) {
-                    for cy in cells_reaching(y, ny) {
-                        spans[cx + cells[0] * (cy + cells[1] * cz)].merge(span);
-                    }
-                }
+                let (range, holes) = columns.over(reach(cx, nx));
+                cell_ranges.push(range);
+                has_holes |= holes;
             }
         }
     }
     // Every sample inside the brick leans on a core voxel: with none present, nothing is.
-    let absent = holes_possible && !core_present;
-    let cell_ranges: Vec<ValueRange> =
-        spans.iter().map(|s| if absent { ValueRange::EMPTY } else { s.range() }).collect();
+    let absent = holes_possible && !core_is_present::<V>(extent, voxels, absence);
+    if absent {
+        cell_ranges.fill(ValueRange::EMPTY);
+    }
     BrickRanges {
         range: cell_ranges.iter().fold(ValueRange::EMPTY, |a, &b| a.union(b)),
         cells: cell_ranges,
-        has_holes: spans.iter().any(|s| s.holes),
+        has_holes,
         absent,
         fill: fill_of(voxels, size_of::<V>()),
     }
+}
+
+/// Reads the row that begins at voxel `start`.
+fn read_row<V: Voxel>(row: &mut [V], voxels: &[u8], start: usize) {
+    for (v, b) in row.iter_mut().zip(voxels[start * size_of::<V>()..].chunks_exact(size_of::<V>())) {
+        *v = V::read_le(b);
+    }
+}
+
+fn core_is_present<V: Voxel>(extent: [usize; 3], voxels: &[u8], absence: Absence) -> bool {
+    let [nx, ny, nz] = extent;
+    let mut row = vec![V::zeroed(); nx];
+    (APRON..nz - APRON).any(|z| {
+        (APRON..ny - APRON).any(|y| {
+            read_row(&mut row, voxels, (z * ny + y) * nx);
+            row[APRON..nx - APRON].iter().any(|v| !absence.is_absent(v.to_f64()))
+        })
+    })
 }
 
 /// The bits that all voxels share, if they do.
@@ -130,34 +166,6 @@ fn fill_of(voxels: &[u8], voxel_bytes: usize) -> Option<u64> {
 fn reach(cell: usize, stored: usize) -> std::ops::Range<usize> {
     let first = cell * MACRO_CELL + APRON - 1;
     first..(first + MACRO_CELL + 2).min(stored - APRON + 1)
-}
-
-/// Macro cells that reach stored voxel `i` of an axis: one, or two at their common face.
-fn cells_reaching(i: usize, stored: usize) -> std::ops::RangeInclusive<usize> {
-    let last_cell = (stored - 2 * APRON).div_ceil(MACRO_CELL) - 1;
-    let low = i.saturating_sub(APRON + MACRO_CELL).div_ceil(MACRO_CELL);
-    let high = (i + 1 - APRON) / MACRO_CELL;
-    low.min(last_cell)..=high.min(last_cell)
-}
-
-fn row_span<V: Voxel>(row: &[V], absence: Absence, holes_possible: bool) -> Span<V> {
-    if !holes_possible {
-        let (mut min, mut max) = (row[0], row[0]);
-        for &v in &row[1..] {
-            min = if v < min { v } else { min };
-            max = if v > max { v } else { max };
-        }
-        return Span { min, max, any: true, holes: false };
-    }
-    let mut span = Span::none();
-    for &v in row {
-        if absence.is_absent(v.to_f64()) {
-            span.holes = true;
-        } else {
-            span.merge(Span { min: v, max: v, any: true, holes: false });
-        }
-    }
-    span
 }
 
 /// The value that byte `code` stands for in a brick of this range.
@@ -247,17 +255,6 @@ mod tests {
             }
         }
         out
-    }
-
-    #[test]
-    fn cells_reach_each_other_s_voxels_consistently() {
-        for stored in 5..80 {
-            for i in 1..stored - 1 {
-                let expected: Vec<usize> =
-                    (0..(stored - 2 * APRON).div_ceil(MACRO_CELL)).filter(|&c| reach(c, stored).contains(&i)).collect();
-                assert_eq!(cells_reaching(i, stored).collect::<Vec<_>>(), expected, "voxel {i} of {stored}");
-            }
-        }
     }
 
     proptest! {

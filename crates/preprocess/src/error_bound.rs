@@ -70,13 +70,10 @@ impl Tap {
     fn new(p: f64, start: u64, n: usize) -> Self {
         let q = (p - start as f64).clamp(0.0, (n - 1) as f64);
         let first = (q.floor() as usize).min(n - 1);
-        Self { first, second: (first + 1).min(n - 1), weight: q - first as f64 }
-    }
-
-    /// Leans on the second voxel only where its weight is not 0: an absent one must not spoil an exact hit.
-    #[inline]
-    fn blend<F: Real>(self, a: F, b: F) -> F {
-        if self.weight == 0.0 { a } else { F::blend(a, b, F::from_f64(self.weight)) }
+        let weight = q - first as f64;
+        // An exact hit leans on its own voxel twice: an absent neighbour must not spoil it.
+        let second = if weight == 0.0 { first } else { (first + 1).min(n - 1) };
+        Self { first, second, weight }
     }
 }
 
@@ -197,6 +194,8 @@ impl<F: Real> Slices<F> {
         let holes = absence.possible(V::TYPE);
         let mut values = Vec::with_capacity(x_taps.len() * ny * nz);
         let mut row = vec![F::NAN; nx];
+        let x_taps: Vec<(usize, usize, F)> =
+            x_taps.iter().map(|t| (t.first, t.second, F::from_f64(t.weight))).collect();
         let mut magnitude = 0.0f64;
         for z in 0..nz {
             for y in 0..ny {
@@ -210,7 +209,7 @@ impl<F: Real> Slices<F> {
                         magnitude = magnitude.max(v.abs());
                     }
                 }
-                values.extend(x_taps.iter().map(|t| t.blend(row[t.first], row[t.second])));
+                values.extend(x_taps.iter().map(|&(first, second, weight)| F::blend(row[first], row[second], weight)));
             }
         }
         let extent = [x_taps.len(), ny, nz];
@@ -220,21 +219,16 @@ impl<F: Real> Slices<F> {
     fn blend_slice(&mut self, tap: Tap) {
         let n = self.slice.len();
         let slice = |z: usize| &self.values[z * n..(z + 1) * n];
-        if tap.weight == 0.0 {
-            self.slice.copy_from_slice(slice(tap.first));
-            return;
-        }
         let weight = F::from_f64(tap.weight);
         let pairs = slice(tap.first).iter().zip(slice(tap.second));
         self.slice.iter_mut().zip(pairs).for_each(|(t, (&a, &b))| *t = F::blend(a, b, weight));
     }
 
-    /// The two rows that a y point leans on; where it hits a row exactly, that row twice.
+    /// The two rows that a y point leans on.
     fn rows(&self, tap: Tap) -> RowPair<'_, F> {
         let n = self.extent[0];
         let row = |y: usize| &self.slice[y * n..(y + 1) * n];
-        let second = if tap.weight == 0.0 { tap.first } else { tap.second };
-        (row(tap.first), row(second), F::from_f64(tap.weight))
+        (row(tap.first), row(tap.second), F::from_f64(tap.weight))
     }
 }
 

@@ -20,6 +20,7 @@ pub const PERCENTS: [f64; 11] = [0.1, 1.0, 2.0, 5.0, 25.0, 50.0, 75.0, 95.0, 98.
 pub struct Statistics {
     voxel_type: VoxelType,
     counts: Vec<u64>,
+    /// Of voxels wider than 16 bits; narrower ones have a bin each.
     range: ValueRange,
 }
 
@@ -37,6 +38,13 @@ impl Statistics {
 
     fn add_typed<V: Voxel>(&mut self, voxels: &[u8], absence: Absence) {
         let holes = absence.possible(V::TYPE);
+        if size_of::<V>() <= 2 && !holes {
+            // A bin each: the range follows from the counts.
+            for bytes in voxels.chunks_exact(size_of::<V>()) {
+                self.counts[key(V::TYPE, V::read_le(bytes).to_f64())] += 1;
+            }
+            return;
+        }
         for bytes in voxels.chunks_exact(size_of::<V>()) {
             let v = V::read_le(bytes).to_f64();
             if !(holes && absence.is_absent(v)) {
@@ -55,7 +63,17 @@ impl Statistics {
     /// Range of the present voxels, stored values.
     #[must_use]
     pub fn range(&self) -> ValueRange {
-        self.range
+        if self.voxel_type.bytes() > 2 {
+            return self.range;
+        }
+        let counted = |bin: &usize| self.counts[*bin] > 0;
+        let ends = ((0..KEYS).find(counted), (0..KEYS).rfind(counted));
+        match ends {
+            (Some(low), Some(high)) => {
+                ValueRange { min: value_of(self.voxel_type, low), max: value_of(self.voxel_type, high) }
+            }
+            _ => ValueRange::EMPTY,
+        }
     }
 
     /// Number of present voxels.
@@ -67,14 +85,14 @@ impl Statistics {
     /// `[percent, stored value]` pairs: the value of the bin in which that share of the voxels is reached.
     #[must_use]
     pub fn percentiles(&self) -> Vec<[f64; 2]> {
-        let total = self.present();
+        let (total, range) = (self.present(), self.range());
         let mut out = Vec::new();
         let mut percents = PERCENTS.iter().peekable();
         let mut below = 0;
         for (bin, &count) in self.counts.iter().enumerate() {
             below += count;
             while count > 0 && percents.peek().is_some_and(|p| below as f64 >= total as f64 * **p / 100.0) {
-                let value = value_of(self.voxel_type, bin).clamp(self.range.min, self.range.max);
+                let value = value_of(self.voxel_type, bin).clamp(range.min, range.max);
                 out.extend(percents.next().map(|&p| [p, value]));
             }
         }
@@ -85,12 +103,13 @@ impl Statistics {
     #[must_use]
     pub fn histogram(&self) -> Vec<u64> {
         let mut out = vec![0; HISTOGRAM_BINS];
-        let width = self.range.width();
+        let range = self.range();
+        let width = range.width();
         for (bin, &count) in self.counts.iter().enumerate().filter(|(_, c)| **c > 0) {
-            let value = value_of(self.voxel_type, bin).clamp(self.range.min, self.range.max);
+            let value = value_of(self.voxel_type, bin).clamp(range.min, range.max);
             // Halves, because the range of doubles may be wider than the greatest double.
-            let above = value * 0.5 - self.range.min * 0.5;
-            let half_width = self.range.max * 0.5 - self.range.min * 0.5;
+            let above = value * 0.5 - range.min * 0.5;
+            let half_width = range.max * 0.5 - range.min * 0.5;
             let share = if width > 0.0 && half_width > 0.0 { above / half_width } else { 0.0 };
             out[((share * HISTOGRAM_BINS as f64) as usize).min(HISTOGRAM_BINS - 1)] += count;
         }

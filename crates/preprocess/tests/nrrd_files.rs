@@ -14,7 +14,7 @@ use grid_support::{
 };
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Geometry, VoxelBox, VoxelType};
-use supervol_preprocess::source::grid_file::Endian;
+use supervol_preprocess::source::Endian;
 use supervol_preprocess::source::nrrd::NrrdSource;
 use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::source::{SourceError, VolumeSource};
@@ -63,7 +63,7 @@ fn real_volumes() {
         let geometry = source.info().geometry;
         assert_eq!(geometry.spacing, [0.5, 0.5, 3.0]);
         assert_eq!(geometry.direction, [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0]);
-        assert_eq!(geometry.origin, [15.683382511138916, 76.535760879516602, -52.776130676269538]);
+        assert_eq!(geometry.origin, [15.683382511138916, 76.5357608795166, -52.77613067626954]);
         assert_eq!(summary(&source, [41, 33, 6]), (0.0, 2017.0, 27_811_967.0, 1751.0));
     }
     if let Some(source) = stored("nrrd/avf_f32.nrrd") {
@@ -90,7 +90,7 @@ fn small_and_odd() {
     if let Some(source) = stored("nrrd/odd/test1d_ascii.nrrd") {
         assert_eq!((source.info().dims.0, source.info().voxel_type), ([27, 1, 1], VoxelType::U8));
         assert_eq!(read_all(&source).unwrap(), (1..=27).collect::<Vec<u8>>());
-        assert_eq!(source.info().geometry.spacing, [1.045_800_000_000_000_1, 1.0, 1.0]);
+        assert_eq!(source.info().geometry.spacing, [1.0458, 1.0, 1.0]);
         assert!(has_note(&source, "1 axis"));
     }
     if let Some(source) = stored("nrrd/odd/test_simple4d_raw.nrrd") {
@@ -264,7 +264,7 @@ fn detached_forms() {
     assert_refused(open("byte skip: -2\ndata file: all.raw\n"), &["byte skip", "-2"]);
     assert_refused(open("line skip: 9\ndata file: skipped.raw\n"), &["9 lines", "lines"]);
     assert_refused(open(""), &["data file", "end of the file"]);
-    assert!(matches!(open("data file: missing.raw\n"), Err(SourceError::Io { .. })));
+    assert_refused(open("data file: missing.raw\n"), &["data file", "missing.raw", "no such file"]);
 }
 
 #[test]
@@ -274,7 +274,7 @@ fn windows_line_ends_and_excess() {
     let path = files.put("windows.nrrd", [header.as_bytes(), &small_voxels(), b"extra"].concat());
     let source = open(&path).unwrap();
     check_boxes(&source, &small_voxels(), 73);
-    assert!(has_note(&source, "5 bytes after the voxels"));
+    assert!(has_note(&source, "windows.nrrd goes on after the voxels; bytes not read: 5"));
     assert!(has_note(&source, "`some` is unknown"));
     let path = files.put("excess.nrrd", [format!("{SMALL}encoding: gzip\n\n").as_bytes(), &gzip(&[1; 25])].concat());
     assert_refused(open(&path), &["24 bytes", "at least 25"]);
@@ -334,7 +334,8 @@ fn geometry() {
     assert_eq!(turned.direction, [0.0, -1.0, 0.0, 1.0, 0.0, 0.6, 0.0, 0.0, 0.8]);
     // A missing vector is perpendicular to the others, its spacing the per-axis one.
     let none = open(
-        "space dimension: 3\nspace directions: (0,2,0) (0,0,3) none\nspacings: nan nan 7\nkinds: domain domain domain\n",
+        "space dimension: 3\nspace directions: (0,2,0) (0,0,3) none\n\
+         spacings: nan nan 7\nkinds: domain domain domain\n",
     );
     assert_eq!(none.info().geometry.spacing, [2.0, 3.0, 7.0]);
     assert_eq!(none.info().geometry.direction, [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);

@@ -8,8 +8,8 @@ use std::path::Path;
 
 use grid_support::{BOTH_ORDERS, assert_refused, check_boxes, data_file, in_order, random_voxels, summary};
 use supervol_format::{Dims, Geometry, VoxelType};
+use supervol_preprocess::source::Endian;
 use supervol_preprocess::source::VolumeSource;
-use supervol_preprocess::source::grid_file::Endian;
 use supervol_preprocess::source::raw::{RawOptions, RawSource};
 
 fn options(dims: [u64; 3], voxel_type: VoxelType) -> RawOptions {

@@ -8,7 +8,8 @@
 use std::path::{Path, PathBuf};
 
 use supervol_format::{Dims, VoxelType, voxel_type::voxels_as_f64};
-use supervol_preprocess::source::segy::{Endian, SegyOptions, SegySource};
+use supervol_preprocess::source::Endian;
+use supervol_preprocess::source::segy::{SegyOptions, SegySource};
 use supervol_preprocess::source::{AccessOrder, SourceError, VolumeSource};
 
 /// The folder `segy` of the data, or `None` with a loud line.

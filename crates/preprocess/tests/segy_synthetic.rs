@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use supervol_format::{Dims, VoxelBox, VoxelType, voxel_type::voxels_as_f64};
-use supervol_preprocess::source::segy::{Endian, SegyOptions, SegySource};
+use supervol_preprocess::source::Endian;
+use supervol_preprocess::source::segy::{SegyOptions, SegySource};
 use supervol_preprocess::source::{AccessOrder, LineNumbers, SourceError, VolumeSource};
 
 /// A trace to be written: line numbers and samples, which are encoded by the file's format.
@@ -431,6 +432,14 @@ fn lines_in_other_bytes_are_suggested_and_then_read() {
     let recipe = Recipe::new(5, traces);
     let message = recipe.refusal();
     assert!(message.contains("--il-byte 9 --xl-byte 21 would read it as a full grid of 3 x 2 traces"), "{message}");
+    // The same where bytes 189 and 193 hold noise that spans a huge grid.
+    let mut noise = recipe.traces.clone();
+    for (index, t) in noise.iter_mut().enumerate() {
+        let number = (index as i32 + 1).wrapping_mul(0x2545_F491);
+        t.words.extend([(189, Word::I32(number)), (193, Word::I32(number ^ 0x5A5A_5A5A))]);
+    }
+    let message = Recipe::new(5, noise).refusal();
+    assert!(message.contains("less than 1/64") && message.contains("--il-byte 9 --xl-byte 21"), "{message}");
     let options = SegyOptions { inline_byte: 9, crossline_byte: 21, ..SegyOptions::default() };
     assert_places(&recipe.open_with(&options).unwrap(), Dims([2, 3, 5]).full_box());
 }

@@ -199,7 +199,7 @@ impl OutputArguments {
 
 impl Arguments {
     fn open_options(&self) -> Result<OpenOptions, Failure> {
-        use supervol_preprocess::source::grid_file::Endian;
+        use supervol_preprocess::source::Endian;
         let raw = match (self.raw.dims, self.raw.dtype) {
             (Some(dims), Some(dtype)) => Some(RawOptions {
                 dims,

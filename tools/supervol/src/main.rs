@@ -16,8 +16,6 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::failure::Failure;
-
 /// Turns volumes larger than the hardware into one bricked, multiresolution container, and renders them out of core.
 #[derive(Debug, Parser)]
 #[command(name = "supervol", version, about)]

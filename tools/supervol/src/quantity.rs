@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use supervol_format::{Dims, VoxelBox, VoxelType};
-use supervol_preprocess::source::grid_file::Endian;
+use supervol_preprocess::source::Endian;
 
 /// Bytes: `1048576`, `64MiB`, `1GiB`, `500 MB`, `2G` (binary).
 pub fn bytes(text: &str) -> Result<u64, String> {

@@ -27,29 +27,33 @@ pub fn encode(shape: BrickShape, voxels: &[u8]) -> Vec<u8> {
 /// As [`encode`], but gives up as soon as the payload is not smaller than `limit` bytes.
 #[must_use]
 pub fn encode_if_smaller(shape: BrickShape, voxels: &[u8], limit: usize) -> Option<Vec<u8>> {
-    let size = shape.voxel_type.bytes();
-    let n = voxels.len() / size;
-    let voxel = |i: usize| &voxels[i * size..(i + 1) * size];
+    // Whole voxels are compared as arrays, which the compiler turns into single machine words.
+    match shape.voxel_type.bytes() {
+        1 => encode_voxels(voxels.as_chunks::<1>().0, limit),
+        2 => encode_voxels(voxels.as_chunks::<2>().0, limit),
+        4 => encode_voxels(voxels.as_chunks::<4>().0, limit),
+        _ => encode_voxels(voxels.as_chunks::<8>().0, limit),
+    }
+}
+
+fn encode_voxels<const SIZE: usize>(voxels: &[[u8; SIZE]], limit: usize) -> Option<Vec<u8>> {
     let mut out = Vec::new();
     let mut literal_start = 0;
     let mut i = 0;
-    while i < n {
-        let mut end = i + 1;
-        while end < n && voxel(end) == voxel(i) {
-            end += 1;
+    while i < voxels.len() {
+        let run = voxels[i..].iter().take_while(|v| **v == voxels[i]).count();
+        if run >= shortest_run(SIZE) {
+            push_literals(&mut out, voxels[literal_start..i].as_flattened(), SIZE);
+            push_number(&mut out, (run - 1) << 1);
+            out.extend_from_slice(&voxels[i]);
+            literal_start = i + run;
         }
-        if end - i >= shortest_run(size) {
-            push_literals(&mut out, &voxels[literal_start * size..i * size], size);
-            push_number(&mut out, (end - i - 1) << 1);
-            out.extend_from_slice(voxel(i));
-            literal_start = end;
-        }
-        i = end;
-        if out.len() + (i - literal_start) * size >= limit {
+        i += run;
+        if out.len() + (i - literal_start) * SIZE >= limit {
             return None;
         }
     }
-    push_literals(&mut out, &voxels[literal_start * size..], size);
+    push_literals(&mut out, voxels[literal_start..].as_flattened(), SIZE);
     (out.len() < limit).then_some(out)
 }
 

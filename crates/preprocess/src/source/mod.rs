@@ -23,6 +23,24 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use supervol_format::{Dims, Geometry, VoxelBox, VoxelType};
 
+/// Byte order of the numbers in a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Endian {
+    /// Least significant byte first.
+    Little,
+    /// Most significant byte first.
+    Big,
+}
+
+impl std::fmt::Display for Endian {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Little => "little endian",
+            Self::Big => "big endian",
+        })
+    }
+}
+
 /// A volume that can be read box by box.
 pub trait VolumeSource: Send + Sync {
     /// What the source says about itself; constant.

@@ -3,7 +3,7 @@
 //! The shape is [z, y, x], as `supervol extract` writes it; `fortran_order` changes the memory order only (z runs
 //! fastest then), never which axis is which. Format: NumPy Enhancement Proposal 1 and `numpy.lib.format`.
 //! Promises: the literal is parsed strictly, by a parser that knows nothing but strings, True, False and tuples of
-//! numbers, and is at most [`HEADER_LIMIT_BYTES`] long. Elements are read in place; bytes behind them are noted.
+//! numbers, and is at most 1 MiB long. Elements are read in place; bytes behind them are noted.
 //! Written by hand: the crate `ndarray-npy` reads whole arrays into memory.
 
 use std::fs::File;
@@ -11,8 +11,9 @@ use std::path::Path;
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
+use super::Endian;
 use super::grid_file::shape::{ChosenAxes, choose_axes};
-use super::grid_file::{Endian, GridFile, GridLayout, GridSource, checked_bytes};
+use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
 use super::{SourceError, SourceInfo, VolumeSource};
 
 /// Longest header read. NumPy itself warns beyond 10,000.
@@ -59,7 +60,7 @@ impl NpySource {
         // Cannot underflow: opening the grid has checked the length.
         let excess = length - offset - bytes;
         if excess > 0 {
-            info.notes.push(format!("{excess} bytes after the array are not read"));
+            info.notes.push(format!("the file goes on after the array; bytes not read: {excess}"));
         }
         Ok(Self(GridSource::new(info, grid)))
     }

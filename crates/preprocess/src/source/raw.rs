@@ -8,7 +8,8 @@ use std::path::Path;
 
 use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
 
-use super::grid_file::{Endian, GridFile, GridLayout, GridSource, checked_bytes};
+use super::Endian;
+use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
 use super::{SourceError, SourceInfo, VolumeSource};
 
 /// What a raw file does not say about itself.

@@ -5,14 +5,16 @@
 
 pub mod largest_allocation;
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use supervol_format::voxel_type::{Voxel, voxels_as_f64};
 use supervol_format::{VoxelBox, VoxelType, with_voxel};
-use supervol_preprocess::source::grid_file::Endian;
+use supervol_preprocess::source::Endian;
 use supervol_preprocess::source::{SourceError, VolumeSource};
 
-/// A file of the developers' data folder: `$SUPERVOL_DATA`, or `shared/data` beside the workspace. Says so where missing.
+/// A file of the developers' data folder: `$SUPERVOL_DATA`, or `shared/data` beside the workspace.
+/// Says so where it is missing.
 pub fn data_file(name: &str) -> Option<PathBuf> {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
     let beside = ["../../../shared/data", "../../../../shared/data"].map(|p| manifest.join(p));
@@ -164,7 +166,7 @@ pub fn fuzz_header(
                 }
             }
         }
-        std::fs::write(&path, &damaged).unwrap();
+        overwrite(&path, &damaged);
         if let Ok(source) = open(&path) {
             accepted += 1;
             let dims = source.info().dims;
@@ -180,6 +182,13 @@ pub fn fuzz_header(
     }
     assert!(accepted > 0, "no damaged copy of {name} was accepted: the damage is too crude to test anything");
     eprintln!("{name}: {accepted} of {cases} damaged copies accepted");
+}
+
+/// Writes a file anew without emptying it first, which some file systems answer with a wait for the disk.
+fn overwrite(path: &Path, bytes: &[u8]) {
+    let mut file = std::fs::OpenOptions::new().write(true).create(true).truncate(false).open(path).unwrap();
+    file.write_all(bytes).unwrap();
+    file.set_len(bytes.len() as u64).unwrap();
 }
 
 pub const BOTH_ORDERS: [Endian; 2] = [Endian::Little, Endian::Big];

@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
+use super::Endian;
 use super::{AccessOrder, SourceError, SourceInfo, VolumeSource};
 use storage::Storage;
 
@@ -25,15 +26,6 @@ const GAP_LIMIT_BYTES: u64 = 4096;
 
 /// Voxels along x that a transposing read gathers before it writes, so that whole cache lines are written.
 const TRANSPOSE_RUN_VOXELS: usize = 64;
-
-/// Order of the bytes of one voxel in the file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Endian {
-    /// Least significant byte first.
-    Little,
-    /// Most significant byte first.
-    Big,
-}
 
 /// How the voxels lie in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -84,8 +84,9 @@ fn qform_columns(header: &Header, spacing: [f64; 3]) -> [DVec3; 3] {
 fn from_columns(columns: [DVec3; 3], origin: [f64; 3]) -> Result<Geometry, String> {
     let spacing = columns.map(DVec3::length);
     let [x, y, z] = [0, 1, 2].map(|axis| columns[axis] / spacing[axis]);
-    let direction = DMat3::from_cols(x, y, z).transpose().to_cols_array();
-    let geometry = Geometry { spacing, origin, direction };
+    // Adding 0 turns -0 into 0.
+    let direction = DMat3::from_cols(x, y, z).transpose().to_cols_array().map(|v| v + 0.0);
+    let geometry = Geometry { spacing, origin: origin.map(|v| v + 0.0), direction };
     match geometry.defect() {
         None => Ok(geometry),
         Some(defect) => Err(defect),

@@ -7,7 +7,7 @@
 use std::path::Path;
 
 use super::super::SourceError;
-use super::super::grid_file::Endian;
+use crate::source::Endian;
 
 /// Bytes of the longer header.
 pub(super) const HEADER_BYTES: usize = 540;

@@ -161,7 +161,11 @@ fn from_vectors(vectors: [Option<DVec3>; 3], fallback: [f64; 3], notes: &mut Vec
         return aligned(notes);
     }
     let columns = complete(units);
-    let geometry = Geometry { spacing: lengths, origin: [0.0; 3], direction: columns.transpose().to_cols_array() };
+    let geometry = Geometry {
+        spacing: lengths,
+        origin: [0.0; 3],
+        direction: columns.transpose().to_cols_array().map(|v| v + 0.0),
+    };
     if geometry.defect().is_some() { aligned(notes) } else { geometry }
 }
 

@@ -199,7 +199,7 @@ impl Header {
             [] => return Err(SourceError::invalid(path, "data file", "a file name", "nothing")),
             _ => return Ok(DataFiles::Named(vec![text.into()])),
         };
-        // Slabs of as many axes as the grid has lie along its slowest axis: in file order they follow each other just so.
+        // Whatever its number of axes, a file's slab follows the one before it in the grid's own order.
         let allowed = |s: &&str| s.parse::<usize>().is_ok_and(|s| (1..=axes).contains(&s));
         if let Some(wrong) = sub_dimension.filter(|s| !allowed(s)) {
             let found = format!("`{}`", shortened(wrong));

@@ -15,8 +15,9 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
+use super::Endian;
 use super::grid_file::shape::{ChosenAxes, choose_axes};
-use super::grid_file::{Endian, GridFile, GridLayout, GridSource, Part, checked_bytes};
+use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use super::spool::{Excess, GzipShare, Spool, SpoolFolder};
 use super::{SourceError, SourceInfo, VolumeSource};
 use header::{DataFiles, Encoding, Header, shortened};
@@ -246,6 +247,17 @@ impl Data<'_> {
         }
     }
 
+    /// Opens a data file; one that is not there is the header's mistake, not the machine's.
+    fn open_data(&self, path: &Path) -> Result<File, SourceError> {
+        File::open(path).map_err(|e| match e.kind() {
+            std::io::ErrorKind::NotFound => {
+                let expected = format!("the data file {}", path.display());
+                SourceError::invalid(self.path, "data file", expected, "no such file")
+            }
+            _ => SourceError::io(path, e),
+        })
+    }
+
     /// First byte of the voxels in a raw data file, after the lines and bytes to skip.
     fn raw_offset(
         &self,
@@ -254,7 +266,7 @@ impl Data<'_> {
         share_bytes: u64,
         notes: &mut Vec<String>,
     ) -> Result<u64, SourceError> {
-        let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
+        let file = self.open_data(path)?;
         let length = file.len().map_err(|e| SourceError::io(path, e))?;
         let byte_skip = self.header.whole_number(self.path, "byteskip")?;
         // -1: the voxels are the end of the file, whatever is before them.
@@ -273,8 +285,10 @@ impl Data<'_> {
         })?;
         // A shortage is found when the grid is opened; the sum there is checked for overflow.
         let excess = (length - offset).saturating_sub(share_bytes);
-        if excess > 0 && notes.iter().all(|n| !n.contains("after the voxels")) {
-            notes.push(format!("{excess} bytes after the voxels of {} are not read", path.display()));
+        if excess > 0 && notes.iter().all(|n| !n.contains("goes on after the voxels")) {
+            // The name alone: notes must not depend on where a file lies.
+            let name = path.file_name().unwrap_or_default().display();
+            notes.push(format!("{name} goes on after the voxels; bytes not read: {excess}"));
         }
         Ok(offset)
     }
@@ -289,7 +303,7 @@ impl Data<'_> {
     ) -> Result<File, SourceError> {
         let mut spool = Spool::create(folder)?;
         for path in files {
-            let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
+            let file = self.open_data(path)?;
             let length = file.len().map_err(|e| SourceError::io(path, e))?;
             let mut reader = BufReader::new(file);
             let start = self.skip_lines(path, &mut reader, start)?;

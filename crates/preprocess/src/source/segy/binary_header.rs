@@ -4,8 +4,9 @@
 //! blanks included. Everything read here is a claim; [`super::layout`] holds it against the size of the file.
 
 use super::SegyOptions;
-use super::fields::{Endian, Fields};
+use super::fields::Fields;
 use super::samples::SampleFormat;
+use crate::source::Endian;
 
 /// Bytes of the text and binary headers together: where traces or extended text headers begin.
 pub(super) const FILE_HEADER_BYTES: u64 = 3600;

@@ -6,11 +6,12 @@
 
 use std::collections::HashSet;
 use std::fmt::Write;
-use std::path::Path;
-
-use supervol_format::ByteSource;
 
 use super::SegyOptions;
+use super::binary_header::TRACE_HEADER_BYTES;
+use super::fields::Fields;
+use super::grid::NoGrid;
+use super::input::Input;
 use super::layout::Layout;
 use super::scan::{LineSummary, add_line, for_each_header};
 use crate::source::SourceError;
@@ -49,62 +50,48 @@ struct Evidence {
     asked: [(i32, i32); 2],
 }
 
-/// The refusal of a file in which two traces (counted from 0) have the same line numbers.
-pub(super) fn refuse_duplicates(
-    path: &Path,
-    bytes: &dyn ByteSource,
-    layout: &Layout,
-    options: &SegyOptions,
-    traces: [u64; 2],
-    position: [i64; 2],
-) -> SourceError {
-    let evidence = match gather(path, bytes, layout, options) {
+/// The refusal of a file without a grid.
+pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, defect: &NoGrid) -> SourceError {
+    let evidence = match gather(input, layout, options) {
         Ok(evidence) => evidence,
         Err(error) => return error,
     };
-    let (il, xl) = (options.inline_byte, options.crossline_byte);
-    let constant = evidence.asked.iter().all(|(min, max)| min == max);
-    if !constant && evidence.offsets.len() > 1 {
-        let what = format!(
-            "pre-stack gather: {} offsets (bytes 37-40); traces {} and {} both stand at inline {} and crossline {}",
-            evidence.offsets.len(),
-            traces[0] + 1,
-            traces[1] + 1,
-            position[0],
-            position[1]
-        );
-        return SourceError::unsupported(
-            path,
-            what,
-            "only post-stack volumes can be read: stack it, or pick one offset",
-        );
-    }
-    let mut what = if constant {
-        format!(
-            "2D line or shot gather, or line numbers elsewhere: all {} traces have inline {} (byte {il}) and \
-             crossline {} (byte {xl})",
-            layout.traces, evidence.asked[0].0, evidence.asked[1].0
-        )
-    } else {
-        format!(
-            "traces {} and {} both stand at inline {} (byte {il}) and crossline {} (byte {xl})",
-            traces[0] + 1,
-            traces[1] + 1,
-            position[0],
-            position[1]
-        )
+    let mut what = match defect {
+        NoGrid::Sparse { what } => format!("{what} (a 2D line through a survey, or a wrong line number)"),
+        NoGrid::Duplicate { traces, inline, crossline } => {
+            let place = format!(
+                "traces {} and {} both stand at inline {inline} (byte {}) and crossline {crossline} (byte {})",
+                traces[0] + 1,
+                traces[1] + 1,
+                options.inline_byte,
+                options.crossline_byte
+            );
+            let one_place = evidence.asked.iter().all(|(min, max)| min == max);
+            if !one_place && differ_in_offset(input, layout, *traces) {
+                let what = format!("pre-stack gather: {} offsets (bytes 37-40); {place}", evidence.offsets.len());
+                let advice = "only post-stack volumes can be read: stack the file, or extract one offset from it";
+                return input.unsupported(what, advice);
+            }
+            let all = format!("2D line or shot gather, or line numbers elsewhere: all {} traces", layout.traces);
+            if one_place { format!("{all} are in one place; {place}") } else { place }
+        }
     };
     what.push_str(&varying_words(&evidence));
-    SourceError::unsupported(path, what, advice(&evidence, layout, options))
+    input.unsupported(what, advice(&evidence, layout, options))
+}
+
+/// Whether two traces have different source-receiver offsets.
+fn differ_in_offset(input: Input<'_>, layout: &Layout, traces: [u64; 2]) -> bool {
+    let [first, second] = traces.map(|trace| {
+        let mut header = [0; TRACE_HEADER_BYTES as usize];
+        let read = input.read(layout.header_offset(trace), &mut header);
+        read.map(|()| Fields::trace_header(&header, layout.endian).i32(37)).ok()
+    });
+    first != second
 }
 
 /// Reads the headers.
-fn gather(
-    path: &Path,
-    bytes: &dyn ByteSource,
-    layout: &Layout,
-    options: &SegyOptions,
-) -> Result<Evidence, SourceError> {
+fn gather(input: Input<'_>, layout: &Layout, options: &SegyOptions) -> Result<Evidence, SourceError> {
     let judged = Layout { traces: layout.traces.min(MAX_TRACES_JUDGED), ..*layout };
     let mut evidence = Evidence {
         traces: judged.traces,
@@ -113,7 +100,7 @@ fn gather(
         offsets: HashSet::new(),
         asked: [(i32::MAX, i32::MIN); 2],
     };
-    for_each_header(path, bytes, &judged, |trace, fields| {
+    for_each_header(input, &judged, |trace, fields| {
         for (summary, (byte, _)) in evidence.words.iter_mut().zip(WORDS) {
             add_line(summary, fields.i32(byte), trace);
         }

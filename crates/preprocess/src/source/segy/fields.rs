@@ -3,25 +3,7 @@
 //! The 400 bytes of the binary header are bytes 3201 to 3600 of the file; the 240 bytes of a trace header are bytes
 //! 1 to 240 of the trace. [`Fields`] knows which of the two it looks at; asking for a byte outside is our own mistake.
 
-use std::fmt;
-
-/// Byte order of the numbers in a file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Endian {
-    /// Most significant byte first: what the SEG-Y standard asks for.
-    Big,
-    /// Least significant byte first: allowed since revision 2, found in older files too.
-    Little,
-}
-
-impl fmt::Display for Endian {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Big => "big endian",
-            Self::Little => "little endian",
-        })
-    }
-}
+use crate::source::Endian;
 
 /// A header's bytes and how to read them.
 #[derive(Clone, Copy)]

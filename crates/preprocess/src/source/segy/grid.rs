@@ -7,15 +7,14 @@
 //! number of cells is bounded before anything is allocated: by [`MAX_CELLS`], and by [`MAX_CELLS_PER_TRACE`] times the
 //! traces that are really in the file, so that one wrong line number cannot ask for a huge grid.
 
-use std::path::Path;
-
 use supervol_format::Dims;
 
+use super::input::Input;
 use super::layout::{Layout, MAX_TRACES};
 use super::scan::{LineSummary, Run, Scan, TraceKind};
 use crate::source::{LineNumbers, SourceError};
 
-/// Most cells of a grid with holes: 4 GiB of trace numbers.
+/// Most cells of a grid: 4 GiB of trace numbers, if it has holes.
 const MAX_CELLS: u64 = 1 << 30;
 
 /// A grid emptier than this is a lying header or a line through a survey, not a volume.
@@ -52,36 +51,50 @@ enum TraceIndex {
     Table(Vec<u32>),
 }
 
-/// Why there is no grid.
+/// Why a grid was not built.
 #[derive(Debug)]
 pub(super) enum GridDefect {
-    /// Two traces claim the same place; [`super::diagnose`] finds out why.
+    /// The message is complete.
+    Refused(SourceError),
+    /// [`super::diagnose`] finds out why.
+    NoGrid(NoGrid),
+}
+
+/// How the line numbers fail to form a grid.
+#[derive(Debug)]
+pub(super) enum NoGrid {
+    /// Two traces claim the same place.
     Duplicate {
-        /// Both traces, from 0, and where they claim to be.
+        /// Both traces, from 0.
         traces: [u64; 2],
+        /// Where they claim to be.
         inline: i64,
+        /// Where they claim to be.
         crossline: i64,
     },
-    /// Anything else: the message is complete.
-    Refused(SourceError),
+    /// The line numbers span far more places than there are traces.
+    Sparse {
+        /// The numbers, for the message.
+        what: String,
+    },
 }
 
 impl Grid {
     /// Builds the grid from the runs of the scan.
-    pub(super) fn build(path: &Path, scan: &Scan, layout: &Layout) -> Result<Self, GridDefect> {
+    pub(super) fn build(input: Input<'_>, scan: &Scan, layout: &Layout) -> Result<Self, GridDefect> {
         let [Some(inline), Some(crossline)] = scan.lines else {
             let what = "all traces are dead and have no position";
-            return Err(GridDefect::Refused(SourceError::unsupported(path, what, "there is nothing to read")));
+            return Err(GridDefect::Refused(input.unsupported(what, "there is nothing to read")));
         };
         let (lines, spans) = ([inline, crossline].map(numbers), [inline, crossline]);
         let positioned = layout.traces - scan.padding;
-        check_size(path, lines, spans, layout, positioned).map_err(GridDefect::Refused)?;
+        check_size(input, lines, spans, layout, positioned)?;
         let [inline, crossline] = lines;
         if let Some(index) = regular_index(&scan.runs, inline, crossline) {
             return Ok(Self { inline, crossline, missing: 0, dead: 0, index });
         }
         let mut table = vec![MISSING; (inline.count * crossline.count) as usize];
-        let dead = fill(&mut table, &scan.runs, inline, crossline)?;
+        let dead = fill(&mut table, &scan.runs, inline, crossline).map_err(GridDefect::NoGrid)?;
         let missing = inline.count * crossline.count - positioned;
         Ok(Self { inline, crossline, missing, dead, index: TraceIndex::Table(table) })
     }
@@ -112,13 +125,13 @@ fn numbers(line: LineSummary) -> LineNumbers {
 
 /// Refuses grids that are too large or too empty to be meant.
 fn check_size(
-    path: &Path,
+    input: Input<'_>,
     lines: [LineNumbers; 2],
     spans: [LineSummary; 2],
     layout: &Layout,
     traces: u64,
-) -> Result<(), SourceError> {
-    let cells = lines[0].count * lines[1].count;
+) -> Result<(), GridDefect> {
+    let cells = lines[0].count.saturating_mul(lines[1].count);
     let dims = Dims([lines[1].count, lines[0].count, layout.samples]);
     let describe = |name: &str, axis: usize| {
         let extent = spans[axis].extent;
@@ -134,17 +147,13 @@ fn check_size(
     let found =
         || format!("{} and {}: {cells} places for {traces} traces", describe("inline", 0), describe("crossline", 1));
     if cells > traces.saturating_mul(MAX_CELLS_PER_TRACE) {
-        return Err(SourceError::unsupported(
-            path,
-            format!("the traces fill less than 1/{MAX_CELLS_PER_TRACE} of their grid: {}", found()),
-            "this is a 2D line through a survey, or a line number is wrong; if inline and crossline numbers stand in \
-             other header bytes, say --il-byte A --xl-byte B",
-        ));
+        let what = format!("the traces fill less than 1/{MAX_CELLS_PER_TRACE} of their grid: {}", found());
+        return Err(GridDefect::NoGrid(NoGrid::Sparse { what }));
     }
     if cells > MAX_CELLS || !dims.is_valid() {
         let what = format!("the grid is too large: {}, {} samples each", found(), layout.samples);
         let advice = format!("at most {MAX_CELLS} places and {} on each axis can be read: split the file", Dims::LIMIT);
-        return Err(SourceError::unsupported(path, what, advice));
+        return Err(GridDefect::Refused(input.unsupported(what, advice)));
     }
     Ok(())
 }
@@ -187,7 +196,7 @@ fn regular_index(runs: &[Run], inline: LineNumbers, crossline: LineNumbers) -> O
 }
 
 /// Writes trace numbers and marks into the table; returns the number of dead traces.
-fn fill(table: &mut [u32], runs: &[Run], inline: LineNumbers, crossline: LineNumbers) -> Result<u64, GridDefect> {
+fn fill(table: &mut [u32], runs: &[Run], inline: LineNumbers, crossline: LineNumbers) -> Result<u64, NoGrid> {
     let mut dead = 0;
     // Where each dead trace is, in file order, is only needed for the message about duplicates.
     let mut trace: u64 = 0;
@@ -201,7 +210,7 @@ fn fill(table: &mut [u32], runs: &[Run], inline: LineNumbers, crossline: LineNum
                 if *cell != MISSING {
                     let earlier = if *cell == DEAD { find(runs, position) } else { u64::from(*cell) };
                     let [inline, crossline] = position.map(i64::from);
-                    return Err(GridDefect::Duplicate { traces: [earlier, trace], inline, crossline });
+                    return Err(NoGrid::Duplicate { traces: [earlier, trace], inline, crossline });
                 }
                 dead += u64::from(run.kind == TraceKind::Dead);
                 *cell = if run.kind == TraceKind::Dead { DEAD } else { trace as u32 };
@@ -291,6 +300,6 @@ mod tests {
         let runs = [run([1, 20], [0, 1], 3), run([1, 22], [1, 0], 2)];
         let mut table = vec![MISSING; 6];
         let defect = fill(&mut table, &runs, line(1, 1, 2), line(20, 1, 3)).unwrap_err();
-        assert!(matches!(defect, GridDefect::Duplicate { traces: [2, 3], inline: 1, crossline: 22 }), "{defect:?}");
+        assert!(matches!(defect, NoGrid::Duplicate { traces: [2, 3], inline: 1, crossline: 22 }), "{defect:?}");
     }
 }

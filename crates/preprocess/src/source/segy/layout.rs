@@ -9,15 +9,13 @@
 //! their part of the file exactly, so that no later read can run past the end, and sizes derived from the layout are
 //! bounded by the size of the file.
 
-use std::path::Path;
-
-use supervol_format::ByteSource;
-
 use super::SegyOptions;
 use super::binary_header::{BinaryHeader, FILE_HEADER_BYTES, TRACE_HEADER_BYTES};
-use super::fields::{Endian, Fields};
+use super::fields::Fields;
+use super::input::Input;
 use super::samples::SampleFormat;
 use super::text_header::{TEXT_BYTES, is_end_stanza};
+use crate::source::Endian;
 use crate::source::SourceError;
 
 /// Extended text headers that a search for the end stanza looks at.
@@ -59,15 +57,14 @@ impl Layout {
 
     /// Finds the layout that the header claims and the file's size confirms.
     pub(super) fn resolve(
-        path: &Path,
-        bytes: &dyn ByteSource,
+        input: Input<'_>,
         header: &BinaryHeader,
         options: &SegyOptions,
         notes: &mut Vec<String>,
     ) -> Result<Self, SourceError> {
-        let file_bytes = bytes.len().map_err(|e| SourceError::io(path, e))?;
-        let format = sample_format(path, header, options, notes)?;
-        let mut first_trace = first_trace(path, bytes, header, file_bytes)?;
+        let file_bytes = input.len()?;
+        let format = sample_format(input, header, options, notes)?;
+        let mut first_trace = first_trace(input, header, file_bytes)?;
         if header.revision == 0 && header.samples > 0 && header.extended_text_headers > 0 {
             // Revision 0 has no extended text headers; writers used them all the same, others left garbage there.
             let trace = TRACE_HEADER_BYTES + u64::from(header.samples) * format.bytes() as u64;
@@ -81,13 +78,13 @@ impl Layout {
                 first_trace = FILE_HEADER_BYTES;
             }
         }
-        let samples = samples_per_trace(path, bytes, header, first_trace, file_bytes, notes)?;
+        let samples = samples_per_trace(input, header, first_trace, file_bytes, notes)?;
         let sketch = Self { endian: header.endian, format, first_trace, header_bytes: 0, samples, traces: 0 };
-        sketch.count_traces(path, header, file_bytes)
+        sketch.count_traces(input, header, file_bytes)
     }
 
     /// Fills in header length and number of traces.
-    fn count_traces(self, path: &Path, header: &BinaryHeader, file_bytes: u64) -> Result<Self, SourceError> {
+    fn count_traces(self, input: Input<'_>, header: &BinaryHeader, file_bytes: u64) -> Result<Self, SourceError> {
         let data_end = match header.trailer_records {
             n if n > 0 => file_bytes.saturating_sub(u64::from(n.unsigned_abs()) * TEXT_BYTES as u64),
             _ => file_bytes,
@@ -110,24 +107,24 @@ impl Layout {
                 break;
             }
         }
-        let layout = fitting.ok_or_else(|| self.not_whole(path, header, data_bytes))?;
+        let layout = fitting.ok_or_else(|| self.not_whole(input, header, data_bytes))?;
         if layout.traces == 0 {
-            return Err(SourceError::invalid(path, "file size", "at least one trace after the headers", "none"));
+            return Err(input.invalid("file size", "at least one trace after the headers", "none"));
         }
         if header.traces > 0 && header.traces != layout.traces {
             let found = format!("{} in the {file_bytes} bytes of the file", layout.traces);
             let expected = format!("{} traces as bytes 3513-3520 say", header.traces);
-            return Err(SourceError::invalid(path, "number of traces", expected, found));
+            return Err(input.invalid("number of traces", expected, found));
         }
         if layout.traces > MAX_TRACES {
             let what = format!("{} traces, more than {MAX_TRACES}", layout.traces);
-            return Err(SourceError::unsupported(path, what, "split the file"));
+            return Err(input.unsupported(what, "split the file"));
         }
         Ok(layout)
     }
 
     /// The message for a file that does not end at the end of a trace.
-    fn not_whole(self, path: &Path, header: &BinaryHeader, data_bytes: u64) -> SourceError {
+    fn not_whole(self, input: Input<'_>, header: &BinaryHeader, data_bytes: u64) -> SourceError {
         let extensions = header.trace_header_extensions[0];
         let header_bytes = TRACE_HEADER_BYTES * (1 + extensions);
         let sample_bytes = self.format.bytes();
@@ -138,13 +135,13 @@ impl Layout {
             self.samples, self.first_trace, header.endian, header.endian_reason
         );
         let found = format!("{} traces and {} bytes more", data_bytes / trace_bytes, data_bytes % trace_bytes);
-        SourceError::invalid(path, "file size", expected, found)
+        input.invalid("file size", expected, found)
     }
 }
 
 /// The sample format: the option's, else the header's.
 fn sample_format(
-    path: &Path,
+    input: Input<'_>,
     header: &BinaryHeader,
     options: &SegyOptions,
     notes: &mut Vec<String>,
@@ -157,8 +154,7 @@ fn sample_format(
         ));
     }
     SampleFormat::from_code(code).ok_or_else(|| {
-        SourceError::invalid(
-            path,
+        input.invalid(
             format!("bytes 3225-3226, sample format ({}, {})", header.endian, header.endian_reason),
             "1 to 12, 15 or 16 (if you know the format, say --format N)",
             code.to_string(),
@@ -167,20 +163,15 @@ fn sample_format(
 }
 
 /// Byte offset of the first trace: stated outright, or after the extended text headers.
-fn first_trace(
-    path: &Path,
-    bytes: &dyn ByteSource,
-    header: &BinaryHeader,
-    file_bytes: u64,
-) -> Result<u64, SourceError> {
+fn first_trace(input: Input<'_>, header: &BinaryHeader, file_bytes: u64) -> Result<u64, SourceError> {
     let stated = header.first_trace_offset;
     let offset = match (stated, header.extended_text_headers) {
         (1.., _) => stated,
-        (0, -1) => after_end_stanza(path, bytes, file_bytes)?,
+        (0, -1) => after_end_stanza(input, file_bytes)?,
         (0, count) => {
             let count = u64::try_from(count).map_err(|_| {
                 let location = "bytes 3505-3506, number of extended text headers";
-                SourceError::invalid(path, location, "-1, 0 or a positive number", count.to_string())
+                input.invalid(location, "-1, 0 or a positive number", count.to_string())
             })?;
             FILE_HEADER_BYTES + count * TEXT_BYTES as u64
         }
@@ -188,8 +179,7 @@ fn first_trace(
     if (FILE_HEADER_BYTES..file_bytes).contains(&offset) {
         return Ok(offset);
     }
-    Err(SourceError::invalid(
-        path,
+    Err(input.invalid(
         "position of the first trace (bytes 3505-3506 and 3521-3528)",
         format!("from {FILE_HEADER_BYTES} to less than the file's {file_bytes} bytes"),
         offset.to_string(),
@@ -197,7 +187,7 @@ fn first_trace(
 }
 
 /// Looks through the extended text headers for the one that ends them.
-fn after_end_stanza(path: &Path, bytes: &dyn ByteSource, file_bytes: u64) -> Result<u64, SourceError> {
+fn after_end_stanza(input: Input<'_>, file_bytes: u64) -> Result<u64, SourceError> {
     let mut record = [0; TEXT_BYTES];
     for index in 0..MAX_TEXT_RECORDS {
         let offset = FILE_HEADER_BYTES + index * TEXT_BYTES as u64;
@@ -205,19 +195,18 @@ fn after_end_stanza(path: &Path, bytes: &dyn ByteSource, file_bytes: u64) -> Res
         if end > file_bytes {
             break;
         }
-        bytes.read_exact_at(offset, &mut record).map_err(|e| SourceError::io(path, e))?;
+        input.read(offset, &mut record)?;
         if is_end_stanza(&record) {
             return Ok(end);
         }
     }
     let expected = "((SEG: EndText)) at the start of one of them, because bytes 3505-3506 say -1";
-    Err(SourceError::invalid(path, "extended text headers", expected, "none"))
+    Err(input.invalid("extended text headers", expected, "none"))
 }
 
 /// Samples per trace: the binary header's, else the first trace header's.
 fn samples_per_trace(
-    path: &Path,
-    bytes: &dyn ByteSource,
+    input: Input<'_>,
     header: &BinaryHeader,
     first_trace: u64,
     file_bytes: u64,
@@ -229,12 +218,11 @@ fn samples_per_trace(
     let mut samples = 0;
     if first_trace + TRACE_HEADER_BYTES <= file_bytes {
         let mut trace_header = [0; TRACE_HEADER_BYTES as usize];
-        bytes.read_exact_at(first_trace, &mut trace_header).map_err(|e| SourceError::io(path, e))?;
+        input.read(first_trace, &mut trace_header)?;
         samples = u64::from(Fields::trace_header(&trace_header, header.endian).u16(115));
     }
     if samples == 0 {
-        return Err(SourceError::invalid(
-            path,
+        return Err(input.invalid(
             "samples per trace (bytes 3221-3222 of the file, bytes 115-116 of the first trace header)",
             "a positive number in one of the two",
             "0 in both",
@@ -249,6 +237,8 @@ fn samples_per_trace(
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
 
     fn header(revision: u8) -> BinaryHeader {
@@ -271,7 +261,8 @@ mod tests {
 
     fn resolve(file_bytes: usize, header: &BinaryHeader) -> Result<Layout, SourceError> {
         let file = vec![0u8; file_bytes];
-        Layout::resolve(Path::new("x.sgy"), &file, header, &SegyOptions::default(), &mut Vec::new())
+        let input = Input { path: Path::new("x.sgy"), bytes: &file };
+        Layout::resolve(input, header, &SegyOptions::default(), &mut Vec::new())
     }
 
     #[test]

@@ -16,7 +16,7 @@
 //! A header that lies is refused with the reason, or overridden by an option; nothing is guessed silently, and what
 //! was assumed stands in [`SourceInfo::notes`].
 //!
-//! Memory: 20 bytes per run of traces while opening (a line in order is one run), then nothing per trace for complete
+//! Memory: 24 bytes per run of traces while opening (a line in order is one run), then nothing per trace for complete
 //! grids, or 4 bytes per grid cell for grids with holes; all of it bounded by the size of the file.
 //!
 //! Not read: pre-stack gathers, 2D lines without line numbers, traces of varying length, format 4, and the contents of
@@ -26,6 +26,7 @@ mod binary_header;
 mod diagnose;
 mod fields;
 mod grid;
+mod input;
 mod layout;
 mod nodata;
 mod read;
@@ -41,15 +42,15 @@ use std::path::{Path, PathBuf};
 use supervol_format::{ByteSource, Dims, Geometry, VoxelBox};
 
 use self::binary_header::{BinaryHeader, FILE_HEADER_BYTES};
-pub use self::fields::Endian;
 use self::grid::{Grid, GridDefect};
+use self::input::Input;
 use self::layout::Layout;
 use self::nodata::Absent;
 use self::read::{Neighbours, Reader};
 use self::samples::SampleFormat;
 use self::scan::Scan;
 use self::text_header::TEXT_BYTES;
-use super::{AccessOrder, Axis, SourceError, SourceInfo, Survey, VolumeSource};
+use super::{AccessOrder, Axis, Endian, SourceError, SourceInfo, Survey, VolumeSource};
 
 /// Last byte of a trace header at which a four-byte word can begin.
 const LAST_WORD_BYTE: u16 = 237;
@@ -124,30 +125,28 @@ impl SegySource {
     /// As [`Self::open`].
     pub fn from_bytes(bytes: Box<dyn ByteSource>, path: &Path, options: &SegyOptions) -> Result<Self, SourceError> {
         options.check()?;
-        let (text, header) = read_file_header(path, bytes.as_ref(), options)?;
+        let input = Input { path, bytes: bytes.as_ref() };
+        let (text, header) = read_file_header(input, options)?;
         let mut notes = Vec::new();
-        let layout = Layout::resolve(path, bytes.as_ref(), &header, options, &mut notes)?;
+        let layout = Layout::resolve(input, &header, options, &mut notes)?;
         if options.format.is_none() || layout.format == SampleFormat::FixedPointWithGain {
-            sniff::check_format(path, bytes.as_ref(), &layout)?;
+            sniff::check_format(input, &layout)?;
         }
-        let scan = Scan::run(path, bytes.as_ref(), &layout, &header, options)?;
-        let grid = Grid::build(path, &scan, &layout).map_err(|defect| match defect {
+        let scan = Scan::run(input, &layout, &header, options)?;
+        let grid = Grid::build(input, &scan, &layout).map_err(|defect| match defect {
             GridDefect::Refused(error) => error,
-            GridDefect::Duplicate { traces, inline, crossline } => {
-                let position = [inline, crossline];
-                diagnose::refuse_duplicates(path, bytes.as_ref(), &layout, options, traces, position)
-            }
+            GridDefect::NoGrid(why) => diagnose::refuse(input, &layout, options, &why),
         })?;
         let holes = grid.missing + grid.dead > 0;
         let absent = if holes {
-            nodata::choose(path, bytes.as_ref(), &layout)?
+            nodata::choose(input, &layout)?
         } else {
             Absent { voxel_type: layout.format.voxel_type(), value: f64::NAN }
         };
         note_traces(&layout, &scan, &grid, absent, &mut notes);
         let neighbours =
             if scan.steps_along[1] > scan.steps_along[0] { Neighbours::AlongY } else { Neighbours::AlongX };
-        let mut info = describe(path, bytes.as_ref(), (&layout, &header), &scan, &grid, text, notes)?;
+        let mut info = describe(input, (&layout, &header), &scan, &grid, text, notes)?;
         info.voxel_type = absent.voxel_type;
         info.nodata = (!absent.value.is_nan()).then_some(absent.value);
         info.access_order = AccessOrder(if neighbours == Neighbours::AlongX { [1, 0, 2] } else { [0, 1, 2] });
@@ -162,8 +161,7 @@ impl VolumeSource for SegySource {
 
     fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
         let reader = Reader {
-            path: &self.path,
-            bytes: self.bytes.as_ref(),
+            input: Input { path: &self.path, bytes: self.bytes.as_ref() },
             layout: &self.layout,
             grid: &self.grid,
             absent: self.absent,
@@ -174,30 +172,22 @@ impl VolumeSource for SegySource {
 }
 
 /// Reads text and binary header.
-fn read_file_header(
-    path: &Path,
-    bytes: &dyn ByteSource,
-    options: &SegyOptions,
-) -> Result<(String, BinaryHeader), SourceError> {
-    let file_bytes = bytes.len().map_err(|e| SourceError::io(path, e))?;
+fn read_file_header(input: Input<'_>, options: &SegyOptions) -> Result<(String, BinaryHeader), SourceError> {
+    let file_bytes = input.len()?;
     if file_bytes < FILE_HEADER_BYTES {
         let expected = format!("at least the {FILE_HEADER_BYTES} bytes of the file headers");
-        return Err(SourceError::invalid(path, "file size", expected, format!("{file_bytes} bytes")));
+        return Err(input.invalid("file size", expected, format!("{file_bytes} bytes")));
     }
     let mut headers = [0; FILE_HEADER_BYTES as usize];
-    bytes.read_exact_at(0, &mut headers).map_err(|e| SourceError::io(path, e))?;
+    input.read(0, &mut headers)?;
     let (text, binary) = headers.split_at(TEXT_BYTES);
     if matches!(&text[4..7], b"SY1" | b"SY2") {
         let advice = "cut off its first 128 bytes";
-        return Err(SourceError::unsupported(
-            path,
-            "the file begins with a tape label (SEG storage unit label)",
-            advice,
-        ));
+        return Err(input.unsupported("the file begins with a tape label (SEG storage unit label)", advice));
     }
     let binary = binary.first_chunk().expect("400 bytes follow the text header");
     let header = BinaryHeader::read(binary, file_bytes, options)
-        .map_err(|what| SourceError::unsupported(path, what, "say --endian big or --endian little"))?;
+        .map_err(|what| input.unsupported(what, "say --endian big or --endian little"))?;
     Ok((text_header::decode(text, text_header::detect(text)), header))
 }
 
@@ -243,15 +233,14 @@ fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, absent: Absent, notes:
 
 /// Grid, world and survey, once traces and grid are known.
 fn describe(
-    path: &Path,
-    bytes: &dyn ByteSource,
+    input: Input<'_>,
     (layout, header): (&Layout, &BinaryHeader),
     scan: &Scan,
     grid: &Grid,
     text_header: String,
     mut notes: Vec<String>,
 ) -> Result<SourceInfo, SourceError> {
-    let placement = survey::place(path, bytes, (layout, header), scan, grid, &mut notes)?;
+    let placement = survey::place(input, (layout, header), scan, grid, &mut notes)?;
     let interval = survey::sample_interval(header, scan, &mut notes);
     let depth = text_header::says_depth_domain(&text_header);
     let (z_name, z_unit) = match (interval, depth, header.feet) {
@@ -271,7 +260,7 @@ fn describe(
         origin: [0.0, 0.0, first_sample],
         ..Geometry::IDENTITY
     };
-    info.axes = [axis("crossline", placement.unit), axis("inline", placement.unit), axis(z_name, z_unit)];
+    info.axes = [axis("crossline", placement.units[0]), axis("inline", placement.units[1]), axis(z_name, z_unit)];
     info.survey = Some(Survey {
         inline: grid.inline,
         crossline: grid.crossline,
@@ -284,12 +273,7 @@ fn describe(
     });
     info.notes = notes;
     if let Some(defect) = info.geometry.defect() {
-        return Err(SourceError::invalid(
-            path,
-            "geometry from coordinates and sample interval",
-            "finite lengths",
-            defect,
-        ));
+        return Err(input.invalid("geometry from coordinates and sample interval", "finite lengths", defect));
     }
     Ok(info)
 }

@@ -6,10 +6,9 @@
 //! samples once, and is only made for integer files whose grid has holes. Format 7 and 15 fill 24 bits of 32 and need
 //! no search.
 
-use std::path::Path;
+use supervol_format::VoxelType;
 
-use supervol_format::{ByteSource, VoxelType};
-
+use super::input::Input;
 use super::layout::Layout;
 use super::samples::SampleFormat;
 use crate::source::SourceError;
@@ -30,7 +29,7 @@ pub(super) struct Absent {
 }
 
 /// Finds a value that no sample has.
-pub(super) fn choose(path: &Path, bytes: &dyn ByteSource, layout: &Layout) -> Result<Absent, SourceError> {
+pub(super) fn choose(input: Input<'_>, layout: &Layout) -> Result<Absent, SourceError> {
     let voxel_type = layout.format.voxel_type();
     let (least, greatest) = voxel_type.limits();
     let absent = |voxel_type, value| Ok(Absent { voxel_type, value });
@@ -41,7 +40,7 @@ pub(super) fn choose(path: &Path, bytes: &dyn ByteSource, layout: &Layout) -> Re
         (_, VoxelType::I32 | VoxelType::U32) => {
             let signed = voxel_type == VoxelType::I32;
             let mut used: u64 = 0;
-            for_each_code(path, bytes, layout, |code| {
+            for_each_code(input, layout, |code| {
                 // Distance from the preferred end of the range.
                 let distance = if signed { code ^ 0x8000_0000 } else { !code };
                 if distance < CANDIDATES {
@@ -52,7 +51,7 @@ pub(super) fn choose(path: &Path, bytes: &dyn ByteSource, layout: &Layout) -> Re
             if free >= CANDIDATES {
                 let what =
                     format!("the grid has holes, and the samples use all {CANDIDATES} extreme {voxel_type} values");
-                return Err(SourceError::unsupported(path, what, "convert the file to format 5 or 6"));
+                return Err(input.unsupported(what, "convert the file to format 5 or 6"));
             }
             absent(voxel_type, if signed { least + f64::from(free) } else { greatest - f64::from(free) })
         }
@@ -61,7 +60,7 @@ pub(super) fn choose(path: &Path, bytes: &dyn ByteSource, layout: &Layout) -> Re
             let signed = matches!(small, VoxelType::I8 | VoxelType::I16);
             let mut used = vec![false; 1 << bits];
             let sign = if signed { 1 << (bits - 1) } else { 0 };
-            for_each_code(path, bytes, layout, |code| {
+            for_each_code(input, layout, |code| {
                 let rank = code ^ sign;
                 used[rank as usize] = true;
             })?;
@@ -77,12 +76,7 @@ pub(super) fn choose(path: &Path, bytes: &dyn ByteSource, layout: &Layout) -> Re
 }
 
 /// Calls `visit` with the bits of every sample of an integer format of 1, 2 or 4 bytes, in file order.
-fn for_each_code(
-    path: &Path,
-    bytes: &dyn ByteSource,
-    layout: &Layout,
-    mut visit: impl FnMut(u32),
-) -> Result<(), SourceError> {
+fn for_each_code(input: Input<'_>, layout: &Layout, mut visit: impl FnMut(u32)) -> Result<(), SourceError> {
     let sample_bytes = layout.format.bytes();
     let voxel_type = layout.format.voxel_type();
     let batch = layout.samples.min(READ_BYTES / sample_bytes as u64);
@@ -95,7 +89,7 @@ fn for_each_code(
             let size = count as usize * sample_bytes;
             let (raw, voxels) = (&mut raw[..size], &mut voxels[..size]);
             let offset = layout.sample_offset(trace, sample);
-            bytes.read_exact_at(offset, raw).map_err(|e| SourceError::io(path, e))?;
+            input.read(offset, raw)?;
             super::samples::decode(layout.format, layout.endian, voxel_type, raw, voxels)
                 .expect("integers of up to 32 bits always decode");
             match sample_bytes {
@@ -111,8 +105,10 @@ fn for_each_code(
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
-    use crate::source::segy::fields::Endian;
+    use crate::source::Endian;
 
     fn choose_for(format: u16, samples: &[u8]) -> Absent {
         let format = SampleFormat::from_code(format).unwrap();
@@ -126,7 +122,7 @@ mod tests {
         };
         let mut file = vec![0; 3840];
         file.extend_from_slice(samples);
-        choose(Path::new("x.sgy"), &file, &layout).unwrap()
+        choose(Input { path: Path::new("x.sgy"), bytes: &file }, &layout).unwrap()
     }
 
     #[test]

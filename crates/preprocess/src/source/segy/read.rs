@@ -2,14 +2,14 @@
 //!
 //! The file has samples fastest; voxels are wanted x fastest. A box is cut into tiles of neighbouring traces small
 //! enough for the processor's cache; each tile is read in as few reads as the file's order allows, decoded trace by
-//! trace, and transposed in blocks. Scratch memory per call: about 2 MiB, whatever the box.
+//! trace, and transposed in blocks. Scratch memory per call: at most 6 MiB, whatever the box.
 
 use std::ops::Range;
-use std::path::Path;
 
-use supervol_format::{ByteSource, Dims, VoxelBox, VoxelType};
+use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::grid::Grid;
+use super::input::Input;
 use super::layout::Layout;
 use super::nodata::Absent;
 use super::samples::decode;
@@ -29,8 +29,7 @@ const LINE_BYTES: usize = 64;
 
 /// Everything a read needs.
 pub(super) struct Reader<'a> {
-    pub(super) path: &'a Path,
-    pub(super) bytes: &'a dyn ByteSource,
+    pub(super) input: Input<'a>,
     pub(super) layout: &'a Layout,
     pub(super) grid: &'a Grid,
     pub(super) absent: Absent,
@@ -157,7 +156,7 @@ impl Reader<'_> {
         }
         let raw = &mut raw[..span];
         let offset = layout.sample_offset(first, samples.start);
-        self.bytes.read_exact_at(offset, raw).map_err(|e| SourceError::io(self.path, e))?;
+        self.input.read(offset, raw)?;
         for &(trace, cell) in group {
             let from = ((trace - first) * layout.trace_bytes()) as usize;
             let out = &mut voxels[cell * voxel_bytes..][..voxel_bytes];
@@ -165,8 +164,7 @@ impl Reader<'_> {
                 |bad| {
                     let sample = samples.start + bad.index as u64;
                     let place = layout.sample_offset(trace, sample);
-                    SourceError::invalid(
-                        self.path,
+                    self.input.invalid(
                         format!("trace {}, sample {} (byte {place})", trace + 1, sample + 1),
                         format!(
                             "a number that {} can hold (if the format is wrong, say --format N)",

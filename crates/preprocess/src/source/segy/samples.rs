@@ -7,7 +7,7 @@
 
 use supervol_format::VoxelType;
 
-use super::fields::Endian;
+use crate::source::Endian;
 
 /// What one sample is in the file: the data sample format code, bytes 3225-3226.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -9,13 +9,11 @@
 //! explicit `--format` is never judged. The traces looked at are spread evenly and always the same.
 
 use std::collections::HashSet;
-use std::path::Path;
 
-use supervol_format::ByteSource;
-
-use super::fields::Endian;
+use super::input::Input;
 use super::layout::Layout;
 use super::samples::SampleFormat;
+use crate::source::Endian;
 use crate::source::SourceError;
 
 /// Traces looked at.
@@ -86,34 +84,32 @@ impl Words {
 
 /// Refuses files whose sample format is declared as 1 (IBM) or 5 (IEEE) and is surely the other, and all files of
 /// format 4, which is obsolete and more often a mistake than meant.
-pub(super) fn check_format(path: &Path, bytes: &dyn ByteSource, layout: &Layout) -> Result<(), SourceError> {
+pub(super) fn check_format(input: Input<'_>, layout: &Layout) -> Result<(), SourceError> {
     if !matches!(layout.format, SampleFormat::Ibm32 | SampleFormat::F32 | SampleFormat::FixedPointWithGain) {
         return Ok(());
     }
-    let words = sample_words(path, bytes, layout)?;
+    let words = sample_words(input, layout)?;
     let shares = format!("{} of {} non-zero samples are unnormalised as IBM floats", words.zero_nibble, words.total);
     match layout.format {
-        SampleFormat::Ibm32 if words.surely_ieee() => Err(SourceError::unsupported(
-            path,
+        SampleFormat::Ibm32 if words.surely_ieee() => Err(input.unsupported(
             format!(
                 "the header says IBM float (format 1 in bytes 3225-3226), but the samples are IEEE floats: {shares}"
             ),
             "say --format 5 to read them as IEEE, or --format 1 to insist",
         )),
-        SampleFormat::F32 if words.surely_ibm() => Err(SourceError::unsupported(
-            path,
+        SampleFormat::F32 if words.surely_ibm() => Err(input.unsupported(
             format!(
                 "the header says IEEE float (format 5 in bytes 3225-3226), but the samples are IBM floats: {shares}"
             ),
             "say --format 1 to read them as IBM, or --format 5 to insist",
         )),
-        SampleFormat::FixedPointWithGain => Err(refuse_format_4(path, &words)),
+        SampleFormat::FixedPointWithGain => Err(refuse_format_4(input, &words)),
         _ => Ok(()),
     }
 }
 
 /// The refusal of format 4, with what the samples look like instead.
-fn refuse_format_4(path: &Path, words: &Words) -> SourceError {
+fn refuse_format_4(input: Input<'_>, words: &Words) -> SourceError {
     let what = "sample format 4 (fixed point with gain, bytes 3225-3226), which is obsolete and not read";
     let (looks, advice) = if words.total > 0 && words.zero_byte == words.total {
         ("the samples look like it", "convert the file to format 5")
@@ -124,11 +120,11 @@ fn refuse_format_4(path: &Path, words: &Words) -> SourceError {
     } else {
         ("the samples look like neither IBM nor IEEE floats", "if you know the format, say --format N")
     };
-    SourceError::unsupported(path, format!("{what}; {looks}"), advice)
+    input.unsupported(format!("{what}; {looks}"), advice)
 }
 
 /// Reads the sample words of evenly spread traces.
-fn sample_words(path: &Path, bytes: &dyn ByteSource, layout: &Layout) -> Result<Words, SourceError> {
+fn sample_words(input: Input<'_>, layout: &Layout) -> Result<Words, SourceError> {
     let mut words = Words::default();
     let traces = layout.traces.min(TRACES);
     let samples = layout.samples.min(SAMPLES);
@@ -136,7 +132,7 @@ fn sample_words(path: &Path, bytes: &dyn ByteSource, layout: &Layout) -> Result<
     for index in 0..traces {
         let trace = index * layout.traces / traces;
         let offset = layout.sample_offset(trace, (layout.samples - samples) / 2);
-        bytes.read_exact_at(offset, &mut buffer).map_err(|e| SourceError::io(path, e))?;
+        input.read(offset, &mut buffer)?;
         for word in buffer.as_chunks::<4>().0 {
             words.add(if layout.endian == Endian::Big { u32::from_be_bytes(*word) } else { u32::from_le_bytes(*word) });
         }

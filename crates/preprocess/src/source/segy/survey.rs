@@ -4,13 +4,10 @@
 //! inline and crossline and at the delay of the first sample. Map coordinates are large and turned against the grid;
 //! they are kept as the survey's corners, as metadata.
 
-use std::path::Path;
-
-use supervol_format::ByteSource;
-
 use super::binary_header::{BinaryHeader, TRACE_HEADER_BYTES};
 use super::fields::{Fields, scaled};
 use super::grid::Grid;
+use super::input::Input;
 use super::layout::Layout;
 use super::scan::Scan;
 use crate::source::{LineNumbers, SourceError};
@@ -18,30 +15,48 @@ use crate::source::{LineNumbers, SourceError};
 /// Estimates of a spacing from two opposite edges of the grid must agree this well, as a fraction.
 const SPACING_TOLERANCE: f64 = 0.05;
 
+/// A fitted corner may lie off by this fraction of the line spacing, judged by the residual of the fit.
+const RESIDUAL_TOLERANCE: f64 = 0.5;
+
 /// Sums of a least-squares fit of positions to line numbers: `point = a + b * inline + c * crossline`, by the normal
 /// equations of Gauss. One pass, constant memory; numbers are taken relative to the first trace's, which keeps the
-/// sums accurate for map coordinates of millions of metres.
+/// sums accurate for map coordinates of millions of metres. Points (0, 0) are left out: they are what headers without
+/// a position hold.
 #[derive(Debug, Default, Clone)]
 pub(super) struct PositionFit {
+    /// Line numbers and point of the first trace with a position.
     origin: Option<([i64; 2], [f64; 2])>,
     count: f64,
     lines: [f64; 2],
+    /// Of inline with itself, inline with crossline, crossline with itself.
     line_products: [f64; 3],
     points: [f64; 2],
+    /// Of each component of the points with itself.
+    squares: [f64; 2],
     /// `[point component][line axis]`.
     mixed: [[f64; 2]; 2],
-    /// Whether any coordinate is not zero.
-    pub(super) any: bool,
     /// Largest absolute coordinate.
     largest: f64,
+}
+
+/// Means and slopes of a fit, relative to its origin.
+struct Solution {
+    mean_lines: [f64; 2],
+    mean_point: [f64; 2],
+    /// `[point component][line axis]`.
+    slopes: [[f64; 2]; 2],
+    /// Root mean square distance of the points from the fit.
+    residual: f64,
 }
 
 impl PositionFit {
     /// Adds one trace.
     pub(super) fn add(&mut self, position: [i32; 2], point: [f64; 2]) {
+        if point == [0.0; 2] {
+            return;
+        }
         let position = position.map(i64::from);
         let (first, first_point) = *self.origin.get_or_insert((position, point));
-        self.any |= point != [0.0; 2];
         self.largest = self.largest.max(point[0].abs()).max(point[1].abs());
         let [i, j] = [0, 1].map(|a| (position[a] - first[a]) as f64);
         self.count += 1.0;
@@ -53,26 +68,30 @@ impl PositionFit {
         for component in [0, 1] {
             let p = point[component] - first_point[component];
             self.points[component] += p;
+            self.squares[component] += p * p;
             self.mixed[component][0] += p * i;
             self.mixed[component][1] += p * j;
         }
     }
 
-    /// The fitted position of a crossing, or `None` where the traces do not determine it.
-    fn at(&self, inline: i64, crossline: i64) -> Option<[f64; 2]> {
-        let (first, first_point) = self.origin?;
+    /// Whether any trace has a position.
+    fn any(&self) -> bool {
+        self.origin.is_some()
+    }
+
+    /// The fit, or `None` where the traces do not determine it.
+    fn solve(&self) -> Option<Solution> {
         let n = self.count;
-        let mean = self.lines.map(|s| s / n);
-        let ii = self.line_products[0] - n * mean[0] * mean[0];
-        let ij = self.line_products[1] - n * mean[0] * mean[1];
-        let jj = self.line_products[2] - n * mean[1] * mean[1];
+        let mean_lines = self.lines.map(|s| s / n);
+        let mean_point = self.points.map(|s| s / n);
+        let ii = self.line_products[0] - n * mean_lines[0] * mean_lines[0];
+        let ij = self.line_products[1] - n * mean_lines[0] * mean_lines[1];
+        let jj = self.line_products[2] - n * mean_lines[1] * mean_lines[1];
         let determinant = ii * jj - ij * ij;
-        let offset = [inline - first[0], crossline - first[1]];
-        let mut result = first_point;
+        let (mut slopes, mut error) = ([[0.0; 2]; 2], 0.0);
         for component in [0, 1] {
-            let mean_point = self.points[component] / n;
-            let pi = self.mixed[component][0] - n * mean_point * mean[0];
-            let pj = self.mixed[component][1] - n * mean_point * mean[1];
+            let mean = mean_point[component];
+            let [pi, pj] = [0, 1].map(|a| self.mixed[component][a] - n * mean * mean_lines[a]);
             let slope = match (ii > 0.0, jj > 0.0) {
                 (true, true) if determinant > 1e-9 * ii * jj => {
                     [(pi * jj - pj * ij) / determinant, (pj * ii - pi * ij) / determinant]
@@ -82,10 +101,23 @@ impl PositionFit {
                 (false, true) => [0.0, pj / jj],
                 (false, false) => [0.0, 0.0],
             };
-            let from_mean = [0, 1].map(|a| offset[a] as f64 - mean[a]);
-            result[component] += mean_point + slope[0] * from_mean[0] + slope[1] * from_mean[1];
+            error += self.squares[component] - n * mean * mean - slope[0] * pi - slope[1] * pj;
+            slopes[component] = slope;
         }
-        Some(result)
+        Some(Solution { mean_lines, mean_point, slopes, residual: (error.max(0.0) / n).sqrt() })
+    }
+
+    /// The fitted position of a crossing and the fit's residual, or `None` where the traces do not determine it.
+    fn at(&self, inline: i64, crossline: i64) -> Option<([f64; 2], f64)> {
+        let (first, first_point) = self.origin?;
+        let fit = self.solve()?;
+        let offset = [inline - first[0], crossline - first[1]];
+        let from_mean = [0, 1].map(|a| offset[a] as f64 - fit.mean_lines[a]);
+        let point = [0, 1].map(|c| {
+            let [along_inline, along_crossline] = fit.slopes[c];
+            first_point[c] + fit.mean_point[c] + along_inline * from_mean[0] + along_crossline * from_mean[1]
+        });
+        Some((point, fit.residual))
     }
 }
 
@@ -96,21 +128,20 @@ pub(super) struct Placement {
     pub(super) corners: Option<[[f64; 2]; 4]>,
     /// Distance between crosslines (x) and between inlines (y).
     pub(super) spacing: [f64; 2],
-    /// Unit of the spacing; empty where it counts lines.
-    pub(super) unit: &'static str,
+    /// Units of the spacing; empty where it counts lines.
+    pub(super) units: [&'static str; 2],
 }
 
 /// Finds corners and spacing, and notes whatever had to be assumed.
 pub(super) fn place(
-    path: &Path,
-    bytes: &dyn ByteSource,
+    input: Input<'_>,
     (layout, header): (&Layout, &BinaryHeader),
     scan: &Scan,
     grid: &Grid,
     notes: &mut Vec<String>,
 ) -> Result<Placement, SourceError> {
-    let none = Placement { corners: None, spacing: [1.0; 2], unit: "" };
-    let (fit, x_byte) = match (scan.cdp.any, scan.source.any) {
+    let none = Placement { corners: None, spacing: [1.0; 2], units: [""; 2] };
+    let (fit, x_byte) = match (scan.cdp.any(), scan.source.any()) {
         (true, _) => (&scan.cdp, 181),
         (false, true) => {
             notes.push(
@@ -120,20 +151,29 @@ pub(super) fn place(
         }
         (false, false) => return Ok(none),
     };
-    let corners = corners(path, bytes, layout, grid, fit, x_byte, notes)?;
-    let Some(corners) = corners else {
+    let Some(Corners { points, fitted, residual }) = corners(input, layout, grid, fit, x_byte)? else {
         notes.push("coordinates do not determine the grid's corners; the spacing between lines is 1".into());
         return Ok(none);
     };
+    if fitted > 0 {
+        notes.push(format!(
+            "{fitted} of the grid's 4 corners have no live trace; their coordinates were extrapolated from the others"
+        ));
+    }
+    let placed = Placement { corners: Some(points), ..none };
     if let Some(reason) = not_lengths(scan, fit) {
         notes.push(format!("{reason}; the spacing between lines is 1"));
-        return Ok(Placement { corners: Some(corners), ..none });
+        return Ok(placed);
     }
-    let Some(spacing) = spacing(corners, grid.inline, grid.crossline) else {
+    let spacing = spacing(points, grid.inline, grid.crossline)
+        .filter(|s| fitted == 0 || residual <= RESIDUAL_TOLERANCE * s[0].min(s[1]));
+    let Some(spacing) = spacing else {
         notes.push("the coordinates of the corners do not form a grid; the spacing between lines is 1".into());
-        return Ok(Placement { corners: Some(corners), ..none });
+        return Ok(placed);
     };
-    Ok(Placement { corners: Some(corners), spacing, unit: if header.feet { "ft" } else { "m" } })
+    let unit = if header.feet { "ft" } else { "m" };
+    let units = [grid.crossline, grid.inline].map(|line| if line.count > 1 { unit } else { "" });
+    Ok(Placement { spacing, units, ..placed })
 }
 
 /// Why coordinates cannot be taken as lengths, if so. Units that the numbers contradict are overruled: no angle in
@@ -149,37 +189,41 @@ fn not_lengths(scan: &Scan, fit: &PositionFit) -> Option<String> {
     (fit.largest <= full_turn).then(|| format!("coordinates are in {name} (bytes 89-90 of the trace headers)"))
 }
 
-/// The four corners: from the headers of the traces that stand there, else from the fit through all traces.
+/// The four corners of the grid.
+struct Corners {
+    /// As [`crate::source::Survey::corners`] orders them.
+    points: [[f64; 2]; 4],
+    /// How many of them are extrapolated.
+    fitted: u32,
+    /// Residual of the extrapolation; 0 where there is none.
+    residual: f64,
+}
+
+/// Finds the corners: in the headers of the traces that stand there, else by the fit through all traces.
 fn corners(
-    path: &Path,
-    bytes: &dyn ByteSource,
+    input: Input<'_>,
     layout: &Layout,
     grid: &Grid,
     fit: &PositionFit,
     x_byte: usize,
-    notes: &mut Vec<String>,
-) -> Result<Option<[[f64; 2]; 4]>, SourceError> {
+) -> Result<Option<Corners>, SourceError> {
     let (last_x, last_y) = (grid.crossline.count - 1, grid.inline.count - 1);
-    let mut corners = [[0.0; 2]; 4];
-    let mut fitted = 0;
-    for (corner, (x, y)) in corners.iter_mut().zip([(0, 0), (last_x, 0), (0, last_y), (last_x, last_y)]) {
+    let mut corners = Corners { points: [[0.0; 2]; 4], fitted: 0, residual: 0.0 };
+    for (corner, (x, y)) in corners.points.iter_mut().zip([(0, 0), (last_x, 0), (0, last_y), (last_x, last_y)]) {
         if let Some(trace) = grid.trace(x, y) {
             let mut buffer = [0; TRACE_HEADER_BYTES as usize];
-            bytes.read_exact_at(layout.header_offset(trace), &mut buffer).map_err(|e| SourceError::io(path, e))?;
+            input.read(layout.header_offset(trace), &mut buffer)?;
             let fields = Fields::trace_header(&buffer, layout.endian);
             let scalar = fields.i16(71);
             *corner = [x_byte, x_byte + 4].map(|byte| scaled(f64::from(fields.i32(byte)), scalar));
             continue;
         }
         let number = |line: LineNumbers, index: u64| line.first + index as i64 * line.step;
-        let Some(point) = fit.at(number(grid.inline, y), number(grid.crossline, x)) else { return Ok(None) };
+        let fitted = fit.at(number(grid.inline, y), number(grid.crossline, x));
+        let Some((point, residual)) = fitted else { return Ok(None) };
         *corner = point;
-        fitted += 1;
-    }
-    if fitted > 0 {
-        notes.push(format!(
-            "{fitted} of the grid's 4 corners have no live trace; their coordinates were extrapolated from the others"
-        ));
+        corners.fitted += 1;
+        corners.residual = residual;
     }
     Ok(Some(corners))
 }
@@ -257,8 +301,21 @@ mod tests {
                 fit.add([il, xl], point(f64::from(il), f64::from(xl)));
             }
         }
-        let [found, expected] = [fit.at(90, 500).unwrap(), point(90.0, 500.0)];
+        let ((found, residual), expected) = (fit.at(90, 500).unwrap(), point(90.0, 500.0));
+        assert!(residual < 1e-3, "{residual}");
         assert!((found[0] - expected[0]).abs() < 1e-5 && (found[1] - expected[1]).abs() < 1e-5, "{found:?}");
+    }
+
+    #[test]
+    fn fit_knows_when_points_are_no_grid() {
+        let mut fit = PositionFit::default();
+        for line in 0..100 {
+            fit.add([line / 10, line % 10], [f64::from(line * line % 37), f64::from(line * 7 % 11)]);
+        }
+        assert!(fit.at(0, 0).unwrap().1 > 3.0);
+        let mut diagonal = PositionFit::default();
+        (1..9).for_each(|n| diagonal.add([n, n], [f64::from(n), 1.0]));
+        assert!(diagonal.at(0, 0).is_none());
     }
 
     #[test]

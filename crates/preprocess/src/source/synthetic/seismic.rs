@@ -269,8 +269,8 @@ impl Channel {
             let t = depth.wrapping_sub(self.depth) as f32 * to_unit;
             let along = (1.0 - t * t).max(0.0);
             let share = across * along;
-            // A bright base under a bright top of the other sign.
-            *amplitude += share * (self.brightness * t - *amplitude * 0.5);
+            // A bright base under a bright top of the other sign; t (1 - t^2) is at most 1 / 2.6.
+            *amplitude += share * (2.6 * self.brightness * t - *amplitude * 0.5);
         }
     }
 }

@@ -1,0 +1,280 @@
+//! Things kept by brick key in host memory, within a number of bytes: decoded bricks.
+//!
+//! Least recently used by *pass*: all bricks that one pass used are equally recent. Who may leave is the caller's to say
+//! ([`Victims`]); who leaves first among those is decided here. The budget is never exceeded: room is made before
+//! anything is read for it.
+//!
+//! Protocol of one pass: [`HostCache::begin_pass`]; rays look up with [`HostCache::get`]; [`HostCache::note_uses`] with
+//! what they used; [`HostCache::victims`], [`HostCache::make_room`], [`HostCache::insert`].
+
+use supervol_format::BrickKey;
+
+use super::KeyMap;
+
+/// Bytes that a brick costs besides its voxels and ranges: table entry and allocations.
+pub const BRICK_OVERHEAD_BYTES: u64 = 256;
+
+/// Bricks within a budget.
+#[derive(Debug)]
+pub struct HostCache<T> {
+    bricks: KeyMap<Held<T>>,
+    budget_bytes: u64,
+    bytes: u64,
+    pass: u64,
+    counters: HostCounters,
+}
+
+#[derive(Debug)]
+struct Held<T> {
+    brick: T,
+    bytes: u64,
+    /// Pass in which a ray last used it, or in which it came.
+    last_used: u64,
+}
+
+/// What happened in the cache.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct HostCounters {
+    /// Bricks that a pass used and found, summed over passes.
+    pub hits: u64,
+    /// Wanted bricks that were not here, summed over passes.
+    pub misses: u64,
+    /// Bricks that came.
+    pub insertions: u64,
+    /// Bricks that left.
+    pub evictions: u64,
+    /// Most bytes held at once.
+    pub peak_bytes: u64,
+}
+
+/// How readily a brick may leave.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Standing {
+    /// No ray of this frame will want it: leaves first, the least recently used first.
+    Free,
+    /// Rays of this frame may want it again, those of lesser number sooner: leaves only for what rays wait for now, the
+    /// greatest number first.
+    Live(i64),
+    /// Stays.
+    Kept,
+}
+
+/// Bricks that may leave, in the order in which they do.
+#[derive(Debug, Default)]
+pub struct Victims {
+    /// The next to leave last.
+    free: Vec<(BrickKey, u64)>,
+    /// The next to leave last.
+    live: Vec<(BrickKey, u64)>,
+    free_bytes: u64,
+    live_bytes: u64,
+}
+
+impl Victims {
+    /// Bytes that no ray of this frame will want.
+    #[must_use]
+    pub fn free_bytes(&self) -> u64 {
+        self.free_bytes
+    }
+
+    /// Bytes that rays of this frame may want again.
+    #[must_use]
+    pub fn live_bytes(&self) -> u64 {
+        self.live_bytes
+    }
+}
+
+impl<T> HostCache<T> {
+    /// An empty cache of this many bytes.
+    #[must_use]
+    pub fn new(budget_bytes: u64) -> Self {
+        Self { bricks: KeyMap::default(), budget_bytes, bytes: 0, pass: 0, counters: HostCounters::default() }
+    }
+
+    /// A new pass begins: what is used from now on is more recent than everything before.
+    pub fn begin_pass(&mut self) {
+        self.pass += 1;
+    }
+
+    /// Number of the current pass.
+    #[must_use]
+    pub fn pass(&self) -> u64 {
+        self.pass
+    }
+
+    /// The brick, if it is here.
+    #[inline]
+    #[must_use]
+    pub fn get(&self, key: BrickKey) -> Option<&T> {
+        self.bricks.get(&key).map(|held| &held.brick)
+    }
+
+    /// Notes which bricks the current pass used, and how many it wanted in vain.
+    pub fn note_uses(&mut self, used: &[BrickKey], missed: u64) {
+        for key in used {
+            if let Some(held) = self.bricks.get_mut(key) {
+                held.last_used = self.pass;
+                self.counters.hits += 1;
+            }
+        }
+        self.counters.misses += missed;
+    }
+
+    /// Bricks that may leave. `standing` is told the key and the pass in which the brick was last used.
+    pub fn victims(&self, standing: impl Fn(BrickKey, u64) -> Standing) -> Victims {
+        let mut free = Vec::new();
+        let mut live = Vec::new();
+        for (&key, held) in &self.bricks {
+            match standing(key, held.last_used) {
+                Standing::Free => free.push((held.last_used, key, held.bytes)),
+                Standing::Live(rank) => live.push((rank, key, held.bytes)),
+                Standing::Kept => {}
+            }
+        }
+        // The key breaks ties, so that the order does not depend on the table's.
+        free.sort_unstable_by(|a, b| b.cmp(a));
+        live.sort_unstable();
+        let strip = |v: Vec<(_, BrickKey, u64)>| v.into_iter().map(|(_, key, bytes)| (key, bytes)).collect::<Vec<_>>();
+        let free = free.into_iter().map(|(_, key, bytes)| (key, bytes)).collect::<Vec<_>>();
+        let live: Vec<(BrickKey, u64)> = strip(live);
+        let sum = |v: &[(BrickKey, u64)]| v.iter().map(|(_, bytes)| bytes).sum();
+        Victims { free_bytes: sum(&free), live_bytes: sum(&live), free, live }
+    }
+
+    /// Drops bricks until `bytes` more fit, live ones only when there are no free ones left. Returns what was dropped.
+    ///
+    /// # Errors
+    /// The bytes that are missing where even all victims do not make enough room; then nothing was dropped.
+    pub fn make_room(&mut self, bytes: u64, victims: &mut Victims) -> Result<Vec<BrickKey>, u64> {
+        let available = self.free_bytes() + victims.free_bytes + victims.live_bytes;
+        if bytes > available {
+            return Err(bytes - available);
+        }
+        let mut dropped = Vec::new();
+        while self.free_bytes() < bytes {
+            let (key, victim_bytes) = match victims.free.pop() {
+                Some(victim) => {
+                    victims.free_bytes -= victim.1;
+                    victim
+                }
+                None => {
+                    let victim = victims.live.pop().expect("the victims' bytes were counted above");
+                    victims.live_bytes -= victim.1;
+                    victim
+                }
+            };
+            assert!(self.bricks.remove(&key).is_some(), "{key} was to leave the cache but is not in it");
+            self.bytes -= victim_bytes;
+            self.counters.evictions += 1;
+            dropped.push(key);
+        }
+        Ok(dropped)
+    }
+
+    /// Puts a brick in; `bytes` includes [`BRICK_OVERHEAD_BYTES`].
+    ///
+    /// # Panics
+    /// If it is here already, or no room was made for it.
+    pub fn insert(&mut self, key: BrickKey, brick: T, bytes: u64) {
+        assert!(bytes <= self.free_bytes(), "{key} has {bytes} bytes, but only {} are free", self.free_bytes());
+        let before = self.bricks.insert(key, Held { brick, bytes, last_used: self.pass });
+        assert!(before.is_none(), "{key} is in the cache already");
+        self.bytes += bytes;
+        self.counters.insertions += 1;
+        self.counters.peak_bytes = self.counters.peak_bytes.max(self.bytes);
+    }
+
+    /// Bytes held.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Most bytes that may be held.
+    #[must_use]
+    pub fn budget_bytes(&self) -> u64 {
+        self.budget_bytes
+    }
+
+    /// Bytes that are free.
+    #[must_use]
+    pub fn free_bytes(&self) -> u64 {
+        self.budget_bytes - self.bytes
+    }
+
+    /// Bricks held.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.bricks.len()
+    }
+
+    /// Whether nothing is held.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.bricks.is_empty()
+    }
+
+    /// What happened so far.
+    #[must_use]
+    pub fn counters(&self) -> HostCounters {
+        self.counters
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use supervol_format::{BrickIndex, Lod};
+
+    fn key(x: u32) -> BrickKey {
+        BrickKey::new(Lod(0), BrickIndex([x, 0, 0]))
+    }
+
+    fn full() -> HostCache<u32> {
+        let mut cache = HostCache::new(40);
+        for x in 0..4 {
+            cache.begin_pass();
+            cache.insert(key(x), x, 10);
+        }
+        cache
+    }
+
+    #[test]
+    fn the_least_recently_used_leaves_first() {
+        let mut cache = full();
+        cache.begin_pass();
+        cache.note_uses(&[key(0)], 0);
+        let mut victims = cache.victims(|_, _| Standing::Free);
+        assert_eq!(cache.make_room(20, &mut victims), Ok(vec![key(1), key(2)]));
+        assert_eq!((cache.get(key(0)), cache.get(key(1)), cache.bytes()), (Some(&0), None, 20));
+        assert_eq!((cache.counters().evictions, cache.counters().peak_bytes), (2, 40));
+    }
+
+    #[test]
+    fn live_bricks_leave_last_and_the_farthest_of_them_first_and_kept_ones_never() {
+        let mut cache = full();
+        let standing = |k: BrickKey, _| match k.brick().0[0] {
+            0 => Standing::Kept,
+            3 => Standing::Free,
+            x => Standing::Live(i64::from(x)),
+        };
+        let mut victims = cache.victims(standing);
+        assert_eq!((victims.free_bytes(), victims.live_bytes()), (10, 20));
+        assert_eq!(cache.make_room(25, &mut victims), Ok(vec![key(3), key(2), key(1)]));
+        assert_eq!(cache.make_room(35, &mut victims), Err(5));
+        assert_eq!(cache.len(), 1);
+    }
+
+    #[test]
+    fn room_that_is_there_costs_nothing() {
+        let mut cache: HostCache<u32> = HostCache::new(10);
+        assert_eq!(cache.make_room(10, &mut Victims::default()), Ok(vec![]));
+        assert_eq!(cache.make_room(11, &mut Victims::default()), Err(1));
+    }
+
+    #[test]
+    #[should_panic(expected = "only 0 are free")]
+    fn the_budget_is_never_exceeded() {
+        full().insert(key(9), 9, 1);
+    }
+}

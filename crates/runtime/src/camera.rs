@@ -1,0 +1,183 @@
+//! Cameras: pixels to rays (RENDERING-MODEL, section 8).
+//!
+//! World space, right-handed: `f = normalize(target - eye)`, `r = normalize(cross(f, up))`, `u = cross(r, f)`. Pixel
+//! row 0 is on top; a pixel's ray runs through its centre. A ray's direction is a unit vector, so that its parameter t
+//! is a world length. Perspective rays begin at the eye; orthographic rays extend both ways.
+
+use glam::DVec3;
+
+/// How pixels spread into rays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Projection {
+    /// All rays begin at the eye.
+    Perspective {
+        /// Full vertical angle of view, degrees, in (0, 180).
+        fov_y: f64,
+    },
+    /// All rays are parallel to the forward axis.
+    Orthographic {
+        /// World length that the picture's height shows.
+        height: f64,
+    },
+}
+
+/// A half-line or line in world space: the points `origin + t * direction` with `t >= t_min`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ray {
+    /// World point at t = 0.
+    pub origin: DVec3,
+    /// Unit vector.
+    pub direction: DVec3,
+    /// Least t: 0 for perspective, minus infinity for orthographic cameras.
+    pub t_min: f64,
+}
+
+/// Why an eye, a target and an up vector make no camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum CameraError {
+    #[error("eye and target must be two different points")]
+    EyeIsTarget,
+    #[error("up must not be zero nor parallel to the line from eye to target")]
+    UpIsForward,
+}
+
+/// A camera over a grid of pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Camera {
+    /// World position of the eye.
+    pub eye: DVec3,
+    /// Unit vector from the eye to the target.
+    pub forward: DVec3,
+    /// Unit vector to the picture's right.
+    pub right: DVec3,
+    /// Unit vector to the picture's top.
+    pub up: DVec3,
+    /// Perspective or orthographic.
+    pub projection: Projection,
+    /// Pixels along x; at least 1.
+    pub width: u32,
+    /// Pixels along y; at least 1.
+    pub height: u32,
+}
+
+/// Sine of the least angle between the forward axis and `up` that still tells right from left.
+const MIN_UP_SINE: f64 = 1e-9;
+
+impl Camera {
+    /// A camera at `eye` that looks at `target`.
+    ///
+    /// # Errors
+    /// If eye and target coincide, or `up` does not tell which way is up.
+    pub fn look_at(
+        eye: DVec3,
+        target: DVec3,
+        up: DVec3,
+        projection: Projection,
+        size: [u32; 2],
+    ) -> Result<Self, CameraError> {
+        let forward = (target - eye).try_normalize().ok_or(CameraError::EyeIsTarget)?;
+        let up = up.try_normalize().ok_or(CameraError::UpIsForward)?;
+        let across = forward.cross(up);
+        if across.length() < MIN_UP_SINE {
+            return Err(CameraError::UpIsForward);
+        }
+        let right = across.normalize();
+        Ok(Self { eye, forward, right, up: right.cross(forward), projection, width: size[0], height: size[1] })
+    }
+
+    /// The same view with `factor` times as many pixels along each axis.
+    #[must_use]
+    pub fn supersampled(self, factor: u32) -> Self {
+        Self { width: self.width * factor, height: self.height * factor, ..self }
+    }
+
+    /// Normalised device coordinates of a pixel's centre: x to the right, y up, both in (-1, 1).
+    #[must_use]
+    pub fn ndc(&self, x: u32, y: u32) -> [f64; 2] {
+        [
+            (f64::from(x) + 0.5) * 2.0 / f64::from(self.width) - 1.0,
+            1.0 - (f64::from(y) + 0.5) * 2.0 / f64::from(self.height),
+        ]
+    }
+
+    /// The ray through the centre of pixel (x, y); row 0 is on top.
+    #[must_use]
+    pub fn ray(&self, x: u32, y: u32) -> Ray {
+        let [nx, ny] = self.ndc(x, y);
+        let aspect = f64::from(self.width) / f64::from(self.height);
+        match self.projection {
+            Projection::Perspective { fov_y } => {
+                let slope = (fov_y.to_radians() / 2.0).tan();
+                let direction = self.forward + nx * slope * aspect * self.right + ny * slope * self.up;
+                Ray { origin: self.eye, direction: direction.normalize(), t_min: 0.0 }
+            }
+            Projection::Orthographic { height } => {
+                let half = height / 2.0;
+                let origin = self.eye + nx * half * aspect * self.right + ny * half * self.up;
+                Ray { origin, direction: self.forward, t_min: f64::NEG_INFINITY }
+            }
+        }
+    }
+
+    /// World height of one pixel: at distance 1 for perspective, anywhere for orthographic cameras.
+    #[must_use]
+    pub fn pixel_height(&self) -> f64 {
+        match self.projection {
+            Projection::Perspective { fov_y } => 2.0 * (fov_y.to_radians() / 2.0).tan() / f64::from(self.height),
+            Projection::Orthographic { height } => height / f64::from(self.height),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn perspective_rays_follow_the_model() {
+        let fov_y = 40.0;
+        let camera = Camera::look_at(
+            DVec3::new(1.0, 2.0, 3.0),
+            DVec3::new(1.0, 2.0, -7.0),
+            DVec3::Y,
+            Projection::Perspective { fov_y },
+            [6, 4],
+        )
+        .unwrap();
+        assert_eq!((camera.forward, camera.right, camera.up), (DVec3::NEG_Z, DVec3::X, DVec3::Y));
+        let slope = 20f64.to_radians().tan();
+        for (x, y) in [(0, 0), (5, 3), (2, 1)] {
+            let ray = camera.ray(x, y);
+            let expected = DVec3::new(
+                ((f64::from(x) + 0.5) / 3.0 - 1.0) * slope * 1.5,
+                (1.0 - (f64::from(y) + 0.5) / 2.0) * slope,
+                -1.0,
+            );
+            assert!((ray.direction - expected.normalize()).length() < 1e-12);
+            assert!((ray.direction.length() - 1.0).abs() < 1e-15);
+            assert_eq!((ray.origin, ray.t_min), (camera.eye, 0.0));
+        }
+    }
+
+    #[test]
+    fn orthographic_rays_are_parallel_and_extend_both_ways() {
+        let camera =
+            Camera::look_at(DVec3::ZERO, DVec3::X, DVec3::Z, Projection::Orthographic { height: 8.0 }, [4, 2]).unwrap();
+        let ray = camera.ray(0, 0);
+        assert_eq!((ray.direction, ray.t_min), (DVec3::X, f64::NEG_INFINITY));
+        // Right is cross(x, z) = -y: the left pixel lies at +y, the top one at +z.
+        assert!((ray.origin - DVec3::new(0.0, 6.0, 2.0)).length() < 1e-12);
+        assert!((camera.ray(3, 1).origin - DVec3::new(0.0, -6.0, -2.0)).length() < 1e-12);
+        assert_eq!(camera.pixel_height(), 4.0);
+    }
+
+    #[test]
+    fn degenerate_cameras_are_refused() {
+        let projection = Projection::Perspective { fov_y: 30.0 };
+        let look = |eye, target, up| Camera::look_at(eye, target, up, projection, [1, 1]);
+        assert_eq!(look(DVec3::ONE, DVec3::ONE, DVec3::Y), Err(CameraError::EyeIsTarget));
+        assert_eq!(look(DVec3::ZERO, DVec3::Y, DVec3::Y), Err(CameraError::UpIsForward));
+        assert_eq!(look(DVec3::ZERO, DVec3::Y, DVec3::ZERO), Err(CameraError::UpIsForward));
+    }
+}

@@ -1,0 +1,163 @@
+//! Clipping: a ray to the one segment of it that is drawn (RENDERING-MODEL, section 7).
+//!
+//! The volume's domain, the clip box (index space) and the clip planes (world space) are convex, so that together they
+//! leave one segment or nothing. Everything is `f64`; t is a world length. Zero components of a direction, negative
+//! zero included, and components so small that a crossing overflows, are legal.
+
+use glam::DVec3;
+use supervol_format::space::HALF_VOXEL;
+use supervol_format::{Dims, Geometry};
+
+use crate::camera::Ray;
+
+/// A half-space of world points: those with `normal . x >= offset`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClipPlane {
+    /// World vector, not zero; need not be a unit vector.
+    pub normal: DVec3,
+    /// See above.
+    pub offset: f64,
+}
+
+/// What is kept of the volume's domain.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Clip {
+    /// Least and greatest corner in index coordinates.
+    pub index_box: Option<[[f64; 3]; 2]>,
+    /// Half-spaces, all of which a point must lie in.
+    pub planes: Vec<ClipPlane>,
+}
+
+/// A ray in index space: `origin + t * direction`, t still a world length.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IndexRay {
+    /// Index point at t = 0.
+    pub origin: [f64; 3],
+    /// Index offset per world length.
+    pub direction: [f64; 3],
+}
+
+impl IndexRay {
+    /// The ray in the index space of a grid.
+    #[must_use]
+    pub fn new(ray: &Ray, geometry: &Geometry) -> Self {
+        let inverse = geometry.linear().inverse();
+        Self {
+            origin: (inverse * (ray.origin - DVec3::from_array(geometry.origin))).to_array(),
+            direction: (inverse * ray.direction).to_array(),
+        }
+    }
+
+    /// The index point at t.
+    #[must_use]
+    pub fn at(&self, t: f64) -> [f64; 3] {
+        std::array::from_fn(|a| self.origin[a] + t * self.direction[a])
+    }
+}
+
+/// The part of a ray with `t0 <= t <= t1`; never empty: `t0 < t1`, both finite.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Segment {
+    /// World length at which the segment begins.
+    pub t0: f64,
+    /// World length at which it ends.
+    pub t1: f64,
+}
+
+/// The part of a ray inside the domain, the clip box and all clip planes.
+#[must_use]
+pub fn clip_ray(ray: &Ray, index_ray: &IndexRay, dims: Dims, clip: &Clip) -> Option<Segment> {
+    let mut interval = (ray.t_min, f64::INFINITY);
+    for axis in 0..3 {
+        let (mut low, mut high) = (-HALF_VOXEL, dims.0[axis] as f64 - HALF_VOXEL);
+        if let Some([box_low, box_high]) = clip.index_box {
+            low = low.max(box_low[axis]);
+            high = high.min(box_high[axis]);
+        }
+        interval = clip_slab(index_ray.origin[axis], index_ray.direction[axis], low, high, interval)?;
+    }
+    for plane in &clip.planes {
+        let distance = plane.normal.dot(ray.origin) - plane.offset;
+        interval = clip_half_space(distance, plane.normal.dot(ray.direction), interval)?;
+    }
+    let (t0, t1) = interval;
+    // A line cannot stay in the bounded domain for ever; what is not finite here came from components near underflow.
+    (t0.is_finite() && t1.is_finite() && t0 < t1).then_some(Segment { t0, t1 })
+}
+
+/// The t in `interval` with `low <= origin + t * direction <= high`.
+#[must_use]
+pub fn clip_slab(origin: f64, direction: f64, low: f64, high: f64, interval: (f64, f64)) -> Option<(f64, f64)> {
+    if direction == 0.0 {
+        return (low <= origin && origin <= high).then_some(interval);
+    }
+    let (a, b) = ((low - origin) / direction, (high - origin) / direction);
+    let (near, far) = if direction > 0.0 { (a, b) } else { (b, a) };
+    // 0 / tiny is 0 and x / tiny may be infinite, never NaN; max and min keep the interval's side where it is.
+    let clipped = (interval.0.max(near), interval.1.min(far));
+    (clipped.0 < clipped.1).then_some(clipped)
+}
+
+/// The t in `interval` with `distance + t * rate >= 0`.
+#[must_use]
+pub fn clip_half_space(distance: f64, rate: f64, interval: (f64, f64)) -> Option<(f64, f64)> {
+    if rate == 0.0 {
+        return (distance >= 0.0).then_some(interval);
+    }
+    let t = -distance / rate;
+    let clipped = if rate > 0.0 { (interval.0.max(t), interval.1) } else { (interval.0, interval.1.min(t)) };
+    (clipped.0 < clipped.1).then_some(clipped)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ray(origin: [f64; 3], direction: [f64; 3], t_min: f64) -> Ray {
+        Ray { origin: origin.into(), direction: direction.into(), t_min }
+    }
+
+    fn clipped(ray: &Ray, clip: &Clip) -> Option<(f64, f64)> {
+        let index_ray = IndexRay::new(ray, &Geometry::IDENTITY);
+        clip_ray(ray, &index_ray, Dims([10, 10, 10]), clip).map(|s| (s.t0, s.t1))
+    }
+
+    #[test]
+    fn the_domain_is_cell_centred() {
+        let r = ray([-5.0, 4.0, 4.0], [1.0, 0.0, 0.0], 0.0);
+        assert_eq!(clipped(&r, &Clip::default()), Some((4.5, 14.5)));
+        let r = ray([4.0, 4.0, 4.0], [1.0, 0.0, -0.0], 0.0);
+        assert_eq!(clipped(&r, &Clip::default()), Some((0.0, 5.5)));
+        let r = ray([4.0, 4.0, 4.0], [-1.0, 1e-30, 0.0], f64::NEG_INFINITY);
+        assert_eq!(clipped(&r, &Clip::default()), Some((-5.5, 4.5)));
+        assert_eq!(clipped(&ray([4.0, 11.0, 4.0], [1.0, 0.0, 0.0], 0.0), &Clip::default()), None);
+        assert_eq!(clipped(&ray([4.0, 11.0, 4.0], [1.0, 1e-30, 0.0], 0.0), &Clip::default()), None);
+        assert_eq!(clipped(&ray([14.0, 4.0, 4.0], [1.0, 0.0, 0.0], 0.0), &Clip::default()), None);
+    }
+
+    #[test]
+    fn boxes_and_planes_cut_where_they_stand() {
+        let r = ray([-5.0, 4.0, 4.0], [1.0, 0.0, 0.0], 0.0);
+        let index_box = Some([[1.25, -9.0, -9.0], [3.75, 99.0, 99.0]]);
+        assert_eq!(clipped(&r, &Clip { index_box, planes: vec![] }), Some((6.25, 8.75)));
+        let plane = |normal: [f64; 3], offset| ClipPlane { normal: normal.into(), offset };
+        let planes = vec![plane([2.0, 0.0, 0.0], 4.0), plane([-1.0, 0.0, 0.0], -6.0)];
+        assert_eq!(clipped(&r, &Clip { index_box: None, planes }), Some((7.0, 11.0)));
+        let planes = vec![plane([0.0, 1.0, 0.0], 4.5)];
+        assert_eq!(clipped(&r, &Clip { index_box: None, planes }), None);
+        let planes = vec![plane([1.0, 0.0, 0.0], 20.0)];
+        assert_eq!(clipped(&r, &Clip { index_box: None, planes }), None);
+    }
+
+    #[test]
+    fn rays_aimed_at_the_corner_never_make_nan() {
+        for ulps in -3i64..=3 {
+            let nudge = |v: f64| f64::from_bits((v.to_bits() as i64 + ulps) as u64);
+            let direction = DVec3::new(nudge(1.0), 1.0, nudge(1.0)).normalize();
+            let r = Ray { origin: DVec3::splat(-10.5), direction, t_min: 0.0 };
+            if let Some((t0, t1)) = clipped(&r, &Clip::default()) {
+                assert!(t0.is_finite() && t1 > t0);
+            }
+        }
+    }
+}

@@ -1,0 +1,447 @@
+//! The walk of one frame, from an open container to an image. Only this module knows streamer, cache and ray casters.
+//!
+//! ```text
+//! plan the host budget --> for each band of rows: cast --> misses --> fetch --> cast ... until no ray waits --> image
+//! ```
+//!
+//! Without a time budget the picture always converges: it depends neither on the budgets, nor on the number of threads,
+//! nor on the order in which bricks arrive. With one, the coarsest level is fetched first and kept; when the time is up,
+//! rays that wait go on through coarser bricks, so that the picture is complete, and the statistics say that it has not
+//! converged. Time is looked at between passes and between batches of reads: a frame ends at most one of these late.
+
+pub mod caster;
+pub mod reference;
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use supervol_format::container::ContainerError;
+use supervol_format::container::toc;
+use supervol_format::{BrickKey, Container, Lod, ValueRange};
+
+use crate::image::Image;
+use crate::lod::LodChoice;
+use crate::process;
+use crate::raycast::cpu::{CpuFrame, CpuQuality, RayState, Skipping};
+use crate::raycast::reference::render_reference_counted;
+use crate::raycast::volume::ValueMap;
+use crate::scene::{DataKind, ResolvedScene, VolumeFacts};
+use crate::stats::{FrameStats, mode_name};
+use crate::streamer::budget::{BrickBytes, BudgetError, Demand, HostPlan};
+use crate::streamer::classify::Classifier;
+use crate::streamer::priority::FrontToBack;
+use crate::streamer::{OnMissing, Room, StreamError, Streamer};
+use caster::{CpuCaster, PassReport, RayCaster};
+
+/// Most passes of one band. Each pass but the last answers at least one brick that a ray waits for.
+pub const PASS_LIMIT: u64 = 10_000_000;
+/// Part of the host cache, as a divisor, that coarse levels kept for a deadline may fill.
+const KEPT_SHARE: u64 = 8;
+/// Part of the time budget, as a divisor, that fetching coarse levels for a deadline may take.
+const KEPT_TIME_SHARE: u32 = 4;
+
+/// Who casts the rays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Backend {
+    /// The fastest that is there: the CPU in this version.
+    #[default]
+    Auto,
+    /// The ray caster in Rust.
+    Cpu,
+    /// The ray caster in WGSL.
+    Gpu,
+    /// The brute-force integrator, for small volumes.
+    Reference,
+}
+
+/// Which level bricks are taken from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LevelChoice {
+    /// The coarsest level whose voxels are not larger than a pixel, brick by brick.
+    #[default]
+    Auto,
+    /// This level everywhere; the coarsest where there is no such level.
+    Fixed(Lod),
+}
+
+/// How far a frame has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// Passes cast.
+    pub passes: u64,
+    /// Pixel rows of bands that are finished.
+    pub rows_finished: u32,
+    /// Pixel rows of the picture.
+    pub rows: u32,
+    /// Rays of the band that wait.
+    pub rays_waiting: u64,
+    /// Bytes read.
+    pub bytes_read: u64,
+}
+
+/// How a frame is made.
+#[derive(Clone, Copy)]
+pub struct RenderOptions<'a> {
+    /// Who casts the rays.
+    pub backend: Backend,
+    /// Which level bricks are taken from.
+    pub level: LevelChoice,
+    /// Bytes that the frame may hold in host memory.
+    pub host_memory_bytes: u64,
+    /// Bytes that the frame may hold on a graphics device.
+    pub gpu_memory_bytes: u64,
+    /// Threads that cast and decode; `None`: one per processor.
+    pub threads: Option<usize>,
+    /// Whether what cannot be seen is left out; the picture is the same.
+    pub skipping: Skipping,
+    /// Milliseconds after which the picture is completed from what is there; `None`: it converges.
+    pub time_budget_ms: Option<u64>,
+    /// Error asked for; recorded in the statistics only.
+    pub max_error: f64,
+    /// Called after each pass.
+    pub progress: Option<&'a (dyn Fn(Progress) + Sync)>,
+}
+
+impl Default for RenderOptions<'_> {
+    fn default() -> Self {
+        Self {
+            backend: Backend::Auto,
+            level: LevelChoice::Auto,
+            host_memory_bytes: 512 << 20,
+            gpu_memory_bytes: 256 << 20,
+            threads: None,
+            skipping: Skipping::On,
+            time_budget_ms: None,
+            max_error: 0.5 / 255.0,
+            progress: None,
+        }
+    }
+}
+
+/// Why there is no picture.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum RenderError {
+    #[error(transparent)]
+    Budget(#[from] BudgetError),
+    #[error(transparent)]
+    Stream(#[from] StreamError),
+    #[error(transparent)]
+    Container(#[from] ContainerError),
+    #[error(
+        "level {level} needs {needed_bytes} bytes for the reference integrator, but the host budget is {budget_bytes}; \
+         give more memory or choose a coarser level"
+    )]
+    ReferenceTooLarge { level: u8, needed_bytes: u64, budget_bytes: u64 },
+    #[error("backend `gpu` is not part of this version; use `cpu`")]
+    GpuNotAvailable,
+    #[error("{threads} threads cannot be started: {message}")]
+    Threads { threads: usize, message: String },
+    #[error(
+        "a mistake of supervol: after pass {pass}, {unfinished_rays} rays wait for {misses} bricks, the first of which is \
+         {first}, but nothing could be done for them"
+    )]
+    NoProgress { pass: u64, unfinished_rays: u64, misses: usize, first: String },
+    #[error("a mistake of supervol: {unfinished_rays} rays are still unfinished after {PASS_LIMIT} passes")]
+    TooManyPasses { unfinished_rays: u64 },
+}
+
+/// Makes the picture of a scene from a container, within the given memory.
+///
+/// # Errors
+/// If a budget is too small, threads cannot be started, or (reference backend only) a brick cannot be read: in all other
+/// backends bricks that cannot be read are drawn from their parents and counted.
+pub fn render(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions<'_>,
+) -> Result<(Image, FrameStats), RenderError> {
+    let threads = options.threads.unwrap_or_else(rayon::current_num_threads).max(1);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = pool.map_err(|e| RenderError::Threads { threads, message: e.to_string() })?;
+    let (start, cpu_start) = (Instant::now(), process::cpu_time());
+    let (image, mut stats) = pool.install(|| match options.backend {
+        Backend::Auto | Backend::Cpu => render_cpu(container, scene, options, start),
+        Backend::Gpu => Err(RenderError::GpuNotAvailable),
+        Backend::Reference => render_from_reference(container, scene, options),
+    })?;
+    [stats.image_width, stats.image_height] = scene.image_size;
+    stats.threads = threads;
+    stats.mode = mode_name(scene.mode);
+    stats.level = match options.level {
+        LevelChoice::Auto => None,
+        LevelChoice::Fixed(lod) => Some(lod.min(container.pyramid().coarsest()).0),
+    };
+    stats.host_budget_bytes = options.host_memory_bytes;
+    stats.gpu_budget_bytes = options.gpu_memory_bytes;
+    stats.max_error_requested = options.max_error;
+    stats.total_ms = milliseconds(start.elapsed());
+    stats.cpu_ms = milliseconds(process::cpu_time().saturating_sub(cpu_start));
+    stats.peak_rss_bytes = process::peak_resident_bytes();
+    Ok((image, stats))
+}
+
+/// What a scene must know of a container to be resolved.
+#[must_use]
+pub fn volume_facts(container: &Container) -> VolumeFacts {
+    let (descriptor, manifest) = (container.descriptor(), container.manifest());
+    let value_range = manifest.value_range.unwrap_or(ValueRange { min: 0.0, max: 1.0 });
+    VolumeFacts {
+        dims: descriptor.dims(),
+        geometry: descriptor.geometry,
+        value_range,
+        percentiles: manifest.percentiles.iter().map(|&[percent, value]| (percent, value)).collect(),
+        kind: if manifest.source.format == "segy" { DataKind::Seismic } else { DataKind::Generic },
+        has_zero_centre: value_range.min < 0.0 && value_range.max > 0.0,
+    }
+}
+
+/// Render values of a container: see [`ValueMap`].
+#[must_use]
+pub fn value_map(container: &Container) -> ValueMap {
+    let d = container.descriptor();
+    let range = container.manifest().value_range.unwrap_or(ValueRange::EMPTY);
+    ValueMap::for_container(d.voxel_type, d.scale, d.offset, d.absence.nodata, range)
+}
+
+/// Divides the host budget for a frame that a caster with this much state per ray makes.
+///
+/// # Errors
+/// If it is too small.
+pub fn plan_host(
+    container: &Container,
+    scene: &ResolvedScene,
+    options: &RenderOptions<'_>,
+    ray_state_bytes: u64,
+) -> Result<HostPlan, BudgetError> {
+    let demand = Demand {
+        image_size: scene.image_size,
+        subgrid: scene.subgrid,
+        ray_state_bytes,
+        brick: BrickBytes::of(container),
+        // With a deadline the coarsest brick stays, beside the one that makes progress.
+        least_bricks: if options.time_budget_ms.is_some() { 2 } else { 1 },
+        threads: rayon::current_num_threads() as u64,
+        toc_pages: toc::pages_for(container.pyramid().brick_count()),
+    };
+    HostPlan::new(options.host_memory_bytes, &demand)
+}
+
+fn render_cpu(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions<'_>,
+    start: Instant,
+) -> Result<(Image, FrameStats), RenderError> {
+    let plan = plan_host(container, scene, options, size_of::<RayState>() as u64)?;
+    render_cpu_with(container, scene, options, plan, start)
+}
+
+/// [`render`] on the CPU, on the calling thread's pool, with the host budget already divided. The time budget began at
+/// `start`; what [`render`] adds to the statistics is missing.
+///
+/// # Errors
+/// As [`render`].
+pub fn render_cpu_with(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions<'_>,
+    plan: HostPlan,
+    start: Instant,
+) -> Result<(Image, FrameStats), RenderError> {
+    let map = value_map(container);
+    let lod = match options.level {
+        LevelChoice::Auto => CpuQuality::default().lod,
+        LevelChoice::Fixed(lod) => LodChoice::Fixed(lod),
+    };
+    let descriptor = container.descriptor();
+    let value_range = volume_facts(container).value_range;
+    let quality = CpuQuality { lod, skipping: options.skipping };
+    let frame = CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, map, value_range, quality);
+    let classifier = Classifier::new(scene, descriptor.voxel_type, map, options.skipping);
+    let order = FrontToBack::new(&scene.camera, &descriptor.geometry);
+    let streamer = Streamer::new(container.clone(), map, classifier, order, plan);
+    let mut walk = FrameWalk::new(streamer, plan, options, start);
+    let image = walk.run(&mut CpuCaster::new(frame), scene.image_size)?;
+    Ok((image, FrameStats { backend: "cpu", ..walk.stats }))
+}
+
+fn render_from_reference(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions<'_>,
+) -> Result<(Image, FrameStats), RenderError> {
+    let lod = match options.level {
+        LevelChoice::Auto => Lod::FINEST,
+        LevelChoice::Fixed(lod) => lod.min(container.pyramid().coarsest()),
+    };
+    let volume = reference::load_level(container, lod, scene, options.host_memory_bytes)?;
+    let start = Instant::now();
+    let picture = render_reference_counted(&volume, &reference::scene_of_level(container, lod, scene));
+    let level = container.pyramid().level_at(lod);
+    let page_ins = level.brick_count();
+    let stats = FrameStats {
+        backend: "reference",
+        converged: true,
+        passes: 1,
+        bands: 1,
+        bricks_total: container.pyramid().brick_count(),
+        page_ins,
+        render_ms: milliseconds(start.elapsed()),
+        rays: u64::from(scene.camera.width) * u64::from(scene.camera.height),
+        reference_capped_pieces: picture.capped_pieces,
+        error_bound: container.manifest().level_errors.get(lod.0 as usize).copied().unwrap_or(0.0),
+        ..FrameStats::default()
+    };
+    Ok((picture.image, stats))
+}
+
+/// The passes of one frame: streamer and ray caster in turn.
+pub struct FrameWalk<'a> {
+    streamer: Streamer,
+    plan: HostPlan,
+    options: &'a RenderOptions<'a>,
+    start: Instant,
+    deadline: Option<Instant>,
+    stats: FrameStats,
+    rows: u32,
+    rows_finished: u32,
+}
+
+impl<'a> FrameWalk<'a> {
+    /// A walk whose time budget began at `start`.
+    #[must_use]
+    pub fn new(streamer: Streamer, plan: HostPlan, options: &'a RenderOptions<'a>, start: Instant) -> Self {
+        let deadline = options.time_budget_ms.map(|ms| start + Duration::from_millis(ms));
+        let stats = FrameStats { converged: true, ..FrameStats::default() };
+        Self { streamer, plan, options, start, deadline, stats, rows: 0, rows_finished: 0 }
+    }
+
+    /// Casts until the picture is complete.
+    ///
+    /// # Errors
+    /// If a device fails, memory does not suffice, or there is no progress.
+    pub fn run(&mut self, caster: &mut dyn RayCaster, image_size: [u32; 2]) -> Result<Image, RenderError> {
+        let [width, height] = image_size;
+        self.rows = height;
+        self.streamer.begin_frame();
+        if self.deadline.is_some() {
+            self.keep_coarse_levels(caster)?;
+        }
+        let mut image = Image { width, height, pixels: Vec::with_capacity(width as usize * height as usize) };
+        for first in (0..height).step_by(self.plan.band_rows as usize) {
+            self.streamer.begin_band();
+            caster.begin(first..(first + self.plan.band_rows).min(height))?;
+            self.cast_band(caster)?;
+            image.pixels.extend(caster.image()?.pixels);
+            self.stats.bands += 1;
+            self.rows_finished = (first + self.plan.band_rows).min(height);
+        }
+        self.gather_stats(caster);
+        Ok(image)
+    }
+
+    /// The pass loop of one band.
+    fn cast_band(&mut self, caster: &mut dyn RayCaster) -> Result<(), RenderError> {
+        let mut waiting = 0;
+        for pass in 1..=PASS_LIMIT {
+            let is_late = self.is_late();
+            let on_missing = if is_late { OnMissing::UseParent } else { OnMissing::Wait };
+            let report = self.cast_pass(caster, on_missing)?;
+            if is_late {
+                self.stats.converged &= report.fallbacks == 0;
+                self.stats.bricks_missing_at_deadline += waiting;
+            }
+            if report.unfinished_rays == 0 {
+                return Ok(());
+            }
+            waiting = report.misses.len() as u64;
+            // When the time is up nothing more is fetched: the next pass waits for nothing.
+            if !is_late && self.is_late() {
+                continue;
+            }
+            let room = Room { bricks: caster.room(), deadline: self.deadline };
+            let fetched = self.streamer.fetch(&report.misses, room)?;
+            if is_late || !fetched.is_progress() {
+                let first = report.misses.first().map_or("none".into(), ToString::to_string);
+                let (unfinished_rays, misses) = (report.unfinished_rays, report.misses.len());
+                return Err(RenderError::NoProgress { pass, unfinished_rays, misses, first });
+            }
+            caster.update(&self.streamer.view(OnMissing::Wait), &fetched)?;
+        }
+        Err(RenderError::TooManyPasses { unfinished_rays: waiting })
+    }
+
+    fn cast_pass(&mut self, caster: &mut dyn RayCaster, on_missing: OnMissing) -> Result<PassReport, RenderError> {
+        self.streamer.begin_pass();
+        let start = Instant::now();
+        let report = caster.cast_pass(&self.streamer.view(on_missing))?;
+        self.stats.render_ms += milliseconds(start.elapsed());
+        self.stats.passes += 1;
+        self.stats.fallbacks += report.fallbacks;
+        self.streamer.note_uses(&report.uses, report.misses.len() as u64);
+        if let Some(progress) = self.options.progress {
+            progress(Progress {
+                passes: self.stats.passes,
+                rows_finished: self.rows_finished,
+                rows: self.rows,
+                rays_waiting: report.unfinished_rays,
+                bytes_read: self.streamer.counters().io.bytes_read,
+            });
+        }
+        Ok(report)
+    }
+
+    fn is_late(&self) -> bool {
+        self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
+    }
+
+    /// Fetches the coarsest level, whatever it takes, and finer ones while they are small and the time allows: what rays
+    /// fall back to when the time is up.
+    fn keep_coarse_levels(&mut self, caster: &mut dyn RayCaster) -> Result<(), RenderError> {
+        let container = self.streamer.container().clone();
+        let pyramid = container.pyramid();
+        let brick_bytes = BrickBytes::of(&container).decoded;
+        let most = (self.plan.cache_bytes / KEPT_SHARE / brick_bytes).min(caster.room() as u64 / KEPT_SHARE);
+        let time = self.deadline.map_or(Duration::ZERO, |d| d.saturating_duration_since(self.start)) / KEPT_TIME_SHARE;
+        let finest = match self.options.level {
+            LevelChoice::Auto => Lod::FINEST,
+            LevelChoice::Fixed(lod) => lod,
+        };
+        let mut kept = 0;
+        for level in (0..=pyramid.coarsest().0).rev() {
+            let lod = Lod(level);
+            kept += pyramid.level_at(lod).brick_count();
+            let is_optional = lod != pyramid.coarsest();
+            if is_optional && (lod < finest || kept > most || self.start.elapsed() >= time) {
+                break;
+            }
+            let keys: Vec<BrickKey> = pyramid.keys_of(lod).collect();
+            let room = Room { bricks: caster.room(), deadline: None };
+            let fetched = self.streamer.fetch_to_keep(&keys, room)?;
+            caster.update(&self.streamer.view(OnMissing::Wait), &fetched)?;
+        }
+        Ok(())
+    }
+
+    fn gather_stats(&mut self, caster: &dyn RayCaster) {
+        self.stats.gather_streamer(&self.streamer);
+        if !self.stats.converged {
+            self.stats.error_bound = self.stats.error_bound.max(self.streamer.counters().kept_error);
+        }
+        let totals = caster.totals();
+        self.stats.rays = totals.rays;
+        self.stats.rays_terminated_early = totals.rays_terminated_early;
+        self.stats.samples = totals.samples;
+        self.stats.cells = totals.cells;
+        self.stats.macro_cells = totals.macro_cells;
+        self.stats.macro_cells_skipped = totals.macro_cells_skipped;
+        self.stats.gpu_bytes = totals.gpu_bytes;
+        self.stats.adapter = totals.adapter;
+        self.stats.upload_ms = milliseconds(totals.upload_time);
+    }
+}
+
+fn milliseconds(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}

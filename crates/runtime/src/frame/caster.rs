@@ -1,0 +1,154 @@
+//! What a frame asks of a ray caster, and the CPU ray caster behind it.
+//!
+//! Protocol, for each band of pixel rows:
+//! 1. [`RayCaster::begin`].
+//! 2. [`RayCaster::cast_pass`]: every unfinished ray goes as far as the bricks of the view allow.
+//! 3. [`RayCaster::update`] with what was fetched for it; again from 2 until no ray is unfinished.
+//! 4. [`RayCaster::image`].
+//!
+//! A caster that reads the host cache directly ignores `update`; one with a memory of its own copies there.
+
+use std::ops::Range;
+use std::time::Duration;
+
+use supervol_format::BrickKey;
+
+use super::RenderError;
+use crate::image::Image;
+use crate::raycast::cpu::{Counters, CpuFrame, RayState, cast_pass};
+use crate::streamer::{Fetched, HostView};
+
+/// What one pass tells the frame.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct PassReport {
+    /// Bricks that rays wait for, each once.
+    pub misses: Vec<BrickKey>,
+    /// Resident bricks that rays used, each once.
+    pub uses: Vec<BrickKey>,
+    /// Rays that are not finished.
+    pub unfinished_rays: u64,
+    /// Times a ray took a coarser brick than it wanted.
+    pub fallbacks: u64,
+}
+
+/// Sums over all passes and bands.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CasterTotals {
+    /// Rays of the picture.
+    pub rays: u64,
+    /// Rays that ended before they left the volume.
+    pub rays_terminated_early: u64,
+    /// Values classified.
+    pub samples: u64,
+    /// Trilinear cells crossed.
+    pub cells: u64,
+    /// Macro cells walked cell by cell.
+    pub macro_cells: u64,
+    /// Macro cells skipped.
+    pub macro_cells_skipped: u64,
+    /// Bytes held on a graphics device.
+    pub gpu_bytes: u64,
+    /// Name of the graphics adapter.
+    pub adapter: Option<String>,
+    /// Wall time of copying bricks to the graphics device.
+    pub upload_time: Duration,
+}
+
+/// Casts rays through resident bricks.
+pub trait RayCaster {
+    /// Bricks that can be handed over between two passes; at least 1.
+    fn room(&self) -> usize;
+
+    /// Begins the rays of these rows of pixels, numbered from the top.
+    ///
+    /// # Errors
+    /// If a device fails.
+    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError>;
+
+    /// Takes every unfinished ray as far as the bricks allow.
+    ///
+    /// # Errors
+    /// If a device fails.
+    fn cast_pass(&mut self, view: &HostView<'_>) -> Result<PassReport, RenderError>;
+
+    /// Takes note of what was fetched; the view holds the bricks and the answers.
+    ///
+    /// # Errors
+    /// If a device fails.
+    fn update(&mut self, view: &HostView<'_>, fetched: &Fetched) -> Result<(), RenderError>;
+
+    /// The picture of the band.
+    ///
+    /// # Errors
+    /// If a device fails.
+    fn image(&mut self) -> Result<Image, RenderError>;
+
+    /// Sums so far.
+    fn totals(&self) -> CasterTotals;
+}
+
+/// The ray caster in Rust: reads bricks where the host cache holds them.
+pub struct CpuCaster {
+    frame: CpuFrame,
+    band: CpuFrame,
+    states: Vec<RayState>,
+    counters: Counters,
+    rays: u64,
+    rays_terminated_early: u64,
+}
+
+impl CpuCaster {
+    /// A caster for this frame.
+    #[must_use]
+    pub fn new(frame: CpuFrame) -> Self {
+        let band = frame.clone();
+        Self { frame, band, states: Vec::new(), counters: Counters::default(), rays: 0, rays_terminated_early: 0 }
+    }
+}
+
+impl RayCaster for CpuCaster {
+    fn room(&self) -> usize {
+        usize::MAX
+    }
+
+    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError> {
+        // Two bands' rays never exist at once: the budget has room for one.
+        self.states = Vec::new();
+        self.band = self.frame.band(pixel_rows);
+        self.states = self.band.begin();
+        self.rays += self.states.len() as u64;
+        Ok(())
+    }
+
+    fn cast_pass(&mut self, view: &HostView<'_>) -> Result<PassReport, RenderError> {
+        let feedback = cast_pass(view, &self.band, &mut self.states);
+        self.counters.add(&feedback.counters);
+        Ok(PassReport {
+            unfinished_rays: feedback.misses.iter().map(|miss| miss.rays).sum(),
+            misses: feedback.misses.into_iter().map(|miss| miss.key).collect(),
+            uses: feedback.uses,
+            fallbacks: feedback.counters.parent_bricks,
+        })
+    }
+
+    fn update(&mut self, _view: &HostView<'_>, _fetched: &Fetched) -> Result<(), RenderError> {
+        Ok(())
+    }
+
+    fn image(&mut self) -> Result<Image, RenderError> {
+        self.rays_terminated_early += self.states.iter().filter(|s| s.finished && s.t < s.t_end).count() as u64;
+        Ok(self.band.image(&self.states))
+    }
+
+    fn totals(&self) -> CasterTotals {
+        CasterTotals {
+            rays: self.rays,
+            rays_terminated_early: self.rays_terminated_early,
+            samples: self.counters.samples,
+            cells: self.counters.cells,
+            macro_cells: self.counters.macro_cells,
+            macro_cells_skipped: self.counters.macro_cells_skipped,
+            ..CasterTotals::default()
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! The reference backend: one whole level in memory, then the brute-force integrator.
+//!
+//! Eight bytes per voxel must fit the host budget; every brick of the level must be readable: a reference with fallbacks
+//! would be none.
+
+use glam::DVec3;
+use supervol_format::space::HALF_VOXEL;
+use supervol_format::voxel_type::Voxel;
+use supervol_format::{Container, Geometry, Level, Lod, ValueRange, VoxelBox, with_voxel};
+
+use super::RenderError;
+use crate::clip::Clip;
+use crate::raycast::reference::ReferenceVolume;
+use crate::scene::ResolvedScene;
+use crate::streamer::budget::BrickBytes;
+
+/// Bytes of one voxel in a reference volume.
+const VOXEL_BYTES: u64 = 8;
+
+/// Bytes that the reference picture of a level needs in host memory.
+#[must_use]
+pub fn reference_bytes(container: &Container, lod: Lod, scene: &ResolvedScene) -> u64 {
+    let voxels = container.pyramid().level_at(lod).dims.voxels().unwrap_or(u64::MAX);
+    let rays = u64::from(scene.camera.width) * u64::from(scene.camera.height);
+    let brick = BrickBytes::of(container);
+    voxels.saturating_mul(VOXEL_BYTES).saturating_add(2 * rays * 16 + brick.stored + brick.record)
+}
+
+/// One level of a container, wholly in memory.
+///
+/// # Errors
+/// If it does not fit `host_memory_bytes`, or a brick cannot be read.
+pub fn load_level(
+    container: &Container,
+    lod: Lod,
+    scene: &ResolvedScene,
+    host_memory_bytes: u64,
+) -> Result<ReferenceVolume, RenderError> {
+    let needed_bytes = reference_bytes(container, lod, scene);
+    if needed_bytes > host_memory_bytes {
+        return Err(RenderError::ReferenceTooLarge { level: lod.0, needed_bytes, budget_bytes: host_memory_bytes });
+    }
+    let level = container.pyramid().level_at(lod);
+    let dims = level.dims.full_box().extent();
+    let mut values = vec![f64::NAN; dims.iter().product()];
+    let mut value_range = ValueRange::EMPTY;
+    for key in container.pyramid().keys_of(lod) {
+        let entry = container.entry(key)?;
+        let voxels = container.read_brick(key, &entry)?;
+        let extent = container.shape(key).extent;
+        let core = container.pyramid().core_box(key);
+        copy_core(container, &voxels, extent, core, dims, &mut values);
+    }
+    values.iter().filter(|v| !v.is_nan()).for_each(|&v| value_range.include(v));
+    let geometry = level_geometry(&container.descriptor().geometry, level);
+    Ok(ReferenceVolume { dims, geometry, values, value_range })
+}
+
+/// Copies a brick's core into the level's values; absent voxels become NaN.
+fn copy_core(
+    container: &Container,
+    voxels: &[u8],
+    extent: [usize; 3],
+    core: VoxelBox,
+    dims: [usize; 3],
+    values: &mut [f64],
+) {
+    const APRON: usize = supervol_format::brick::APRON;
+    let descriptor = container.descriptor();
+    let core_extent = core.extent();
+    let start = core.start.map(|s| s as usize);
+    for z in 0..core_extent[2] {
+        for y in 0..core_extent[1] {
+            let from = APRON + extent[0] * (y + APRON + extent[1] * (z + APRON));
+            let to = start[0] + dims[0] * (start[1] + y + dims[1] * (start[2] + z));
+            let row = &mut values[to..to + core_extent[0]];
+            with_voxel!(descriptor.voxel_type, V => {
+                let bytes = size_of::<V>();
+                for (value, voxel) in row.iter_mut().zip(voxels[from * bytes..].chunks_exact(bytes)) {
+                    let stored = V::read_le(voxel).to_f64();
+                    *value = if descriptor.absence.is_absent(stored) { f64::NAN } else { descriptor.value(stored) };
+                }
+            });
+        }
+    }
+}
+
+/// Place of a level's grid in the world: its voxel 0 lies in the middle of the level-0 voxels that it covers.
+fn level_geometry(geometry: &Geometry, level: &Level) -> Geometry {
+    let scale = level.scale.map(|s| s as f64);
+    let first = DVec3::from_array(scale.map(|s| HALF_VOXEL * s - HALF_VOXEL));
+    let origin = geometry.world_from_index().transform_point3(first);
+    let spacing = std::array::from_fn(|a| geometry.spacing[a] * scale[a]);
+    Geometry { spacing, origin: origin.to_array(), direction: geometry.direction }
+}
+
+/// The scene over a level: the clip box in the level's index space, and never beyond the domain of level 0.
+#[must_use]
+pub fn scene_of_level(container: &Container, lod: Lod, scene: &ResolvedScene) -> ResolvedScene {
+    let level = container.pyramid().level_at(lod);
+    let dims = container.descriptor().dims().0;
+    let domain = [[-HALF_VOXEL; 3], dims.map(|n| n as f64 - HALF_VOXEL)];
+    let [low, high] = scene.clip.index_box.unwrap_or(domain);
+    let kept = [std::array::from_fn(|a| low[a].max(domain[0][a])), std::array::from_fn(|a| high[a].min(domain[1][a]))];
+    let index_box = Some(kept.map(|corner| level.from_level_0(corner)));
+    ResolvedScene { clip: Clip { index_box, planes: scene.clip.planes.clone() }, ..scene.clone() }
+}

@@ -1,0 +1,288 @@
+//! The GPU: which adapter, with which limits, and wgpu's errors turned into [`GpuError`].
+//!
+//! Adapters are preferred in the order discrete, integrated, virtual, software; `SUPERVOL_ADAPTER` names another by a
+//! part of its name (any case). Core WebGPU suffices, so that no feature is requested; limits are requested as far as
+//! the adapter has them, but never beyond what this backend can use.
+//! Every allocation runs inside error scopes ([`GpuDevice::checked`]); a lost device is remembered and every later call
+//! answers [`GpuError::DeviceLost`], whereupon the caller builds a new device and a new renderer.
+
+use std::pin::pin;
+use std::sync::{Arc, Mutex, OnceLock};
+use std::task::{Context, Poll, Waker};
+
+/// Environment variable that names the adapter: any part of its name, in any case.
+pub const ADAPTER_VARIABLE: &str = "SUPERVOL_ADAPTER";
+
+/// Polls of a future before it counts as stuck: natively wgpu's futures are ready at once or after one poll.
+const FUTURE_POLL_LIMIT: usize = 1 << 20;
+
+/// What the GPU could not do, with advice where there is any.
+#[derive(Debug, Clone, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum GpuError {
+    #[error("no GPU adapter: {reason}; install a Vulkan driver (Mesa's lavapipe suffices) or use --backend cpu")]
+    NoAdapter { reason: String },
+    #[error("the adapter {adapter} has no usable limits: {reason}; use --backend cpu")]
+    TooSmall { adapter: String, reason: String },
+    #[error("the GPU is out of memory in {doing}: {message}; lower --gpu-memory or the image size")]
+    OutOfMemory { doing: String, message: String },
+    #[error("the GPU driver refused {doing}: {message}")]
+    Refused { doing: String, message: String },
+    #[error("the GPU device was lost ({message}); build a new device and renderer")]
+    DeviceLost { message: String },
+    #[error(
+        "the GPU budget of {budget} bytes is too small: {fixed} bytes for rays and tables and {slot_bytes} bytes for \
+         each of at least {min_slots} bricks make {needed}; raise --gpu-memory, or lower the image size"
+    )]
+    Budget { budget: u64, fixed: u64, slot_bytes: u64, min_slots: u64, needed: u64 },
+    #[error("{what} needs {needed} bytes, the adapter binds at most {limit}; {advice}")]
+    TableLimit { what: String, needed: u64, limit: u64, advice: String },
+    #[error("the scene cannot be drawn on the GPU: {reason}")]
+    Scene { reason: String },
+    #[error("{key} cannot be inserted: {reason}")]
+    Brick { key: supervol_format::BrickKey, reason: String },
+    #[error("all {slots} slots hold bricks that are wanted in this pass; no room for {key}")]
+    NoRoom { key: supervol_format::BrickKey, slots: usize },
+}
+
+/// One opened GPU: device, queue, and what they may do. A clone is the same device.
+#[derive(Clone)]
+pub struct GpuDevice {
+    /// The logical device.
+    pub device: wgpu::Device,
+    /// Its only queue.
+    pub queue: wgpu::Queue,
+    info: wgpu::AdapterInfo,
+    limits: wgpu::Limits,
+    lost: Arc<OnceLock<String>>,
+    uncaptured: Arc<Mutex<Vec<GpuError>>>,
+}
+
+impl GpuDevice {
+    /// Opens the preferred adapter, or the one that `SUPERVOL_ADAPTER` names.
+    ///
+    /// # Errors
+    /// [`GpuError::NoAdapter`] where there is none, or none of that name; [`GpuError::TooSmall`] where it opens but
+    /// cannot run a compute shader on the textures that bricks need.
+    pub fn open() -> Result<Self, GpuError> {
+        Self::open_named(std::env::var(ADAPTER_VARIABLE).ok().as_deref())
+    }
+
+    /// Opens the preferred adapter among those whose name contains `wanted`.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_named(wanted: Option<&str>) -> Result<Self, GpuError> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+        let mut adapters = block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
+        let names = adapters.iter().map(|a| a.get_info().name).collect::<Vec<_>>().join(", ");
+        if let Some(wanted) = wanted {
+            let wanted = wanted.to_lowercase();
+            adapters.retain(|a| a.get_info().name.to_lowercase().contains(&wanted));
+        }
+        adapters.sort_by_key(|a| preference(a.get_info().device_type));
+        let adapter = adapters.into_iter().next().ok_or_else(|| GpuError::NoAdapter {
+            reason: match wanted {
+                Some(w) => format!("none of [{names}] has a name containing {w:?} ({ADAPTER_VARIABLE})"),
+                None => "no driver offers one".to_owned(),
+            },
+        })?;
+        Self::from_adapter(&adapter)
+    }
+
+    fn from_adapter(adapter: &wgpu::Adapter) -> Result<Self, GpuError> {
+        let info = adapter.get_info();
+        let too_small = |reason: String| GpuError::TooSmall { adapter: info.name.clone(), reason };
+        let limits = wanted_limits(&adapter.limits());
+        if !adapter.get_downlevel_capabilities().flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS) {
+            return Err(too_small("it has no compute shaders".to_owned()));
+        }
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("supervol"),
+            required_features: wgpu::Features::empty(),
+            required_limits: limits.clone(),
+            memory_hints: wgpu::MemoryHints::MemoryUsage,
+            ..Default::default()
+        };
+        let (device, queue) =
+            block_on(adapter.request_device(&descriptor)).map_err(|error| too_small(error.to_string()))?;
+
+        let lost = Arc::new(OnceLock::new());
+        let remember = Arc::clone(&lost);
+        device.set_device_lost_callback(move |reason, message| {
+            // Only the first loss is kept; a second message about the same device adds nothing.
+            let _ = remember.set(format!("{reason:?}: {message}"));
+        });
+        let uncaptured = Arc::new(Mutex::new(Vec::new()));
+        let collect = Arc::clone(&uncaptured);
+        device.on_uncaptured_error(Arc::new(move |error| {
+            if let Ok(mut errors) = collect.lock() {
+                keep_first_of_kind(&mut errors, from_wgpu(error, "a pass"));
+            }
+        }));
+        Ok(Self { device, queue, info, limits, lost, uncaptured })
+    }
+
+    /// The adapter's name and kind, for statistics and messages.
+    #[must_use]
+    pub fn name(&self) -> String {
+        format!("{} ({:?}, {:?})", self.info.name, self.info.device_type, self.info.backend)
+    }
+
+    /// Whether the adapter is a processor in disguise.
+    #[must_use]
+    pub fn is_software(&self) -> bool {
+        self.info.device_type == wgpu::DeviceType::Cpu
+    }
+
+    /// What was requested and granted.
+    #[must_use]
+    pub fn limits(&self) -> &wgpu::Limits {
+        &self.limits
+    }
+
+    /// Runs `make` inside error scopes; its result counts only if no scope caught anything.
+    ///
+    /// # Errors
+    /// Out of memory, a refused object, or a lost device; `doing` goes into the message.
+    pub fn checked<T>(&self, doing: &str, make: impl FnOnce() -> T) -> Result<T, GpuError> {
+        self.alive()?;
+        let scopes = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory]
+            .map(|filter| self.device.push_error_scope(filter));
+        let made = make();
+        // The scopes form a stack: the last one pushed is popped first.
+        let mut caught = None;
+        for scope in scopes.into_iter().rev() {
+            caught = caught.or(block_on(scope.pop()));
+        }
+        self.alive()?;
+        match caught {
+            Some(error) => Err(from_wgpu(error, doing)),
+            None => Ok(made),
+        }
+    }
+
+    /// A buffer of `bytes` zeros that can also be copied to and from; at least 4 bytes.
+    ///
+    /// # Errors
+    /// As [`Self::checked`].
+    pub fn buffer(&self, doing: &str, bytes: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer, GpuError> {
+        let usage = usage | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+        let size = bytes.next_multiple_of(4).max(4);
+        self.checked(doing, || {
+            let label = Some(doing);
+            self.device.create_buffer(&wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false })
+        })
+    }
+
+    /// A buffer for reading back.
+    ///
+    /// # Errors
+    /// As [`Self::checked`].
+    pub fn read_buffer(&self, doing: &str, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
+        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+        let size = bytes.next_multiple_of(4).max(4);
+        self.checked(doing, || {
+            let label = Some(doing);
+            self.device.create_buffer(&wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false })
+        })
+    }
+
+    /// Waits for all work, then hands the first `bytes` of a read-back buffer to `read`.
+    ///
+    /// # Errors
+    /// A lost device, or a failed mapping.
+    pub fn read<T>(&self, buffer: &wgpu::Buffer, bytes: u64, read: impl FnOnce(&[u8]) -> T) -> Result<T, GpuError> {
+        let failed = |message: String| GpuError::Refused { doing: "a read-back".to_owned(), message };
+        let outcome = Arc::new(OnceLock::new());
+        let tell = Arc::clone(&outcome);
+        buffer.map_async(wgpu::MapMode::Read, ..bytes, move |result| {
+            // Called once: the cell is empty.
+            let _ = tell.set(result.map_err(|error| error.to_string()));
+        });
+        self.wait()?;
+        match outcome.get() {
+            Some(Ok(())) => {}
+            Some(Err(message)) => return Err(failed(message.clone())),
+            None => return Err(failed("the driver never answered".to_owned())),
+        }
+        let view = buffer.get_mapped_range(..bytes).map_err(|error| failed(error.to_string()))?;
+        let result = read(&view);
+        drop(view);
+        buffer.unmap();
+        Ok(result)
+    }
+
+    /// Waits until everything submitted has run.
+    ///
+    /// # Errors
+    /// A lost device, or an error that a submission raised outside any scope (each kind once).
+    pub fn wait(&self) -> Result<(), GpuError> {
+        let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
+        self.alive()?;
+        polled.map_err(|error| GpuError::Refused { doing: "a wait".to_owned(), message: error.to_string() })?;
+        let first = self.uncaptured.lock().ok().and_then(|mut errors| errors.drain(..).next());
+        first.map_or(Ok(()), Err)
+    }
+
+    /// Whether the device still exists.
+    ///
+    /// # Errors
+    /// [`GpuError::DeviceLost`] once it does not.
+    pub fn alive(&self) -> Result<(), GpuError> {
+        match self.lost.get() {
+            Some(message) => Err(GpuError::DeviceLost { message: message.clone() }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Order of choice: lower is better.
+fn preference(kind: wgpu::DeviceType) -> u32 {
+    match kind {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    }
+}
+
+/// WebGPU's guaranteed limits, raised to the adapter's in the four sizes that decide how much fits.
+fn wanted_limits(adapter: &wgpu::Limits) -> wgpu::Limits {
+    let mut limits = wgpu::Limits::defaults();
+    limits.max_texture_dimension_3d = adapter.max_texture_dimension_3d;
+    limits.max_buffer_size = adapter.max_buffer_size;
+    limits.max_storage_buffer_binding_size = adapter.max_storage_buffer_binding_size;
+    limits.max_compute_workgroups_per_dimension = adapter.max_compute_workgroups_per_dimension;
+    limits
+}
+
+fn from_wgpu(error: wgpu::Error, doing: &str) -> GpuError {
+    let doing = doing.to_owned();
+    match error {
+        wgpu::Error::OutOfMemory { source } => GpuError::OutOfMemory { doing, message: source.to_string() },
+        wgpu::Error::Validation { description, .. } | wgpu::Error::Internal { description, .. } => {
+            GpuError::Refused { doing, message: description }
+        }
+    }
+}
+
+/// Errors are reported once per kind, not once per frame.
+fn keep_first_of_kind(errors: &mut Vec<GpuError>, error: GpuError) {
+    if !errors.iter().any(|e| std::mem::discriminant(e) == std::mem::discriminant(&error)) {
+        errors.push(error);
+    }
+}
+
+/// Runs one of wgpu's futures to its end; natively they are ready almost at once.
+fn block_on<F: Future>(future: F) -> F::Output {
+    let mut future = pin!(future);
+    for _ in 0..FUTURE_POLL_LIMIT {
+        if let Poll::Ready(output) = future.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
+            return output;
+        }
+        std::thread::yield_now();
+    }
+    panic!("a wgpu future was still pending after {FUTURE_POLL_LIMIT} polls");
+}

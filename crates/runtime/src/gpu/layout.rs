@@ -1,0 +1,490 @@
+//! Every struct and constant that Rust and WGSL share, defined once.
+//!
+//! [`wgsl`] writes them as text; `shaders/shared/layout.wgsl` is that text, so that the shaders can be read and checked
+//! as they are. Tests fail if the file and this module differ (`UPDATE_LAYOUT=1` rewrites it), or if a field sits
+//! elsewhere in the compiled shader than in Rust. A `vec3` is always followed by a scalar: then both sides pack alike.
+
+use bytemuck::{Pod, Zeroable};
+
+/// A Rust type with a WGSL name.
+trait WgslType {
+    fn name() -> String;
+}
+
+macro_rules! wgsl_type {
+    ($($rust:ty => $name:literal),* $(,)?) => {
+        $(impl WgslType for $rust {
+            fn name() -> String {
+                $name.to_owned()
+            }
+        })*
+    };
+}
+
+wgsl_type! {
+    u32 => "u32", i32 => "i32", f32 => "f32",
+    [u32; 2] => "vec2<u32>", [f32; 2] => "vec2<f32>",
+    [u32; 3] => "vec3<u32>", [i32; 3] => "vec3<i32>", [f32; 3] => "vec3<f32>",
+    [u32; 4] => "vec4<u32>", [f32; 4] => "vec4<f32>",
+}
+
+/// Text and field offsets of one shared struct.
+pub struct StructLayout {
+    /// Name in Rust and in WGSL.
+    pub name: &'static str,
+    /// `struct ... { ... }`
+    pub wgsl: String,
+    /// Field names and offsets, bytes.
+    pub fields: Vec<(&'static str, usize)>,
+    /// Bytes of the whole.
+    pub size: usize,
+}
+
+/// Defines the Rust struct and its [`StructLayout`] from one list of fields.
+macro_rules! shared_struct {
+    ($(#[doc = $doc:literal])+ $name:ident { $($(#[doc = $field_doc:literal])+ $field:ident: $ty:ty,)+ }) => {
+        $(#[doc = $doc])+
+        #[repr(C)]
+        #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+        pub struct $name {
+            $($(#[doc = $field_doc])+ pub $field: $ty,)+
+        }
+
+        impl $name {
+            fn layout() -> StructLayout {
+                let mut wgsl = String::new();
+                $(wgsl.push_str(&format!("//{}\n", $doc));)+
+                wgsl.push_str(concat!("struct ", stringify!($name), " {\n"));
+                $(
+                    $(wgsl.push_str(&format!("    //{}\n", $field_doc));)+
+                    wgsl.push_str(&format!("    {}: {},\n", stringify!($field), <$ty as WgslType>::name()));
+                )+
+                wgsl.push_str("}\n");
+                StructLayout {
+                    name: stringify!($name),
+                    wgsl,
+                    fields: vec![$((stringify!($field), std::mem::offset_of!($name, $field)),)+],
+                    size: size_of::<$name>(),
+                }
+            }
+        }
+    };
+}
+
+/// Defines `u32` constants and their text.
+macro_rules! shared_constants {
+    ($($(#[doc = $doc:literal])+ $name:ident = $value:expr;)+) => {
+        $($(#[doc = $doc])+ pub const $name: u32 = $value;)+
+
+        fn constants_wgsl() -> String {
+            let mut wgsl = String::new();
+            $(
+                $(wgsl.push_str(&format!("//{}\n", $doc));)+
+                wgsl.push_str(&format!("const {}: u32 = {}u;\n", stringify!($name), $name));
+            )+
+            wgsl
+        }
+    };
+}
+
+wgsl_type! {
+    [SlotGrid; 4] => "array<SlotGrid, 4>",
+    [GpuLevel; 64] => "array<GpuLevel, 64>",
+    [GpuLight; 16] => "array<GpuLight, 16>",
+    [GpuIso; 32] => "array<GpuIso, 32>",
+}
+
+shared_constants! {
+    /// Rays of one workgroup: one tile of 8 x 8 pixels.
+    WORKGROUP_RAYS = 64;
+    /// The ray has more to do at once: it stopped at the dispatch's limit.
+    STATUS_ACTIVE = 0;
+    /// The ray waits for a brick.
+    STATUS_WAITING = 1;
+    /// The ray is finished.
+    STATUS_DONE = 2;
+    /// Page table: the brick is not resident.
+    PAGE_MISSING = 0;
+    /// Page table: nothing of the brick is visible.
+    PAGE_NOTHING = 1;
+    /// Page table: the brick has one value, whose bits are the payload.
+    PAGE_UNIFORM = 2;
+    /// Page table: the brick cannot be read; its parent is drawn.
+    PAGE_FAILED = 3;
+    /// Page table: the payload is the slot.
+    PAGE_RESIDENT = 4;
+    /// Page table: bits of the state.
+    PAGE_STATE = 0xff;
+    /// Page table: the brick is too coarse; look at its children.
+    PAGE_REFINE = 0x100;
+    /// What a ray gathers.
+    MODE_DVR = 0;
+    /// See above.
+    MODE_MIP = 1;
+    /// See above.
+    MODE_MINIP = 2;
+    /// See above.
+    MODE_MEAN = 3;
+    /// See above.
+    MODE_ISO = 4;
+    /// Flag: texels are the bits of 32-bit floats.
+    FLAG_FLOAT = 1;
+    /// Flag: one stored value means absent.
+    FLAG_ABSENT = 2;
+    /// Flag: samples are shaded.
+    FLAG_SHADED = 4;
+    /// Flag: invisible macro cells are skipped.
+    FLAG_SKIPPING = 8;
+    /// Flag: voxels can be absent at all.
+    FLAG_HOLES = 16;
+}
+
+shared_struct! {
+    /// Where one cache texture's slots lie.
+    SlotGrid {
+        /// Slots along x, y, z.
+        slots: [u32; 3],
+        /// Number of the texture's first slot; slots of later textures are greater.
+        first: u32,
+    }
+}
+
+shared_struct! {
+    /// One level of detail.
+    GpuLevel {
+        /// Bricks along x, y, z.
+        bricks: [u32; 3],
+        /// Page table entry of the level's first brick.
+        first_entry: u32,
+        /// Binary logarithm of the source voxels per voxel of this level, per axis.
+        scale_log2: [u32; 3],
+        /// Zero.
+        padding: u32,
+    }
+}
+
+shared_struct! {
+    /// One directional light.
+    GpuLight {
+        /// Unit world vector from the sample to the light.
+        to_light: [f32; 3],
+        /// Factor of its diffuse and specular terms.
+        intensity: f32,
+    }
+}
+
+shared_struct! {
+    /// One iso surface.
+    GpuIso {
+        /// Its own colour.
+        color: [f32; 3],
+        /// Its own opacity.
+        alpha: f32,
+        /// Render value.
+        value: f32,
+        /// Zero.
+        padding_0: f32,
+        /// Zero.
+        padding_1: f32,
+        /// Zero.
+        padding_2: f32,
+    }
+}
+
+shared_struct! {
+    /// One control point of the transfer function and the segment to its right; twin of `RenderPoint`.
+    GpuPoint {
+        /// Red, green, blue, alpha at the point.
+        rgba: [f32; 4],
+        /// Change of each up to the next point; 0 for the last.
+        delta: [f32; 4],
+        /// Render value.
+        value: f32,
+        /// 1 / width of the segment; 0 for the last and for steps.
+        inverse_width: f32,
+        /// Variation gathered by all segments before this point.
+        variation_before: f32,
+        /// Variation of the segment.
+        variation: f32,
+        /// Number of points before this one whose alpha is positive.
+        visible_before: u32,
+        /// Number of knots with a value not greater than this point's.
+        knots_up_to: u32,
+        /// Zero.
+        padding_0: u32,
+        /// Zero.
+        padding_1: u32,
+    }
+}
+
+shared_struct! {
+    /// What the scene and the volume fix.
+    Config {
+        /// World offset of one voxel along x.
+        world_x: [f32; 3],
+        /// `MODE_...`
+        mode: u32,
+        /// World offset of one voxel along y.
+        world_y: [f32; 3],
+        /// `FLAG_...`
+        flags: u32,
+        /// World offset of one voxel along z.
+        world_z: [f32; 3],
+        /// Levels of detail.
+        level_count: u32,
+        /// First column of the matrix from index-space to world-space gradients.
+        gradient_x: [f32; 3],
+        /// Least length of a world-space gradient that is shaded, render values per world length.
+        gradient_floor: f32,
+        /// Second column.
+        gradient_y: [f32; 3],
+        /// Lights.
+        light_count: u32,
+        /// Third column.
+        gradient_z: [f32; 3],
+        /// Iso surfaces.
+        iso_count: u32,
+        /// Shading: ka.
+        ambient: f32,
+        /// Shading: kd.
+        diffuse: f32,
+        /// Shading: ks.
+        specular: f32,
+        /// Shading: exponent of the highlight.
+        shininess: f32,
+        /// Render value per stored step.
+        value_scale: f32,
+        /// Render value of stored 0.
+        value_offset: f32,
+        /// Stored bits that mean absent, if `FLAG_ABSENT`.
+        absent: u32,
+        /// Core voxels along each axis of a full brick.
+        core: u32,
+        /// Control points of the transfer function.
+        point_count: u32,
+        /// Bins over the control points' values: the first words of `transfer_index`; the knots follow.
+        bin_count: u32,
+        /// Greatest opacity that has an extinction of its own.
+        alpha_limit: f32,
+        /// Bins per render value.
+        bins_per_value: f32,
+        /// World length over which an opacity is gathered, to the power -1.
+        inverse_unit_distance: f32,
+        /// A ray whose transmittance is lower is finished.
+        transmittance_limit: f32,
+        /// World length of a stride: a power of two, so that a stride's index offset is exact.
+        stride_world: f32,
+        /// Places in the miss list.
+        miss_limit: u32,
+        /// Control points with positive alpha.
+        visible_points: u32,
+        /// Zero: the table below begins at a multiple of 16.
+        padding_0: u32,
+        /// Zero.
+        padding_1: u32,
+        /// Zero.
+        padding_2: u32,
+        /// The cache textures.
+        grids: [SlotGrid; 4],
+    }
+}
+
+shared_struct! {
+    /// Tables of fixed size.
+    Tables {
+        /// Finest first; `Config.level_count` of them count.
+        levels: [GpuLevel; 64],
+        /// `Config.light_count` of them count.
+        lights: [GpuLight; 16],
+        /// `Config.iso_count` of them count.
+        isos: [GpuIso; 32],
+    }
+}
+
+shared_struct! {
+    /// One ray in level-0 index space: `voxel + fraction + t * (direction + direction_low)`, t a world length from the
+    /// point where the ray enters the clipped volume.
+    GpuRay {
+        /// Voxel whose point lies below the first point of the ray's segment.
+        voxel: [i32; 3],
+        /// Full strides of the segment.
+        strides: u32,
+        /// First point of the segment relative to `voxel`, in [0, 1).
+        fraction: [f32; 3],
+        /// World length of the segment beyond its full strides.
+        rest: f32,
+        /// Index offset per world length, rounded.
+        direction: [f32; 3],
+        /// Zero.
+        padding_0: f32,
+        /// What the rounding of `direction` took away.
+        direction_low: [f32; 3],
+        /// Zero.
+        padding_1: f32,
+    }
+}
+
+shared_struct! {
+    /// How far a ray has come.
+    RayState {
+        /// Premultiplied colour.
+        color: [f32; 3],
+        /// Share of the light behind that still passes.
+        transmittance: f32,
+        /// World length beyond the strides taken.
+        t: f32,
+        /// Strides taken: the ray's base point lies that many strides behind its first point.
+        strides: u32,
+        /// `STATUS_...`
+        status: u32,
+        /// Page table entry the ray waits for.
+        wanted: u32,
+        /// Modes mip, minip: extreme so far; mode mean: integral of the value over the length.
+        value: f32,
+        /// Modes mip, minip, mean: world length over which the value was present; mode iso: 1 where `sides` holds.
+        present: f32,
+        /// Mode iso: one bit for each surface, set where the value was not below the surface's.
+        sides: u32,
+        /// Mode iso: one bit for each surface that was crossed already: only first crossings count.
+        crossed: u32,
+    }
+}
+
+shared_struct! {
+    /// One dispatch: a run of rays and the work each may do.
+    Dispatch {
+        /// First ray of the bound chunk.
+        first_ray: u32,
+        /// Rays.
+        ray_count: u32,
+        /// Trilinear cells that a ray may visit before it stops at the next macro cell.
+        cell_limit: u32,
+        /// 1 in a pass's first round: waiting rays look again whether their brick has come.
+        first_round: u32,
+    }
+}
+
+shared_struct! {
+    /// Counters of one dispatch, read back after it.
+    GpuCounters {
+        /// Rays that stopped at the cell limit.
+        interrupted: u32,
+        /// Rays that wait for a brick.
+        waiting: u32,
+        /// Rays that finished in this dispatch.
+        finished: u32,
+        /// Trilinear cells integrated.
+        cells: u32,
+        /// Points at which the transfer function was evaluated.
+        samples: u32,
+        /// Macro cells entered.
+        macro_cells: u32,
+        /// Macro cells skipped.
+        macro_cells_skipped: u32,
+        /// Bricks entered.
+        bricks: u32,
+        /// Bricks drawn from an ancestor because they have failed.
+        fallbacks: u32,
+        /// Bricks left out because they and all their ancestors have failed.
+        lost: u32,
+        /// Times a loop hit its limit: the ray is not exact there.
+        anomalies: u32,
+        /// Zero.
+        padding: u32,
+    }
+}
+
+/// Every shared struct, in the order in which WGSL must see them.
+#[must_use]
+pub fn structs() -> Vec<StructLayout> {
+    vec![
+        SlotGrid::layout(),
+        GpuLevel::layout(),
+        GpuLight::layout(),
+        GpuIso::layout(),
+        GpuPoint::layout(),
+        Config::layout(),
+        Tables::layout(),
+        GpuRay::layout(),
+        RayState::layout(),
+        Dispatch::layout(),
+        GpuCounters::layout(),
+    ]
+}
+
+/// The text of `shaders/shared/layout.wgsl`.
+#[must_use]
+pub fn wgsl() -> String {
+    let mut text = "// Constants and structs shared with Rust. Written by gpu/layout.rs; do not edit.\n\n".to_owned();
+    text.push_str(&constants_wgsl());
+    for layout in structs() {
+        text.push('\n');
+        text.push_str(&layout.wgsl);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::shaders;
+
+    const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shaders/shared/layout.wgsl");
+
+    #[test]
+    fn the_file_is_what_this_module_writes() {
+        if std::env::var_os("UPDATE_LAYOUT").is_some() {
+            std::fs::write(FILE, wgsl()).unwrap();
+        }
+        let file = std::fs::read_to_string(FILE).unwrap();
+        assert!(file == wgsl(), "shaders/shared/layout.wgsl is out of date: run this test with UPDATE_LAYOUT=1");
+    }
+
+    fn parsed(module: &shaders::ShaderModule) -> naga::Module {
+        let source = module.source();
+        let parsed = naga::front::wgsl::parse_str(&source)
+            .unwrap_or_else(|e| panic!("{}: {}", module.name, e.emit_to_string(&source)));
+        let flags = naga::valid::ValidationFlags::all();
+        naga::valid::Validator::new(flags, naga::valid::Capabilities::empty())
+            .validate(&parsed)
+            .unwrap_or_else(|e| panic!("{}: {}", module.name, e.emit_to_string(&source)));
+        parsed
+    }
+
+    /// Core WebGPU only: no capability is granted.
+    #[test]
+    fn every_shader_is_valid() {
+        for module in shaders::ALL {
+            let parsed = parsed(&module);
+            assert!(parsed.entry_points.iter().any(|e| e.name == module.name), "no entry point {}", module.name);
+        }
+    }
+
+    #[test]
+    fn fields_sit_where_the_compiled_shader_expects_them() {
+        let module = parsed(&shaders::RAYCAST);
+        for layout in structs() {
+            let found = module.types.iter().find_map(|(_, ty)| match &ty.inner {
+                naga::TypeInner::Struct { members, span } if ty.name.as_deref() == Some(layout.name) => {
+                    Some((members, *span))
+                }
+                _ => None,
+            });
+            let Some((members, span)) = found else { panic!("{} is not in the shader", layout.name) };
+            let found: Vec<_> =
+                members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset as usize)).collect();
+            let expected: Vec<_> = layout.fields.iter().map(|&(name, offset)| (name.to_owned(), offset)).collect();
+            assert_eq!(found, expected, "{}", layout.name);
+            assert_eq!(span as usize, layout.size, "size of {}", layout.name);
+        }
+    }
+
+    /// Style: an entry is read on one screen.
+    #[test]
+    fn entries_are_short() {
+        for module in shaders::ALL {
+            let (name, text) = module.files[module.files.len() - 1];
+            assert!(text.lines().count() <= 80, "{name} has more than 80 lines");
+        }
+    }
+}

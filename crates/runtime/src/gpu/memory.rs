@@ -1,0 +1,179 @@
+//! Bytes of everything the GPU backend allocates, computed before anything is.
+//!
+//! The budget covers the cache textures, the macro ranges beside them, the page table, the miss counters, rays and
+//! their states, feedback, and staging for uploads and read-back. What is fixed by the scene comes first; slots take
+//! the rest.
+
+use super::device::GpuError;
+
+/// Most cache textures: the number of texture bindings in the shader.
+pub const TEXTURE_LIMIT: usize = 4;
+
+/// Most bytes of one cache texture: what the strictest driver we know (lavapipe) allocates.
+pub const TEXTURE_BYTES_LIMIT: u64 = 1 << 31;
+
+/// Fewest slots that are worth starting with; one brick suffices for progress, two let a ray keep the one it left.
+pub const MIN_SLOTS: u64 = 2;
+
+/// Most slots in all: a use bitmap of 2 MiB.
+pub const SLOT_LIMIT: u64 = 1 << 24;
+
+/// Most bytes of voxels in flight between host and GPU.
+pub const STAGING_BYTES_LIMIT: u64 = 32 << 20;
+
+/// What must fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MemoryRequest {
+    /// The user's limit, bytes.
+    pub budget_bytes: u64,
+    /// Bytes that the scene fixes: rays, states, page table, counters, feedback, transfer function.
+    pub fixed_bytes: u64,
+    /// Voxels along each axis of a slot.
+    pub slot_edge: u32,
+    /// Bytes of one texel: 1, 2 or 4.
+    pub texel_bytes: u64,
+    /// Bytes of macro ranges beside each slot.
+    pub ranges_bytes: u64,
+    /// Slots beyond which more are useless: the number of bricks there are.
+    pub useful_slots: u64,
+    /// Largest 3D texture dimension of the device.
+    pub max_dimension: u32,
+    /// Largest storage binding of the device, bytes.
+    pub max_binding_bytes: u64,
+}
+
+/// What will be allocated.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MemoryPlan {
+    /// Slots along x, y, z of each cache texture; 1 to [`TEXTURE_LIMIT`] textures.
+    pub textures: Vec<[u32; 3]>,
+    /// Slots in all.
+    pub slots: u64,
+    /// Bytes of one slot: texels and macro ranges.
+    pub slot_bytes: u64,
+    /// Bytes for voxels on their way.
+    pub staging_bytes: u64,
+    /// Everything, bytes.
+    pub total_bytes: u64,
+}
+
+impl MemoryPlan {
+    /// As many slots as fit.
+    ///
+    /// # Errors
+    /// [`GpuError::Budget`] where not even [`MIN_SLOTS`] do.
+    pub fn new(request: &MemoryRequest) -> Result<Self, GpuError> {
+        let texels = u64::from(request.slot_edge).pow(3) * request.texel_bytes;
+        let slot_bytes = texels + request.ranges_bytes;
+        let min_slots = MIN_SLOTS.min(request.useful_slots);
+        // The least staging holds one brick.
+        let needed = request.fixed_bytes.saturating_add(texels + slot_bytes * min_slots);
+        let too_small = || GpuError::Budget {
+            budget: request.budget_bytes,
+            fixed: request.fixed_bytes + texels,
+            slot_bytes,
+            min_slots,
+            needed,
+        };
+        if needed > request.budget_bytes {
+            return Err(too_small());
+        }
+        let spare = request.budget_bytes - needed;
+        let staging_bytes = (spare / 16).clamp(texels, STAGING_BYTES_LIMIT.max(texels)).min(spare + texels);
+        let fixed = request.fixed_bytes + staging_bytes;
+        let by_ranges = request.max_binding_bytes / request.ranges_bytes.max(1);
+        let mut wanted =
+            ((request.budget_bytes - fixed) / slot_bytes).min(request.useful_slots).min(by_ranges).min(SLOT_LIMIT);
+
+        let per_texture = TEXTURE_BYTES_LIMIT / texels;
+        let per_axis = request.max_dimension / request.slot_edge;
+        let mut textures = Vec::new();
+        while wanted > 0 && textures.len() < TEXTURE_LIMIT && per_axis > 0 {
+            let grid = best_grid(wanted.min(per_texture), per_axis);
+            let slots = grid.iter().map(|&n| u64::from(n)).product::<u64>();
+            if slots == 0 {
+                break;
+            }
+            textures.push(grid);
+            // A grid may leave a few slots over; a texture for so few is not worth its binding.
+            wanted -= slots;
+            if wanted < slots / 32 {
+                break;
+            }
+        }
+        let slots = textures.iter().map(|g| g.iter().map(|&n| u64::from(n)).product::<u64>()).sum();
+        if slots < min_slots {
+            return Err(too_small());
+        }
+        Ok(Self { textures, slots, slot_bytes, staging_bytes, total_bytes: fixed + slots * slot_bytes })
+    }
+}
+
+/// The box of at most `count` slots with the most slots, no axis longer than `per_axis`; near a cube among equals.
+fn best_grid(count: u64, per_axis: u32) -> [u32; 3] {
+    let longest = u64::from(per_axis);
+    let mut best = [0; 3];
+    let mut most = 0;
+    for z in (1..=longest).take_while(|z| z * z * z <= count) {
+        for y in (z..=longest).take_while(|y| z * y * y <= count) {
+            let x = (count / (z * y)).min(longest);
+            if x * y * z >= most {
+                most = x * y * z;
+                best = [x, y, z].map(|n| u32::try_from(n).expect("an axis is not longer than `per_axis`"));
+            }
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const REQUEST: MemoryRequest = MemoryRequest {
+        budget_bytes: 256 << 20,
+        fixed_bytes: 10 << 20,
+        slot_edge: 68,
+        texel_bytes: 1,
+        ranges_bytes: 4096,
+        useful_slots: 1 << 30,
+        max_dimension: 2048,
+        max_binding_bytes: 128 << 20,
+    };
+
+    #[test]
+    fn the_plan_keeps_the_budget_and_uses_most_of_it() {
+        for budget_mib in [12, 17, 64, 100, 256, 1000, 3000, 9000, 20000] {
+            let request = MemoryRequest { budget_bytes: budget_mib << 20, ..REQUEST };
+            let plan = MemoryPlan::new(&request).expect("the budget is large enough");
+            assert!(plan.total_bytes <= request.budget_bytes, "{plan:?}");
+            assert!(plan.textures.len() <= TEXTURE_LIMIT, "{plan:?}");
+            for grid in &plan.textures {
+                assert!(grid.iter().all(|n| n * 68 <= 2048), "{plan:?}");
+                let bytes = grid.iter().map(|&n| u64::from(n) * 68).product::<u64>();
+                assert!(bytes <= TEXTURE_BYTES_LIMIT, "{plan:?}");
+            }
+            let room = ((request.budget_bytes - 10 * (1 << 20) - plan.staging_bytes) / plan.slot_bytes)
+                .min(TEXTURE_LIMIT as u64 * (TEXTURE_BYTES_LIMIT / 68u64.pow(3)));
+            assert!(plan.slots * 10 >= room * 9, "{} of {room} slots: {plan:?}", plan.slots);
+        }
+    }
+
+    #[test]
+    fn no_more_slots_than_bricks() {
+        let plan = MemoryPlan::new(&MemoryRequest { useful_slots: 9, ..REQUEST }).expect("the budget is large enough");
+        assert_eq!(plan.slots, 9);
+        assert_eq!(plan.textures, [[3, 3, 1]]);
+        let one = MemoryPlan::new(&MemoryRequest { useful_slots: 1, ..REQUEST }).expect("the budget is large enough");
+        assert_eq!(one.slots, 1);
+    }
+
+    #[test]
+    fn too_little_says_how_much_is_needed() {
+        let request = MemoryRequest { budget_bytes: 11 << 20, fixed_bytes: (11 << 20) - 1000, ..REQUEST };
+        let Err(GpuError::Budget { needed, .. }) = MemoryPlan::new(&request) else { panic!("the budget was accepted") };
+        let plan =
+            MemoryPlan::new(&MemoryRequest { budget_bytes: needed, ..request }).expect("the named bytes suffice");
+        assert_eq!(plan.slots, MIN_SLOTS);
+    }
+}

@@ -1,0 +1,25 @@
+//! The machinery of the GPU backend; `raycast::gpu` puts it together.
+//!
+//! - [`device`]: which adapter, which limits, and wgpu's errors as ours;
+//! - [`layout`]: every struct and constant that Rust and WGSL share, defined once;
+//! - [`shaders`]: the WGSL files, in the order in which they are joined;
+//! - [`memory`]: bytes of everything, computed before anything is allocated;
+//! - [`pipelines`]: the compute pipelines and what they bind;
+//! - [`rays`]: pixels to clipped rays that hold no large number in an `f32`;
+//! - [`scene_tables`]: a scene as the shaders read it;
+//! - [`slots`]: which brick sits in which slot, and who must leave;
+//! - [`cache`]: the cache textures, the page table and the macro ranges on the GPU;
+//! - [`feedback`]: what the rays say: misses, uses, counters.
+//!
+//! Only core WebGPU is required: no optional feature, eight storage buffers, 3D textures of unsigned integers.
+
+pub mod cache;
+pub mod device;
+pub mod feedback;
+pub mod layout;
+pub mod memory;
+pub mod pipelines;
+pub mod rays;
+pub mod scene_tables;
+pub mod shaders;
+pub mod slots;

@@ -1,0 +1,173 @@
+//! A scene and a volume as the shaders read them: [`Config`], [`Tables`], and the transfer function's buffers.
+
+use bytemuck::Zeroable;
+use supervol_format::brick::APRON;
+use supervol_format::{Geometry, Pyramid, ValueRange};
+
+use super::cache::VoxelStorage;
+use super::device::GpuError;
+use super::feedback::MISS_LIMIT;
+use super::layout::{
+    Config, FLAG_ABSENT, FLAG_FLOAT, FLAG_HOLES, FLAG_SHADED, FLAG_SKIPPING, GpuIso, GpuLevel, GpuLight, GpuPoint,
+    MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
+};
+use super::rays::stride_world;
+use crate::raycast::cpu::shade::Lighting;
+use crate::raycast::cpu::{Skipping, TERMINATION_OPACITY};
+use crate::raycast::volume::ValueMap;
+use crate::scene::{Mode, ResolvedScene};
+use crate::transfer_function::{ALPHA_LIMIT, RenderTransferFunction};
+
+/// The volume that a renderer draws.
+#[derive(Debug, Clone, Copy)]
+pub struct GpuVolume<'a> {
+    /// Its levels.
+    pub pyramid: &'a Pyramid,
+    /// Its place in the world.
+    pub geometry: &'a Geometry,
+    /// What stored numbers mean.
+    pub value_map: &'a ValueMap,
+    /// Range of all present values, data units.
+    pub value_range: ValueRange,
+    /// How its bricks are decoded.
+    pub storage: VoxelStorage,
+}
+
+/// The scene's and the volume's numbers.
+///
+/// # Errors
+/// [`GpuError::Scene`] for a mode that this backend does not draw.
+pub fn config(
+    volume: &GpuVolume<'_>,
+    scene: &ResolvedScene,
+    tf: &RenderTransferFunction,
+    skipping: Skipping,
+    grids: [SlotGrid; 4],
+) -> Result<Config, GpuError> {
+    let (world, map) = (volume.geometry.linear(), volume.value_map);
+    let lighting = scene.shading.as_ref().map(|s| Lighting::new(s, volume.geometry, volume.value_range.width()));
+    let gradient = volume.geometry.world_from_index_gradient();
+    let column = |c: glam::DVec3| c.as_vec3().to_array();
+    let has_holes = volume.storage == VoxelStorage::F32 || map.absent.is_some();
+    let flags = [
+        (volume.storage == VoxelStorage::F32, FLAG_FLOAT),
+        (map.absent.is_some() && volume.storage != VoxelStorage::F32, FLAG_ABSENT),
+        (lighting.is_some(), FLAG_SHADED),
+        (skipping == Skipping::On, FLAG_SKIPPING),
+        (has_holes, FLAG_HOLES),
+    ];
+    let mut config = Config {
+        world_x: column(world.x_axis),
+        world_y: column(world.y_axis),
+        world_z: column(world.z_axis),
+        mode: mode_number(scene.mode)?,
+        flags: flags.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum(),
+        level_count: volume.pyramid.levels().len() as u32,
+        gradient_x: column(gradient.x_axis),
+        gradient_y: column(gradient.y_axis),
+        gradient_z: column(gradient.z_axis),
+        iso_count: scene.iso.len() as u32,
+        value_scale: map.scale,
+        value_offset: map.offset,
+        absent: map.absent.map_or(0, u32::from),
+        core: volume.pyramid.layout().core() as u32,
+        point_count: tf.points.len() as u32,
+        bin_count: tf.bins.len() as u32,
+        alpha_limit: ALPHA_LIMIT as f32,
+        bins_per_value: tf.bins_per_value,
+        inverse_unit_distance: tf.inverse_unit_distance,
+        transmittance_limit: (1.0 - TERMINATION_OPACITY) as f32,
+        stride_world: stride_world(volume.geometry) as f32,
+        miss_limit: MISS_LIMIT,
+        visible_points: tf.points.iter().filter(|p| p.rgba[3] > 0.0).count() as u32,
+        grids,
+        ..Config::zeroed()
+    };
+    if let Some(lighting) = lighting {
+        config.ambient = lighting.ambient;
+        config.diffuse = lighting.diffuse;
+        config.specular = lighting.specular;
+        config.shininess = lighting.shininess;
+        config.gradient_floor = lighting.gradient_floor;
+        config.light_count = lighting.lights.len() as u32;
+    }
+    Ok(config)
+}
+
+fn mode_number(mode: Mode) -> Result<u32, GpuError> {
+    match mode {
+        Mode::Dvr => Ok(MODE_DVR),
+        Mode::Mip => Ok(MODE_MIP),
+        Mode::Minip => Ok(MODE_MINIP),
+        Mode::Mean => Ok(MODE_MEAN),
+        Mode::Iso => Ok(MODE_ISO),
+        Mode::Slice => Err(GpuError::Scene { reason: "mode `slice` is not available".to_owned() }),
+    }
+}
+
+/// Levels, lights and iso surfaces.
+///
+/// # Errors
+/// [`GpuError::TableLimit`] where the pyramid has more bricks than 32 bits count.
+pub fn tables(volume: &GpuVolume<'_>, scene: &ResolvedScene) -> Result<Tables, GpuError> {
+    let entries = volume.pyramid.brick_count();
+    if u32::try_from(entries).is_err() {
+        return Err(GpuError::TableLimit {
+            what: "the page table".to_owned(),
+            needed: entries.saturating_mul(8),
+            limit: u64::from(u32::MAX) * 8,
+            advice: "use larger bricks".to_owned(),
+        });
+    }
+    let mut tables = Tables::zeroed();
+    for (slot, level) in tables.levels.iter_mut().zip(volume.pyramid.levels()) {
+        *slot = GpuLevel {
+            bricks: level.bricks,
+            first_entry: level.first_entry as u32,
+            scale_log2: level.scale.map(u64::ilog2),
+            padding: 0,
+        };
+    }
+    for (slot, light) in tables.lights.iter_mut().zip(scene.shading.iter().flat_map(|s| &s.lights)) {
+        *slot = GpuLight { to_light: light.to_light.as_vec3().to_array(), intensity: light.intensity as f32 };
+    }
+    for (slot, iso) in tables.isos.iter_mut().zip(&scene.iso) {
+        *slot = GpuIso {
+            color: iso.color.map(|c| c as f32),
+            alpha: iso.alpha as f32,
+            value: volume.value_map.from_data(iso.value),
+            ..GpuIso::zeroed()
+        };
+    }
+    Ok(tables)
+}
+
+/// The control points.
+#[must_use]
+pub fn points(tf: &RenderTransferFunction) -> Vec<GpuPoint> {
+    let point = |p: &crate::transfer_function::render::RenderPoint| GpuPoint {
+        rgba: p.rgba,
+        delta: p.delta,
+        value: p.value,
+        inverse_width: p.inverse_width,
+        variation_before: p.variation_before,
+        variation: p.variation,
+        visible_before: p.visible_before,
+        knots_up_to: p.knots_up_to,
+        padding_0: 0,
+        padding_1: 0,
+    };
+    tf.points.iter().map(point).collect()
+}
+
+/// The bins, then the bits of the knots.
+#[must_use]
+pub fn transfer_index(tf: &RenderTransferFunction) -> Vec<u32> {
+    tf.bins.iter().copied().chain(tf.knots.iter().map(|k| k.to_bits())).collect()
+}
+
+/// Voxels along each axis of a slot.
+#[must_use]
+pub fn slot_edge(pyramid: &Pyramid) -> u32 {
+    (pyramid.layout().core() + 2 * APRON) as u32
+}

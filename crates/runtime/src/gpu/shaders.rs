@@ -1,0 +1,59 @@
+//! The WGSL files, in the order in which they are joined into modules.
+//!
+//! Nothing is assembled but whole files, end to end; WGSL lets a function use one that is declared further down, so
+//! that the order only matters to readers: layout, bindings, then the data path.
+
+/// One module: its files, in order.
+#[derive(Debug, Clone, Copy)]
+pub struct ShaderModule {
+    /// Name in messages.
+    pub name: &'static str,
+    /// File names and texts.
+    pub files: &'static [(&'static str, &'static str)],
+}
+
+macro_rules! file {
+    ($path:literal) => {
+        ($path, include_str!(concat!("../../../../shaders/", $path)))
+    };
+}
+
+/// Casts rays until they finish, lack a brick, or reach the dispatch's limit.
+pub const RAYCAST: ShaderModule = ShaderModule {
+    name: "raycast",
+    files: &[
+        file!("shared/layout.wgsl"),
+        file!("shared/config.wgsl"),
+        file!("shared/camera.wgsl"),
+        file!("shared/page_table.wgsl"),
+        file!("shared/brick.wgsl"),
+        file!("shared/leap.wgsl"),
+        file!("shared/cubic.wgsl"),
+        file!("shared/sample.wgsl"),
+        file!("shared/transfer_function.wgsl"),
+        file!("shared/shading.wgsl"),
+        file!("shared/quadrature.wgsl"),
+        file!("shared/compositing.wgsl"),
+        file!("shared/cell.wgsl"),
+        file!("shared/feedback.wgsl"),
+        file!("shared/walk.wgsl"),
+        file!("raycast.wgsl"),
+    ],
+};
+
+/// Completes the miss list with its counts.
+pub const GATHER_MISSES: ShaderModule = ShaderModule {
+    name: "gather_misses",
+    files: &[file!("shared/layout.wgsl"), file!("shared/config.wgsl"), file!("gather_misses.wgsl")],
+};
+
+/// Every module there is.
+pub const ALL: [ShaderModule; 2] = [RAYCAST, GATHER_MISSES];
+
+impl ShaderModule {
+    /// The files joined.
+    #[must_use]
+    pub fn source(&self) -> String {
+        self.files.iter().map(|(_, text)| *text).collect::<Vec<_>>().join("\n")
+    }
+}

@@ -1,0 +1,169 @@
+//! Which brick sits in which slot, and which one must leave when another comes.
+//!
+//! Order of eviction: least recently used first, where "used" means that a ray sampled the slot in a pass. A brick
+//! inserted since the last pass is never evicted: some ray waits for it and has not seen it yet.
+
+use std::collections::{BTreeSet, HashMap};
+
+use supervol_format::BrickKey;
+
+/// Number of a slot: below the capacity of the cache textures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SlotIndex(pub u32);
+
+/// Who sits where.
+#[derive(Debug)]
+pub struct Slots {
+    /// Key of each slot; `None` where it is free.
+    keys: Vec<Option<BrickKey>>,
+    /// Pass in which each slot was last used or filled.
+    stamps: Vec<u64>,
+    /// Where each resident brick sits.
+    places: HashMap<BrickKey, SlotIndex>,
+    /// Occupied slots by age: the first is the first to leave.
+    by_age: BTreeSet<(u64, SlotIndex)>,
+    /// Free slots, the next to be taken last.
+    free: Vec<SlotIndex>,
+    /// Number of the coming pass; bricks inserted now carry it and stay.
+    pass: u64,
+}
+
+impl Slots {
+    /// `capacity` free slots.
+    ///
+    /// # Panics
+    /// If there are more slots than 32 bits count.
+    #[must_use]
+    pub fn new(capacity: usize) -> Self {
+        let count = u32::try_from(capacity).expect("the memory plan keeps slots below 2^32");
+        Self {
+            keys: vec![None; capacity],
+            stamps: vec![0; capacity],
+            places: HashMap::with_capacity(capacity),
+            by_age: BTreeSet::new(),
+            free: (0..count).rev().map(SlotIndex).collect(),
+            pass: 1,
+        }
+    }
+
+    /// Slots in all.
+    #[must_use]
+    pub fn capacity(&self) -> usize {
+        self.keys.len()
+    }
+
+    /// Slots that hold a brick.
+    #[must_use]
+    pub fn occupied(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Where a brick sits, if it is resident.
+    #[must_use]
+    pub fn place(&self, key: BrickKey) -> Option<SlotIndex> {
+        self.places.get(&key).copied()
+    }
+
+    /// The brick in a slot.
+    #[must_use]
+    pub fn key(&self, slot: SlotIndex) -> Option<BrickKey> {
+        self.keys[slot.0 as usize]
+    }
+
+    /// Gives the brick a slot and names the brick that had to leave it; `None` where every slot holds a brick that was
+    /// inserted since the last pass. A brick that is already resident keeps its slot.
+    pub fn insert(&mut self, key: BrickKey) -> Option<(SlotIndex, Option<BrickKey>)> {
+        if let Some(slot) = self.place(key) {
+            self.touch(slot, self.pass);
+            return Some((slot, None));
+        }
+        let (slot, evicted) = match self.free.pop() {
+            Some(slot) => (slot, None),
+            None => {
+                let &(stamp, slot) = self.by_age.first()?;
+                if stamp >= self.pass {
+                    return None;
+                }
+                let old = self.keys[slot.0 as usize].expect("a slot that is not free holds a brick");
+                self.remove(old);
+                self.free.pop();
+                (slot, Some(old))
+            }
+        };
+        self.keys[slot.0 as usize] = Some(key);
+        self.stamps[slot.0 as usize] = self.pass;
+        self.places.insert(key, slot);
+        self.by_age.insert((self.pass, slot));
+        Some((slot, evicted))
+    }
+
+    /// Frees the brick's slot, if it has one.
+    pub fn remove(&mut self, key: BrickKey) -> Option<SlotIndex> {
+        let slot = self.places.remove(&key)?;
+        let i = slot.0 as usize;
+        self.by_age.remove(&(self.stamps[i], slot));
+        self.keys[i] = None;
+        self.free.push(slot);
+        Some(slot)
+    }
+
+    /// Closes a pass that sampled these slots: they become the youngest, and all of them may be evicted from now on.
+    pub fn end_pass(&mut self, used: impl IntoIterator<Item = SlotIndex>) {
+        let pass = self.pass;
+        for slot in used {
+            if self.keys[slot.0 as usize].is_some() {
+                self.touch(slot, pass);
+            }
+        }
+        self.pass += 1;
+    }
+
+    fn touch(&mut self, slot: SlotIndex, pass: u64) {
+        let stamp = &mut self.stamps[slot.0 as usize];
+        self.by_age.remove(&(*stamp, slot));
+        *stamp = pass;
+        self.by_age.insert((pass, slot));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use supervol_format::{BrickIndex, Lod};
+
+    fn key(x: u32) -> BrickKey {
+        BrickKey::new(Lod(0), BrickIndex([x, 0, 0]))
+    }
+
+    #[test]
+    fn the_least_recently_used_brick_leaves_first() {
+        let mut slots = Slots::new(2);
+        let (a, _) = slots.insert(key(0)).unwrap();
+        slots.insert(key(1)).unwrap();
+        slots.end_pass([]);
+        slots.end_pass([a]);
+        assert_eq!(slots.insert(key(2)).unwrap().1, Some(key(1)));
+        assert_eq!(slots.place(key(0)), Some(a));
+        assert_eq!(slots.place(key(1)), None);
+        assert_eq!(slots.occupied(), 2);
+    }
+
+    #[test]
+    fn bricks_inserted_since_the_last_pass_stay() {
+        let mut slots = Slots::new(2);
+        slots.insert(key(0)).unwrap();
+        slots.insert(key(1)).unwrap();
+        assert_eq!(slots.insert(key(2)), None);
+        slots.end_pass([]);
+        assert!(slots.insert(key(2)).unwrap().1.is_some());
+    }
+
+    #[test]
+    fn a_removed_brick_frees_its_slot() {
+        let mut slots = Slots::new(1);
+        let (slot, _) = slots.insert(key(0)).unwrap();
+        assert_eq!(slots.remove(key(0)), Some(slot));
+        assert_eq!(slots.insert(key(1)), Some((slot, None)));
+        assert_eq!(slots.key(slot), Some(key(1)));
+    }
+}

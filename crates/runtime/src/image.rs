@@ -1,0 +1,240 @@
+//! Images: premultiplied RGBA before the background, and the files they are written to (RENDERING-MODEL, section 10).
+//!
+//! Row 0 is on top, x runs fastest. A file is written under a temporary name beside its own and then renamed, so that
+//! a file with the image's name is always whole.
+
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// A picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Image {
+    /// Pixels along x.
+    pub width: u32,
+    /// Pixels along y.
+    pub height: u32,
+    /// Premultiplied red, green, blue, and alpha, before the background is added; row by row from the top.
+    pub pixels: Vec<[f32; 4]>,
+}
+
+/// File formats an image can be written in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ImageFormat {
+    /// 8 bit RGB, background added.
+    Png,
+    /// OpenEXR, 32-bit float, premultiplied RGBA without the background.
+    Exr,
+    /// NumPy array, float32, shape (height, width, 4), premultiplied RGBA without the background.
+    Npy,
+}
+
+/// Why an image was not written.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum ImageError {
+    #[error("{path}: expected a name that ends in .png, .exr or .npy")]
+    Format { path: PathBuf },
+    #[error("{path}: {source}")]
+    Io { path: PathBuf, source: std::io::Error },
+    #[error("{path}: the picture cannot be encoded: {message}")]
+    Encode { path: PathBuf, message: String },
+}
+
+impl ImageFormat {
+    /// The format that a file name asks for.
+    ///
+    /// # Errors
+    /// If the name ends in none of the known extensions.
+    pub fn from_path(path: &Path) -> Result<Self, ImageError> {
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        match extension.as_str() {
+            "png" => Ok(Self::Png),
+            "exr" => Ok(Self::Exr),
+            "npy" => Ok(Self::Npy),
+            _ => Err(ImageError::Format { path: path.into() }),
+        }
+    }
+}
+
+impl Image {
+    /// Mean of each `factor` x `factor` block of pixels.
+    ///
+    /// # Panics
+    /// If the image is not a whole number of blocks.
+    #[must_use]
+    pub fn downsampled(self, factor: u32) -> Self {
+        if factor == 1 {
+            return self;
+        }
+        assert!(
+            factor > 0 && self.width.is_multiple_of(factor) && self.height.is_multiple_of(factor),
+            "{} x {} pixels are no whole number of blocks of {factor}",
+            self.width,
+            self.height
+        );
+        let (width, height) = (self.width / factor, self.height / factor);
+        let mut pixels = Vec::with_capacity(width as usize * height as usize);
+        for y in 0..height {
+            for x in 0..width {
+                let mut sum = [0.0f64; 4];
+                for row in 0..factor {
+                    let first = ((y * factor + row) as usize) * self.width as usize + (x * factor) as usize;
+                    for pixel in &self.pixels[first..first + factor as usize] {
+                        (0..4).for_each(|c| sum[c] += f64::from(pixel[c]));
+                    }
+                }
+                pixels.push(sum.map(|s| (s / f64::from(factor * factor)) as f32));
+            }
+        }
+        Self { width, height, pixels }
+    }
+
+    /// 8-bit RGB over a background: `round(255 * clamp(C + (1 - A) * background, 0, 1))`.
+    #[must_use]
+    pub fn to_rgb8(&self, background: [f64; 3]) -> Vec<u8> {
+        let over = |p: &[f32; 4], c: usize| f64::from(p[c]) + (1.0 - f64::from(p[3])) * background[c];
+        self.pixels.iter().flat_map(|p| [0, 1, 2].map(|c| (255.0 * over(p, c).clamp(0.0, 1.0)).round() as u8)).collect()
+    }
+
+    /// Writes the image; the format is that of the file's name. An existing file is replaced.
+    ///
+    /// # Errors
+    /// If the name has no known extension, or the file cannot be written; no partial file stays behind.
+    pub fn write(&self, path: &Path, background: [f64; 3]) -> Result<(), ImageError> {
+        let format = ImageFormat::from_path(path)?;
+        let mut name = path.file_name().unwrap_or_default().to_owned();
+        name.push(format!(".{}.partial", std::process::id()));
+        let partial = path.with_file_name(name);
+        let written = match format {
+            ImageFormat::Png => self.write_png(&partial, background),
+            ImageFormat::Exr => self.write_exr(&partial),
+            ImageFormat::Npy => self.write_npy(&partial),
+        };
+        let renamed = written.and_then(|()| std::fs::rename(&partial, path).map_err(WriteFailure::Io));
+        renamed.map_err(|failure| {
+            // The failure that is reported is the first one; a file that was never begun cannot be removed.
+            let _ = std::fs::remove_file(&partial);
+            match failure {
+                WriteFailure::Io(source) => ImageError::Io { path: path.into(), source },
+                WriteFailure::Encode(message) => ImageError::Encode { path: path.into(), message },
+            }
+        })
+    }
+
+    fn write_png(&self, path: &Path, background: [f64; 3]) -> Result<(), WriteFailure> {
+        let mut file = BufWriter::new(std::fs::File::create(path)?);
+        let mut encoder = png::Encoder::new(&mut file, self.width, self.height);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&self.to_rgb8(background))?;
+        writer.finish()?;
+        Ok(file.flush()?)
+    }
+
+    fn write_exr(&self, path: &Path) -> Result<(), WriteFailure> {
+        let (width, height) = (self.width as usize, self.height as usize);
+        exr::prelude::write_rgba_file(path, width, height, |x, y| {
+            let [r, g, b, a] = self.pixels[y * width + x];
+            (r, g, b, a)
+        })
+        .map_err(|error| match error {
+            exr::error::Error::Io(source) => WriteFailure::Io(source),
+            other => WriteFailure::Encode(other.to_string()),
+        })
+    }
+
+    /// NumPy format 1.0: magic, version, header length (u16), header padded so that the data begin at a multiple of 64.
+    fn write_npy(&self, path: &Path) -> Result<(), WriteFailure> {
+        const PREFIX: usize = 10;
+        let mut header =
+            format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}, 4), }}", self.height, self.width);
+        while !(PREFIX + header.len() + 1).is_multiple_of(64) {
+            header.push(' ');
+        }
+        header.push('\n');
+        let mut file = BufWriter::new(std::fs::File::create(path)?);
+        file.write_all(b"\x93NUMPY\x01\x00")?;
+        file.write_all(&(header.len() as u16).to_le_bytes())?;
+        file.write_all(header.as_bytes())?;
+        for value in self.pixels.iter().flatten() {
+            file.write_all(&value.to_le_bytes())?;
+        }
+        Ok(file.flush()?)
+    }
+}
+
+/// Why the bytes did not reach the file.
+enum WriteFailure {
+    Io(std::io::Error),
+    Encode(String),
+}
+
+impl From<std::io::Error> for WriteFailure {
+    fn from(source: std::io::Error) -> Self {
+        Self::Io(source)
+    }
+}
+
+impl From<png::EncodingError> for WriteFailure {
+    fn from(error: png::EncodingError) -> Self {
+        match error {
+            png::EncodingError::IoError(source) => Self::Io(source),
+            other => Self::Encode(other.to_string()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn image() -> Image {
+        let pixels = (0..6).map(|i| [0.1 * i as f32, 0.5, 0.0, 0.5]).collect();
+        Image { width: 3, height: 2, pixels }
+    }
+
+    #[test]
+    fn files_hold_what_they_should_and_no_partial_file_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.png", "a.exr", "a.npy"] {
+            image().write(&folder.path().join(name), [1.0, 1.0, 0.5]).unwrap();
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3);
+
+        let npy = std::fs::read(folder.path().join("a.npy")).unwrap();
+        assert_eq!(&npy[..8], b"\x93NUMPY\x01\x00");
+        let data = 10 + usize::from(u16::from_le_bytes([npy[8], npy[9]]));
+        assert_eq!((data % 64, npy.len() - data), (0, 6 * 16));
+        assert!(String::from_utf8_lossy(&npy[10..data]).contains("(2, 3, 4)"));
+        assert_eq!(f32::from_le_bytes(npy[data + 16..data + 20].try_into().unwrap()), 0.1);
+
+        let file = std::io::BufReader::new(std::fs::File::open(folder.path().join("a.png")).unwrap());
+        let mut reader = png::Decoder::new(file).read_info().unwrap();
+        let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut rgb).unwrap();
+        assert_eq!(&rgb[3..6], &[(0.6f64 * 255.0).round() as u8, 255, 64]);
+
+        let read = exr::prelude::read_first_rgba_layer_from_file(
+            folder.path().join("a.exr"),
+            |size, _| vec![[0.0f32; 4]; size.width() * size.height()],
+            |pixels, at, (r, g, b, a): (f32, f32, f32, f32)| pixels[at.y() * 3 + at.x()] = [r, g, b, a],
+        )
+        .unwrap();
+        assert_eq!(read.layer_data.channel_data.pixels, image().pixels);
+    }
+
+    #[test]
+    fn unknown_names_and_folders_are_refused() {
+        assert!(matches!(image().write(Path::new("a.jpg"), [0.0; 3]), Err(ImageError::Format { .. })));
+        let missing = Path::new("no/such/folder/a.png");
+        assert!(matches!(image().write(missing, [0.0; 3]), Err(ImageError::Io { .. })));
+    }
+
+    #[test]
+    fn downsampling_takes_block_means() {
+        let pixels = (0..16).map(|i| [i as f32; 4]).collect();
+        let small = Image { width: 4, height: 4, pixels }.downsampled(2);
+        assert_eq!(small.pixels.iter().map(|p| p[0]).collect::<Vec<_>>(), [2.5, 4.5, 10.5, 12.5]);
+    }
+}

@@ -1,0 +1,33 @@
+//! Online half of Supervol: what picture is wanted, and the ray casters that make it from resident bricks.
+//!
+//! Spaces: a ray runs in world space and its parameter t is a world length; fields live in index space, voxel
+//! (i, j, k) at the point (i, j, k). Values are in the data's own units, except inside a ray caster, where they are
+//! *render values*: the same numbers moved by a constant so that `f32` resolves them ([`raycast::volume::ValueMap`]).
+//!
+//! In the order of the data path:
+//! - [`scene`], [`preset`]: the scene file, and what it means for a given volume;
+//! - [`camera`], [`clip`]: pixels to rays, rays to segments;
+//! - [`transfer_function`]: values to colour and opacity;
+//! - [`lod`]: how fine a brick must be;
+//! - [`raycast`]: the reference integrator and the CPU ray caster;
+//! - [`streamer`], [`cache`]: which bricks are wanted, reading and decoding them, where they are kept;
+//! - [`frame`]: the walk of one frame; the only module that knows all the others;
+//! - [`stats`], [`process`]: what a frame cost;
+//! - [`image`]: what a ray caster returns, and its files.
+//!
+//! This crate's ray casters open no file, wait for nothing, and never change what is resident.
+
+pub mod cache;
+pub mod camera;
+pub mod clip;
+pub mod frame;
+pub mod gpu;
+pub mod image;
+pub mod lod;
+pub mod preset;
+pub mod process;
+pub mod raycast;
+pub mod scene;
+pub mod stats;
+pub mod streamer;
+pub mod transfer_function;

@@ -1,0 +1,45 @@
+//! What the operating system says about this process: processor time and memory.
+
+use std::time::Duration;
+
+/// Processor time that all threads of this process have used; zero where the system does not tell.
+#[must_use]
+pub fn cpu_time() -> Duration {
+    #[cfg(unix)]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        let (seconds, nanoseconds) = (u64::try_from(time.tv_sec), u32::try_from(time.tv_nsec));
+        Duration::new(seconds.unwrap_or(0), nanoseconds.unwrap_or(0))
+    }
+    #[cfg(not(unix))]
+    Duration::ZERO
+}
+
+/// Most bytes of memory that this process has had resident so far; 0 where the system does not tell (all but Linux).
+#[must_use]
+pub fn peak_resident_bytes() -> u64 {
+    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return 0 };
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+    let kibibytes = line.and_then(|l| l.trim().strip_suffix("kB")).and_then(|n| n.trim().parse::<u64>().ok());
+    kibibytes.unwrap_or(0) * 1024
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn processor_time_grows_with_work() {
+        let before = cpu_time();
+        let mut x = 1u64;
+        while before == cpu_time() && x != 0 {
+            x = std::hint::black_box(x.wrapping_mul(3));
+        }
+        assert!(cfg!(not(unix)) || cpu_time() > before);
+    }
+
+    #[test]
+    fn resident_memory_is_known_on_linux() {
+        assert!(!cfg!(target_os = "linux") || peak_resident_bytes() > 100_000);
+    }
+}

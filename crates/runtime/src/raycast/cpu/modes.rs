@@ -1,0 +1,199 @@
+//! What a ray gathers on one chord, mode by mode.
+//!
+//! A chord lies in one trilinear cell, at constant presence. `u` runs from 0 to 1 along it, `h` is its world length.
+
+use glam::Vec3;
+
+use super::cell::{Cell, Real, cubic_at, cubic_extremes, cubic_mean, monotone_intervals, monotone_root};
+use super::quadrature::{GAUSS_OFFSET, integrate_pair, opacity_of, pairs_between, splits_of_chord};
+use super::shade::{ChordGradient, Lighting, shade};
+use super::{Counters, CpuFrame, RayState};
+use crate::scene::ISO_LIMIT;
+
+/// A ray ends when its opacity reaches this; what lies behind can change no channel by more than 0.13/255.
+pub const TERMINATION_OPACITY: f64 = 0.9995;
+
+/// One chord: the field along it, and the gradient where the frame is shaded and the gradient is known.
+pub struct Chord {
+    /// Least and greatest corner of its cell.
+    pub low: f32,
+    /// See `low`.
+    pub high: f32,
+    /// s(u).
+    pub cubic: [Real; 4],
+    /// Index gradient of the chord's level; `None`: unshaded.
+    pub gradient: Option<ChordGradient>,
+    /// World length.
+    pub h: f64,
+}
+
+/// Shading at a point: what does not depend on the chord.
+pub struct ShadeSetup<'a> {
+    /// Lighting of the frame; `None`: unshaded.
+    pub lighting: Option<&'a Lighting>,
+    /// World gradient from the index gradient of the chord's level.
+    pub world_from_level_gradient: glam::Mat3,
+    /// Minus the ray's direction.
+    pub to_eye: Vec3,
+}
+
+impl Chord {
+    /// A chord through a cell.
+    #[inline]
+    #[must_use]
+    pub fn new(cell: &Cell, cubic: [Real; 4], gradient: Option<ChordGradient>, h: f64) -> Self {
+        Self { low: cell.low, high: cell.high, cubic, gradient, h }
+    }
+
+    /// A chord of constant value.
+    #[must_use]
+    pub fn uniform(value: f32, h: f64) -> Self {
+        Self { low: value, high: value, cubic: [Real::from(value), 0.0, 0.0, 0.0], gradient: None, h }
+    }
+
+    /// s(u), never outside the corners' range: rounding must not reach what the range says is not there.
+    #[inline]
+    fn value(&self, u: Real) -> f32 {
+        (cubic_at(&self.cubic, u) as f32).clamp(self.low, self.high)
+    }
+
+    #[inline]
+    fn shaded(&self, setup: &ShadeSetup<'_>, color: [f32; 3], u: Real) -> [f32; 3] {
+        match (setup.lighting, &self.gradient) {
+            (Some(lighting), Some(gradient)) => {
+                shade(lighting, color, setup.world_from_level_gradient * gradient.at(u), setup.to_eye)
+            }
+            _ => color,
+        }
+    }
+}
+
+/// Adds an interval's premultiplied colour and opacity behind what the ray has gathered.
+#[inline]
+pub fn composite(state: &mut RayState, color: [f32; 3], opacity: f32) {
+    for (gathered, c) in state.color.iter_mut().zip(color) {
+        *gathered += state.transmittance * f64::from(c);
+    }
+    state.transmittance *= 1.0 - f64::from(opacity);
+}
+
+/// Emission and absorption over the chord.
+pub fn gather_dvr(
+    frame: &CpuFrame,
+    setup: &ShadeSetup<'_>,
+    chord: &Chord,
+    state: &mut RayState,
+    counters: &mut Counters,
+) {
+    let tf = &frame.transfer_function;
+    let h = chord.h;
+    if chord.low == chord.high && chord.gradient.is_none() {
+        let [r, g, b, alpha] = tf.classify(chord.low);
+        let opacity = opacity_of(tf.extinction(alpha) * h as f32);
+        counters.samples += 1;
+        composite(state, [r, g, b].map(|c| c * opacity), opacity);
+        return;
+    }
+    let splits = splits_of_chord(tf, &chord.cubic, chord.low, chord.high);
+    for part in splits.as_slice().windows(2) {
+        let (begin, width) = (part[0], part[1] - part[0]);
+        if width <= 0.0 {
+            continue;
+        }
+        let mut pairs = pairs_between(tf, &chord.cubic, [part[0], part[1]], h);
+        if setup.lighting.is_some() && chord.gradient.is_some() {
+            pairs = pairs.max(frame.shaded_pairs(chord, setup, [part[0], part[1]]));
+        }
+        let step = width / Real::from(pairs);
+        for i in 0..pairs {
+            let mut kappa = [0.0; 2];
+            let mut color = [[0.0; 3]; 2];
+            for (point, offset) in [GAUSS_OFFSET, 1.0 - GAUSS_OFFSET].into_iter().enumerate() {
+                let u = begin + (Real::from(i) + offset) * step;
+                let [r, g, b, alpha] = tf.classify(chord.value(u));
+                if alpha > 0.0 {
+                    kappa[point] = tf.extinction(alpha);
+                    color[point] = chord.shaded(setup, [r, g, b], u);
+                }
+            }
+            let (c, opacity) = integrate_pair(kappa, color, (step * h) as f32);
+            composite(state, c, opacity);
+        }
+        counters.samples += u64::from(2 * pairs);
+    }
+}
+
+/// The greatest value so far.
+pub fn gather_mip(chord: &Chord, state: &mut RayState) {
+    if f64::from(chord.high) > state.value || state.value.is_nan() {
+        let (_, high) = cubic_extremes(&chord.cubic, monotone_intervals(&chord.cubic).as_slice());
+        state.value = f64::from((high as f32).clamp(chord.low, chord.high)).max(state.value);
+    }
+}
+
+/// The least value so far.
+pub fn gather_minip(chord: &Chord, state: &mut RayState) {
+    if f64::from(chord.low) < state.value || state.value.is_nan() {
+        let (low, _) = cubic_extremes(&chord.cubic, monotone_intervals(&chord.cubic).as_slice());
+        state.value = f64::from((low as f32).clamp(chord.low, chord.high)).min(state.value);
+    }
+}
+
+/// The integral of the values, and the present length.
+pub fn gather_mean(chord: &Chord, state: &mut RayState) {
+    let mean = cubic_mean(&chord.cubic);
+    state.value = if state.value.is_nan() { 0.0 } else { state.value } + mean * chord.h;
+    state.length += chord.h;
+}
+
+/// Which side of each iso value the ray is on, one bit per surface.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct IsoSides {
+    /// The side is known: the ray comes out of a present cell.
+    pub known: u32,
+    /// The value was not less than the iso value.
+    pub above: u32,
+    /// The surface has been met.
+    pub hit: u32,
+}
+
+/// First crossings of the iso values on the chord, composited in order.
+///
+/// The side is carried from chord to chord, so that a crossing exactly on a face is found although the cubics of its
+/// two cells round differently there.
+pub fn gather_iso(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state: &mut RayState) {
+    let mut hits = [(0.0, 0usize); ISO_LIMIT];
+    let mut hit_count = 0;
+    for (index, surface) in frame.iso.iter().enumerate() {
+        let bit = 1u32 << index;
+        if state.iso.hit & bit != 0 {
+            continue;
+        }
+        let begins_above = chord.value(0.0) >= surface.value;
+        let jumped = state.iso.known & bit != 0 && (state.iso.above & bit != 0) != begins_above;
+        let crossing = if jumped { Some(0.0) } else { first_crossing(chord, surface.value) };
+        let ends_above = chord.value(1.0) >= surface.value;
+        state.iso.above = if ends_above { state.iso.above | bit } else { state.iso.above & !bit };
+        if let Some(u) = crossing {
+            state.iso.hit |= bit;
+            hits[hit_count] = (u, index);
+            hit_count += 1;
+        }
+    }
+    state.iso.known = u32::MAX;
+    let hits = &mut hits[..hit_count];
+    hits.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    for &(u, index) in hits.iter() {
+        let surface = &frame.iso[index];
+        let color = chord.shaded(setup, surface.color, u);
+        composite(state, color.map(|c| c * surface.alpha), surface.alpha);
+    }
+}
+
+fn first_crossing(chord: &Chord, value: f32) -> Option<Real> {
+    if value < chord.low || value > chord.high {
+        return None;
+    }
+    let intervals = monotone_intervals(&chord.cubic);
+    intervals.as_slice().windows(2).find_map(|ends| monotone_root(&chord.cubic, ends[0], ends[1], Real::from(value)))
+}

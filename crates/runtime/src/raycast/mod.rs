@@ -1,0 +1,11 @@
+//! Ray casters: from resident voxels to an image.
+//!
+//! - [`volume`]: what a ray caster reads: decoded bricks, and which of them are resident;
+//! - [`reference`](mod@reference): the brute-force `f64` integrator that decides what is right;
+//! - [`cpu`]: the ray caster in Rust; its small functions are the twins of shader functions.
+//! - [`gpu`]: the same ray caster in WGSL.
+
+pub mod cpu;
+pub mod gpu;
+pub mod reference;
+pub mod volume;

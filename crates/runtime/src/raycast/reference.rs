@@ -1,0 +1,383 @@
+//! The reference integrator: what a picture must look like, by brute force in `f64`.
+//!
+//! It follows RENDERING-MODEL line by line and shares nothing with the ray casters but the camera, the clipping and the
+//! transfer function's definition. A ray's segment is cut at the faces of the trilinear cells (index coordinates that
+//! are integers), because the field bends there; each *piece* is cut again where s crosses a control point, found by
+//! dense sampling and bisection, and each part is sampled at midpoints and halved until doubling the samples changes
+//! nothing any more. So it converges under steep transfer functions as well.
+//! It holds the whole volume in memory: fit for small volumes only.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+use supervol_format::{Dims, Geometry, ValueRange};
+
+use crate::clip::{IndexRay, Segment, clip_ray};
+use crate::image::Image;
+use crate::scene::{Mode, ResolvedScene, Shading};
+
+/// Midpoint samples of an interval.
+const SAMPLES: usize = 16;
+/// Change of an interval's colour and opacity that counts as standing still when its samples are doubled.
+const TOLERANCE: f64 = 1e-7;
+/// Most halvings of an interval; reaching it is counted.
+const DEPTH_LIMIT: u32 = 30;
+/// Relative distance from a piece's ends at which they are sampled: on the ends themselves rounding could choose the
+/// neighbouring cell, which may be absent.
+const END_INSET: f64 = 1e-9;
+/// Samples of a piece between which extremes and crossings are sought.
+const SEARCH_SAMPLES: usize = 64;
+/// Gradients below this share of the data range per smallest spacing are noise: no shading.
+const GRADIENT_FLOOR: f64 = 1e-6;
+
+/// A volume wholly in memory.
+#[derive(Debug, Clone)]
+pub struct ReferenceVolume {
+    /// Voxels along each axis.
+    pub dims: [usize; 3],
+    /// Place in the world.
+    pub geometry: Geometry,
+    /// Data values, x fastest; NaN is absent.
+    pub values: Vec<f64>,
+    /// Range of the present values.
+    pub value_range: ValueRange,
+}
+
+/// A picture and what making it hit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReferencePicture {
+    /// The picture.
+    pub image: Image,
+    /// Intervals that still moved at the limit of halvings.
+    pub capped_pieces: u64,
+}
+
+/// The picture of a scene.
+#[must_use]
+pub fn render_reference(volume: &ReferenceVolume, scene: &ResolvedScene) -> Image {
+    render_reference_counted(volume, scene).image
+}
+
+/// The picture of a scene, and how many pieces did not converge.
+#[must_use]
+pub fn render_reference_counted(volume: &ReferenceVolume, scene: &ResolvedScene) -> ReferencePicture {
+    let frame = Frame::new(volume, scene);
+    let (width, height) = (scene.camera.width, scene.camera.height);
+    let pixels = (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| (x, y)));
+    let pixels = pixels.map(|(x, y)| frame.pixel(x, y).map(|v| v as f32)).collect();
+    let image = Image { width, height, pixels }.downsampled(scene.subgrid);
+    ReferencePicture { image, capped_pieces: frame.capped_pieces.into_inner() }
+}
+
+impl ReferenceVolume {
+    /// Value of a voxel, indices clamped to the grid.
+    fn voxel(&self, index: [i64; 3]) -> f64 {
+        let [i, j, k] = [0, 1, 2].map(|a| index[a].clamp(0, self.dims[a] as i64 - 1) as usize);
+        self.values[i + self.dims[0] * (j + self.dims[1] * k)]
+    }
+
+    /// s(p): trilinear interpolation; `None` where a voxel of non-zero weight is absent.
+    #[must_use]
+    pub fn sample(&self, p: [f64; 3]) -> Option<f64> {
+        let cell = p.map(f64::floor);
+        let mut sum = 0.0;
+        for corner in 0..8 {
+            let bit = [corner & 1, corner >> 1 & 1, corner >> 2];
+            let weight: f64 = (0..3)
+                .map(|a| {
+                    let x = p[a] - cell[a];
+                    if bit[a] == 1 { x } else { 1.0 - x }
+                })
+                .product();
+            if weight != 0.0 {
+                let value = self.voxel([0, 1, 2].map(|a| cell[a] as i64 + bit[a]));
+                if value.is_nan() {
+                    return None;
+                }
+                sum += weight * value;
+            }
+        }
+        Some(sum)
+    }
+
+    /// Index-space gradient by central differences one voxel apart; `None` where a tap is absent.
+    fn gradient(&self, p: [f64; 3]) -> Option<DVec3> {
+        let mut gradient = DVec3::ZERO;
+        for axis in 0..3 {
+            let tap = |step: f64| {
+                let mut q = p;
+                q[axis] += step;
+                self.sample(q)
+            };
+            gradient[axis] = (tap(1.0)? - tap(-1.0)?) / 2.0;
+        }
+        Some(gradient)
+    }
+}
+
+struct Frame<'a> {
+    volume: &'a ReferenceVolume,
+    scene: &'a ResolvedScene,
+    world_from_index_gradient: DMat3,
+    gradient_floor: f64,
+    capped_pieces: AtomicU64,
+}
+
+/// One ray with its pieces: neighbouring entries of `ends` bound a piece.
+struct Pieces {
+    ray: IndexRay,
+    direction: DVec3,
+    ends: Vec<f64>,
+}
+
+impl<'a> Frame<'a> {
+    fn new(volume: &'a ReferenceVolume, scene: &'a ResolvedScene) -> Self {
+        let gradient_floor = GRADIENT_FLOOR * volume.value_range.width() / volume.geometry.smallest_spacing();
+        let world_from_index_gradient = volume.geometry.world_from_index_gradient();
+        Self { volume, scene, world_from_index_gradient, gradient_floor, capped_pieces: AtomicU64::new(0) }
+    }
+
+    fn pixel(&self, x: u32, y: u32) -> [f64; 4] {
+        let ray = self.scene.camera.ray(x, y);
+        let index_ray = IndexRay::new(&ray, &self.volume.geometry);
+        let dims = Dims(self.volume.dims.map(|n| n as u64));
+        let Some(segment) = clip_ray(&ray, &index_ray, dims, &self.scene.clip) else { return [0.0; 4] };
+        let ends = piece_ends(&index_ray, segment);
+        let pieces = Pieces { ray: index_ray, direction: ray.direction, ends };
+        match self.scene.mode {
+            Mode::Dvr => self.dvr(&pieces),
+            Mode::Mip => self.classified(self.extreme(&pieces, 1.0)),
+            Mode::Minip => self.classified(self.extreme(&pieces, -1.0)),
+            Mode::Mean => self.classified(self.mean(&pieces)),
+            Mode::Iso => self.iso(&pieces),
+            Mode::Slice => [0.0; 4],
+        }
+    }
+
+    /// `alpha c`, `alpha`: modes that classify one value, without any length.
+    fn classified(&self, value: Option<f64>) -> [f64; 4] {
+        let Some(value) = value else { return [0.0; 4] };
+        let ([r, g, b], alpha) = self.scene.transfer_function.classify(value);
+        [alpha * r, alpha * g, alpha * b, alpha]
+    }
+
+    fn dvr(&self, pieces: &Pieces) -> [f64; 4] {
+        let mut color = DVec3::ZERO;
+        let mut transmittance = 1.0;
+        for end in pieces.ends.windows(2) {
+            (color, transmittance) = behind((color, transmittance), self.converged_piece(pieces, end[0], end[1]));
+        }
+        [color.x, color.y, color.z, 1.0 - transmittance]
+    }
+
+    /// Premultiplied colour and transmittance of a piece, cut where the transfer function bends or steps.
+    fn converged_piece(&self, pieces: &Pieces, t0: f64, t1: f64) -> (DVec3, f64) {
+        let cuts = self.cuts(pieces, t0, t1);
+        cuts.windows(2).map(|c| self.refined(pieces, c[0], c[1], 0)).fold((DVec3::ZERO, 1.0), behind)
+    }
+
+    /// The piece's ends, and where s crosses a control point. Extremes of s are searched first: between them s is
+    /// monotone, so that no crossing is missed where the ray only grazes a value.
+    fn cuts(&self, pieces: &Pieces, t0: f64, t1: f64) -> Vec<f64> {
+        let at = |t: f64| self.volume.sample(pieces.ray.at(t)).unwrap_or(f64::NAN);
+        let (mut grid, _) = search_grid(t0, t1);
+        let extremes = grid.windows(3).filter_map(|t| {
+            let sign = match (at(t[1]) - at(t[0]), at(t[2]) - at(t[1])) {
+                (a, b) if a >= 0.0 && b <= 0.0 => 1.0,
+                (a, b) if a <= 0.0 && b >= 0.0 => -1.0,
+                _ => return None,
+            };
+            Some(peak(t[0], t[2], |t| sign * at(t)))
+        });
+        let extremes: Vec<f64> = extremes.collect();
+        grid.extend(extremes);
+        grid.sort_by(f64::total_cmp);
+        let values: Vec<f64> = grid.iter().map(|&t| at(t)).collect();
+        let mut cuts = vec![t0, t1];
+        for point in self.scene.transfer_function.points() {
+            for i in 1..grid.len() {
+                let before = values[i - 1] >= point.value;
+                if before != (values[i] >= point.value) {
+                    cuts.push(bisect(grid[i - 1], grid[i], |t| (at(t) >= point.value) == before));
+                }
+            }
+        }
+        cuts.sort_by(f64::total_cmp);
+        cuts
+    }
+
+    /// An interval, halved until doubling its samples changes nothing.
+    fn refined(&self, pieces: &Pieces, t0: f64, t1: f64, depth: u32) -> (DVec3, f64) {
+        let middle = 0.5 * (t0 + t1);
+        let coarse = self.piece(pieces, t0, t1, SAMPLES);
+        let fine = behind(self.piece(pieces, t0, middle, SAMPLES), self.piece(pieces, middle, t1, SAMPLES));
+        let change = (fine.0 - coarse.0).abs().max_element().max((fine.1 - coarse.1).abs());
+        if change < TOLERANCE {
+            return fine;
+        }
+        if depth == DEPTH_LIMIT {
+            self.capped_pieces.fetch_add(1, Ordering::Relaxed);
+            return fine;
+        }
+        behind(self.refined(pieces, t0, middle, depth + 1), self.refined(pieces, middle, t1, depth + 1))
+    }
+
+    fn piece(&self, pieces: &Pieces, t0: f64, t1: f64, samples: usize) -> (DVec3, f64) {
+        let step = (t1 - t0) / samples as f64;
+        let mut color = DVec3::ZERO;
+        let mut transmittance = 1.0;
+        for i in 0..samples {
+            let p = pieces.ray.at(t0 + (i as f64 + 0.5) * step);
+            let Some(value) = self.volume.sample(p) else { continue };
+            let (c, alpha) = self.scene.transfer_function.classify(value);
+            if alpha == 0.0 {
+                continue;
+            }
+            let opacity = -(-self.scene.transfer_function.kappa(alpha) * step).exp_m1();
+            color += transmittance * opacity * self.shaded(c.into(), p, pieces.direction);
+            transmittance *= 1.0 - opacity;
+        }
+        (color, transmittance)
+    }
+
+    /// The colour after shading: `c (ka + sum kd |n.l| I) + sum ks |n.h|^shininess I`, clamped to [0, 1].
+    fn shaded(&self, color: DVec3, p: [f64; 3], direction: DVec3) -> DVec3 {
+        let Some(shading) = &self.scene.shading else { return color };
+        let Some(gradient) = self.volume.gradient(p) else { return color };
+        let gradient = self.world_from_index_gradient * gradient;
+        if gradient.length() == 0.0 || gradient.length() < self.gradient_floor {
+            return color;
+        }
+        blinn_phong(shading, color, -gradient.normalize(), -direction)
+    }
+
+    /// Greatest value (sign 1) or least value (sign -1) over the present part.
+    fn extreme(&self, pieces: &Pieces, sign: f64) -> Option<f64> {
+        let mut best: Option<f64> = None;
+        for end in pieces.ends.windows(2) {
+            let (t, step) = search_grid(end[0], end[1]);
+            let at = |t: f64| self.volume.sample(pieces.ray.at(t)).map(|v| v * sign);
+            let Some(values) = t.iter().map(|&t| at(t)).collect::<Option<Vec<f64>>>() else { continue };
+            let best_at = (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b])).unwrap_or(0);
+            // The cubic has one greatest value inside at most: between the neighbours of the greatest sample.
+            let (low, high) = ((t[best_at] - step).max(t[0]), (t[best_at] + step).min(t[t.len() - 1]));
+            let top = peak(low, high, |t| at(t).unwrap_or(f64::NEG_INFINITY));
+            let refined = at(top).unwrap_or(values[best_at]).max(values[best_at]);
+            best = Some(best.map_or(refined, |b| b.max(refined)));
+        }
+        best.map(|v| v * sign)
+    }
+
+    /// Integral of s over the present length divided by the present length. Simpson's rule is exact for a cubic.
+    fn mean(&self, pieces: &Pieces) -> Option<f64> {
+        let (mut integral, mut length) = (0.0, 0.0);
+        for end in pieces.ends.windows(2) {
+            let h = end[1] - end[0];
+            let at = |x: f64| self.volume.sample(pieces.ray.at(end[0] + x * h));
+            if let (Some(a), Some(m), Some(b)) = (at(END_INSET), at(0.5), at(1.0 - END_INSET)) {
+                integral += h * (a + 4.0 * m + b) / 6.0;
+                length += h;
+            }
+        }
+        (length > 0.0).then(|| integral / length)
+    }
+
+    /// The first crossing of each iso value, composited in order. A value on the surface counts as above it.
+    fn iso(&self, pieces: &Pieces) -> [f64; 4] {
+        let mut hits: Vec<(f64, usize)> = Vec::new();
+        for (index, surface) in self.scene.iso.iter().enumerate() {
+            if let Some(t) = self.first_crossing(pieces, surface.value) {
+                hits.push((t, index));
+            }
+        }
+        hits.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut color = DVec3::ZERO;
+        let mut transmittance = 1.0;
+        for (t, index) in hits {
+            let surface = self.scene.iso[index];
+            let c = self.shaded(surface.color.into(), pieces.ray.at(t), pieces.direction);
+            color += transmittance * surface.alpha * c;
+            transmittance *= 1.0 - surface.alpha;
+        }
+        [color.x, color.y, color.z, 1.0 - transmittance]
+    }
+
+    fn first_crossing(&self, pieces: &Pieces, value: f64) -> Option<f64> {
+        let above = |t: f64| self.volume.sample(pieces.ray.at(t)).map(|s| s >= value);
+        let mut previous: Option<(f64, bool)> = None;
+        for end in pieces.ends.windows(2) {
+            for t in search_grid(end[0], end[1]).0 {
+                let Some(here) = above(t) else {
+                    previous = None;
+                    continue;
+                };
+                if let Some((t_before, before)) = previous.filter(|&(_, before)| before != here) {
+                    return Some(bisect(t_before, t, |t| above(t) == Some(before)));
+                }
+                previous = Some((t, here));
+            }
+        }
+        None
+    }
+}
+
+/// Where a function with one greatest value between `low` and `high` has it.
+fn peak(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
+    for _ in 0..60 {
+        let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+        if f(a) < f(b) { low = a } else { high = b }
+    }
+    0.5 * (low + high)
+}
+
+/// The end of the part of `low..high` in which `holds`, which begins with it and leaves it once.
+fn bisect(mut low: f64, mut high: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..50 {
+        let middle = 0.5 * (low + high);
+        if holds(middle) { low = middle } else { high = middle }
+    }
+    high
+}
+
+/// Colour and transmittance of `far` seen through `near`.
+fn behind(near: (DVec3, f64), far: (DVec3, f64)) -> (DVec3, f64) {
+    (near.0 + near.1 * far.0, near.1 * far.1)
+}
+
+/// Two-sided Blinn-Phong (RENDERING-MODEL, section 5); `normal`, `to_eye` and the lights' vectors are unit vectors.
+fn blinn_phong(shading: &Shading, color: DVec3, normal: DVec3, to_eye: DVec3) -> DVec3 {
+    let mut diffuse = shading.ambient;
+    let mut specular = 0.0;
+    for light in &shading.lights {
+        let half = (light.to_light + to_eye).normalize_or_zero();
+        diffuse += shading.diffuse * normal.dot(light.to_light).abs() * light.intensity;
+        specular += shading.specular * normal.dot(half).abs().powf(shading.shininess) * light.intensity;
+    }
+    (color * diffuse + DVec3::splat(specular)).clamp(DVec3::ZERO, DVec3::ONE)
+}
+
+/// The segment's ends and every t at which an index coordinate is an integer, ascending.
+fn piece_ends(ray: &IndexRay, segment: Segment) -> Vec<f64> {
+    let mut ends = vec![segment.t0, segment.t1];
+    for axis in 0..3 {
+        let (a, b) = (ray.at(segment.t0)[axis], ray.at(segment.t1)[axis]);
+        let (low, high) = (a.min(b).floor() as i64, a.max(b).ceil() as i64);
+        for plane in low..=high {
+            let t = (plane as f64 - ray.origin[axis]) / ray.direction[axis];
+            if t > segment.t0 && t < segment.t1 {
+                ends.push(t);
+            }
+        }
+    }
+    ends.sort_by(f64::total_cmp);
+    ends.dedup();
+    ends
+}
+
+/// Positions in a piece from end to end, and the distance between them.
+fn search_grid(t0: f64, t1: f64) -> (Vec<f64>, f64) {
+    let (first, last) = (t0 + END_INSET * (t1 - t0), t1 - END_INSET * (t1 - t0));
+    let step = (last - first) / SEARCH_SAMPLES as f64;
+    ((0..=SEARCH_SAMPLES).map(|i| if i == SEARCH_SAMPLES { last } else { first + i as f64 * step }).collect(), step)
+}

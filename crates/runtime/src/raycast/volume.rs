@@ -1,0 +1,248 @@
+//! What a ray caster reads: bricks in their render form, and which of them are resident.
+//!
+//! Three kinds of numbers, told apart by [`ValueMap`]:
+//! - a *stored number* is what the brick's array holds: `u8`, `u16` or `f32`;
+//! - a *render value* is an `f32`: `stored * scale + offset`;
+//! - a *data value* is an `f64` in the data's own units: `render value + shift`.
+//!
+//! Bricks are stored with their apron, x fastest. Macro cells lie on the core from its first voxel, x fastest.
+
+use supervol_format::voxel_type::{Absence, Voxel};
+use supervol_format::{BrickKey, ValueRange, VoxelType, with_voxel};
+
+/// Voxels of one brick, apron included, x fastest.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Voxels {
+    /// Stored u8, and i8 moved up by 128.
+    U8(Vec<u8>),
+    /// Stored u16, and i16 moved up by 32768.
+    U16(Vec<u16>),
+    /// Render values of all other types; NaN is a hole.
+    F32(Vec<f32>),
+}
+
+/// One brick as the ray casters read it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DecodedBrick {
+    /// Which brick this is.
+    pub key: BrickKey,
+    /// Voxels along each axis, the apron of 2 on both sides included.
+    pub extent: [u32; 3],
+    /// The voxels.
+    pub voxels: Voxels,
+    /// Least and greatest render value that interpolation can reach in each macro cell of the core, x fastest;
+    /// `min > max`: nothing present.
+    pub macro_ranges: Vec<[f32; 2]>,
+}
+
+/// What stored numbers mean; one for the whole container.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ValueMap {
+    /// Render value per stored number; may be negative.
+    pub scale: f32,
+    /// Render value of the stored number 0.
+    pub offset: f32,
+    /// Data value of the render value 0.
+    pub shift: f64,
+    /// The stored `U8` or `U16` number that is a hole.
+    pub absent: Option<u16>,
+    /// Container scale: data value = container value * scale + offset.
+    source_scale: f64,
+    /// See `source_scale`.
+    source_offset: f64,
+}
+
+impl ValueMap {
+    /// The map for a container of this voxel type: data value = container value * `scale` + `offset`.
+    ///
+    /// `range` is that of the whole volume, in data units. Where it lies far from zero for its width, render values are
+    /// taken from its middle, so that `f32` resolves it.
+    #[must_use]
+    pub fn for_container(
+        voxel_type: VoxelType,
+        scale: f64,
+        offset: f64,
+        nodata: Option<f64>,
+        range: ValueRange,
+    ) -> Self {
+        let middle = if range.is_empty() { 0.0 } else { 0.5 * range.min + 0.5 * range.max };
+        let shift = if middle.is_finite() && middle.abs() > range.width() { middle } else { 0.0 };
+        let (source_scale, source_offset) = (scale, offset);
+        let (scale, offset, absent) = match integer_bias(voxel_type) {
+            Some(bias) => {
+                let (low, high) = voxel_type.limits();
+                let hole = nodata.filter(|v| v.fract() == 0.0 && (low..=high).contains(v));
+                let offset = (source_offset - shift) - bias * source_scale;
+                (source_scale as f32, offset as f32, hole.map(|v| (v + bias) as u16))
+            }
+            // These become render values when a brick is decoded, in f64.
+            None => (1.0, 0.0, None),
+        };
+        Self { scale, offset, shift, absent, source_scale, source_offset }
+    }
+
+    /// Render value of a stored number.
+    #[inline]
+    #[must_use]
+    pub fn from_stored_number(&self, number: f32) -> f32 {
+        number * self.scale + self.offset
+    }
+
+    /// Render value of a data value.
+    #[inline]
+    #[must_use]
+    pub fn from_data(&self, value: f64) -> f32 {
+        to_f32(value - self.shift)
+    }
+
+    /// Data value of a render value.
+    #[inline]
+    #[must_use]
+    pub fn to_data(&self, render: f32) -> f64 {
+        f64::from(render) + self.shift
+    }
+
+    /// Render value of a value as the container stores it. Monotone, so that ranges map to ranges.
+    #[inline]
+    #[must_use]
+    pub fn from_container(&self, voxel_type: VoxelType, value: f64) -> f32 {
+        match integer_bias(voxel_type) {
+            Some(bias) => self.from_stored_number((value + bias) as f32),
+            None => self.from_data(value * self.source_scale + self.source_offset),
+        }
+    }
+}
+
+/// What is added to an integer of at most 16 bits to store it unsigned; `None` for the types rendered as `f32`.
+fn integer_bias(voxel_type: VoxelType) -> Option<f64> {
+    match voxel_type {
+        VoxelType::U8 | VoxelType::U16 => Some(0.0),
+        VoxelType::I8 => Some(128.0),
+        VoxelType::I16 => Some(32768.0),
+        VoxelType::U32 | VoxelType::I32 | VoxelType::F32 | VoxelType::F64 => None,
+    }
+}
+
+/// The nearest finite `f32`; NaN stays NaN.
+fn to_f32(value: f64) -> f32 {
+    (value as f32).clamp(f32::MIN, f32::MAX)
+}
+
+impl DecodedBrick {
+    /// A brick from a container's voxels (little endian, packed) and macro-cell ranges (container values).
+    ///
+    /// # Panics
+    /// If the bytes are not exactly `extent` voxels of this type: decoders have checked that.
+    #[must_use]
+    pub fn from_stored(
+        key: BrickKey,
+        extent: [u32; 3],
+        voxel_type: VoxelType,
+        bytes_le: &[u8],
+        macro_ranges_stored: &[[f64; 2]],
+        map: &ValueMap,
+        absence: Absence,
+    ) -> Self {
+        let voxel_count: usize = extent.iter().map(|&n| n as usize).product();
+        assert_eq!(bytes_le.len(), voxel_count * voxel_type.bytes(), "{key}: bytes of {extent:?} {voxel_type} voxels");
+        let voxels = match voxel_type {
+            VoxelType::U8 => Voxels::U8(bytes_le.to_vec()),
+            VoxelType::I8 => Voxels::U8(bytes_le.iter().map(|b| b ^ 0x80).collect()),
+            VoxelType::U16 => Voxels::U16(words(bytes_le, 0)),
+            VoxelType::I16 => Voxels::U16(words(bytes_le, 0x8000)),
+            _ => with_voxel!(voxel_type, V => Voxels::F32(bytes_le.chunks_exact(size_of::<V>()).map(|b| {
+                let stored = V::read_le(b).to_f64();
+                if absence.is_absent(stored) { f32::NAN } else { map.from_container(voxel_type, stored) }
+            }).collect())),
+        };
+        let macro_ranges = macro_ranges_stored.iter().map(|&[low, high]| {
+            if low > high {
+                return [f32::INFINITY, f32::NEG_INFINITY];
+            }
+            let (a, b) = (map.from_container(voxel_type, low), map.from_container(voxel_type, high));
+            [a.min(b), a.max(b)]
+        });
+        Self { key, extent, voxels, macro_ranges: macro_ranges.collect() }
+    }
+
+    /// Bytes held by the voxels and the ranges.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let voxels = match &self.voxels {
+            Voxels::U8(v) => size_of_val(&v[..]),
+            Voxels::U16(v) => size_of_val(&v[..]),
+            Voxels::F32(v) => size_of_val(&v[..]),
+        };
+        (voxels + size_of_val(&self.macro_ranges[..])) as u64
+    }
+}
+
+fn words(bytes_le: &[u8], flip: u16) -> Vec<u16> {
+    bytes_le.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]]) ^ flip).collect()
+}
+
+/// What a ray caster finds under a brick's key.
+#[derive(Debug, Clone, Copy)]
+pub enum Resident<'a> {
+    /// The brick itself.
+    Brick(&'a DecodedBrick),
+    /// All voxels, apron included, have this render value.
+    Uniform(f32),
+    /// The brick contributes nothing: it is absent, or invisible under the transfer function. For every mode but `dvr`
+    /// only truly absent bricks may be answered so.
+    Nothing,
+    /// The brick has failed: its parent stands in.
+    UseParent,
+    /// The brick is not resident: the ray waits for it.
+    Missing,
+}
+
+/// The bricks a pass may read; constant during the pass.
+pub trait BrickView: Sync {
+    /// What is resident under this key.
+    fn lookup(&self, key: BrickKey) -> Resident<'_>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use supervol_format::{BrickIndex, Lod};
+
+    const FULL: ValueRange = ValueRange { min: -1000.0, max: 1000.0 };
+
+    fn brick(t: VoxelType, bytes: &[u8], ranges: &[[f64; 2]], map: &ValueMap, nodata: Option<f64>) -> DecodedBrick {
+        let extent = [(bytes.len() / t.bytes()) as u32, 1, 1];
+        let key = BrickKey::new(Lod(0), BrickIndex([0; 3]));
+        DecodedBrick::from_stored(key, extent, t, bytes, ranges, map, Absence { nodata })
+    }
+
+    #[test]
+    fn signed_integers_are_biased_and_keep_their_values() {
+        let map = ValueMap::for_container(VoxelType::I16, -0.5, 3.0, Some(-32768.0), FULL);
+        let bytes: Vec<u8> = [-32768i16, -7, 0, 32767].iter().flat_map(|v| v.to_le_bytes()).collect();
+        let b = brick(VoxelType::I16, &bytes, &[[-7.0, 32767.0], [1.0, 0.0]], &map, Some(-32768.0));
+        let Voxels::U16(numbers) = &b.voxels else { panic!("i16 is stored as u16") };
+        assert_eq!(map.absent, Some(numbers[0]));
+        let data: Vec<f64> = numbers.iter().map(|&n| map.to_data(map.from_stored_number(f32::from(n)))).collect();
+        assert_eq!(&data[1..], &[6.5, 3.0, 3.0 - 0.5 * 32767.0]);
+        assert_eq!(b.macro_ranges[0], [3.0 - 0.5 * 32767.0, 6.5]);
+        assert!(b.macro_ranges[1][0] > b.macro_ranges[1][1]);
+        assert_eq!(b.bytes(), 8 + 16);
+        let map = ValueMap::for_container(VoxelType::I8, 1.0, 0.0, None, FULL);
+        let b = brick(VoxelType::I8, &[0x80, 0xff, 5], &[], &map, None);
+        assert_eq!(b.voxels, Voxels::U8(vec![0, 127, 133]));
+        assert_eq!(map.from_stored_number(0.0), -128.0);
+    }
+
+    #[test]
+    fn values_far_from_zero_are_resolved() {
+        let range = ValueRange { min: 1e9, max: 1e9 + 100.0 };
+        let map = ValueMap::for_container(VoxelType::F64, 1.0, 0.0, Some(7.0), range);
+        let bytes: Vec<u8> = [1e9, 1e9 + 0.001, f64::INFINITY, 7.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+        let b = brick(VoxelType::F64, &bytes, &[[1e9, 1e9 + 100.0]], &map, Some(7.0));
+        let Voxels::F32(values) = &b.voxels else { panic!("f64 is rendered as f32") };
+        assert!((map.to_data(values[1]) - map.to_data(values[0]) - 0.001).abs() < 1e-5);
+        assert!(values[2].is_nan() && values[3].is_nan());
+        assert_eq!(b.macro_ranges[0], [-50.0, 50.0]);
+    }
+}

@@ -1,0 +1,557 @@
+//! The scene file: what picture is wanted (RENDERING-MODEL, section 9).
+//!
+//! JSON. Unknown keys, wrong types and numbers out of range are errors that say what was expected, what was found, and
+//! where. Camera and transfer function may be left out: [`Scene::resolve`] fills them in for a given volume. What the
+//! model names but this version does not draw is refused by name, never ignored.
+
+use glam::DVec3;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{MapAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use supervol_format::{Dims, Geometry, ValueRange};
+
+use crate::camera::{Camera, CameraError, Projection};
+use crate::clip::{Clip, ClipPlane};
+use crate::preset;
+use crate::transfer_function::{ControlPoint, TransferFunction, TransferFunctionError};
+
+/// Most rays of one picture: width times height times samples per pixel.
+pub const RAY_LIMIT: u64 = 64 << 20;
+/// Most iso surfaces of one scene; a ray keeps one bit for each.
+pub const ISO_LIMIT: usize = 32;
+/// Most lights of one scene.
+pub const LIGHT_LIMIT: usize = 16;
+/// Most clip planes of one scene.
+pub const PLANE_LIMIT: usize = 64;
+
+/// Why a text is no scene, or a scene cannot be drawn.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum SceneError {
+    #[error("the scene is not valid: {0}")]
+    Json(#[from] serde_json::Error),
+    #[error("scene key `{key}`: expected {expected}, found {found}")]
+    Value { key: String, expected: String, found: String },
+    #[error("scene key `{key}`: {what} is not available yet")]
+    NotAvailable { key: &'static str, what: &'static str },
+    #[error("scene key `camera`: {0}")]
+    Camera(#[from] CameraError),
+    #[error("scene key `transfer_function`: {0}")]
+    TransferFunction(#[from] TransferFunctionError),
+}
+
+/// A scene as written.
+#[derive(Debug, Clone, PartialEq, Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+pub struct Scene {
+    /// Where the picture is taken from; `None`: so that the whole volume is seen.
+    pub camera: Option<CameraSpec>,
+    /// Pixels and background.
+    pub image: ImageSpec,
+    /// What a ray gathers.
+    pub mode: Mode,
+    /// Colours and opacities, or the name of a preset; `None`: the preset of the data's kind.
+    pub transfer_function: Option<TransferFunctionSpec>,
+    /// Shading; `None`: unshaded.
+    pub shading: Option<ShadingSpec>,
+    /// Iso surfaces, for mode `iso`.
+    pub iso: Vec<IsoSpec>,
+    /// What is kept of the volume.
+    pub clip: ClipSpec,
+    /// Rays per pixel: a square number; they lie on a regular sub-grid.
+    pub samples_per_pixel: SamplesPerPixel,
+}
+
+/// Number of rays per pixel as written; 1 where nothing is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(transparent)]
+pub struct SamplesPerPixel(pub u32);
+
+impl Default for SamplesPerPixel {
+    fn default() -> Self {
+        Self(1)
+    }
+}
+
+/// `camera`: exactly one of `fov_y` and `height`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraSpec {
+    /// World position.
+    pub eye: [f64; 3],
+    /// World position that the camera looks at.
+    pub target: [f64; 3],
+    /// World vector that points up in the picture.
+    pub up: [f64; 3],
+    /// Perspective: vertical angle of view in degrees.
+    #[serde(default)]
+    pub fov_y: Option<f64>,
+    /// Orthographic: world height of the picture.
+    #[serde(default)]
+    pub height: Option<f64>,
+}
+
+/// `image`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ImageSpec {
+    /// Pixels along x.
+    pub width: u32,
+    /// Pixels along y.
+    pub height: u32,
+    /// Colour behind the volume, each channel in [0, 1].
+    pub background: [f64; 3],
+}
+
+impl Default for ImageSpec {
+    fn default() -> Self {
+        Self { width: 800, height: 600, background: [0.0; 3] }
+    }
+}
+
+/// `mode`: what a ray gathers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// Emission and absorption.
+    #[default]
+    Dvr,
+    /// The greatest value.
+    Mip,
+    /// The least value.
+    Minip,
+    /// The mean value over the present length.
+    Mean,
+    /// First crossings of iso values.
+    Iso,
+    /// A plane; not available yet.
+    Slice,
+}
+
+/// `transfer_function`: a preset's name, or the function itself.
+#[derive(Debug, Clone, PartialEq)]
+pub enum TransferFunctionSpec {
+    /// Name of a preset; see [`preset::NAMES`].
+    Preset(String),
+    /// Control points.
+    Points(PointsSpec),
+}
+
+/// A transfer function written out.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PointsSpec {
+    /// World length over which `alpha` is gathered; `None`: the smallest spacing.
+    #[serde(default)]
+    pub unit_distance: Option<f64>,
+    /// Control points, sorted by value.
+    pub points: Vec<PointSpec>,
+}
+
+/// One control point.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PointSpec {
+    /// Data value.
+    pub value: f64,
+    /// Colour, each channel in [0, 1].
+    pub color: [f64; 3],
+    /// Opacity over the unit distance, in [0, 1].
+    pub alpha: f64,
+}
+
+// An untagged enum would answer every mistake inside the object with "did not match any variant"; this keeps the
+// message and the position of the mistake itself.
+impl<'de> Deserialize<'de> for TransferFunctionSpec {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct SpecVisitor;
+        impl<'de> Visitor<'de> for SpecVisitor {
+            type Value = TransferFunctionSpec;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("the name of a preset, or an object with `points`")
+            }
+
+            fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<Self::Value, E> {
+                Ok(TransferFunctionSpec::Preset(name.to_owned()))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
+                PointsSpec::deserialize(MapAccessDeserializer::new(map)).map(TransferFunctionSpec::Points)
+            }
+        }
+        deserializer.deserialize_any(SpecVisitor)
+    }
+}
+
+/// `shading`: two-sided Blinn-Phong (RENDERING-MODEL, section 5).
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ShadingSpec {
+    /// ka.
+    pub ambient: f64,
+    /// kd.
+    pub diffuse: f64,
+    /// ks.
+    pub specular: f64,
+    /// Exponent of the highlight.
+    pub shininess: f64,
+    /// Directional lights; `None`: one along the camera's forward axis.
+    pub lights: Option<Vec<LightSpec>>,
+}
+
+impl Default for ShadingSpec {
+    fn default() -> Self {
+        Self { ambient: 0.3, diffuse: 0.7, specular: 0.2, shininess: 32.0, lights: None }
+    }
+}
+
+/// One directional light.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LightSpec {
+    /// World direction in which the light travels.
+    pub direction: [f64; 3],
+    /// Factor of its diffuse and specular terms.
+    #[serde(default = "one")]
+    pub intensity: f64,
+}
+
+/// One iso surface.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct IsoSpec {
+    /// Data value.
+    pub value: f64,
+    /// Colour, each channel in [0, 1].
+    pub color: [f64; 3],
+    /// Opacity in [0, 1].
+    #[serde(default = "one")]
+    pub alpha: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// `clip`.
+#[derive(Debug, Clone, PartialEq, Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+pub struct ClipSpec {
+    /// Least and greatest corner, index coordinates.
+    #[serde(rename = "box")]
+    pub index_box: Option<[[f64; 3]; 2]>,
+    /// Half-spaces that are kept.
+    pub planes: Vec<PlaneSpec>,
+}
+
+/// One clip plane: keeps `normal . x >= offset`.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlaneSpec {
+    /// World vector.
+    pub normal: [f64; 3],
+    /// See above.
+    pub offset: f64,
+}
+
+/// What kind of data a volume holds: decides the default picture only.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum DataKind {
+    /// Seismic amplitudes: signed, zero means nothing, z points down.
+    Seismic,
+    /// Densities from computed tomography.
+    Ct,
+    /// Anything else.
+    #[default]
+    Generic,
+}
+
+/// What a default camera and the presets must know of a volume.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VolumeFacts {
+    /// Voxels of level 0.
+    pub dims: Dims,
+    /// Place in the world.
+    pub geometry: Geometry,
+    /// Least and greatest present value, data units.
+    pub value_range: ValueRange,
+    /// Pairs (percent in [0, 100], data value), ascending; may be empty.
+    pub percentiles: Vec<(f64, f64)>,
+    /// What the data are.
+    pub kind: DataKind,
+    /// Whether zero is the data's neutral value, with both signs around it.
+    pub has_zero_centre: bool,
+}
+
+/// A scene with everything filled in for one volume.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResolvedScene {
+    /// The camera over the grid of rays: `subgrid` times the picture's pixels along each axis.
+    pub camera: Camera,
+    /// Pixels of the finished picture along x and y.
+    pub image_size: [u32; 2],
+    /// Rays along one edge of a pixel: the square root of the samples per pixel.
+    pub subgrid: u32,
+    /// Colour behind the volume.
+    pub background: [f64; 3],
+    /// What a ray gathers; never [`Mode::Slice`].
+    pub mode: Mode,
+    /// Classification.
+    pub transfer_function: TransferFunction,
+    /// Shading, if any.
+    pub shading: Option<Shading>,
+    /// Iso surfaces; at least one in mode `iso`, none otherwise.
+    pub iso: Vec<IsoSpec>,
+    /// What is kept of the volume.
+    pub clip: Clip,
+}
+
+/// Shading with its lights resolved.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shading {
+    /// ka.
+    pub ambient: f64,
+    /// kd.
+    pub diffuse: f64,
+    /// ks.
+    pub specular: f64,
+    /// Exponent of the highlight.
+    pub shininess: f64,
+    /// Lights, at most [`LIGHT_LIMIT`].
+    pub lights: Vec<Light>,
+}
+
+/// One directional light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Light {
+    /// l: unit world vector from the sample to the light.
+    pub to_light: DVec3,
+    /// Factor of its diffuse and specular terms.
+    pub intensity: f64,
+}
+
+impl Scene {
+    /// Reads and checks a scene.
+    ///
+    /// # Errors
+    /// If the text is no JSON, has unknown keys, wrong types or numbers out of range, or asks for what is not drawn.
+    pub fn from_json(text: &str) -> Result<Self, SceneError> {
+        let scene: Self = serde_json::from_str(text)?;
+        scene.validate()?;
+        Ok(scene)
+    }
+
+    /// Checks every number that does not depend on the volume.
+    ///
+    /// # Errors
+    /// As [`Scene::from_json`].
+    pub fn validate(&self) -> Result<(), SceneError> {
+        self.validate_image()?;
+        if let Some(camera) = &self.camera {
+            camera.projection()?;
+            camera.camera([1, 1])?;
+        }
+        match &self.transfer_function {
+            Some(TransferFunctionSpec::Preset(name)) => check(
+                preset::NAMES.contains(&name.as_str()),
+                "transfer_function",
+                || format!("an object, or one of the presets {}", preset::NAMES.join(", ")),
+                name,
+            )?,
+            Some(TransferFunctionSpec::Points(points)) => drop(points.transfer_function(1.0)?),
+            None => {}
+        }
+        self.validate_surfaces()?;
+        self.validate_shading()?;
+        self.validate_clip()
+    }
+
+    fn validate_image(&self) -> Result<(), SceneError> {
+        let ImageSpec { width, height, background } = self.image;
+        let samples = self.samples_per_pixel.0;
+        check(width >= 1, "image.width", || "at least 1 pixel".into(), width)?;
+        check(height >= 1, "image.height", || "at least 1 pixel".into(), height)?;
+        let square = samples >= 1 && samples.isqrt().pow(2) == samples;
+        check(square, "samples_per_pixel", || "a square number (1, 4, 9, 16, ...)".into(), samples)?;
+        let rays = u64::from(width).saturating_mul(u64::from(height)).saturating_mul(u64::from(samples));
+        check(rays <= RAY_LIMIT, "image", || format!("at most {RAY_LIMIT} rays in all"), rays)?;
+        check_color("image.background", background)
+    }
+
+    fn validate_surfaces(&self) -> Result<(), SceneError> {
+        match self.mode {
+            Mode::Slice => return Err(SceneError::NotAvailable { key: "mode", what: "mode `slice`" }),
+            Mode::Iso => check(!self.iso.is_empty(), "iso", || "at least one surface in mode `iso`".into(), "none")?,
+            Mode::Dvr if !self.iso.is_empty() => {
+                return Err(SceneError::NotAvailable { key: "iso", what: "an iso surface inside mode `dvr`" });
+            }
+            _ => check(self.iso.is_empty(), "iso", || "no surfaces in this mode".into(), self.iso.len())?,
+        }
+        check(self.iso.len() <= ISO_LIMIT, "iso", || format!("at most {ISO_LIMIT} surfaces"), self.iso.len())?;
+        for (i, iso) in self.iso.iter().enumerate() {
+            check(iso.value.is_finite(), &format!("iso[{i}].value"), || "a finite number".into(), iso.value)?;
+            check_color(&format!("iso[{i}].color"), iso.color)?;
+            check_share(&format!("iso[{i}].alpha"), iso.alpha)?;
+        }
+        Ok(())
+    }
+
+    fn validate_shading(&self) -> Result<(), SceneError> {
+        let Some(shading) = &self.shading else { return Ok(()) };
+        let factors = [("ambient", shading.ambient), ("diffuse", shading.diffuse), ("specular", shading.specular)];
+        for (name, factor) in factors {
+            let good = factor.is_finite() && factor >= 0.0;
+            check(good, &format!("shading.{name}"), || "a finite number, at least 0".into(), factor)?;
+        }
+        let good = shading.shininess.is_finite() && shading.shininess > 0.0;
+        check(good, "shading.shininess", || "a positive finite number".into(), shading.shininess)?;
+        let lights = shading.lights.as_deref().unwrap_or_default();
+        let few = lights.len() <= LIGHT_LIMIT;
+        check(few, "shading.lights", || format!("at most {LIGHT_LIMIT} lights"), lights.len())?;
+        for (i, light) in lights.iter().enumerate() {
+            check_direction(&format!("shading.lights[{i}].direction"), light.direction)?;
+            let good = light.intensity.is_finite() && light.intensity >= 0.0;
+            let key = format!("shading.lights[{i}].intensity");
+            check(good, &key, || "a finite number, at least 0".into(), light.intensity)?;
+        }
+        Ok(())
+    }
+
+    fn validate_clip(&self) -> Result<(), SceneError> {
+        if let Some([low, high]) = self.clip.index_box {
+            let good = (0..3).all(|a| low[a].is_finite() && high[a].is_finite() && low[a] <= high[a]);
+            let expected = || "a least and a greatest corner, finite, least first on every axis".into();
+            check(good, "clip.box", expected, format!("{low:?} and {high:?}"))?;
+        }
+        let planes = &self.clip.planes;
+        check(planes.len() <= PLANE_LIMIT, "clip.planes", || format!("at most {PLANE_LIMIT} planes"), planes.len())?;
+        for (i, plane) in planes.iter().enumerate() {
+            check_direction(&format!("clip.planes[{i}].normal"), plane.normal)?;
+            let key = format!("clip.planes[{i}].offset");
+            check(plane.offset.is_finite(), &key, || "a finite number".into(), plane.offset)?;
+        }
+        Ok(())
+    }
+
+    /// Fills in what the scene leaves open, for this volume.
+    ///
+    /// # Errors
+    /// If the scene is not valid; see [`Scene::validate`].
+    pub fn resolve(&self, facts: &VolumeFacts) -> Result<ResolvedScene, SceneError> {
+        self.validate()?;
+        let image_size = [self.image.width, self.image.height];
+        let camera = match &self.camera {
+            Some(spec) => spec.camera(image_size)?,
+            None => preset::default_camera(facts, image_size)?,
+        };
+        let transfer_function = match &self.transfer_function {
+            Some(TransferFunctionSpec::Points(spec)) => spec.transfer_function(facts.geometry.smallest_spacing())?,
+            Some(TransferFunctionSpec::Preset(name)) => preset::transfer_function(name, facts)?,
+            None => preset::transfer_function(preset::default_name(facts.kind), facts)?,
+        };
+        let subgrid = self.samples_per_pixel.0.isqrt();
+        Ok(ResolvedScene {
+            camera: camera.supersampled(subgrid),
+            image_size,
+            subgrid,
+            background: self.image.background,
+            mode: self.mode,
+            transfer_function,
+            shading: self.shading.as_ref().map(|s| s.resolve(&camera)),
+            iso: self.iso.clone(),
+            clip: self.clip.resolve(),
+        })
+    }
+}
+
+impl CameraSpec {
+    fn projection(&self) -> Result<Projection, SceneError> {
+        for (key, vector) in [("camera.eye", self.eye), ("camera.target", self.target), ("camera.up", self.up)] {
+            let finite = vector.iter().all(|v| v.is_finite());
+            check(finite, key, || "three finite numbers".into(), format!("{vector:?}"))?;
+        }
+        match (self.fov_y, self.height) {
+            (Some(fov_y), None) => {
+                let good = fov_y > 0.0 && fov_y < 180.0;
+                check(good, "camera.fov_y", || "degrees between 0 and 180, both excluded".into(), fov_y)?;
+                Ok(Projection::Perspective { fov_y })
+            }
+            (None, Some(height)) => {
+                let good = height > 0.0 && height.is_finite();
+                check(good, "camera.height", || "a positive finite world length".into(), height)?;
+                Ok(Projection::Orthographic { height })
+            }
+            (found, _) => Err(SceneError::Value {
+                key: "camera".into(),
+                expected: "exactly one of `fov_y` (perspective) and `height` (orthographic)".into(),
+                found: if found.is_some() { "both" } else { "neither" }.into(),
+            }),
+        }
+    }
+
+    fn camera(&self, size: [u32; 2]) -> Result<Camera, SceneError> {
+        let [eye, target, up] = [self.eye, self.target, self.up].map(DVec3::from_array);
+        Ok(Camera::look_at(eye, target, up, self.projection()?, size)?)
+    }
+}
+
+impl PointsSpec {
+    fn transfer_function(&self, default_unit_distance: f64) -> Result<TransferFunction, SceneError> {
+        let points = self.points.iter().map(|p| ControlPoint { value: p.value, color: p.color, alpha: p.alpha });
+        Ok(TransferFunction::new(points.collect(), self.unit_distance.unwrap_or(default_unit_distance))?)
+    }
+}
+
+impl ShadingSpec {
+    /// Shading for this camera: without lights of its own, light travels along the camera's forward axis.
+    #[must_use]
+    pub fn resolve(&self, camera: &Camera) -> Shading {
+        let lights = match &self.lights {
+            None => vec![Light { to_light: -camera.forward, intensity: 1.0 }],
+            Some(lights) => lights
+                .iter()
+                .map(|l| Light { to_light: -DVec3::from_array(l.direction).normalize(), intensity: l.intensity })
+                .collect(),
+        };
+        let Self { ambient, diffuse, specular, shininess, .. } = *self;
+        Shading { ambient, diffuse, specular, shininess, lights }
+    }
+}
+
+impl ClipSpec {
+    fn resolve(&self) -> Clip {
+        let planes = self.planes.iter().map(|p| ClipPlane { normal: p.normal.into(), offset: p.offset });
+        Clip { index_box: self.index_box, planes: planes.collect() }
+    }
+}
+
+fn check(
+    good: bool,
+    key: &str,
+    expected: impl FnOnce() -> String,
+    found: impl std::fmt::Display,
+) -> Result<(), SceneError> {
+    if good {
+        return Ok(());
+    }
+    Err(SceneError::Value { key: key.into(), expected: expected(), found: found.to_string() })
+}
+
+fn check_color(key: &str, color: [f64; 3]) -> Result<(), SceneError> {
+    let good = color.iter().all(|c| (0.0..=1.0).contains(c));
+    check(good, key, || "three numbers between 0 and 1".into(), format!("{color:?}"))
+}
+
+fn check_share(key: &str, share: f64) -> Result<(), SceneError> {
+    check((0.0..=1.0).contains(&share), key, || "a number between 0 and 1".into(), share)
+}
+
+fn check_direction(key: &str, v: [f64; 3]) -> Result<(), SceneError> {
+    let length = DVec3::from_array(v).length();
+    let good = length.is_finite() && length > f64::MIN_POSITIVE;
+    check(good, key, || "three finite numbers, not all zero".into(), format!("{v:?}"))
+}
+
+#[cfg(test)]
+mod tests;

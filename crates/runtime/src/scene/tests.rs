@@ -1,0 +1,113 @@
+use super::*;
+
+const FULL: &str = r#"{
+  "camera": {"eye": [0, 0, -10], "target": [0, 0, 0], "up": [0, 1, 0], "fov_y": 30.0},
+  "image": {"width": 80, "height": 60, "background": [0.1, 0.2, 0.3]},
+  "mode": "dvr",
+  "transfer_function": {"unit_distance": 2.0, "points": [
+    {"value": 0, "color": [0, 0, 0], "alpha": 0}, {"value": 1, "color": [1, 1, 1], "alpha": 0.5}]},
+  "shading": {"ambient": 0.2, "lights": [{"direction": [0, 0, 2]}]},
+  "clip": {"box": [[0, 0, 0], [5, 5, 5]], "planes": [{"normal": [1, 0, 0], "offset": 2}]},
+  "samples_per_pixel": 4
+}"#;
+
+fn facts() -> VolumeFacts {
+    VolumeFacts {
+        dims: Dims([100, 80, 60]),
+        geometry: Geometry { spacing: [2.0, 1.0, 0.5], ..Geometry::IDENTITY },
+        value_range: ValueRange { min: -5.0, max: 7.0 },
+        percentiles: vec![(1.0, -4.0), (50.0, 0.0), (99.0, 4.5)],
+        kind: DataKind::Generic,
+        has_zero_centre: false,
+    }
+}
+
+#[test]
+fn a_full_scene_resolves() {
+    let scene = Scene::from_json(FULL).unwrap().resolve(&facts()).unwrap();
+    assert_eq!((scene.image_size, scene.subgrid), ([80, 60], 2));
+    assert_eq!((scene.camera.width, scene.camera.height), (160, 120));
+    assert_eq!(scene.transfer_function.unit_distance(), 2.0);
+    let shading = scene.shading.unwrap();
+    assert_eq!((shading.ambient, shading.diffuse), (0.2, 0.7));
+    assert_eq!(shading.lights[0].to_light, DVec3::NEG_Z);
+    assert_eq!(scene.clip.planes[0].offset, 2.0);
+}
+
+#[test]
+fn what_is_left_out_has_the_models_defaults() {
+    let scene = Scene::from_json(r#"{"shading": {}}"#).unwrap();
+    assert_eq!((scene.image.width, scene.image.height, scene.mode), (800, 600, Mode::Dvr));
+    let resolved = scene.resolve(&facts()).unwrap();
+    assert_eq!(resolved.shading.unwrap().lights, [Light { to_light: -resolved.camera.forward, intensity: 1.0 }]);
+    let points = r#"{"transfer_function": {"points": [{"value": 0, "color": [0, 0, 0], "alpha": 0}]}}"#;
+    let resolved = Scene::from_json(points).unwrap().resolve(&facts()).unwrap();
+    assert_eq!(resolved.transfer_function.unit_distance(), 0.5);
+    assert!(resolved.shading.is_none());
+}
+
+#[test]
+fn mistakes_are_named_with_their_place() {
+    let message = |from: &str, to: &str| {
+        assert!(FULL.contains(from), "{from} is not in the scene");
+        Scene::from_json(&FULL.replace(from, to)).unwrap_err().to_string()
+    };
+    let unknown = message("\"ambient\"", "\"ambience\"");
+    assert!(unknown.contains("`ambience`") && unknown.contains("line 7"), "{unknown}");
+    let unknown = message("\"unit_distance\"", "\"distance\"");
+    assert!(unknown.contains("`distance`") && unknown.contains("line 5"), "{unknown}");
+    assert!(message("\"dvr\"", "\"vdr\"").contains("`vdr`"));
+    assert!(message("\"dvr\"", "\"slice\"").contains("`slice` is not available yet"));
+    assert!(message("\"dvr\"", "\"iso\"").contains("at least one surface"));
+    assert!(message("\"fov_y\": 30.0", "\"fov_y\": 180").contains("found 180"));
+    assert!(message("\"fov_y\": 30.0", "\"fov_y\": 30, \"height\": 2").contains("found both"));
+    assert!(message(", \"fov_y\": 30.0", "").contains("found neither"));
+    assert!(message("\"eye\": [0, 0, -10]", "\"eye\": [0, 0, 0]").contains("different points"));
+    assert!(message("\"up\": [0, 1, 0]", "\"up\": [0, 0, 1]").contains("parallel"));
+    assert!(message("\"width\": 80", "\"width\": 0").contains("image.width"));
+    assert!(message("\"width\": 80", "\"width\": 4000000000").contains("at most"));
+    assert!(message("\"samples_per_pixel\": 4", "\"samples_per_pixel\": 5").contains("found 5"));
+    assert!(message("\"value\": 1,", "\"value\": -1,").contains("points[1]"));
+    assert!(message("\"alpha\": 0.5", "\"alpha\": 1.5").contains("1.5"));
+    assert!(message("\"unit_distance\": 2.0", "\"unit_distance\": 0").contains("unit_distance"));
+    assert!(message("[5, 5, 5]", "[5, -5, 5]").contains("clip.box"));
+    assert!(message("[0, 0, 2]", "[0, 0, 0]").contains("lights[0].direction"));
+    assert!(
+        message("\"mode\": \"dvr\",", "\"mode\": \"dvr\", \"iso\": [{\"value\": 1, \"color\": [1, 1, 1]}],")
+            .contains("not available yet")
+    );
+}
+
+#[test]
+fn presets_are_known_by_name() {
+    for name in preset::NAMES {
+        let text = format!(r#"{{"transfer_function": "{name}"}}"#);
+        let scene = Scene::from_json(&text).unwrap().resolve(&facts()).unwrap();
+        assert!(scene.transfer_function.points().len() > 1);
+    }
+    let error = Scene::from_json(r#"{"transfer_function": "gray"}"#).unwrap_err().to_string();
+    assert!(error.contains("gray") && error.contains("seismic"), "{error}");
+    let error = Scene::from_json(r#"{"transfer_function": 3}"#).unwrap_err().to_string();
+    assert!(error.contains("preset") && error.contains("line 1"), "{error}");
+}
+
+#[test]
+fn the_default_camera_sees_the_whole_volume() {
+    for kind in [DataKind::Generic, DataKind::Seismic, DataKind::Ct] {
+        let facts = VolumeFacts { kind, ..facts() };
+        let camera = Scene::default().resolve(&facts).unwrap().camera;
+        let slope = 15f64.to_radians().tan();
+        let mut greatest: f64 = 0.0;
+        for corner in preset::domain_corners(&facts) {
+            let p = corner - camera.eye;
+            let depth = p.dot(camera.forward);
+            let across = p.dot(camera.right) / (depth * slope * 800.0 / 600.0);
+            let along = p.dot(camera.up) / (depth * slope);
+            greatest = greatest.max(across.abs()).max(along.abs());
+        }
+        assert!(greatest < 1.0 && greatest > 0.8, "{kind:?}: {greatest}");
+        if kind == DataKind::Seismic {
+            assert!(camera.up.z < 0.0, "the sample axis points down");
+        }
+    }
+}

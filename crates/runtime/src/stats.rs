@@ -1,0 +1,197 @@
+//! What one frame cost: one flat JSON object, units in the names.
+//!
+//! The names are a contract with whoever reads `--stats` files: none is renamed, new ones may come. Headless runs,
+//! benchmarks and the viewer read this one struct. Counters stand beside the code they measure; here they are only
+//! gathered.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use supervol_format::Lod;
+
+use crate::scene::Mode;
+use crate::streamer::Streamer;
+use crate::streamer::state::{Failure, StateKind};
+
+/// Statistics of one frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Default)]
+pub struct FrameStats {
+    /// Pixels along x.
+    pub image_width: u32,
+    /// Pixels along y.
+    pub image_height: u32,
+    /// `cpu`, `gpu` or `reference`.
+    pub backend: &'static str,
+    /// Name of the graphics adapter; null without one.
+    pub adapter: Option<String>,
+    /// Threads that cast and decoded.
+    pub threads: usize,
+    /// `dvr`, `mip`, ...
+    pub mode: &'static str,
+    /// The fixed level of detail; null where each brick's was chosen.
+    pub level: Option<u8>,
+    /// Every ray was finished with the bricks it wanted, or with the parents of bricks that failed.
+    pub converged: bool,
+    /// Times the rays were cast.
+    pub passes: u64,
+    /// Bands of rows that the picture was cast in.
+    pub bands: u64,
+    /// Bricks of the container, all levels.
+    pub bricks_total: u64,
+    /// Bricks by state at the end of the frame; those that were never met are not in it.
+    pub bricks_by_state: BTreeMap<&'static str, u64>,
+    /// The same by level, finest first.
+    pub bricks_by_level: Vec<LevelStats>,
+    /// Bricks that a pass used, summed over passes.
+    pub uses: u64,
+    /// Bricks that a pass wanted in vain, summed over passes.
+    pub misses: u64,
+    /// Bricks that came into the host cache.
+    pub page_ins: u64,
+    /// Of these: bricks that had been there before.
+    pub repeated_page_ins: u64,
+    /// Bricks that left the host cache.
+    pub evictions: u64,
+    /// Wanted bricks that no ray wanted any more before they were read.
+    pub cancelled: u64,
+    /// Bricks whose state was forgotten because the table of states was full.
+    pub states_forgotten: u64,
+    /// Reads of brick records.
+    pub reads: u64,
+    /// Of these: reads that fetched several records.
+    pub merged_reads: u64,
+    /// Of these: reads that failed.
+    pub failed_reads: u64,
+    /// Bytes that these reads fetched, gaps between records included.
+    pub bytes_read: u64,
+    /// Bytes of voxels decoded, as stored.
+    pub bytes_decoded: u64,
+    /// Wall time in reads.
+    pub read_ms: f64,
+    /// Wall time of decoding.
+    pub decode_ms: f64,
+    /// Wall time of copying bricks to the graphics device.
+    pub upload_ms: f64,
+    /// Wall time of casting rays.
+    pub render_ms: f64,
+    /// Wall time of the whole frame.
+    pub total_ms: f64,
+    /// Processor time that the process used during the frame; 0 where the system does not tell.
+    pub cpu_ms: f64,
+    /// Most memory that the process had resident since it began; 0 where the system does not tell.
+    pub peak_rss_bytes: u64,
+    /// Bytes of bricks in the host cache at the end of the frame.
+    pub host_cache_bytes: u64,
+    /// Most bytes of bricks in the host cache at once.
+    pub host_cache_peak_bytes: u64,
+    /// Bytes that the host cache may hold.
+    pub host_cache_budget_bytes: u64,
+    /// Bytes that the frame may hold in host memory.
+    pub host_budget_bytes: u64,
+    /// Bytes held on the graphics device.
+    pub gpu_bytes: u64,
+    /// Bytes that the frame may hold on the graphics device.
+    pub gpu_budget_bytes: u64,
+    /// Rays of the picture.
+    pub rays: u64,
+    /// Rays that ended before they left the volume, because nothing behind could be seen.
+    pub rays_terminated_early: u64,
+    /// Values classified.
+    pub samples: u64,
+    /// Trilinear cells crossed.
+    pub cells: u64,
+    /// Macro cells walked cell by cell.
+    pub macro_cells: u64,
+    /// Macro cells skipped.
+    pub macro_cells_skipped: u64,
+    /// Times a ray took a coarser brick than it wanted.
+    pub fallbacks: u64,
+    /// Bricks that rays waited for when the time was up.
+    pub bricks_missing_at_deadline: u64,
+    /// Bricks that failed.
+    pub bricks_failed: u64,
+    /// The first failures.
+    pub failures: Vec<Failure>,
+    /// The error asked for, data units or whatever the caller uses; recorded only.
+    pub max_error_requested: f64,
+    /// Bound on |drawn level - level 0| over all bricks drawn, data units.
+    pub error_bound: f64,
+    /// Pieces of rays at which the reference integrator did not stand still.
+    pub reference_capped_pieces: u64,
+}
+
+/// Bricks of one level.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct LevelStats {
+    /// Level of detail; 0 is the finest.
+    pub level: usize,
+    /// Bricks in the host cache at the end of the frame.
+    pub resident: u64,
+    /// Bricks known to have one value.
+    pub uniform: u64,
+    /// Bricks known to show nothing.
+    pub nothing: u64,
+    /// Bricks that failed.
+    pub failed: u64,
+    /// Bricks that came into the host cache.
+    pub page_ins: u64,
+    /// Bytes of records read.
+    pub bytes_read: u64,
+}
+
+/// Name of a mode as in scene files.
+#[must_use]
+pub fn mode_name(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Dvr => "dvr",
+        Mode::Mip => "mip",
+        Mode::Minip => "minip",
+        Mode::Mean => "mean",
+        Mode::Iso => "iso",
+        Mode::Slice => "slice",
+    }
+}
+
+impl FrameStats {
+    /// Fills in all that the streamer knows.
+    pub fn gather_streamer(&mut self, streamer: &Streamer) {
+        let (states, cache, counters) = (streamer.states(), streamer.cache(), streamer.counters());
+        let pyramid = streamer.container().pyramid();
+        self.bricks_total = pyramid.brick_count();
+        let met = StateKind::ALL.into_iter().filter(|&kind| kind != StateKind::Unknown);
+        self.bricks_by_state = met.map(|kind| (kind.name(), states.total(kind))).collect();
+        self.bricks_by_level = (0..pyramid.levels().len())
+            .map(|level| {
+                let lod = Lod(level as u8);
+                LevelStats {
+                    level,
+                    resident: states.count(lod, StateKind::InHost),
+                    uniform: states.count(lod, StateKind::Uniform),
+                    nothing: states.count(lod, StateKind::Nothing),
+                    failed: states.count(lod, StateKind::Failed),
+                    page_ins: states.page_ins(lod),
+                    bytes_read: counters.record_bytes[level],
+                }
+            })
+            .collect();
+        let host = cache.counters();
+        (self.uses, self.misses, self.evictions) = (host.hits, host.misses, host.evictions);
+        self.page_ins = self.bricks_by_level.iter().map(|l| l.page_ins).sum();
+        self.repeated_page_ins = states.repeated_page_ins();
+        self.cancelled = counters.cancelled;
+        self.states_forgotten = states.forgotten();
+        self.reads = counters.io.reads;
+        self.merged_reads = counters.io.merged_reads;
+        self.failed_reads = counters.io.failed_reads;
+        self.bytes_read = counters.io.bytes_read;
+        self.bytes_decoded = counters.bytes_decoded;
+        self.read_ms = counters.io.time.as_secs_f64() * 1e3;
+        self.decode_ms = counters.decode_time.as_secs_f64() * 1e3;
+        self.host_cache_bytes = cache.bytes();
+        self.host_cache_peak_bytes = host.peak_bytes;
+        self.host_cache_budget_bytes = cache.budget_bytes();
+        self.bricks_failed = states.total(StateKind::Failed);
+        self.failures = states.failures().to_vec();
+        self.error_bound = counters.error_bound;
+    }
+}

@@ -1,0 +1,56 @@
+//! Decoding records on rayon's worker threads: checksum, codec, then the form the ray casters read.
+//!
+//! Each brick is decoded alone, so the result does not depend on the number of threads. A brick that cannot be decoded
+//! is an answer like any other; nothing here stops a frame.
+
+use rayon::prelude::*;
+use supervol_format::container::ContainerError;
+use supervol_format::container::toc::BrickEntry;
+use supervol_format::{BrickKey, Container};
+
+use super::io::Record;
+use crate::raycast::volume::{DecodedBrick, ValueMap};
+
+/// A record that was read, with its TOC entry.
+#[derive(Debug)]
+pub struct Encoded {
+    /// The brick.
+    pub key: BrickKey,
+    /// Its entry.
+    pub entry: BrickEntry,
+    /// Its record.
+    pub record: Record,
+}
+
+/// Decodes bricks, in the order given.
+#[must_use]
+pub fn decode_bricks(
+    container: &Container,
+    map: &ValueMap,
+    bricks: Vec<Encoded>,
+) -> Vec<(BrickKey, Result<DecodedBrick, ContainerError>)> {
+    bricks
+        .into_par_iter()
+        .map_init(Vec::new, |voxels, brick| (brick.key, decode(container, map, &brick, voxels)))
+        .collect()
+}
+
+/// Decodes one brick; `voxels` is scratch space that is kept from brick to brick.
+fn decode(
+    container: &Container,
+    map: &ValueMap,
+    brick: &Encoded,
+    voxels: &mut Vec<u8>,
+) -> Result<DecodedBrick, ContainerError> {
+    let Encoded { key, entry, record } = brick;
+    let shape = container.shape(*key);
+    voxels.clear();
+    voxels.resize(shape.bytes(), 0);
+    container.decode_brick(*key, entry, record.bytes(), voxels)?;
+    let cells: Vec<[f64; 2]> =
+        container.macro_cells(*key, entry, record.bytes()).iter().map(|r| [r.min, r.max]).collect();
+    // A stored extent is at most 132 voxels.
+    let extent = shape.extent.map(|n| n as u32);
+    let absence = container.descriptor().absence;
+    Ok(DecodedBrick::from_stored(*key, extent, shape.voxel_type, voxels, &cells, map, absence))
+}

@@ -1,0 +1,515 @@
+//! The streamer: from bricks that rays want to bricks in host memory. See README.md beside this file for the whole.
+//!
+//! - [`state`]: the state of each brick; nothing else changes it;
+//! - [`classify`]: what the table of contents alone decides;
+//! - [`priority`]: front to back;
+//! - [`capacity`], [`budget`]: how many bricks fit, and what a frame may hold in memory;
+//! - [`io`], [`decode`]: reading and decoding.
+//!
+//! Protocol of one frame:
+//! 1. [`Streamer::begin_frame`]; [`Streamer::begin_band`] where the rays are cast band by band.
+//! 2. [`Streamer::begin_pass`]; the ray caster looks bricks up in [`Streamer::view`].
+//! 3. [`Streamer::note_uses`] with what the pass used, then [`Streamer::fetch`] with what it wanted.
+//! 4. Again from 2 until no ray waits.
+//!
+//! It reads, decodes and waits within `fetch` only. It does not know what a ray is.
+
+pub mod budget;
+pub mod capacity;
+pub mod classify;
+pub mod decode;
+pub mod io;
+pub mod priority;
+pub mod state;
+
+use std::collections::HashSet;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use supervol_format::container::toc::{BrickEntry, ENTRIES_PER_PAGE};
+use supervol_format::{BrickKey, Container};
+
+use crate::cache::KeyMap;
+use crate::cache::host::{HostCache, Standing, Victims};
+use crate::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap};
+use budget::{HostPlan, decoded_bytes, record_in_flight};
+use capacity::{Candidate, Supply, admit};
+use classify::{Class, Classifier};
+use decode::Encoded;
+use io::{IoCounters, RecordRequest};
+use priority::{FrontToBack, Rank, Ranked};
+use state::{BrickState, StateTable};
+
+/// Why the streamer cannot go on.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum StreamError {
+    /// The bricks that must stay leave no room for one more.
+    #[error("the host cache of {budget_bytes} bytes has no room for {key}: {missing_bytes} bytes more are needed")]
+    NoRoom {
+        /// The brick that comes first.
+        key: BrickKey,
+        /// Size of the cache.
+        budget_bytes: u64,
+        /// What it lacks.
+        missing_bytes: u64,
+    },
+}
+
+/// What limits one tick besides the host cache.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Room {
+    /// Bricks that the ray caster can take.
+    pub bricks: usize,
+    /// When to stop after the batch in progress.
+    pub deadline: Option<Instant>,
+}
+
+impl Room {
+    /// As many bricks as the host cache holds, however long it takes.
+    pub const ANY: Self = Self { bricks: usize::MAX, deadline: None };
+}
+
+/// What one tick brought.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Fetched {
+    /// Wanted bricks that are in the host cache now, front to back; at most as many as there was room for.
+    pub bricks: Vec<BrickKey>,
+    /// Wanted bricks that are nothing, uniform, or failed: there is an answer, but no brick.
+    pub answered: Vec<BrickKey>,
+    /// Other bricks that are known to be nothing or uniform since this tick.
+    pub neighbours: Vec<BrickKey>,
+    /// Wanted bricks that must wait for a later tick.
+    pub left: usize,
+}
+
+impl Fetched {
+    /// Whether some ray can go on now.
+    #[must_use]
+    pub fn is_progress(&self) -> bool {
+        !self.bricks.is_empty() || !self.answered.is_empty()
+    }
+}
+
+/// What a ray caster is told about bricks that are not resident.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum OnMissing {
+    /// Rays wait for them.
+    #[default]
+    Wait,
+    /// Their nearest resident ancestor stands in: the picture is completed now.
+    UseParent,
+}
+
+/// What streaming cost, since the streamer was made.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct StreamCounters {
+    /// Reading.
+    pub io: IoCounters,
+    /// Bytes of records read, by level.
+    pub record_bytes: Vec<u64>,
+    /// Bytes of voxels decoded, as stored.
+    pub bytes_decoded: u64,
+    /// Wall time of decoding.
+    pub decode_time: Duration,
+    /// Wanted bricks that no ray wanted any more before they were begun.
+    pub cancelled: u64,
+    /// Largest error bound of all bricks that rays wanted, data units.
+    pub error_bound: f64,
+    /// The same of the bricks that are kept as the fallback of all others.
+    pub kept_error: f64,
+}
+
+/// Makes wanted bricks resident in host memory.
+#[derive(Debug)]
+pub struct Streamer {
+    container: Arc<Container>,
+    map: ValueMap,
+    classifier: Classifier,
+    order: FrontToBack,
+    plan: HostPlan,
+    states: StateTable,
+    cache: HostCache<DecodedBrick>,
+    /// Bricks that are never evicted.
+    kept: KeyMap<()>,
+    /// Bricks left in `Queued` by the last tick.
+    queued: Vec<BrickKey>,
+    /// Attempts of bricks that failed in earlier frames and may be tried again.
+    attempts: KeyMap<u32>,
+    /// TOC pages of which every brick that needs no reading is in the state table.
+    classified_pages: HashSet<u64>,
+    /// First pass of this frame.
+    first_pass: u64,
+    counters: StreamCounters,
+}
+
+/// A brick to be read.
+#[derive(Debug, Clone, Copy)]
+struct Load {
+    key: BrickKey,
+    entry: BrickEntry,
+    bytes: u64,
+}
+
+impl Streamer {
+    /// A streamer with an empty cache.
+    #[must_use]
+    pub fn new(
+        container: Arc<Container>,
+        map: ValueMap,
+        classifier: Classifier,
+        order: FrontToBack,
+        plan: HostPlan,
+    ) -> Self {
+        let levels = container.pyramid().levels().len();
+        Self {
+            map,
+            classifier,
+            order,
+            plan,
+            states: StateTable::new(levels),
+            cache: HostCache::new(plan.cache_bytes),
+            kept: KeyMap::default(),
+            queued: Vec::new(),
+            attempts: KeyMap::default(),
+            classified_pages: HashSet::new(),
+            first_pass: 0,
+            counters: StreamCounters { record_bytes: vec![0; levels], ..StreamCounters::default() },
+            container,
+        }
+    }
+
+    /// A new frame: bricks that failed long enough ago may be tried again.
+    pub fn begin_frame(&mut self) {
+        self.attempts.extend(self.states.begin_frame());
+        self.begin_band();
+    }
+
+    /// A new band of rays: bricks that earlier rays used are no longer live.
+    pub fn begin_band(&mut self) {
+        self.cache.begin_pass();
+        self.first_pass = self.cache.pass();
+    }
+
+    /// Another camera looks at the volume.
+    pub fn set_order(&mut self, order: FrontToBack) {
+        self.order = order;
+    }
+
+    /// The transfer function, the mode or the iso values changed.
+    pub fn set_classifier(&mut self, classifier: Classifier) {
+        self.classifier = classifier;
+        self.classified_pages.clear();
+        self.states.reclassify();
+    }
+
+    /// A new pass begins.
+    pub fn begin_pass(&mut self) {
+        self.cache.begin_pass();
+    }
+
+    /// What the ray caster may read in this pass.
+    #[must_use]
+    pub fn view(&self, on_missing: OnMissing) -> HostView<'_> {
+        HostView { states: &self.states, cache: &self.cache, on_missing }
+    }
+
+    /// The bricks that the pass used, and how many it wanted in vain.
+    pub fn note_uses(&mut self, used: &[BrickKey], missed: u64) {
+        self.cache.note_uses(used, missed);
+    }
+
+    /// Fetches bricks that stay in the cache until the streamer is dropped: the fallback of all others.
+    ///
+    /// # Errors
+    /// As [`Self::fetch`].
+    pub fn fetch_to_keep(&mut self, keys: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
+        self.kept.extend(keys.iter().map(|&key| (key, ())));
+        let drawn_error = self.counters.error_bound;
+        let fetched = self.fetch(keys, room)?;
+        self.kept.retain(|&key, ()| self.cache.get(key).is_some());
+        self.counters.kept_error = self.counters.kept_error.max(self.counters.error_bound);
+        self.counters.error_bound = drawn_error;
+        Ok(fetched)
+    }
+
+    /// Makes as many of the wanted bricks resident as there is room for, front to back; at least one.
+    ///
+    /// Bricks that cannot be read or decoded fail and are answered so; they are no error of the call.
+    ///
+    /// # Errors
+    /// If nothing could be answered, because the bricks that stay leave no room for one more.
+    pub fn fetch(&mut self, wanted: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
+        if self.states.forget(self.plan.state_limit) > 0 {
+            self.classified_pages.clear();
+        }
+        let ranked = self.order.ranked(self.container.pyramid(), wanted.iter().copied());
+        let Some(frontier) = ranked.first().map(|r| r.rank) else { return Ok(Fetched::default()) };
+        let wanted: KeyMap<()> = ranked.iter().map(|r| (r.key, ())).collect();
+        self.cancel_all_but(&wanted);
+
+        // The table of contents decides what it can; the rest are candidates for the cache.
+        let mut fetched = Fetched::default();
+        let mut candidates = Vec::new();
+        let mut loads = KeyMap::default();
+        for &Ranked { rank, key } in &ranked {
+            match self.look_up(key, &mut fetched.neighbours) {
+                Lookup::InHost => candidates.push(Candidate { key, rank, bytes: 0 }),
+                Lookup::Answered => fetched.answered.push(key),
+                Lookup::Load(load) => {
+                    candidates.push(Candidate { key, rank, bytes: load.bytes });
+                    loads.insert(key, load);
+                }
+            }
+        }
+
+        let mut victims = self.victims(frontier, &wanted);
+        let supply = Supply {
+            unused_bytes: self.cache.free_bytes(),
+            free_bytes: victims.free_bytes(),
+            live_bytes: victims.live_bytes(),
+            budget_bytes: self.cache.budget_bytes(),
+            bricks: room.bricks,
+        };
+        let admitted = admit(&candidates, frontier, supply);
+        if let (0, [], [first, ..]) = (admitted, &fetched.answered[..], &candidates[..]) {
+            let available = supply.unused_bytes + supply.free_bytes + supply.live_bytes;
+            let (budget_bytes, missing_bytes) = (supply.budget_bytes, first.bytes.saturating_sub(available));
+            return Err(StreamError::NoRoom { key: first.key, budget_bytes, missing_bytes });
+        }
+        let admitted: Vec<BrickKey> = candidates[..admitted].iter().map(|c| c.key).collect();
+        let due: Vec<Load> = admitted.iter().filter_map(|key| loads.get(key).copied()).collect();
+        self.load(&due, &mut victims, room.deadline);
+
+        for key in admitted {
+            match self.states.state(key).kind() {
+                state::StateKind::InHost => fetched.bricks.push(key),
+                state::StateKind::Failed => fetched.answered.push(key),
+                _ => {}
+            }
+        }
+        fetched.left = ranked.len() - fetched.bricks.len() - fetched.answered.len();
+        self.queued = loads.into_keys().filter(|&key| self.states.state(key) == BrickState::Queued).collect();
+        Ok(fetched)
+    }
+
+    fn cancel_all_but(&mut self, wanted: &KeyMap<()>) {
+        for key in std::mem::take(&mut self.queued) {
+            if !wanted.contains_key(&key) {
+                self.states.cancel(key);
+                self.counters.cancelled += 1;
+            }
+        }
+    }
+
+    /// What to do for a wanted brick; afterwards its state is decided, or it is queued.
+    fn look_up(&mut self, key: BrickKey, neighbours: &mut Vec<BrickKey>) -> Lookup {
+        match self.states.state(key) {
+            BrickState::InHost => return Lookup::InHost,
+            BrickState::Nothing(_) | BrickState::Uniform(_) | BrickState::Failed { .. } => return Lookup::Answered,
+            BrickState::Unknown | BrickState::Evicted | BrickState::Queued => {}
+            state @ (BrickState::Reading | BrickState::Decoding) => {
+                unreachable!("{key} is left in state {state:?} between two ticks")
+            }
+        }
+        let is_queued = self.states.state(key) == BrickState::Queued;
+        let entry = match self.container.entry(key) {
+            Ok(entry) => entry,
+            Err(error) => {
+                if is_queued {
+                    self.states.cancel(key);
+                }
+                self.fail(key, error.to_string());
+                return Lookup::Answered;
+            }
+        };
+        let data_error = entry.error * self.container.descriptor().scale.abs();
+        self.counters.error_bound = self.counters.error_bound.max(data_error);
+        match self.classifier.classify(&entry) {
+            Class::Load => {
+                if !is_queued {
+                    self.states.queue(key);
+                }
+                Lookup::Load(Load { key, entry, bytes: self.bytes_of(key) })
+            }
+            class => {
+                if is_queued {
+                    self.states.cancel(key);
+                }
+                self.enter_class(key, class);
+                self.classify_neighbours(key, neighbours);
+                Lookup::Answered
+            }
+        }
+    }
+
+    fn enter_class(&mut self, key: BrickKey, class: Class) {
+        match class {
+            Class::Nothing(why) => self.states.nothing(key, why),
+            Class::Uniform(value) => self.states.uniform(key, value),
+            Class::Load => {}
+        }
+    }
+
+    /// Decides all other bricks of the same TOC page that need no reading: the page is in memory, and rays that cross
+    /// empty space need not stop at each of its bricks.
+    fn classify_neighbours(&mut self, key: BrickKey, neighbours: &mut Vec<BrickKey>) {
+        let per_page = ENTRIES_PER_PAGE as u64;
+        let page = self.container.pyramid().entry(key) / per_page;
+        if self.states.len() + ENTRIES_PER_PAGE > self.plan.state_limit || !self.classified_pages.insert(page) {
+            return;
+        }
+        for number in page * per_page..(page + 1) * per_page {
+            let Some(neighbour) = self.container.pyramid().key(number) else { break };
+            // An entry that cannot be read fails when a ray wants it.
+            if let (BrickState::Unknown, Ok(entry)) = (self.states.state(neighbour), self.container.entry(neighbour)) {
+                let class = self.classifier.classify(&entry);
+                self.enter_class(neighbour, class);
+                if class != Class::Load {
+                    neighbours.push(neighbour);
+                }
+            }
+        }
+    }
+
+    fn victims(&self, frontier: Rank, wanted: &KeyMap<()>) -> Victims {
+        let pyramid = self.container.pyramid();
+        self.cache.victims(|key, last_used| {
+            if wanted.contains_key(&key) || self.kept.contains_key(&key) {
+                return Standing::Kept;
+            }
+            let rank = self.order.rank(pyramid, key);
+            if last_used < self.first_pass || rank < frontier { Standing::Free } else { Standing::Live(rank) }
+        })
+    }
+
+    /// Bytes that a brick takes in the cache.
+    fn bytes_of(&self, key: BrickKey) -> u64 {
+        let shape = self.container.shape(key);
+        let cells: usize = self.container.pyramid().macro_cells(key).iter().product();
+        decoded_bytes(shape.voxel_type, shape.voxels() as u64, cells as u64)
+    }
+
+    /// Reads and decodes bricks for which there is room, in batches of bounded size.
+    fn load(&mut self, mut due: &[Load], victims: &mut Victims, deadline: Option<Instant>) {
+        while !due.is_empty() {
+            let mut in_flight = 0;
+            let fits = |load: &&Load| {
+                in_flight += record_in_flight(load.entry.record_bytes());
+                in_flight <= self.plan.in_flight_bytes
+            };
+            let count = due.iter().take_while(fits).count().max(1);
+            let (batch, rest) = due.split_at(count);
+            self.load_batch(batch, victims);
+            due = rest;
+            if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+                return;
+            }
+        }
+    }
+
+    fn load_batch(&mut self, batch: &[Load], victims: &mut Victims) {
+        let bytes = batch.iter().map(|load| load.bytes).sum();
+        let dropped = self.cache.make_room(bytes, victims).expect("only bricks that fit are admitted");
+        dropped.into_iter().for_each(|key| self.states.evict(key));
+
+        let request = |l: &Load| RecordRequest { key: l.key, offset: l.entry.offset, bytes: l.entry.record_bytes() };
+        let requests: Vec<RecordRequest> = batch.iter().map(request).collect();
+        batch.iter().for_each(|load| self.states.start_reading(load.key));
+        let container = self.container.clone();
+        let records =
+            io::read_records(&|offset, buffer| container.read_at(offset, buffer), requests, &mut self.counters.io);
+
+        let loads: KeyMap<Load> = batch.iter().map(|load| (load.key, *load)).collect();
+        let mut encoded = Vec::with_capacity(records.len());
+        for (key, record) in records {
+            match record {
+                Ok(record) => {
+                    self.states.start_decoding(key);
+                    self.counters.record_bytes[key.lod().0 as usize] += record.bytes().len() as u64;
+                    encoded.push(Encoded { key, entry: loads[&key].entry, record });
+                }
+                Err(error) => self.fail(key, error.to_string()),
+            }
+        }
+        let start = Instant::now();
+        let bricks = decode::decode_bricks(&container, &self.map, encoded);
+        self.counters.decode_time += start.elapsed();
+        for (key, brick) in bricks {
+            match brick {
+                Ok(brick) => {
+                    self.counters.bytes_decoded += container.shape(key).bytes() as u64;
+                    self.cache.insert(key, brick, loads[&key].bytes);
+                    self.states.in_host(key);
+                }
+                Err(error) => self.fail(key, error.to_string()),
+            }
+        }
+    }
+
+    fn fail(&mut self, key: BrickKey, reason: String) {
+        let earlier = self.attempts.remove(&key).unwrap_or(0);
+        self.states.fail(key, earlier, reason);
+    }
+
+    /// States of all bricks.
+    #[must_use]
+    pub fn states(&self) -> &StateTable {
+        &self.states
+    }
+
+    /// The host cache.
+    #[must_use]
+    pub fn cache(&self) -> &HostCache<DecodedBrick> {
+        &self.cache
+    }
+
+    /// What streaming cost.
+    #[must_use]
+    pub fn counters(&self) -> &StreamCounters {
+        &self.counters
+    }
+
+    /// The container that is streamed from.
+    #[must_use]
+    pub fn container(&self) -> &Arc<Container> {
+        &self.container
+    }
+}
+
+/// What is to be done for a wanted brick.
+enum Lookup {
+    InHost,
+    Answered,
+    Load(Load),
+}
+
+/// The bricks of the host cache, and what is known of all others.
+#[derive(Debug, Clone, Copy)]
+pub struct HostView<'a> {
+    states: &'a StateTable,
+    cache: &'a HostCache<DecodedBrick>,
+    on_missing: OnMissing,
+}
+
+impl HostView<'_> {
+    /// What rays are told about bricks that are not resident.
+    #[must_use]
+    pub fn on_missing(&self) -> OnMissing {
+        self.on_missing
+    }
+}
+
+impl BrickView for HostView<'_> {
+    #[inline]
+    fn lookup(&self, key: BrickKey) -> Resident<'_> {
+        if let Some(brick) = self.cache.get(key) {
+            return Resident::Brick(brick);
+        }
+        match (self.states.state(key), self.on_missing) {
+            (BrickState::Nothing(_), _) => Resident::Nothing,
+            (BrickState::Uniform(value), _) => Resident::Uniform(value),
+            (BrickState::Failed { .. }, _) | (_, OnMissing::UseParent) => Resident::UseParent,
+            (_, OnMissing::Wait) => Resident::Missing,
+        }
+    }
+}

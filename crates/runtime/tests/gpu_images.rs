@@ -1,0 +1,172 @@
+#![allow(clippy::print_stdout, reason = "measured errors are printed")]
+//! GPU pictures against the reference integrator and against the CPU ray caster.
+
+mod gpu_support;
+
+use gpu_support::{F32, I16, Storage, TestVolume, U8, gpu, greatest_difference, marschner_lobb, noise};
+use supervol_format::{BrickIndex, BrickKey, Geometry, Lod};
+use supervol_runtime::lod::LodChoice;
+use supervol_runtime::raycast::cpu::Skipping;
+use supervol_runtime::raycast::gpu::{GpuDevice, PageEntry};
+
+const FINEST: LodChoice = LodChoice::Fixed(Lod::FINEST);
+/// Half a grey level.
+const TOLERANCE: f64 = 0.5;
+const SMOOTH: &str = r#""transfer_function": {"unit_distance": 4.0, "points": [
+    {"value": 0.0, "color": [0.1, 0.2, 0.9], "alpha": 0.0},
+    {"value": 0.35, "color": [0.2, 0.9, 0.3], "alpha": 0.05},
+    {"value": 0.7, "color": [0.9, 0.6, 0.1], "alpha": 0.4},
+    {"value": 1.0, "color": [1.0, 0.1, 0.1], "alpha": 0.8}]}"#;
+const CAMERA: &str =
+    r#""camera": {"eye": [75.0, 55.0, 95.0], "target": [20.0, 20.0, 20.0], "up": [0, 1, 0], "fov_y": 30.0}"#;
+
+fn scene(camera: &str, rest: &str) -> String {
+    format!(r#"{{{camera}, "image": {{"width": 64, "height": 48}}, {SMOOTH}{rest}}}"#)
+}
+
+fn ml(core: u32, storage: Storage) -> TestVolume {
+    TestVolume::new([41; 3], core, Geometry::IDENTITY, storage, marschner_lobb(41))
+}
+
+const MODES: [(&str, &str); 7] = [
+    ("dvr", r#", "mode": "dvr""#),
+    ("dvr shaded", r#", "mode": "dvr", "shading": {}"#),
+    ("mip", r#", "mode": "mip""#),
+    ("minip", r#", "mode": "minip""#),
+    ("mean", r#", "mode": "mean""#),
+    (
+        "iso",
+        r#", "mode": "iso", "iso": [{"value": 0.5, "color": [0.9, 0.8, 0.2], "alpha": 0.5},
+                                     {"value": 0.7, "color": [0.1, 0.8, 0.9]}]"#,
+    ),
+    ("iso shaded", r#", "mode": "iso", "shading": {}, "iso": [{"value": 0.5, "color": [0.9, 0.8, 0.2]}]"#),
+];
+
+#[test]
+fn every_mode_equals_the_reference() {
+    let Some(gpu) = gpu() else { return };
+    let volume = ml(16, F32);
+    for (mode, rest) in MODES {
+        let scene = volume
+            .scene(&scene(CAMERA, rest).replace("\"width\": 64, \"height\": 48", "\"width\": 40, \"height\": 30"));
+        let expected = volume.reference_image(&scene);
+        let (image, stats) = volume.gpu_image(&gpu, &scene, FINEST, 64, Skipping::On);
+        let error = greatest_difference(&image, &expected);
+        let cpu = greatest_difference(&volume.cpu_image(&scene, FINEST), &expected);
+        println!("{mode}: {error:.4}/255 (cpu {cpu:.4}), {} passes, {:.0} ms", stats.passes, stats.pass_ms);
+        assert!(error <= TOLERANCE, "{mode}: {error}/255");
+    }
+}
+
+/// Distance from the CPU's picture of the same bricks; both backends do the same, so that only rounding may differ.
+fn check(gpu: &GpuDevice, name: &str, volume: &TestVolume, scene: &str, lod: LodChoice, slots: u64) {
+    let scene = volume.scene(scene);
+    let expected = volume.cpu_image(&scene, lod);
+    let covered = expected.pixels.iter().filter(|p| p[3] > 0.0).count();
+    assert!(covered > 10, "{name}: only {covered} pixels show anything");
+    for skipping in [Skipping::On, Skipping::Off] {
+        let (image, stats) = volume.gpu_image(gpu, &scene, lod, slots, skipping);
+        let error = greatest_difference(&image, &expected);
+        println!("{name}, skipping {skipping:?}: {error:.4}/255, {} slots, {} passes", stats.slots, stats.passes);
+        assert!(error <= TOLERANCE, "{name}, skipping {skipping:?}: {error}/255, {stats:?}");
+    }
+}
+
+/// S21, S44: slots, order of arrival and skipping leave the picture alone.
+#[test]
+fn few_slots_draw_the_same_picture() {
+    let Some(gpu) = gpu() else { return };
+    let volume = ml(16, U8);
+    for (mode, rest) in MODES {
+        for slots in [2, 5, 16] {
+            if slots != 2 || matches!(mode, "dvr shaded" | "iso") {
+                check(&gpu, &format!("{mode}, {slots} slots"), &volume, &scene(CAMERA, rest), FINEST, slots);
+            }
+        }
+    }
+}
+
+#[test]
+fn noise_of_every_storage_and_brick_size() {
+    let Some(gpu) = gpu() else { return };
+    for (core, storage) in [(16, U8), (32, I16), (64, F32)] {
+        let volume = TestVolume::new([37, 35, 33], core, Geometry::IDENTITY, storage, noise);
+        for (mode, rest) in MODES {
+            check(&gpu, &format!("noise, core {core}, {mode}"), &volume, &scene(CAMERA, rest), FINEST, 64);
+        }
+    }
+}
+
+#[test]
+fn cameras_inside_and_along_the_axes() {
+    let Some(gpu) = gpu() else { return };
+    let volume = ml(16, F32);
+    let inside = r#""camera": {"eye": [20.3, 18.1, 22.7], "target": [0, 5, 3], "up": [0, 0, 1], "fov_y": 70.0}"#;
+    // Rays run exactly along voxel planes, and exactly along brick and macro-cell faces.
+    let on_voxels = r#""camera": {"eye": [20.0, 20.0, 90], "target": [20.0, 20.0, 0], "up": [0, 1, 0], "height": 48}"#;
+    let on_faces = r#""camera": {"eye": [-9, 23.5, 23.5], "target": [20, 23.5, 23.5], "up": [0, 1, 0], "height": 24}"#;
+    let diagonal = r#""camera": {"eye": [-30, -30, -30], "target": [20, 20, 20], "up": [0, 1, 0], "height": 50}"#;
+    for (name, camera) in [("inside", inside), ("voxels", on_voxels), ("faces", on_faces), ("diagonal", diagonal)] {
+        for (mode, rest) in MODES {
+            check(&gpu, &format!("{name}, {mode}"), &volume, &scene(camera, rest), FINEST, 64);
+        }
+    }
+}
+
+#[test]
+fn holes_uniform_absent_and_failed_bricks() {
+    let Some(gpu) = gpu() else { return };
+    for storage in [F32, I16] {
+        let mut volume = TestVolume::new([41; 3], 16, Geometry::IDENTITY, storage, |voxel| {
+            let [x, y, z] = voxel;
+            if (x + 2 * y + 3 * z) % 97 == 0 || (x > 28 && y < 9) {
+                f64::NAN
+            } else if x > 13 && x < 35 && y > 13 && y < 35 && z > 13 && z < 35 {
+                0.6
+            } else {
+                marschner_lobb(41)(voxel)
+            }
+        });
+        let key = |lod, brick| BrickKey::new(Lod(lod), BrickIndex(brick));
+        volume.states.insert(key(0, [1, 1, 1]), PageEntry::Uniform(volume.map.from_data(0.6)));
+        volume.states.insert(key(0, [0, 0, 0]), PageEntry::Nothing);
+        volume.states.insert(key(0, [2, 2, 0]), PageEntry::Failed);
+        volume.states.insert(key(0, [0, 2, 2]), PageEntry::Failed);
+        volume.states.insert(key(1, [0, 1, 1]), PageEntry::Failed);
+        for (mode, rest) in MODES {
+            let name = format!("holes in {}, {mode}", storage.voxel_type);
+            check(&gpu, &name, &volume, &scene(CAMERA, rest), FINEST, 8);
+        }
+    }
+}
+
+#[test]
+fn levels_of_detail_geometry_clipping_and_subgrid() {
+    let Some(gpu) = gpu() else { return };
+    let geometry = Geometry {
+        spacing: [0.5, 2.0, 1.0],
+        origin: [6.5e6, -300.0, 12.0],
+        direction: [0.6, -0.8, 0.0, 0.8, 0.6, 0.0, 0.0, 0.0, 1.0],
+    };
+    let volume = TestVolume::new([70, 41, 50], 16, geometry, I16, marschner_lobb(41));
+    let [x, y, z] = geometry.world_from_index().transform_point3(glam::DVec3::new(35.0, 20.0, 25.0)).to_array();
+    let camera = format!(
+        r#""camera": {{"eye": [{}, {}, {}], "target": [{x}, {y}, {z}], "up": [0, 0, 1], "fov_y": 40.0}}"#,
+        x + 60.0,
+        y - 70.0,
+        z + 50.0
+    );
+    let clip = format!(
+        r#", "clip": {{"box": [[3.2, 1, -5], [66, 37.7, 44]], "planes": [{{"normal": [1, 1, 0.5], "offset": {}}}]}}"#,
+        x + y + 0.5 * z - 20.0
+    );
+    for lod in
+        [FINEST, LodChoice::Fixed(Lod(1)), LodChoice::Auto { voxel_pixels: 1.0 }, LodChoice::Auto { voxel_pixels: 2.5 }]
+    {
+        for (mode, rest) in MODES {
+            let rest = format!("{rest}{clip}, \"samples_per_pixel\": 4");
+            let scene = scene(&camera, &rest).replace("\"width\": 64, \"height\": 48", "\"width\": 29, \"height\": 23");
+            check(&gpu, &format!("{lod:?}, {mode}"), &volume, &scene, lod, 20);
+        }
+    }
+}

@@ -1,0 +1,10 @@
+// Writes beside every listed miss how many rays wait for it.
+
+@compute @workgroup_size(64)
+fn gather_misses(@builtin(global_invocation_id) id: vec3<u32>) {
+    let count = min(atomicLoad(&feedback.miss_count), config.miss_limit);
+    if (id.x < count) {
+        let entry = atomicLoad(&feedback.words[2u * id.x]);
+        atomicStore(&feedback.words[2u * id.x + 1u], atomicLoad(&miss_counts[entry]));
+    }
+}

@@ -1,0 +1,48 @@
+// Stored voxels of a resident brick. Brick-local index space: the core's first voxel is 0, the apron begins at -2.
+
+const APRON: i32 = 2;
+const MACRO_CELL: i32 = 8;
+
+// A slot: its cache texture, and the texel of the core's first voxel.
+struct Slot {
+    index: u32,
+    texture: u32,
+    first: vec3<i32>,
+}
+
+fn slot_at(index: u32) -> Slot {
+    var texture = 0u;
+    for (var i = 1u; i < 4u; i += 1u) {
+        if (index >= config.grids[i].first) {
+            texture = i;
+        }
+    }
+    let grid = config.grids[texture];
+    let i = index - grid.first;
+    let place = vec3<u32>(i % grid.slots.x, (i / grid.slots.x) % grid.slots.y, i / (grid.slots.x * grid.slots.y));
+    let edge = i32(config.core) + 2 * APRON;
+    return Slot(index, texture, vec3<i32>(place) * edge + APRON);
+}
+
+// The stored bits of one voxel.
+fn stored(slot: Slot, voxel: vec3<i32>) -> u32 {
+    let texel = slot.first + voxel;
+    switch slot.texture {
+        case 0u: { return textureLoad(cache_0, texel, 0).x; }
+        case 1u: { return textureLoad(cache_1, texel, 0).x; }
+        case 2u: { return textureLoad(cache_2, texel, 0).x; }
+        default: { return textureLoad(cache_3, texel, 0).x; }
+    }
+}
+
+// Macro cells along each axis of a full brick.
+fn macro_edge() -> i32 {
+    return i32(config.core) / MACRO_CELL;
+}
+
+// (least, greatest) render value of a macro cell; least > greatest: nothing to see.
+fn macro_range(slot: Slot, cell: vec3<i32>) -> vec2<f32> {
+    let n = u32(macro_edge());
+    let c = vec3<u32>(cell);
+    return macro_ranges[slot.index * n * n * n + c.x + n * (c.y + n * c.z)];
+}

@@ -1,0 +1,152 @@
+// One trilinear cell: what the ray gathers on its chord.
+
+// The ray's way through a cell: entry and exit in [0, 1]^3, and the world length between them.
+struct Chord {
+    a: vec3<f32>,
+    b: vec3<f32>,
+    extent: f32,
+}
+
+// What the field and its gradient do along a chord.
+struct CellView {
+    // (least, greatest) corner.
+    range: vec2<f32>,
+    cubic: vec4<f32>,
+    intervals: vec4<f32>,
+    gradient: ChordGradient,
+    extent: f32,
+}
+
+// s(u), never outside the corners' range: rounding must not reach what the range says is not there.
+fn value_at(view: CellView, u: f32) -> f32 {
+    return clamp(cubic_at(view.cubic, u), view.range.x, view.range.y);
+}
+
+fn gather_cell(slot: Slot, cell: vec3<i32>, chord: Chord, ray: LocalRay, state: ptr<function, RayState>) {
+    var corners = corners_of(slot, cell);
+    let own = corners;
+    if (has_flag(FLAG_HOLES) && has_holes(corners)) {
+        corners = replace_unreached(corners, chord.a, chord.b);
+        if (has_holes(corners)) {
+            gather_absent(state);
+            return;
+        }
+    }
+    let least = min(corners.low, corners.high);
+    let greatest = max(corners.low, corners.high);
+    var view: CellView;
+    view.range = vec2<f32>(
+        min(min(least.x, least.y), min(least.z, least.w)),
+        max(max(greatest.x, greatest.y), max(greatest.z, greatest.w)),
+    );
+    if (!is_worth_a_visit(view.range, state) || (config.mode == MODE_DVR && !is_visible(view.range.x, view.range.y))) {
+        gather_skipped(view.range, state);
+        return;
+    }
+    view.cubic = cubic_of_cell(corners.low, corners.high, chord.a, chord.b);
+    view.intervals = monotone_intervals(view.cubic);
+    view.extent = chord.extent;
+    switch config.mode {
+        case MODE_DVR: {
+            view.gradient = chord_gradient(slot, cell, own, chord);
+            gather_light(view, ray, state);
+        }
+        case MODE_ISO: {
+            view.gradient = chord_gradient(slot, cell, own, chord);
+            gather_surfaces(view, ray, state);
+        }
+        default: {
+            let extremes = clamp(cubic_extremes(view.cubic, view.intervals), view.range.xx, view.range.yy);
+            let mean = clamp(cubic_mean(view.cubic), view.range.x, view.range.y);
+            gather_value(extremes, mean, chord.extent, state);
+        }
+    }
+}
+
+// Mode dvr: the chord in parts, split where its cubic crosses a knot of the transfer function.
+fn gather_light(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
+    let knots = knots_in(view.range.x, view.range.y);
+    let count = select(0u, knots.y - knots.x, knots.y - knots.x <= KNOT_LIMIT);
+    var begin = 0.0;
+    for (var piece = 0u; piece < 3u && count > 0u; piece += 1u) {
+        let first = view.intervals[piece];
+        let last = view.intervals[piece + 1u];
+        // A monotone piece meets the knots in their order, or in the reverse one.
+        let rises = cubic_at(view.cubic, last) > cubic_at(view.cubic, first);
+        for (var i = 0u; i < count && first < last; i += 1u) {
+            let index = select(knots.y - 1u - i, knots.x + i, rises);
+            let u = monotone_root(view.cubic, first, last, knot(index));
+            if (u < 1.0 && u > begin) {
+                gather_part(view, begin, u, ray, state);
+                begin = u;
+            }
+        }
+    }
+    gather_part(view, begin, 1.0, ray, state);
+}
+
+// A part of the chord by Gauss pairs, as many as the transfer function's variation asks for.
+fn gather_part(view: CellView, u0: f32, u1: f32, ray: LocalRay, state: ptr<function, RayState>) {
+    let pairs = max(pairs_between(view.cubic, u0, u1, view.extent), shaded_pairs(view.gradient, u0, u1, ray));
+    let width = (u1 - u0) / f32(pairs);
+    for (var i = 0u; i < pairs; i += 1u) {
+        let begin = u0 + f32(i) * width;
+        let near_u = begin + GAUSS_OFFSET * width;
+        let far_u = begin + (1.0 - GAUSS_OFFSET) * width;
+        let near = classify(value_at(view, near_u));
+        let far = classify(value_at(view, far_u));
+        samples += 2u;
+        if (near.a > 0.0 || far.a > 0.0) {
+            let kappa = vec2<f32>(extinction(near.a), extinction(far.a));
+            let near_color = shaded(view.gradient, near_u, ray, near.rgb);
+            let far_color = shaded(view.gradient, far_u, ray, far.rgb);
+            composite(integrate_pair(kappa, near_color, far_color, width * view.extent), state);
+        }
+    }
+}
+
+// Mode iso: the surfaces that the ray crosses for the first time, in their order along the ray.
+fn gather_surfaces(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
+    let known = (*state).present > 0.0;
+    for (var n = 0u; n < config.iso_count; n += 1u) {
+        var nearest = NEVER;
+        var surface = 0u;
+        for (var i = 0u; i < config.iso_count; i += 1u) {
+            let bit = 1u << i;
+            if (((*state).crossed & bit) == 0u) {
+                let value = tables.isos[i].value;
+                let before = select(value_at(view, 0.0) >= value, ((*state).sides & bit) != 0u, known);
+                let u = first_change(view, value, before);
+                if (u < nearest) {
+                    nearest = u;
+                    surface = i;
+                }
+            }
+        }
+        if (nearest > 1.0) {
+            break;
+        }
+        let iso = tables.isos[surface];
+        composite_surface(shaded(view.gradient, nearest, ray, iso.color), iso.alpha, state);
+        (*state).crossed |= 1u << surface;
+    }
+    (*state).sides = sides_of(value_at(view, 1.0));
+    (*state).present = 1.0;
+}
+
+// Where the cubic first lies on the other side of a value than `before` says, or NEVER.
+fn first_change(view: CellView, value: f32, before: bool) -> f32 {
+    if ((value_at(view, 0.0) >= value) != before) {
+        return 0.0;
+    }
+    if (value < view.range.x || value > view.range.y) {
+        return NEVER;
+    }
+    for (var piece = 0u; piece < 3u; piece += 1u) {
+        let u = monotone_root(view.cubic, view.intervals[piece], view.intervals[piece + 1u], value);
+        if (u <= 1.0) {
+            return u;
+        }
+    }
+    return NEVER;
+}

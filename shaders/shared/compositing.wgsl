@@ -1,0 +1,109 @@
+// What a ray has gathered, and how more is added: emission and absorption, front to back (RENDERING-MODEL, section 4).
+
+// Adds an interval: premultiplied colour and opacity.
+fn composite(rgba: vec4<f32>, state: ptr<function, RayState>) {
+    (*state).color += (*state).transmittance * rgba.rgb;
+    (*state).transmittance *= 1.0 - rgba.a;
+}
+
+// Adds a surface.
+fn composite_surface(color: vec3<f32>, alpha: f32, state: ptr<function, RayState>) {
+    (*state).color += (*state).transmittance * alpha * color;
+    (*state).transmittance *= 1.0 - alpha;
+}
+
+// One bit for each iso surface.
+fn all_surfaces() -> u32 {
+    return select((1u << config.iso_count) - 1u, 0xffffffffu, config.iso_count >= 32u);
+}
+
+// Whether nothing that still comes can change the ray.
+fn is_settled(state: ptr<function, RayState>) -> bool {
+    let opaque = (*state).transmittance <= config.transmittance_limit;
+    return opaque || (config.mode == MODE_ISO && (*state).crossed == all_surfaces());
+}
+
+// Surfaces whose value is not greater than this one.
+fn sides_of(value: f32) -> u32 {
+    var sides = 0u;
+    for (var i = 0u; i < config.iso_count; i += 1u) {
+        sides |= select(0u, 1u << i, value >= tables.isos[i].value);
+    }
+    return sides;
+}
+
+// Passes a stretch where nothing is present.
+fn gather_absent(state: ptr<function, RayState>) {
+    if (config.mode == MODE_ISO) {
+        // A crossing needs a value on either side of it.
+        (*state).present = 0.0;
+    }
+}
+
+// Passes a macro cell that is not worth a visit.
+fn gather_skipped(range: vec2<f32>, state: ptr<function, RayState>) {
+    if (range.x > range.y) {
+        gather_absent(state);
+    } else if (config.mode == MODE_ISO) {
+        (*state).sides = sides_of(range.x);
+        (*state).present = 1.0;
+    }
+}
+
+// Whether a macro cell with this range can change the ray.
+fn is_worth_a_visit(range: vec2<f32>, state: ptr<function, RayState>) -> bool {
+    if (!has_flag(FLAG_SKIPPING)) {
+        return true;
+    }
+    if (range.x > range.y) {
+        return false;
+    }
+    let present = (*state).present > 0.0;
+    switch config.mode {
+        case MODE_MIP: { return !present || range.y > (*state).value; }
+        case MODE_MINIP: { return !present || range.x < (*state).value; }
+        case MODE_ISO: {
+            let below = sides_of(range.x);
+            let open = ~(*state).crossed & all_surfaces();
+            let inside = sides_of(range.y) & ~below;
+            let jumped = select(0u, (*state).sides ^ below, present);
+            return ((inside | jumped) & open) != 0u;
+        }
+        default: { return true; }
+    }
+}
+
+// Adds a stretch of one value, with no gradient.
+fn gather_uniform(value: f32, extent: f32, state: ptr<function, RayState>) {
+    switch config.mode {
+        case MODE_DVR: {
+            let rgba = classify(value);
+            samples += 1u;
+            let opacity = opacity_of(extinction(rgba.a) * extent);
+            composite(vec4<f32>(opacity * rgba.rgb, opacity), state);
+        }
+        case MODE_ISO: {
+            let sides = sides_of(value);
+            let jumped = select(0u, (*state).sides ^ sides, (*state).present > 0.0) & ~(*state).crossed;
+            for (var i = 0u; i < config.iso_count; i += 1u) {
+                if ((jumped & (1u << i)) != 0u) {
+                    composite_surface(tables.isos[i].color, tables.isos[i].alpha, state);
+                }
+            }
+            (*state).crossed |= jumped;
+            (*state).sides = sides;
+            (*state).present = 1.0;
+        }
+        default: { gather_value(vec2<f32>(value), value, extent, state); }
+    }
+}
+
+// Modes mip, minip and mean: adds a stretch with this (least, greatest) value and this mean.
+fn gather_value(extremes: vec2<f32>, mean: f32, extent: f32, state: ptr<function, RayState>) {
+    switch config.mode {
+        case MODE_MIP: { (*state).value = max((*state).value, extremes.y); }
+        case MODE_MINIP: { (*state).value = min((*state).value, extremes.x); }
+        default: { (*state).value += mean * extent; }
+    }
+    (*state).present += extent;
+}

@@ -1,0 +1,273 @@
+// Constants and structs shared with Rust. Written by gpu/layout.rs; do not edit.
+
+// Rays of one workgroup: one tile of 8 x 8 pixels.
+const WORKGROUP_RAYS: u32 = 64u;
+// The ray has more to do at once: it stopped at the dispatch's limit.
+const STATUS_ACTIVE: u32 = 0u;
+// The ray waits for a brick.
+const STATUS_WAITING: u32 = 1u;
+// The ray is finished.
+const STATUS_DONE: u32 = 2u;
+// Page table: the brick is not resident.
+const PAGE_MISSING: u32 = 0u;
+// Page table: nothing of the brick is visible.
+const PAGE_NOTHING: u32 = 1u;
+// Page table: the brick has one value, whose bits are the payload.
+const PAGE_UNIFORM: u32 = 2u;
+// Page table: the brick cannot be read; its parent is drawn.
+const PAGE_FAILED: u32 = 3u;
+// Page table: the payload is the slot.
+const PAGE_RESIDENT: u32 = 4u;
+// Page table: bits of the state.
+const PAGE_STATE: u32 = 255u;
+// Page table: the brick is too coarse; look at its children.
+const PAGE_REFINE: u32 = 256u;
+// What a ray gathers.
+const MODE_DVR: u32 = 0u;
+// See above.
+const MODE_MIP: u32 = 1u;
+// See above.
+const MODE_MINIP: u32 = 2u;
+// See above.
+const MODE_MEAN: u32 = 3u;
+// See above.
+const MODE_ISO: u32 = 4u;
+// Flag: texels are the bits of 32-bit floats.
+const FLAG_FLOAT: u32 = 1u;
+// Flag: one stored value means absent.
+const FLAG_ABSENT: u32 = 2u;
+// Flag: samples are shaded.
+const FLAG_SHADED: u32 = 4u;
+// Flag: invisible macro cells are skipped.
+const FLAG_SKIPPING: u32 = 8u;
+// Flag: voxels can be absent at all.
+const FLAG_HOLES: u32 = 16u;
+
+// Where one cache texture's slots lie.
+struct SlotGrid {
+    // Slots along x, y, z.
+    slots: vec3<u32>,
+    // Number of the texture's first slot; slots of later textures are greater.
+    first: u32,
+}
+
+// One level of detail.
+struct GpuLevel {
+    // Bricks along x, y, z.
+    bricks: vec3<u32>,
+    // Page table entry of the level's first brick.
+    first_entry: u32,
+    // Binary logarithm of the source voxels per voxel of this level, per axis.
+    scale_log2: vec3<u32>,
+    // Zero.
+    padding: u32,
+}
+
+// One directional light.
+struct GpuLight {
+    // Unit world vector from the sample to the light.
+    to_light: vec3<f32>,
+    // Factor of its diffuse and specular terms.
+    intensity: f32,
+}
+
+// One iso surface.
+struct GpuIso {
+    // Its own colour.
+    color: vec3<f32>,
+    // Its own opacity.
+    alpha: f32,
+    // Render value.
+    value: f32,
+    // Zero.
+    padding_0: f32,
+    // Zero.
+    padding_1: f32,
+    // Zero.
+    padding_2: f32,
+}
+
+// One control point of the transfer function and the segment to its right; twin of `RenderPoint`.
+struct GpuPoint {
+    // Red, green, blue, alpha at the point.
+    rgba: vec4<f32>,
+    // Change of each up to the next point; 0 for the last.
+    delta: vec4<f32>,
+    // Render value.
+    value: f32,
+    // 1 / width of the segment; 0 for the last and for steps.
+    inverse_width: f32,
+    // Variation gathered by all segments before this point.
+    variation_before: f32,
+    // Variation of the segment.
+    variation: f32,
+    // Number of points before this one whose alpha is positive.
+    visible_before: u32,
+    // Number of knots with a value not greater than this point's.
+    knots_up_to: u32,
+    // Zero.
+    padding_0: u32,
+    // Zero.
+    padding_1: u32,
+}
+
+// What the scene and the volume fix.
+struct Config {
+    // World offset of one voxel along x.
+    world_x: vec3<f32>,
+    // `MODE_...`
+    mode: u32,
+    // World offset of one voxel along y.
+    world_y: vec3<f32>,
+    // `FLAG_...`
+    flags: u32,
+    // World offset of one voxel along z.
+    world_z: vec3<f32>,
+    // Levels of detail.
+    level_count: u32,
+    // First column of the matrix from index-space to world-space gradients.
+    gradient_x: vec3<f32>,
+    // Least length of a world-space gradient that is shaded, render values per world length.
+    gradient_floor: f32,
+    // Second column.
+    gradient_y: vec3<f32>,
+    // Lights.
+    light_count: u32,
+    // Third column.
+    gradient_z: vec3<f32>,
+    // Iso surfaces.
+    iso_count: u32,
+    // Shading: ka.
+    ambient: f32,
+    // Shading: kd.
+    diffuse: f32,
+    // Shading: ks.
+    specular: f32,
+    // Shading: exponent of the highlight.
+    shininess: f32,
+    // Render value per stored step.
+    value_scale: f32,
+    // Render value of stored 0.
+    value_offset: f32,
+    // Stored bits that mean absent, if `FLAG_ABSENT`.
+    absent: u32,
+    // Core voxels along each axis of a full brick.
+    core: u32,
+    // Control points of the transfer function.
+    point_count: u32,
+    // Bins over the control points' values: the first words of `transfer_index`; the knots follow.
+    bin_count: u32,
+    // Greatest opacity that has an extinction of its own.
+    alpha_limit: f32,
+    // Bins per render value.
+    bins_per_value: f32,
+    // World length over which an opacity is gathered, to the power -1.
+    inverse_unit_distance: f32,
+    // A ray whose transmittance is lower is finished.
+    transmittance_limit: f32,
+    // World length of a stride: a power of two, so that a stride's index offset is exact.
+    stride_world: f32,
+    // Places in the miss list.
+    miss_limit: u32,
+    // Control points with positive alpha.
+    visible_points: u32,
+    // Zero: the table below begins at a multiple of 16.
+    padding: u32,
+    // The cache textures.
+    grids: array<SlotGrid, 4>,
+}
+
+// Tables of fixed size.
+struct Tables {
+    // Finest first; `Config.level_count` of them count.
+    levels: array<GpuLevel, 64>,
+    // `Config.light_count` of them count.
+    lights: array<GpuLight, 16>,
+    // `Config.iso_count` of them count.
+    isos: array<GpuIso, 32>,
+}
+
+// One ray in level-0 index space: `voxel + fraction + t * (direction + direction_low)`, t a world length from the
+// point where the ray enters the clipped volume.
+struct GpuRay {
+    // Voxel whose point lies below the first point of the ray's segment.
+    voxel: vec3<i32>,
+    // Full strides of the segment.
+    strides: u32,
+    // First point of the segment relative to `voxel`, in [0, 1).
+    fraction: vec3<f32>,
+    // World length of the segment beyond its full strides.
+    rest: f32,
+    // Index offset per world length, rounded.
+    direction: vec3<f32>,
+    // Zero.
+    padding_0: f32,
+    // What the rounding of `direction` took away.
+    direction_low: vec3<f32>,
+    // Zero.
+    padding_1: f32,
+}
+
+// How far a ray has come.
+struct RayState {
+    // Premultiplied colour.
+    color: vec3<f32>,
+    // Share of the light behind that still passes.
+    transmittance: f32,
+    // World length beyond the strides taken.
+    t: f32,
+    // Strides taken: the ray's base point lies that many strides behind its first point.
+    strides: u32,
+    // `STATUS_...`
+    status: u32,
+    // Page table entry the ray waits for.
+    wanted: u32,
+    // Modes mip, minip: extreme so far; mode mean: integral of the value over the length.
+    value: f32,
+    // Modes mip, minip, mean: world length over which the value was present; mode iso: 1 where `sides` holds.
+    present: f32,
+    // Mode iso: one bit for each surface, set where the value was not below the surface's.
+    sides: u32,
+    // Mode iso: one bit for each surface that was crossed already: only first crossings count.
+    crossed: u32,
+}
+
+// One dispatch: a run of rays and the work each may do.
+struct Dispatch {
+    // First ray of the bound chunk.
+    first_ray: u32,
+    // Rays.
+    ray_count: u32,
+    // Trilinear cells that a ray may visit before it stops at the next macro cell.
+    cell_limit: u32,
+    // 1 in a pass's first round: waiting rays look again whether their brick has come.
+    first_round: u32,
+}
+
+// Counters of one dispatch, read back after it.
+struct GpuCounters {
+    // Rays that stopped at the cell limit.
+    interrupted: u32,
+    // Rays that wait for a brick.
+    waiting: u32,
+    // Rays that finished in this dispatch.
+    finished: u32,
+    // Trilinear cells integrated.
+    cells: u32,
+    // Points at which the transfer function was evaluated.
+    samples: u32,
+    // Macro cells entered.
+    macro_cells: u32,
+    // Macro cells skipped.
+    macro_cells_skipped: u32,
+    // Bricks entered.
+    bricks: u32,
+    // Bricks drawn from an ancestor because they have failed.
+    fallbacks: u32,
+    // Bricks left out because they and all their ancestors have failed.
+    lost: u32,
+    // Times a loop hit its limit: the ray is not exact there.
+    anomalies: u32,
+    // Zero.
+    padding: u32,
+}

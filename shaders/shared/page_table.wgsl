@@ -1,0 +1,95 @@
+// From a place on a ray to the brick that holds it, and to what the page table says of that brick.
+
+// A brick as a ray meets it: the part of the ray up to `leave` lies in it.
+struct Region {
+    brick: vec3<i32>,
+    level: u32,
+    leave: f32,
+    // 0 where the ray has left the grid.
+    found: u32,
+}
+
+// Times that a search may step to the neighbour: rounding can misplace a point by one brick on each axis of each of two
+// levels.
+const REGION_STEPS: u32 = 16u;
+
+// Where the ray leaves the box of `edge` voxels that begins at `first`, per axis.
+fn box_crossings(ray: LevelRay, first: vec3<i32>, edge: i32) -> vec3<f32> {
+    let planes = vec3<f32>(leaving_side(ray.direction) * edge) - 0.5;
+    return crossings(planes, origin_from(ray, first), ray.direction);
+}
+
+// The level from which a brick of level 0 is drawn: the coarsest whose brick need not be refined.
+fn wanted_level(brick: vec3<i32>) -> u32 {
+    var level = config.level_count - 1u;
+    while (level > 0u) {
+        let entry = entry_of(level, brick >> tables.levels[level].scale_log2);
+        if ((page_table[entry].x & PAGE_REFINE) == 0u) {
+            break;
+        }
+        level -= 1u;
+    }
+    return level;
+}
+
+// The brick of the wanted level of detail that holds the ray just behind t. Its `leave` is greater than t.
+fn region_at(ray: LevelRay, t: f32) -> Region {
+    let core = i32(config.core);
+    let point = vec3<i32>(floor(ray.fraction + t * ray.direction + 0.5)) + ray.voxel;
+    let last = vec3<i32>(tables.levels[0].bricks) - 1;
+    var brick = clamp(point / core, vec3<i32>(0), last);
+    for (var i = 0u; i < REGION_STEPS; i += 1u) {
+        if (any(brick < vec3<i32>(0)) || any(brick > last)) {
+            return Region(brick, 0u, NEVER, 0u);
+        }
+        let leaves = box_crossings(ray, brick * core, core);
+        if (first_crossing(leaves) <= t) {
+            brick += first_axis(leaves) * step_of(ray.direction);
+            continue;
+        }
+        // Ancestors come from whole numbers: every ray that meets this place makes the same choice.
+        let level = wanted_level(brick);
+        let shift = tables.levels[level].scale_log2;
+        let ancestor = brick >> shift;
+        let level_leaves = box_crossings(ray_at_level(ray, level), ancestor * core, core);
+        let leave = first_crossing(level_leaves);
+        if (leave > t) {
+            return Region(ancestor, level, leave, 1u);
+        }
+        // The two levels round the same face differently: step out of the whole ancestor.
+        let outside = ((ancestor + leaving_side(ray.direction)) << shift) + leaving_side(ray.direction) - 1;
+        brick = select(brick, outside, first_axis(level_leaves) == vec3<i32>(1));
+    }
+    anomalies += 1u;
+    return Region(brick, 0u, NEVER, 0u);
+}
+
+// Number of a brick in the page table.
+fn entry_of(level: u32, brick: vec3<i32>) -> u32 {
+    let bricks = tables.levels[level].bricks;
+    let b = vec3<u32>(brick);
+    return tables.levels[level].first_entry + b.x + bricks.x * (b.y + bricks.y * b.z);
+}
+
+// What a region is drawn from: the brick itself, or its nearest ancestor that has not failed.
+struct Page {
+    brick: vec3<i32>,
+    level: u32,
+    entry: u32,
+    state: u32,
+    payload: u32,
+}
+
+fn page_of(region: Region) -> Page {
+    var level = region.level;
+    var brick = region.brick;
+    var entry = entry_of(level, brick);
+    var page = page_table[entry];
+    while ((page.x & PAGE_STATE) == PAGE_FAILED && level + 1u < config.level_count) {
+        brick = brick >> (tables.levels[level + 1u].scale_log2 - tables.levels[level].scale_log2);
+        level += 1u;
+        entry = entry_of(level, brick);
+        page = page_table[entry];
+    }
+    return Page(brick, level, entry, page.x & PAGE_STATE, page.y);
+}

@@ -1,0 +1,64 @@
+// Twin of raycast/cpu/quadrature.rs: emission and absorption along a chord.
+//
+// Between the values at which the transfer function bends or steps, kappa and colour are smooth in u, so that a
+// two-point Gauss rule is of fourth order. `extent` is a world length, kappa extinction per world length.
+
+// Position of the first Gauss point in [0, 1]: `(1 - 1/sqrt(3)) / 2`; the second lies symmetric.
+const GAUSS_OFFSET: f32 = 0.21132487;
+// Distance between the two Gauss points, in parts of the interval: `1/sqrt(3)`.
+const GAUSS_DISTANCE: f32 = 0.5773503;
+// A chord is split at the transfer function's knots if at most this many lie in its cell's range.
+const KNOT_LIMIT: u32 = 8u;
+// Most Gauss pairs between two splits.
+const PAIR_LIMIT: f32 = 32.0;
+// Change of opacity and colour that one Gauss pair may bridge.
+const PAIR_VARIATION: f32 = 0.25;
+// Product of that change and of the optical depth that one Gauss pair may bridge.
+const PAIR_VARIATION_DEPTH: f32 = 0.1;
+// Change of the normal's direction, as a length, that one Gauss pair may bridge.
+const PAIR_NORMAL_CHANGE: f32 = 0.25;
+// Least weight of the farther Gauss point, where the exponential underflows.
+const MIN_WEIGHT: f32 = 1.0e-20;
+// Optical depth beyond which the farther Gauss point has no weight.
+const DEPTH_LIMIT: f32 = 80.0;
+
+// `1 - exp(-tau)`, accurate for small tau.
+fn opacity_of(tau: f32) -> f32 {
+    if (tau < 0.0625) {
+        // Taylor's series; the first term left out is below 2^-24 of the sum.
+        return tau - tau * tau * (1.0 / 2.0 - tau * (1.0 / 6.0 - tau * (1.0 / 24.0 - tau * (1.0 / 120.0))));
+    }
+    return 1.0 - exp(-tau);
+}
+
+// Premultiplied colour and opacity of an interval from its two Gauss points, nearer one first. The opacity is
+// `1 - exp(-tau)` with Gauss's `tau = (kappa_1 + kappa_2) extent / 2`; the colour is the mean of the two colours with
+// Gauss's weights for the emission that gets out, `kappa_i T_i`, where `T_2 / T_1 = exp(-tau / sqrt(3))`.
+fn integrate_pair(kappa: vec2<f32>, near_color: vec3<f32>, far_color: vec3<f32>, extent: f32) -> vec4<f32> {
+    let tau = 0.5 * (kappa.x + kappa.y) * extent;
+    if (!(tau > 0.0)) {
+        return vec4<f32>(0.0);
+    }
+    let opacity = opacity_of(tau);
+    let far = kappa.y * max(exp(-min(tau * GAUSS_DISTANCE, DEPTH_LIMIT)), MIN_WEIGHT);
+    let share = opacity / (kappa.x + far);
+    return vec4<f32>(share * (kappa.x * near_color + far * far_color), opacity);
+}
+
+// Number of Gauss pairs for an interval over which the transfer function varies this much, of optical depth tau.
+fn pair_count(change: f32, tau: f32) -> u32 {
+    let wanted = change * (1.0 / PAIR_VARIATION) + change * tau * (1.0 / PAIR_VARIATION_DEPTH);
+    return u32(clamp(ceil(wanted), 1.0, PAIR_LIMIT));
+}
+
+// Number of Gauss pairs between two splits, from the values there and in the middle.
+fn pairs_between(cubic: vec4<f32>, u0: f32, u1: f32, extent: f32) -> u32 {
+    let first = cubic_at(cubic, u0);
+    let middle = cubic_at(cubic, 0.5 * (u0 + u1));
+    let last = cubic_at(cubic, u1);
+    let change = variation(min(min(first, middle), last), max(max(first, middle), last));
+    if (change == 0.0) {
+        return 1u;
+    }
+    return pair_count(change, extinction(classify(middle).a) * extent * (u1 - u0));
+}

@@ -1,0 +1,139 @@
+// Twin of raycast/cpu/shade.rs: gradients of a cell, and two-sided Blinn-Phong (RENDERING-MODEL, section 5).
+//
+// The gradient is taken by central differences at the eight corners, from the 32 voxels around the cell, and
+// interpolated: the same number as differences of the interpolant one voxel apart. Vectors are in world space.
+
+// The gradient along a chord: one cubic per index axis.
+struct ChordGradient {
+    x: vec4<f32>,
+    y: vec4<f32>,
+    z: vec4<f32>,
+    // 0 where there is none: an absent tap has weight on the chord, or nothing is shaded.
+    present: u32,
+}
+
+// The gradient of a cell along a chord; `corners` are the cell's own, holes not replaced.
+fn chord_gradient(slot: Slot, cell: vec3<i32>, corners: Corners, chord: Chord) -> ChordGradient {
+    if (!has_flag(FLAG_SHADED)) {
+        return ChordGradient(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0), 0u);
+    }
+    var x = x_differences(slot, cell, corners);
+    var y = y_differences(slot, cell, corners);
+    var z = z_differences(slot, cell, corners);
+    if (has_flag(FLAG_HOLES) && (has_holes(x) || has_holes(y) || has_holes(z))) {
+        x = replace_unreached(x, chord.a, chord.b);
+        y = replace_unreached(y, chord.a, chord.b);
+        z = replace_unreached(z, chord.a, chord.b);
+        if (has_holes(x) || has_holes(y) || has_holes(z)) {
+            return ChordGradient(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0), 0u);
+        }
+    }
+    return ChordGradient(
+        cubic_of_cell(x.low, x.high, chord.a, chord.b),
+        cubic_of_cell(y.low, y.high, chord.a, chord.b),
+        cubic_of_cell(z.low, z.high, chord.a, chord.b),
+        1u,
+    );
+}
+
+// Central differences along x at the corners.
+fn x_differences(slot: Slot, cell: vec3<i32>, c: Corners) -> Corners {
+    // The voxels beside the cell's faces, as (y, z) = 00, 10, 01, 11.
+    let y = vec3<i32>(0, 1, 0);
+    let z = vec3<i32>(0, 0, 1);
+    let before = layer_of(slot, cell - vec3<i32>(1, 0, 0), y, z);
+    let behind = layer_of(slot, cell + vec3<i32>(2, 0, 0), y, z);
+    let b = before.value;
+    let e = behind.value;
+    let pb = before.present;
+    let pe = behind.present;
+    return Corners(
+        0.5 * vec4<f32>(c.low.y - b.x, e.x - c.low.x, c.low.w - b.y, e.y - c.low.z),
+        0.5 * vec4<f32>(c.high.y - b.z, e.z - c.high.x, c.high.w - b.w, e.w - c.high.z),
+        c.low_present.yxwz * vec4<f32>(pb.x, pe.x, pb.y, pe.y),
+        c.high_present.yxwz * vec4<f32>(pb.z, pe.z, pb.w, pe.w),
+    );
+}
+
+// Central differences along y at the corners.
+fn y_differences(slot: Slot, cell: vec3<i32>, c: Corners) -> Corners {
+    // As (x, z) = 00, 10, 01, 11.
+    let x = vec3<i32>(1, 0, 0);
+    let z = vec3<i32>(0, 0, 1);
+    let before = layer_of(slot, cell - vec3<i32>(0, 1, 0), x, z);
+    let behind = layer_of(slot, cell + vec3<i32>(0, 2, 0), x, z);
+    let b = before.value;
+    let e = behind.value;
+    return Corners(
+        0.5 * vec4<f32>(c.low.zw - b.xy, e.xy - c.low.xy),
+        0.5 * vec4<f32>(c.high.zw - b.zw, e.zw - c.high.xy),
+        c.low_present.zwxy * vec4<f32>(before.present.xy, behind.present.xy),
+        c.high_present.zwxy * vec4<f32>(before.present.zw, behind.present.zw),
+    );
+}
+
+// Central differences along z at the corners.
+fn z_differences(slot: Slot, cell: vec3<i32>, c: Corners) -> Corners {
+    let x = vec3<i32>(1, 0, 0);
+    let y = vec3<i32>(0, 1, 0);
+    let before = layer_of(slot, cell - vec3<i32>(0, 0, 1), x, y);
+    let behind = layer_of(slot, cell + vec3<i32>(0, 0, 2), x, y);
+    return Corners(
+        0.5 * (c.high - before.value),
+        0.5 * (behind.value - c.low),
+        c.high_present * before.present,
+        c.low_present * behind.present,
+    );
+}
+
+// World-space gradient at u of the chord.
+fn gradient_at(gradient: ChordGradient, u: f32, ray: LocalRay) -> vec3<f32> {
+    let index = vec3<f32>(cubic_at(gradient.x, u), cubic_at(gradient.y, u), cubic_at(gradient.z, u));
+    let matrix = mat3x3<f32>(config.gradient_x, config.gradient_y, config.gradient_z);
+    return matrix * (index * ray.gradient_scale);
+}
+
+fn normal_at(gradient: ChordGradient, u: f32, ray: LocalRay) -> vec3<f32> {
+    let g = gradient_at(gradient, u, ray);
+    return g / max(length(g), TINY);
+}
+
+// Gauss pairs that shading wants between two parameters of a chord: by how far the normal turns.
+fn shaded_pairs(gradient: ChordGradient, u0: f32, u1: f32, ray: LocalRay) -> u32 {
+    if (gradient.present == 0u) {
+        return 1u;
+    }
+    let middle = normal_at(gradient, 0.5 * (u0 + u1), ray);
+    let turn = distance(normal_at(gradient, u0, ray), middle) + distance(middle, normal_at(gradient, u1, ray));
+    return u32(clamp(ceil(turn / PAIR_NORMAL_CHANGE), 1.0, PAIR_LIMIT));
+}
+
+// A colour after shading at u of the chord.
+fn shaded(gradient: ChordGradient, u: f32, ray: LocalRay, color: vec3<f32>) -> vec3<f32> {
+    if (gradient.present == 0u) {
+        return color;
+    }
+    return shade(color, gradient_at(gradient, u, ray), ray.to_eye);
+}
+
+// The colour after shading; `gradient` in world space, `to_eye` a unit vector.
+fn shade(color: vec3<f32>, gradient: vec3<f32>, to_eye: vec3<f32>) -> vec3<f32> {
+    let size = length(gradient);
+    if (size == 0.0 || size < config.gradient_floor) {
+        return color;
+    }
+    let normal = gradient * (-1.0 / size);
+    var diffuse = config.ambient;
+    var specular = 0.0;
+    for (var i = 0u; i < config.light_count; i += 1u) {
+        let light = tables.lights[i];
+        diffuse += config.diffuse * abs(dot(normal, light.to_light)) * light.intensity;
+        let between = light.to_light + to_eye;
+        let facing = abs(dot(normal, between)) / max(length(between), TINY);
+        // 0 to a power is 0; pow would take the logarithm of 0.
+        if (facing > 0.0) {
+            specular += config.specular * pow(facing, config.shininess) * light.intensity;
+        }
+    }
+    return clamp(color * diffuse + specular, vec3<f32>(0.0), vec3<f32>(1.0));
+}

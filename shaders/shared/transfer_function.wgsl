@@ -1,0 +1,106 @@
+// Twin of transfer_function/render.rs: values to colour and opacity, exact whatever the number of bins.
+
+// Before the first control point.
+const BEFORE_FIRST: u32 = 0xffffffffu;
+
+// Index of the last point with a value not greater than `value`, or BEFORE_FIRST.
+fn tf_segment(value: f32) -> u32 {
+    let from_first = value - points[0].value;
+    if (from_first < 0.0) {
+        return BEFORE_FIRST;
+    }
+    // Clamped before the conversion: what no u32 holds converts to anything.
+    let bin = u32(min(from_first * config.bins_per_value, f32(config.bin_count - 1u)));
+    var i = transfer_index[bin];
+    while (i + 1u < config.point_count && value >= points[i + 1u].value) {
+        i += 1u;
+    }
+    return i;
+}
+
+// Position of a value in a segment, 0 at its point, 1 at the next.
+fn tf_position(segment: u32, value: f32) -> f32 {
+    return min((value - points[segment].value) * points[segment].inverse_width, 1.0);
+}
+
+// Red, green, blue and alpha at a render value.
+fn classify(value: f32) -> vec4<f32> {
+    let i = tf_segment(value);
+    if (i == BEFORE_FIRST) {
+        return points[0].rgba;
+    }
+    return points[i].rgba + tf_position(i, value) * points[i].delta;
+}
+
+// Points with positive alpha up to the end of a segment's left point.
+fn visible_points_up_to(segment: u32) -> u32 {
+    if (segment == BEFORE_FIRST) {
+        return 0u;
+    }
+    if (segment + 1u < config.point_count) {
+        return points[segment + 1u].visible_before;
+    }
+    return config.visible_points;
+}
+
+// Whether a value of the closed interval can have positive opacity; false for the empty interval `low > high`.
+fn is_visible(low: f32, high: f32) -> bool {
+    if (low > high || config.visible_points == 0u) {
+        return false;
+    }
+    return classify(low).a > 0.0
+        || classify(high).a > 0.0
+        || visible_points_up_to(tf_segment(high)) > visible_points_up_to(tf_segment(low));
+}
+
+// Variation gathered below a value.
+fn tf_gathered(value: f32) -> f32 {
+    let i = tf_segment(value);
+    if (i == BEFORE_FIRST) {
+        return 0.0;
+    }
+    return points[i].variation_before + tf_position(i, value) * points[i].variation;
+}
+
+// Total variation of alpha, and of colour as far as it is visible, over the closed interval.
+fn variation(low: f32, high: f32) -> f32 {
+    return tf_gathered(high) - tf_gathered(low);
+}
+
+// Value of a knot.
+fn knot(index: u32) -> f32 {
+    return bitcast<f32>(transfer_index[config.bin_count + index]);
+}
+
+fn knots_up_to(value: f32) -> u32 {
+    let i = tf_segment(value);
+    if (i == BEFORE_FIRST) {
+        return 0u;
+    }
+    return points[i].knots_up_to;
+}
+
+// Knots strictly between `low` and `high`: (first, one past the last).
+fn knots_in(low: f32, high: f32) -> vec2<u32> {
+    let start = knots_up_to(low);
+    var end = knots_up_to(high);
+    if (end > start && knot(end - 1u) >= high) {
+        end -= 1u;
+    }
+    return vec2<u32>(start, max(start, end));
+}
+
+// `-ln(1 - alpha)`, accurate for small alpha, where `1 - alpha` would round the digits away.
+fn absorbance(alpha: f32) -> f32 {
+    if (alpha < 0.0625) {
+        // Taylor's series; the first term left out is below 2^-24 of the sum.
+        let terms = 1.0 / 2.0 + alpha * (1.0 / 3.0 + alpha * (1.0 / 4.0 + alpha * (1.0 / 5.0 + alpha * (1.0 / 6.0))));
+        return alpha + alpha * alpha * terms;
+    }
+    return -log(1.0 - alpha);
+}
+
+// Extinction per world length of an opacity.
+fn extinction(alpha: f32) -> f32 {
+    return absorbance(min(alpha, config.alpha_limit)) * config.inverse_unit_distance;
+}

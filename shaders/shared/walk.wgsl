@@ -1,0 +1,153 @@
+// The walk of one ray: brick by brick, macro cell by macro cell, trilinear cell by trilinear cell.
+
+// Bricks that a ray may meet in one dispatch; it then goes on in the next.
+const BRICK_LIMIT: u32 = 4096u;
+
+// Moves the base point of a ray that has come far: t stays small (camera.wgsl).
+fn rebase(state: ptr<function, RayState>) {
+    let strides = u32((*state).t / config.stride_world);
+    if (strides >= 2u) {
+        (*state).strides += strides;
+        (*state).t -= f32(strides) * config.stride_world;
+    }
+}
+
+// Casts a ray as far as it goes now; afterwards its status is set.
+fn cast_ray(ray: GpuRay, state: ptr<function, RayState>) {
+    (*state).status = STATUS_ACTIVE;
+    for (var i = 0u; i < BRICK_LIMIT && cells < job.cell_limit; i += 1u) {
+        rebase(state);
+        let end = segment_end(ray, (*state).strides);
+        let base = ray_from(ray, (*state).strides);
+        if ((*state).t >= end || is_settled(state)) {
+            (*state).status = STATUS_DONE;
+            return;
+        }
+        let region = region_at(base, (*state).t);
+        if (region.found == 0u) {
+            (*state).status = STATUS_DONE;
+            return;
+        }
+        let leave = min(region.leave, end);
+        let page = page_of(region);
+        fallbacks += u32(page.level != region.level);
+        if (page.state == PAGE_MISSING) {
+            (*state).status = STATUS_WAITING;
+            (*state).wanted = page.entry;
+            note_miss(page.entry);
+            return;
+        }
+        cast_page(page, base, leave, state);
+    }
+}
+
+// Casts a ray through the part of it that lies in one page.
+fn cast_page(page: Page, base: LevelRay, leave: f32, state: ptr<function, RayState>) {
+    bricks_entered += 1u;
+    switch page.state {
+        case PAGE_RESIDENT: {
+            note_use(page.payload);
+            cast_brick(slot_at(page.payload), local_ray(page, base), leave, state);
+        }
+        case PAGE_UNIFORM: {
+            gather_uniform(bitcast<f32>(page.payload), leave - (*state).t, state);
+            (*state).t = leave;
+        }
+        default: {
+            lost += u32(page.state == PAGE_FAILED);
+            gather_absent(state);
+            (*state).t = leave;
+        }
+    }
+}
+
+// A ray in brick-local index space.
+struct LocalRay {
+    origin: vec3<f32>,
+    // Index offset per world length.
+    direction: vec3<f32>,
+    // Unit world vector.
+    to_eye: vec3<f32>,
+    // Gradients per voxel of this level to gradients per voxel of level 0.
+    gradient_scale: vec3<f32>,
+}
+
+fn local_ray(page: Page, base: LevelRay) -> LocalRay {
+    let ray = ray_at_level(base, page.level);
+    let origin = origin_from(ray, page.brick * i32(config.core));
+    let scale = vec3<f32>(vec3<u32>(1u) << tables.levels[page.level].scale_log2);
+    return LocalRay(origin, ray.direction, -world_direction(base.direction), 1.0 / scale);
+}
+
+fn local_at(ray: LocalRay, t: f32) -> vec3<f32> {
+    return ray.origin + t * ray.direction;
+}
+
+// Walks the macro cells of a brick; stops between two of them when the ray has done its share.
+fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RayState>) {
+    let last = macro_edge() - 1;
+    let side = leaving_side(ray.direction);
+    let entry = floor((local_at(ray, (*state).t) + 0.5) / f32(MACRO_CELL));
+    var cell = clamp(vec3<i32>(entry), vec3<i32>(0), vec3<i32>(last));
+    // A ray enters at most three macro cells per layer, and may begin one too far back on each axis.
+    let limit = 3 * (last + 2);
+    for (var i = 0; i < limit; i += 1) {
+        let leaves = crossings(vec3<f32>((cell + side) * MACRO_CELL) - 0.5, ray.origin, ray.direction);
+        let cell_leave = min(first_crossing(leaves), leave);
+        if (cell_leave > (*state).t) {
+            let range = macro_range(slot, cell);
+            if (is_worth_a_visit(range, state)) {
+                macro_cells += 1u;
+                cast_macro_cell(slot, ray, cell * MACRO_CELL, cell_leave, state);
+            } else {
+                macro_cells_skipped += 1u;
+                gather_skipped(range, state);
+            }
+            (*state).t = cell_leave;
+        }
+        if (cell_leave >= leave || is_settled(state) || cells >= job.cell_limit) {
+            return;
+        }
+        cell += first_axis(leaves) * step_of(ray.direction);
+        if (any(cell < vec3<i32>(0)) || any(cell > vec3<i32>(last))) {
+            // Only rounding leads out of the brick before its face.
+            (*state).t = leave;
+            return;
+        }
+    }
+    anomalies += 1u;
+    (*state).t = leave;
+}
+
+// Integrates the trilinear cells of one macro cell: faces at integers, `first - 1` to `first + 7`.
+fn cast_macro_cell(slot: Slot, ray: LocalRay, first: vec3<i32>, leave: f32, state: ptr<function, RayState>) {
+    let low = first - 1;
+    let high = first + MACRO_CELL - 1;
+    let side = leaving_side(ray.direction);
+    var t = (*state).t;
+    var cell = clamp(vec3<i32>(floor(local_at(ray, t))), low, high);
+    for (var i = 0; i < 3 * (MACRO_CELL + 2); i += 1) {
+        let leaves = crossings(vec3<f32>(cell + side), ray.origin, ray.direction);
+        let cell_leave = min(first_crossing(leaves), leave);
+        if (cell_leave > t) {
+            cells += 1u;
+            let corner = vec3<f32>(cell);
+            let chord = Chord(
+                clamp(local_at(ray, t) - corner, vec3<f32>(0.0), vec3<f32>(1.0)),
+                clamp(local_at(ray, cell_leave) - corner, vec3<f32>(0.0), vec3<f32>(1.0)),
+                cell_leave - t,
+            );
+            gather_cell(slot, cell, chord, ray, state);
+            t = cell_leave;
+        }
+        if (cell_leave >= leave || is_settled(state)) {
+            return;
+        }
+        cell += first_axis(leaves) * step_of(ray.direction);
+        if (any(cell < low) || any(cell > high)) {
+            // Only rounding leads out of the macro cell before its face.
+            return;
+        }
+    }
+    anomalies += 1u;
+}
