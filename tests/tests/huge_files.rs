@@ -3,9 +3,8 @@
 use std::io::{Seek, SeekFrom, Write};
 
 use supervol_format::{Dims, Geometry, VoxelBox, VoxelType};
-use supervol_preprocess::source::VolumeSource;
-use supervol_preprocess::source::grid_file::Endian;
 use supervol_preprocess::source::raw::{RawOptions, RawSource};
+use supervol_preprocess::source::{Endian, VolumeSource};
 use supervol_tests::Random;
 
 /// 2000 x 1500 x 1000 voxels of u16 are 6 GB.
