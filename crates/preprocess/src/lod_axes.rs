@@ -107,7 +107,7 @@ impl Sample {
         let extent = self.extent;
         (0..self.values.len()).filter_map(move |i| {
             let position = i / stride % extent[axis];
-            let paired = position % 2 == 0 && position + 1 < extent[axis];
+            let paired = position.is_multiple_of(2) && position + 1 < extent[axis];
             paired.then(|| (self.values[i], self.values[i + stride]))
         })
     }

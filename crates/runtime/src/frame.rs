@@ -16,6 +16,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use supervol_format::container::ContainerError;
+use supervol_format::container::manifest::Source;
 use supervol_format::container::toc;
 use supervol_format::{BrickKey, Container, Lod, ValueRange};
 
@@ -191,8 +192,21 @@ pub fn volume_facts(container: &Container) -> VolumeFacts {
         geometry: descriptor.geometry,
         value_range,
         percentiles: manifest.percentiles.iter().map(|&[percent, value]| (percent, value)).collect(),
-        kind: if manifest.source.format == "segy" { DataKind::Seismic } else { DataKind::Generic },
+        kind: data_kind(&manifest.source, value_range),
         has_zero_centre: value_range.min < 0.0 && value_range.max > 0.0,
+    }
+}
+
+/// What the data are, by where they came from and how far their values reach: Hounsfield units go from air, near
+/// -1000, to bone, above 400.
+fn data_kind(source: &Source, value_range: ValueRange) -> DataKind {
+    let seismic = source.format == "segy" || (source.format == "synth" && source.name.starts_with("seismic"));
+    if seismic {
+        DataKind::Seismic
+    } else if value_range.min < -500.0 && value_range.max > 400.0 {
+        DataKind::Ct
+    } else {
+        DataKind::Generic
     }
 }
 

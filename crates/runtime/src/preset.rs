@@ -20,6 +20,8 @@ const FOV_Y: f64 = 30.0;
 const FILL: f64 = 0.92;
 /// A preset's opacities hold over the mean edge of the volume divided by this.
 const UNITS_PER_EDGE: f64 = 256.0;
+/// Least units across the thinnest axis.
+const THINNEST_UNITS: f64 = 12.0;
 
 /// Name of the preset that suits a kind of data.
 #[must_use]
@@ -90,8 +92,11 @@ pub fn transfer_function(name: &str, facts: &VolumeFacts) -> Result<TransferFunc
 fn unit_distance(facts: &VolumeFacts) -> f64 {
     let linear = facts.geometry.linear();
     let edges = [linear.x_axis.length(), linear.y_axis.length(), linear.z_axis.length()];
-    let mean = (0..3).map(|a| edges[a] * facts.dims.0[a] as f64).sum::<f64>() / 3.0;
-    (mean / UNITS_PER_EDGE).max(facts.geometry.smallest_spacing())
+    let extents: [f64; 3] = std::array::from_fn(|a| edges[a] * facts.dims.0[a] as f64);
+    let mean = extents.iter().sum::<f64>() / 3.0;
+    let thinnest = extents.iter().copied().fold(f64::INFINITY, f64::min);
+    // A single section or a few slices would be clear glass at the scale of their length.
+    (mean / UNITS_PER_EDGE).max(facts.geometry.smallest_spacing()).min(thinnest / THINNEST_UNITS)
 }
 
 /// Value at a percentile, interpolated; the range stands in where no percentiles are known.
@@ -127,9 +132,13 @@ fn window(facts: &VolumeFacts) -> (f64, f64) {
 }
 
 /// Symmetric double wing on a red-white-blue map, clipped at the 99th percentile; zero is transparent.
+///
+/// Amplitudes stored without a sign have their zero at the median.
 fn seismic(facts: &VolumeFacts) -> Vec<ControlPoint> {
     let (low, high) = window(facts);
-    let clip = low.abs().max(high.abs());
+    let zero = if facts.has_zero_centre { 0.0 } else { percentile(facts, 50.0) };
+    let clip = (low - zero).abs().max((high - zero).abs());
+    let point = |offset: f64, color, alpha| point(zero + offset, color, alpha);
     vec![
         point(-clip, [0.55, 0.00, 0.05], 0.45),
         point(-0.60 * clip, [0.85, 0.15, 0.12], 0.18),

@@ -30,6 +30,14 @@ impl Failure {
         ExitCode::from(code)
     }
 
+    /// A wrong command, with the file that holds the mistake named first, where there is one.
+    pub fn named(self, file: Option<&std::path::Path>) -> Self {
+        match (self, file) {
+            (Self::Command(message), Some(file)) => Self::Command(format!("{}: {message}", file.display())),
+            (other, _) => other,
+        }
+    }
+
     /// A wrong command.
     pub fn command(message: impl Display) -> Self {
         Self::Command(message.to_string())

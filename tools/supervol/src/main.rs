@@ -9,6 +9,7 @@ mod failure;
 mod info;
 mod progress;
 mod quantity;
+mod render;
 mod synth;
 mod verify;
 
@@ -36,6 +37,8 @@ enum Command {
     Verify(verify::Arguments),
     /// Write voxels of a container to a .npy, .raw or .nrrd file
     Extract(extract::Arguments),
+    /// Make a picture of a container
+    Render(render::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -46,6 +49,7 @@ fn main() -> ExitCode {
         Command::Info(arguments) => info::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Extract(arguments) => extract::run(&arguments),
+        Command::Render(arguments) => render::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

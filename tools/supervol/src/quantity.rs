@@ -28,6 +28,19 @@ pub fn bytes(text: &str) -> Result<u64, String> {
     }
 }
 
+/// Milliseconds: `100`, `100ms`, `1.5 s`, `2min`.
+pub fn milliseconds(text: &str) -> Result<u64, String> {
+    let (number, unit) = split_unit(text)?;
+    let factor = match unit {
+        "" | "ms" => 1.0,
+        "s" => 1e3,
+        "min" => 6e4,
+        _ => return Err(format!("unit '{unit}': expected ms, s or min")),
+    };
+    let value = number * factor;
+    if (0.0..1e12).contains(&value) { Ok(value as u64) } else { Err(format!("{text}: expected a time from 0 on")) }
+}
+
 /// Number and the unit behind it.
 fn split_unit(text: &str) -> Result<(f64, &str), String> {
     let text = text.trim();
