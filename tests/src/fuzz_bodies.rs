@@ -132,11 +132,14 @@ pub fn npy(data: &[u8]) {
     in_a_file("fuzz.npy", &bytes, |path, _| read_some(NpySource::open(path)));
 }
 
+/// What a target does with its bytes.
+pub type Body = fn(&[u8]);
+
 /// Names of all bodies, with the bodies and a valid input each.
 #[must_use]
-pub fn all() -> Vec<(&'static str, fn(&[u8]), Vec<u8>)> {
+pub fn all() -> Vec<(&'static str, Body, Vec<u8>)> {
     let whole = |seed: &[u8]| [&[0], seed].concat();
-    let mut seeds: Vec<(&'static str, fn(&[u8]), Vec<u8>)> = vec![
+    let mut seeds: Vec<(&'static str, Body, Vec<u8>)> = vec![
         ("container", container, whole(&seed_container().bytes)),
         ("segy", segy, whole(&segy_seed())),
         ("nrrd", nrrd, whole(&nrrd_seed())),
@@ -145,7 +148,7 @@ pub fn all() -> Vec<(&'static str, fn(&[u8]), Vec<u8>)> {
     ];
     let shape = BrickShape { voxel_type: VoxelType::ALL[3], extent: [6, 7, 8] };
     let voxels: Vec<u8> = (0..shape.bytes()).map(|i| (i / 13) as u8).collect();
-    let codecs: [(&'static str, fn(&[u8]), Codec); 3] = [
+    let codecs: [(&'static str, Body, Codec); 3] = [
         ("codec_raw", codec_raw, Codec::Raw),
         ("codec_rle", codec_rle, Codec::Rle),
         ("codec_zstd", codec_zstd, Codec::Zstd),

@@ -203,7 +203,7 @@ mod tests {
 
     #[test]
     fn an_axis_whose_pairs_cancel_waits() {
-        let layers = |p: [u64; 3]| if p[2] % 2 == 0 { 200 } else { 50 };
+        let layers = |p: [u64; 3]| if p[2].is_multiple_of(2) { 200 } else { 50 };
         assert_eq!(factors_of([64; 3], [1.0; 3], layers)[0], [2, 2, 1]);
     }
 }
