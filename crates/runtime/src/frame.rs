@@ -10,6 +10,7 @@
 //! converged. Time is looked at between passes and between batches of reads: a frame ends at most one of these late.
 
 pub mod caster;
+mod gpu;
 pub mod reference;
 
 use std::sync::Arc;
@@ -24,11 +25,12 @@ use crate::image::Image;
 use crate::lod::LodChoice;
 use crate::process;
 use crate::raycast::cpu::{CpuFrame, CpuQuality, RayState, Skipping};
+use crate::raycast::gpu::{GpuDevice, GpuError};
 use crate::raycast::reference::render_reference_counted;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{DataKind, ResolvedScene, VolumeFacts};
 use crate::stats::{FrameStats, mode_name};
-use crate::streamer::budget::{BrickBytes, BudgetError, Demand, HostPlan};
+use crate::streamer::budget::{Bands, BrickBytes, BudgetError, Demand, HostPlan};
 use crate::streamer::classify::Classifier;
 use crate::streamer::priority::FrontToBack;
 use crate::streamer::{OnMissing, Room, StreamError, Streamer};
@@ -44,7 +46,7 @@ const KEPT_TIME_SHARE: u32 = 4;
 /// Who casts the rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Backend {
-    /// The fastest that is there: the CPU in this version.
+    /// A hardware GPU if there is one that can draw this, else the CPU.
     #[default]
     Auto,
     /// The ray caster in Rust.
@@ -134,8 +136,8 @@ pub enum RenderError {
          give more memory or choose a coarser level"
     )]
     ReferenceTooLarge { level: u8, needed_bytes: u64, budget_bytes: u64 },
-    #[error("backend `gpu` is not part of this version; use `cpu`")]
-    GpuNotAvailable,
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
     #[error("{threads} threads cannot be started: {message}")]
     Threads { threads: usize, message: String },
     #[error(
@@ -162,8 +164,9 @@ pub fn render(
     let pool = pool.map_err(|e| RenderError::Threads { threads, message: e.to_string() })?;
     let (start, cpu_start) = (Instant::now(), process::cpu_time());
     let (image, mut stats) = pool.install(|| match options.backend {
-        Backend::Auto | Backend::Cpu => render_cpu(container, scene, options, start),
-        Backend::Gpu => Err(RenderError::GpuNotAvailable),
+        Backend::Auto => render_auto(container, scene, options, start),
+        Backend::Cpu => render_cpu(container, scene, options, start),
+        Backend::Gpu => gpu::render_gpu(&GpuDevice::open()?, container, scene, options, start),
         Backend::Reference => render_from_reference(container, scene, options),
     })?;
     [stats.image_width, stats.image_height] = scene.image_size;
@@ -227,11 +230,13 @@ pub fn plan_host(
     scene: &ResolvedScene,
     options: &RenderOptions<'_>,
     ray_state_bytes: u64,
+    bands: Bands,
 ) -> Result<HostPlan, BudgetError> {
     let demand = Demand {
         image_size: scene.image_size,
         subgrid: scene.subgrid,
         ray_state_bytes,
+        bands,
         brick: BrickBytes::of(container),
         // With a deadline the coarsest brick stays, beside the one that makes progress.
         least_bricks: if options.time_budget_ms.is_some() { 2 } else { 1 },
@@ -241,13 +246,52 @@ pub fn plan_host(
     HostPlan::new(options.host_memory_bytes, &demand)
 }
 
+/// Level of detail as the ray casters take it.
+fn lod_choice(options: &RenderOptions<'_>) -> LodChoice {
+    match options.level {
+        LevelChoice::Auto => CpuQuality::default().lod,
+        LevelChoice::Fixed(lod) => LodChoice::Fixed(lod),
+    }
+}
+
+fn streamer_for(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions<'_>,
+    plan: HostPlan,
+) -> Streamer {
+    let (descriptor, map) = (container.descriptor(), value_map(container));
+    let classifier = Classifier::new(scene, descriptor.voxel_type, map, options.skipping);
+    let order = FrontToBack::new(&scene.camera, &descriptor.geometry);
+    Streamer::new(container.clone(), map, classifier, order, plan)
+}
+
+/// A hardware GPU, or the CPU and the reason why not the GPU. Errors that both share are errors.
+fn render_auto(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions<'_>,
+    start: Instant,
+) -> Result<(Image, FrameStats), RenderError> {
+    let why = match GpuDevice::open() {
+        Ok(device) if device.is_software() => format!("{} is a processor", device.name()),
+        Ok(device) => match gpu::render_gpu(&device, container, scene, options, start) {
+            Err(error @ (RenderError::Gpu(_) | RenderError::Budget(_))) => error.to_string(),
+            other => return other,
+        },
+        Err(error) => error.to_string(),
+    };
+    let (image, stats) = render_cpu(container, scene, options, start)?;
+    Ok((image, FrameStats { no_gpu_because: Some(why), ..stats }))
+}
+
 fn render_cpu(
     container: &Arc<Container>,
     scene: &ResolvedScene,
     options: &RenderOptions<'_>,
     start: Instant,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let plan = plan_host(container, scene, options, size_of::<RayState>() as u64)?;
+    let plan = plan_host(container, scene, options, size_of::<RayState>() as u64, Bands::Allowed)?;
     render_cpu_with(container, scene, options, plan, start)
 }
 
@@ -263,18 +307,12 @@ pub fn render_cpu_with(
     plan: HostPlan,
     start: Instant,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let map = value_map(container);
-    let lod = match options.level {
-        LevelChoice::Auto => CpuQuality::default().lod,
-        LevelChoice::Fixed(lod) => LodChoice::Fixed(lod),
-    };
     let descriptor = container.descriptor();
     let value_range = volume_facts(container).value_range;
-    let quality = CpuQuality { lod, skipping: options.skipping };
+    let quality = CpuQuality { lod: lod_choice(options), skipping: options.skipping };
+    let map = value_map(container);
     let frame = CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, map, value_range, quality);
-    let classifier = Classifier::new(scene, descriptor.voxel_type, map, options.skipping);
-    let order = FrontToBack::new(&scene.camera, &descriptor.geometry);
-    let streamer = Streamer::new(container.clone(), map, classifier, order, plan);
+    let streamer = streamer_for(container, scene, options, plan);
     let mut walk = FrameWalk::new(streamer, plan, options, start);
     let image = walk.run(&mut CpuCaster::new(frame), scene.image_size)?;
     Ok((image, FrameStats { backend: "cpu", ..walk.stats }))
@@ -451,6 +489,8 @@ impl<'a> FrameWalk<'a> {
         self.stats.macro_cells = totals.macro_cells;
         self.stats.macro_cells_skipped = totals.macro_cells_skipped;
         self.stats.gpu_bytes = totals.gpu_bytes;
+        self.stats.gpu_page_ins = totals.gpu_page_ins;
+        self.stats.gpu_anomalies = totals.gpu_anomalies;
         self.stats.adapter = totals.adapter;
         self.stats.upload_ms = milliseconds(totals.upload_time);
     }

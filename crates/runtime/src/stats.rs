@@ -22,6 +22,8 @@ pub struct FrameStats {
     pub image_height: u32,
     /// `cpu`, `gpu` or `reference`.
     pub backend: &'static str,
+    /// Why backend `auto` did not take a graphics device; null if it did, or was not asked.
+    pub no_gpu_because: Option<String>,
     /// Name of the graphics adapter; null without one.
     pub adapter: Option<String>,
     /// Threads that cast and decoded.
@@ -92,6 +94,10 @@ pub struct FrameStats {
     pub gpu_bytes: u64,
     /// Bytes that the frame may hold on the graphics device.
     pub gpu_budget_bytes: u64,
+    /// Bricks copied to the graphics device.
+    pub gpu_page_ins: u64,
+    /// Times a loop on the graphics device hit its limit: a ray is not exact there.
+    pub gpu_anomalies: u64,
     /// Rays of the picture.
     pub rays: u64,
     /// Rays that ended before they left the volume, because nothing behind could be seen.

@@ -1,5 +1,7 @@
 //! The picture does not depend on cache, threads, bands or speed; bricks are fetched front to back, once.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "helpers of tests are tests")]
+
 mod containers;
 mod support;
 

@@ -48,6 +48,10 @@ pub struct CasterTotals {
     pub macro_cells_skipped: u64,
     /// Bytes held on a graphics device.
     pub gpu_bytes: u64,
+    /// Bricks copied to a graphics device.
+    pub gpu_page_ins: u64,
+    /// Times a loop on a graphics device hit its limit: a ray is not exact there.
+    pub gpu_anomalies: u64,
     /// Name of the graphics adapter.
     pub adapter: Option<String>,
     /// Wall time of copying bricks to the graphics device.

@@ -76,6 +76,15 @@ impl BrickBytes {
     }
 }
 
+/// Whether a ray caster can cast a picture in parts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Bands {
+    /// Some rows of pixels at a time.
+    Allowed,
+    /// The whole picture at once.
+    Whole,
+}
+
 /// What a frame needs memory for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Demand {
@@ -85,6 +94,8 @@ pub struct Demand {
     pub subgrid: u32,
     /// Bytes of one ray's state; 0 where rays are not kept in host memory.
     pub ray_state_bytes: u64,
+    /// Whether rays may be cast band by band.
+    pub bands: Bands,
     /// Sizes of bricks.
     pub brick: BrickBytes,
     /// Bricks that the cache must hold at once.
@@ -122,7 +133,10 @@ impl HostPlan {
         let subgrid = u64::from(demand.subgrid);
         let image = width * height * PIXEL_BYTES;
         let row = width * subgrid * subgrid * (demand.ray_state_bytes + MISS_BYTES + PIXEL_BYTES);
-        let band_rows = (budget_bytes / 4 / row.max(1)).clamp(1, height);
+        let band_rows = match demand.bands {
+            Bands::Allowed => (budget_bytes / 4 / row.max(1)).clamp(1, height),
+            Bands::Whole => height,
+        };
         let rays = band_rows * row;
         let toc = demand.toc_pages.min(CACHED_TOC_PAGES as u64) * toc::PAGE_BYTES as u64;
         let scratch = demand.threads * demand.brick.stored;
@@ -178,6 +192,7 @@ mod tests {
             image_size: [800, 600],
             subgrid: 1,
             ray_state_bytes: 64,
+            bands: Bands::Allowed,
             brick: BrickBytes { decoded: 1_300_000, stored: 1_250_000, record: 1_280_000 },
             least_bricks: 1,
             threads: 2,
@@ -210,5 +225,7 @@ mod tests {
         let large = Demand { image_size: [8000, 8000], subgrid: 4, ..demand() };
         let plan = HostPlan::new(2 << 30, &large).unwrap();
         assert!(plan.band_rows < 8000 && plan.band_rows >= 1, "{plan:?}");
+        let whole = Demand { bands: Bands::Whole, ..large };
+        assert!(HostPlan::new(2 << 30, &whole).unwrap_err().needed_bytes > 16 * 64_000_000 * 80);
     }
 }

@@ -1,275 +1,340 @@
-//! Small volumes, bricked in memory, and the scenes to look at them.
-#![allow(dead_code, reason = "each test file uses its own part")]
+//! Small volumes cut into decoded bricks, and a loop that feeds them to the GPU ray caster.
+
+#![allow(dead_code, reason = "each test file uses a part")]
 
 use std::collections::HashMap;
-use std::sync::Mutex;
 
+use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
-use supervol_runtime::raycast::cpu::{Counters, CpuFrame, CpuQuality, Skipping, cast_pass};
-use supervol_runtime::raycast::reference::{ReferenceVolume, render_reference_counted};
+use supervol_runtime::raycast::cpu::{self, CpuFrame, CpuQuality, Skipping};
+use supervol_runtime::raycast::gpu::{
+    GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, Insertion, PageEntry, VoxelStorage,
+};
+use supervol_runtime::raycast::reference::{ReferenceVolume, render_reference};
 use supervol_runtime::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap};
 use supervol_runtime::scene::{DataKind, ResolvedScene, Scene, VolumeFacts};
 
-/// A volume of data values; NaN is absent.
-#[derive(Clone)]
-pub struct Volume {
-    pub dims: [usize; 3],
+#[allow(clippy::print_stderr, reason = "a skipped test must be seen")]
+/// The GPU, or `None` with a loud word where there is none; with `SUPERVOL_REQUIRE_GPU=1` that is a failure.
+pub fn gpu() -> Option<GpuDevice> {
+    match GpuDevice::open() {
+        Ok(gpu) => Some(gpu),
+        Err(error) if std::env::var_os("SUPERVOL_REQUIRE_GPU").is_some_and(|v| v == "1") => {
+            panic!("SUPERVOL_REQUIRE_GPU=1, but {error}")
+        }
+        Err(error) => {
+            eprintln!("SKIPPED: no GPU adapter ({error})");
+            None
+        }
+    }
+}
+
+/// A generator with a fixed seed: SplitMix64.
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    pub fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+}
+
+/// A volume in memory, all its levels, and all its bricks.
+pub struct TestVolume {
+    pub pyramid: Pyramid,
     pub geometry: Geometry,
-    pub values: Vec<f64>,
+    pub map: ValueMap,
+    pub range: ValueRange,
+    pub storage: VoxelStorage,
+    pub reference: ReferenceVolume,
+    pub bricks: HashMap<BrickKey, DecodedBrick>,
+    /// Bricks with another state than "its voxels".
+    pub states: HashMap<BrickKey, PageEntry>,
+}
+
+/// How a test volume is stored.
+#[derive(Clone, Copy)]
+pub struct Storage {
     pub voxel_type: VoxelType,
+    pub scale: f64,
+    pub offset: f64,
     pub nodata: Option<f64>,
 }
 
-impl Volume {
-    /// A field evaluated at voxel indices, rounded to the voxel type (f32, or u8 and u16 as they are).
-    pub fn new(dims: [usize; 3], voxel_type: VoxelType, field: impl Fn([f64; 3]) -> f64) -> Self {
-        let mut values = Vec::new();
-        for k in 0..dims[2] {
-            for j in 0..dims[1] {
-                for i in 0..dims[0] {
-                    let v = field([i as f64, j as f64, k as f64]);
-                    values.push(match voxel_type {
-                        VoxelType::F32 => f64::from(v as f32),
-                        VoxelType::F64 => v,
-                        _ => v.round(),
-                    });
-                }
+pub const F32: Storage = Storage { voxel_type: VoxelType::F32, scale: 1.0, offset: 0.0, nodata: None };
+pub const U8: Storage = Storage { voxel_type: VoxelType::U8, scale: 1.0 / 255.0, offset: 0.0, nodata: None };
+pub const I16: Storage =
+    Storage { voxel_type: VoxelType::I16, scale: 1.0 / 4096.0, offset: 0.25, nodata: Some(-32768.0) };
+
+impl TestVolume {
+    /// A volume of a function of the voxel (NaN: absent), stored and rounded as `storage` says.
+    pub fn new(
+        dims: [usize; 3],
+        core: u32,
+        geometry: Geometry,
+        storage: Storage,
+        f: impl Fn([usize; 3]) -> f64,
+    ) -> Self {
+        let Storage { voxel_type, scale, offset, nodata } = storage;
+        let container = |value: f64| {
+            let stored = (value - offset) / scale;
+            match voxel_type {
+                _ if value.is_nan() => nodata.unwrap_or(f64::NAN),
+                VoxelType::F32 => f64::from(stored as f32),
+                _ => stored.round().clamp(voxel_type.limits().0 + f64::from(nodata.is_some()), voxel_type.limits().1),
+            }
+        };
+        let mut level0 = Vec::new();
+        for z in 0..dims[2] {
+            for y in 0..dims[1] {
+                level0.extend((0..dims[0]).map(|x| container(f([x, y, z]))));
             }
         }
-        Self { dims, geometry: Geometry::IDENTITY, values, voxel_type, nodata: None }
-    }
-
-    pub fn with_geometry(self, spacing: [f64; 3], origin: [f64; 3], direction: [f64; 9]) -> Self {
-        Self { geometry: Geometry { spacing, origin, direction }, ..self }
-    }
-
-    pub fn with_holes(mut self, is_hole: impl Fn([usize; 3]) -> bool) -> Self {
-        let [nx, ny, _] = self.dims;
-        for (n, v) in self.values.iter_mut().enumerate() {
-            if is_hole([n % nx, n / nx % ny, n / (nx * ny)]) {
-                *v = f64::NAN;
-            }
-        }
-        self
-    }
-
-    pub fn range(&self) -> ValueRange {
+        let absence = Absence { nodata };
+        let data = |stored: f64| if absence.is_absent(stored) { f64::NAN } else { stored * scale + offset };
+        let values: Vec<f64> = level0.iter().map(|&v| data(v)).collect();
         let mut range = ValueRange::EMPTY;
-        self.values.iter().filter(|v| !v.is_nan()).for_each(|&v| range.include(v));
-        range
+        values.iter().filter(|v| !v.is_nan()).for_each(|&v| range.include(v));
+        let map = ValueMap::for_container(voxel_type, scale, offset, nodata, range);
+        let pyramid = pyramid(dims, core);
+        let reference = ReferenceVolume { dims, geometry, values, value_range: range };
+        let mut bricks = HashMap::new();
+        let mut level = (dims, level0);
+        for lod in 0..pyramid.levels().len() {
+            if lod > 0 {
+                level = halved(&level.0, &level.1, absence, voxel_type);
+            }
+            for key in pyramid.keys_of(Lod(lod as u8)) {
+                bricks.insert(key, brick(&pyramid, key, &level.0, &level.1, storage, &map));
+            }
+        }
+        let storage = match voxel_type {
+            VoxelType::U8 | VoxelType::I8 => VoxelStorage::U8,
+            VoxelType::U16 | VoxelType::I16 => VoxelStorage::U16,
+            _ => VoxelStorage::F32,
+        };
+        Self { pyramid, geometry, map, range, storage, reference, bricks, states: HashMap::new() }
     }
 
-    pub fn facts(&self) -> VolumeFacts {
-        VolumeFacts {
-            dims: Dims(self.dims.map(|n| n as u64)),
+    pub fn scene(&self, json: &str) -> ResolvedScene {
+        let facts = VolumeFacts {
+            dims: Dims(self.reference.dims.map(|n| n as u64)),
             geometry: self.geometry,
-            value_range: self.range(),
-            percentiles: vec![],
+            value_range: self.range,
+            percentiles: Vec::new(),
             kind: DataKind::Generic,
             has_zero_centre: false,
+        };
+        Scene::from_json(json).expect("a valid scene").resolve(&facts).expect("a scene for this volume")
+    }
+
+    pub fn gpu_volume(&self) -> GpuVolume<'_> {
+        GpuVolume {
+            pyramid: &self.pyramid,
+            geometry: &self.geometry,
+            value_map: &self.map,
+            value_range: self.range,
+            storage: self.storage,
         }
     }
 
-    pub fn reference(&self) -> ReferenceVolume {
-        ReferenceVolume {
-            dims: self.dims,
-            geometry: self.geometry,
-            values: self.values.clone(),
-            value_range: self.range(),
+    pub fn reference_image(&self, scene: &ResolvedScene) -> Image {
+        render_reference(&self.reference, scene)
+    }
+
+    pub fn cpu_image(&self, scene: &ResolvedScene, lod: LodChoice) -> Image {
+        let quality = CpuQuality { lod, skipping: Skipping::On };
+        let frame = CpuFrame::new(scene, &self.pyramid, &self.geometry, self.map, self.range, quality);
+        let mut states = frame.begin();
+        let feedback = cpu::cast_pass(self, &frame, &mut states);
+        assert!(feedback.is_converged());
+        frame.image(&states)
+    }
+
+    /// The GPU's picture with room for `slots` bricks at least, its statistics, and the passes it took.
+    pub fn gpu_image(
+        &self,
+        gpu: &GpuDevice,
+        scene: &ResolvedScene,
+        lod: LodChoice,
+        slots: u64,
+        skipping: Skipping,
+    ) -> (Image, GpuStats) {
+        let memory_bytes = self.memory_for(gpu, scene, lod, slots);
+        let options = GpuOptions { memory_bytes, skipping };
+        let mut renderer = GpuRenderer::new(gpu, &self.gpu_volume(), scene, lod, options).expect("a renderer");
+        for (&key, &state) in &self.states {
+            renderer.set_state(key, state);
+        }
+        let pass_limit = 200 + 64 * self.bricks.len();
+        for _ in 0..pass_limit {
+            let feedback = renderer.cast_pass().expect("a pass");
+            assert_eq!(feedback.gpu.anomalies, 0, "anomalies");
+            if feedback.is_converged() {
+                assert!(feedback.misses.is_empty());
+                return (renderer.image().expect("an image"), renderer.stats());
+            }
+            assert!(!feedback.misses.is_empty(), "{} rays wait for nothing", feedback.unfinished_rays);
+            for miss in &feedback.misses {
+                assert!(!renderer.is_resident(miss.key), "{} is resident", miss.key);
+                if renderer.insert(&self.bricks[&miss.key]).expect("an upload") == Insertion::NoRoom {
+                    break;
+                }
+            }
+        }
+        panic!("not converged after {pass_limit} passes: {:?}", renderer.stats());
+    }
+
+    /// The least budget with which this many slots fit.
+    pub fn memory_for(&self, gpu: &GpuDevice, scene: &ResolvedScene, lod: LodChoice, slots: u64) -> u64 {
+        let options = GpuOptions { memory_bytes: 0, skipping: Skipping::On };
+        match GpuRenderer::new(gpu, &self.gpu_volume(), scene, lod, options) {
+            Err(GpuError::Budget { needed, slot_bytes, min_slots, .. }) => {
+                needed + slots.saturating_sub(min_slots) * slot_bytes * 16 / 15 + 16 * u64::from(slots > min_slots)
+            }
+            Err(error) => panic!("{error}"),
+            Ok(_) => panic!("a renderer without memory"),
         }
     }
+}
 
-    fn clamped(&self, p: [i64; 3]) -> f64 {
-        let [i, j, k] = [0, 1, 2].map(|a| p[a].clamp(0, self.dims[a] as i64 - 1) as usize);
-        self.values[i + self.dims[0] * (j + self.dims[1] * k)]
+impl BrickView for TestVolume {
+    fn lookup(&self, key: BrickKey) -> Resident<'_> {
+        match self.states.get(&key) {
+            Some(PageEntry::Nothing) => Resident::Nothing,
+            Some(PageEntry::Uniform(value)) => Resident::Uniform(*value),
+            Some(PageEntry::Failed) => Resident::UseParent,
+            Some(PageEntry::Missing) | None => self.bricks.get(&key).map_or(Resident::Missing, Resident::Brick),
+        }
     }
+}
 
-    /// The next coarser level: means of present voxels.
-    pub fn coarser(&self, factors: [usize; 3]) -> Self {
-        let dims: [usize; 3] = std::array::from_fn(|a| self.dims[a].div_ceil(factors[a]));
-        let voxel_type = self.voxel_type;
-        let coarse = Self::new(dims, voxel_type, |p| {
-            let (mut sum, mut count) = (0.0, 0.0);
-            for corner in 0..8 {
-                let bit = [corner & 1, corner >> 1 & 1, corner >> 2];
-                let fine: [usize; 3] = std::array::from_fn(|a| p[a] as usize * factors[a] + bit[a]);
-                if (0..3).all(|a| bit[a] < factors[a] && fine[a] < self.dims[a]) {
-                    let v = self.clamped(fine.map(|i| i as i64));
-                    if !v.is_nan() {
-                        (sum, count) = (sum + v, count + 1.0);
+fn pyramid(dims: [usize; 3], core: u32) -> Pyramid {
+    let mut size = dims;
+    let mut factors = Vec::new();
+    while size.iter().any(|&n| n > core as usize) {
+        factors.push(size.map(|n| if n > 1 { 2 } else { 1 }));
+        size = size.map(|n| n.div_ceil(2));
+    }
+    let layout = BrickLayout::new(core).expect("a core size");
+    Pyramid::new(Dims(dims.map(|n| n as u64)), layout, &factors).expect("a pyramid")
+}
+
+fn halved(dims: &[usize; 3], values: &[f64], absence: Absence, voxel_type: VoxelType) -> ([usize; 3], Vec<f64>) {
+    let size = dims.map(|n| n.div_ceil(2));
+    let mut out = Vec::new();
+    for z in 0..size[2] {
+        for y in 0..size[1] {
+            for x in 0..size[0] {
+                let (mut sum, mut count) = (0.0, 0.0);
+                for corner in 0..8 {
+                    let p = [2 * x + (corner & 1), 2 * y + (corner >> 1 & 1), 2 * z + (corner >> 2)];
+                    if (0..3).all(|a| p[a] < dims[a]) {
+                        let value = values[p[0] + dims[0] * (p[1] + dims[1] * p[2])];
+                        if !absence.is_absent(value) {
+                            sum += value;
+                            count += 1.0;
+                        }
                     }
                 }
-            }
-            sum / count
-        });
-        let f = factors.map(|f| f as f64);
-        let spacing = std::array::from_fn(|a| self.geometry.spacing[a] * f[a]);
-        let world = self.geometry.world_from_index();
-        let first = world.transform_point3(f.map(|f| 0.5 * f - 0.5).into());
-        Self {
-            geometry: Geometry { spacing, origin: first.to_array(), ..self.geometry },
-            nodata: self.nodata,
-            ..coarse
-        }
-    }
-}
-
-/// A volume's bricks, all of them in memory.
-pub struct Bricked {
-    pub pyramid: Pyramid,
-    pub map: ValueMap,
-    pub bricks: HashMap<BrickKey, DecodedBrick>,
-    pub geometry: Geometry,
-    pub range: ValueRange,
-}
-
-impl Bricked {
-    pub fn new(volume: &Volume, core: u32) -> Self {
-        let layout = BrickLayout::new(core).unwrap();
-        let mut levels = vec![volume.clone()];
-        let mut factors = vec![];
-        while levels.last().unwrap().dims.iter().any(|&n| n > core as usize) {
-            let f = levels.last().unwrap().dims.map(|n| if n > core as usize { 2 } else { 1 });
-            factors.push(f.map(|v| v as u32));
-            levels.push(levels.last().unwrap().coarser(f));
-        }
-        let pyramid = Pyramid::new(Dims(volume.dims.map(|n| n as u64)), layout, &factors).unwrap();
-        let (t, range) = (volume.voxel_type, volume.range());
-        let map = ValueMap::for_container(t, 1.0, 0.0, volume.nodata, range);
-        let mut bricks = HashMap::new();
-        for (lod, level) in levels.iter().enumerate() {
-            for key in pyramid.keys_of(Lod(lod as u8)) {
-                bricks.insert(key, brick_of(level, &pyramid, key, &map));
+                let mean = if count > 0.0 { sum / count } else { absence.marker() };
+                out.push(if voxel_type.is_float() || count == 0.0 { mean } else { mean.round() });
             }
         }
-        Self { pyramid, map, bricks, geometry: volume.geometry, range }
     }
-
-    pub fn frame(&self, scene: &ResolvedScene, lod: LodChoice, skipping: Skipping) -> CpuFrame {
-        CpuFrame::new(scene, &self.pyramid, &self.geometry, self.map, self.range, CpuQuality { lod, skipping })
-    }
-
-    pub fn render_with(&self, scene: &ResolvedScene, lod: LodChoice, skipping: Skipping) -> (Image, Counters) {
-        let frame = self.frame(scene, lod, skipping);
-        let mut states = frame.begin();
-        let feedback = cast_pass(self, &frame, &mut states);
-        assert!(feedback.is_converged());
-        (frame.image(&states), feedback.counters)
-    }
-
-    /// The finest level, skipping on.
-    pub fn render(&self, scene: &ResolvedScene) -> Image {
-        self.render_with(scene, LodChoice::Fixed(Lod(0)), Skipping::On).0
-    }
+    (size, out)
 }
 
-impl BrickView for Bricked {
-    fn lookup(&self, key: BrickKey) -> Resident<'_> {
-        self.bricks.get(&key).map_or(Resident::Missing, Resident::Brick)
-    }
-}
-
-fn brick_of(level: &Volume, pyramid: &Pyramid, key: BrickKey, map: &ValueMap) -> DecodedBrick {
-    let core = pyramid.core_box(key);
+fn brick(
+    pyramid: &Pyramid,
+    key: BrickKey,
+    dims: &[usize; 3],
+    values: &[f64],
+    storage: Storage,
+    map: &ValueMap,
+) -> DecodedBrick {
+    let start = pyramid.core_box(key).start;
     let extent = pyramid.stored_extent(key);
-    let start = core.start.map(|s| s as i64 - 2);
+    let voxel = |p: [usize; 3]| {
+        let q: [usize; 3] = std::array::from_fn(|a| (start[a] as usize + p[a]).saturating_sub(APRON).min(dims[a] - 1));
+        values[q[0] + dims[0] * (q[1] + dims[1] * q[2])]
+    };
     let mut bytes = Vec::new();
-    for z in 0..extent[2] as i64 {
-        for y in 0..extent[1] as i64 {
-            for x in 0..extent[0] as i64 {
-                let v = level.clamped([start[0] + x, start[1] + y, start[2] + z]);
-                let v = if v.is_nan() { level.nodata.unwrap_or(v) } else { v };
-                match level.voxel_type {
-                    VoxelType::U8 => bytes.push(v as u8),
-                    VoxelType::U16 => bytes.extend((v as u16).to_le_bytes()),
-                    VoxelType::I16 => bytes.extend((v as i16).to_le_bytes()),
-                    VoxelType::F32 => bytes.extend((v as f32).to_le_bytes()),
-                    VoxelType::F64 => bytes.extend(v.to_le_bytes()),
-                    other => panic!("no test writes {other}"),
-                }
+    for z in 0..extent[2] {
+        for y in 0..extent[1] {
+            for x in 0..extent[0] {
+                supervol_format::with_voxel!(storage.voxel_type, V => {
+                    use supervol_format::voxel_type::Voxel;
+                    let mut out = [0; size_of::<V>()];
+                    V::from_f64(voxel([x, y, z])).write_le(&mut out);
+                    bytes.extend_from_slice(&out);
+                });
             }
         }
     }
+    let absence = Absence { nodata: storage.nodata };
     let cells = pyramid.macro_cells(key);
     let mut ranges = Vec::new();
-    for z in 0..cells[2] {
-        for y in 0..cells[1] {
-            for x in 0..cells[0] {
-                let first = [x, y, z].map(|c| c as i64 * 8 - 1);
-                let mut range = ValueRange::EMPTY;
-                for n in 0..1000 {
-                    let at = [n % 10, n / 10 % 10, n / 100];
-                    let v = level.clamped(std::array::from_fn(|a| core.start[a] as i64 + first[a] + at[a]));
-                    if !v.is_nan() {
-                        range.include(v);
+    for i in 0..cells.iter().product::<usize>() {
+        let cell = [i % cells[0], i / cells[0] % cells[1], i / (cells[0] * cells[1])];
+        // Interpolation in [8m - 1/2, 8m + 15/2] reaches voxels 8m - 1 to 8m + 8; the apron shifts them by 2.
+        let mut range = ValueRange::EMPTY;
+        let low = cell.map(|m| m * MACRO_CELL + APRON - 1);
+        for z in low[2]..(low[2] + 10).min(extent[2]) {
+            for y in low[1]..(low[1] + 10).min(extent[1]) {
+                for x in low[0]..(low[0] + 10).min(extent[0]) {
+                    let value = voxel([x, y, z]);
+                    if !absence.is_absent(value) {
+                        range.include(value);
                     }
                 }
-                ranges.push([range.min, range.max]);
             }
         }
+        ranges.push([range.min, range.max]);
     }
-    let absence = Absence { nodata: level.nodata };
-    DecodedBrick::from_stored(key, extent.map(|n| n as u32), level.voxel_type, &bytes, &ranges, map, absence)
+    let extent = extent.map(|n| n as u32);
+    DecodedBrick::from_stored(key, extent, storage.voxel_type, &bytes, &ranges, map, absence)
 }
 
-/// A view in which only `limit` new bricks become resident between passes, and old ones may go.
-pub struct Trickle<'a> {
-    pub all: &'a Bricked,
-    pub resident: Mutex<Vec<BrickKey>>,
-}
-
-impl BrickView for Trickle<'_> {
-    fn lookup(&self, key: BrickKey) -> Resident<'_> {
-        if self.resident.lock().unwrap().contains(&key) { self.all.lookup(key) } else { Resident::Missing }
+/// The Marschner-Lobb signal on n^3 voxels, values 0 to 1.
+pub fn marschner_lobb(n: usize) -> impl Fn([usize; 3]) -> f64 {
+    move |voxel| {
+        let [x, y, z] = voxel.map(|i| 2.0 * i as f64 / (n as f64 - 1.0) - 1.0);
+        let pi = std::f64::consts::PI;
+        let rho = (2.0 * pi * 6.0 * (pi * (x * x + y * y).sqrt() / 2.0).cos()).cos();
+        (1.0 - (pi * z / 2.0).sin() + 0.25 * (1.0 + rho)) / (2.0 * 1.25)
     }
 }
 
-/// Greatest difference of any channel, in grey levels of 255.
-pub fn difference(a: &Image, b: &Image) -> f64 {
+/// Noise in [0, 1), the same for the same voxel.
+pub fn noise(voxel: [usize; 3]) -> f64 {
+    let [x, y, z] = voxel.map(|i| i as u64);
+    Random(x | y << 20 | z << 40).unit()
+}
+
+/// The greatest difference of a channel, in 1/255.
+pub fn greatest_difference(a: &Image, b: &Image) -> f64 {
     assert_eq!((a.width, a.height), (b.width, b.height));
-    assert!(a.pixels.iter().chain(&b.pixels).flatten().all(|v| v.is_finite()), "a pixel is not finite");
-    let pairs = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
-    255.0 * pairs.map(|(x, y)| f64::from((x - y).abs())).fold(0.0, f64::max)
-}
-
-/// The scene of a JSON text, for this volume.
-pub fn scene(volume: &Volume, json: &str) -> ResolvedScene {
-    Scene::from_json(json).unwrap_or_else(|e| panic!("{e}\n{json}")).resolve(&volume.facts()).unwrap()
-}
-
-/// The reference picture; it must have converged.
-pub fn reference(volume: &Volume, scene: &ResolvedScene) -> Image {
-    let picture = render_reference_counted(&volume.reference(), scene);
-    assert_eq!(picture.capped_pieces, 0, "the reference did not converge");
-    picture.image
-}
-
-/// JSON of a transfer function from (value, [r, g, b], alpha).
-pub fn points(unit_distance: f64, points: &[(f64, [f64; 3], f64)]) -> String {
-    let points: Vec<String> =
-        points.iter().map(|(v, c, a)| format!(r#"{{"value": {v}, "color": {c:?}, "alpha": {a}}}"#)).collect();
-    format!(r#"{{"unit_distance": {unit_distance}, "points": [{}]}}"#, points.join(", "))
-}
-
-/// Marschner and Lobb's test signal on [-1, 1]^3, in [0, 1]; f_M = 6, alpha = 0.25.
-pub fn marschner_lobb(n: usize) -> impl Fn([f64; 3]) -> f64 {
-    use std::f64::consts::PI;
-    move |p| {
-        let [x, y, z] = p.map(|v| 2.0 * v / (n as f64 - 1.0) - 1.0);
-        let r = (x * x + y * y).sqrt();
-        let rho = (12.0 * PI * (PI * r / 2.0).cos() / 2.0).cos();
-        ((1.0 - (PI * z / 2.0).sin()) + 0.25 * (1.0 + rho)) / (2.0 * 1.25)
+    let mut greatest = 0.0f64;
+    for (p, q) in a.pixels.iter().zip(&b.pixels) {
+        for c in 0..4 {
+            assert!(p[c].is_finite() && q[c].is_finite(), "{p:?} {q:?}");
+            greatest = greatest.max(f64::from((p[c] - q[c]).abs()) * 255.0);
+        }
     }
-}
-
-/// Noise in [0, 1), the same on every run.
-pub fn noise(p: [f64; 3]) -> f64 {
-    let mut h = p.iter().fold(0x9e37_79b9_7f4a_7c15u64, |h, &v| (h ^ v.to_bits()).wrapping_mul(0xd6e8_feb8_6659_fd93));
-    h ^= h >> 32;
-    h = h.wrapping_mul(0xd6e8_feb8_6659_fd93);
-    h ^= h >> 32;
-    (h >> 11) as f64 / (1u64 << 53) as f64
+    greatest
 }

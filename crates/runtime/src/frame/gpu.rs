@@ -1,0 +1,166 @@
+//! The GPU ray caster in a frame: bricks go from the host cache to its slots.
+//!
+//! Its page table is its own memory of what bricks are: a brick that the host cache dropped may still be resident there,
+//! and one that is in the host cache may have to be copied again.
+
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use supervol_format::{BrickKey, Container, Pyramid, VoxelType};
+
+use super::caster::{CasterTotals, PassReport, RayCaster};
+use super::{
+    Bands, FrameWalk, RenderError, RenderOptions, lod_choice, plan_host, streamer_for, value_map, volume_facts,
+};
+use crate::image::Image;
+use crate::raycast::cpu::Counters;
+use crate::raycast::gpu::{GpuDevice, GpuOptions, GpuRenderer, GpuVolume, Insertion, PageEntry, VoxelStorage};
+use crate::raycast::volume::{BrickView, Resident};
+use crate::scene::ResolvedScene;
+use crate::stats::FrameStats;
+use crate::streamer::{Fetched, HostView, OnMissing};
+
+/// The ray caster in WGSL.
+struct GpuCaster {
+    renderer: GpuRenderer,
+    pyramid: Pyramid,
+    rays: u64,
+    height: u32,
+    counters: Counters,
+}
+
+/// Makes the picture on a GPU.
+///
+/// # Errors
+/// As [`super::render`], and whatever the GPU cannot do.
+pub fn render_gpu(
+    device: &GpuDevice,
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions<'_>,
+    start: Instant,
+) -> Result<(Image, FrameStats), RenderError> {
+    let plan = plan_host(container, scene, options, 0, Bands::Whole)?;
+    let descriptor = container.descriptor();
+    let map = value_map(container);
+    let volume = GpuVolume {
+        pyramid: &descriptor.pyramid,
+        geometry: &descriptor.geometry,
+        value_map: &map,
+        value_range: volume_facts(container).value_range,
+        storage: storage(descriptor.voxel_type),
+    };
+    let gpu_options = GpuOptions { memory_bytes: options.gpu_memory_bytes, skipping: options.skipping };
+    let renderer = GpuRenderer::new(device, &volume, scene, lod_choice(options), gpu_options)?;
+    let mut caster = GpuCaster {
+        renderer,
+        pyramid: descriptor.pyramid.clone(),
+        rays: u64::from(scene.camera.width) * u64::from(scene.camera.height),
+        height: scene.image_size[1],
+        counters: Counters::default(),
+    };
+    let mut walk = FrameWalk::new(streamer_for(container, scene, options, plan), plan, options, start);
+    let image = walk.run(&mut caster, scene.image_size)?;
+    Ok((image, FrameStats { backend: "gpu", ..walk.stats }))
+}
+
+/// How bricks of this type are decoded: see [`crate::raycast::volume::Voxels`].
+fn storage(voxel_type: VoxelType) -> VoxelStorage {
+    match voxel_type.bytes() {
+        1 => VoxelStorage::U8,
+        2 => VoxelStorage::U16,
+        _ => VoxelStorage::F32,
+    }
+}
+
+impl GpuCaster {
+    /// Copies a brick of the host cache to a slot, if there is one for it.
+    fn insert(&mut self, view: &HostView<'_>, key: BrickKey) -> Result<(), RenderError> {
+        if let (Resident::Brick(brick), false) = (view.lookup(key), self.renderer.is_resident(key)) {
+            // A brick for which there is no slot is missed again in the next pass.
+            let (Insertion::Placed { .. } | Insertion::NoRoom) = self.renderer.insert(brick)?;
+        }
+        Ok(())
+    }
+
+    fn answer(&mut self, view: &HostView<'_>, key: BrickKey) {
+        match view.lookup(key) {
+            Resident::Nothing => self.renderer.set_state(key, PageEntry::Nothing),
+            Resident::Uniform(value) => self.renderer.set_state(key, PageEntry::Uniform(value)),
+            Resident::UseParent => self.renderer.set_state(key, PageEntry::Failed),
+            Resident::Brick(_) | Resident::Missing => {}
+        }
+    }
+
+    /// Nothing is waited for any more: what is not resident is drawn from its parent, and the coarsest brick is there.
+    fn stop_waiting(&mut self, view: &HostView<'_>) -> Result<(), RenderError> {
+        let coarsest = self.pyramid.coarsest();
+        let keys: Vec<BrickKey> = self.pyramid.keys_of(coarsest).collect();
+        keys.into_iter().try_for_each(|key| self.insert(view, key))?;
+        for entry in 0..self.pyramid.brick_count() {
+            let key = self.pyramid.key(entry).expect("entries below the count have keys");
+            if self.renderer.is_resident(key) {
+                continue;
+            }
+            match view.lookup(key) {
+                Resident::Brick(_) | Resident::Missing => self.renderer.set_state(key, PageEntry::Failed),
+                Resident::Nothing | Resident::Uniform(_) | Resident::UseParent => self.answer(view, key),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl RayCaster for GpuCaster {
+    fn room(&self) -> usize {
+        // One slot stays free for the coarsest brick, should the time run out.
+        self.renderer.slot_capacity().saturating_sub(1).max(1)
+    }
+
+    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError> {
+        assert_eq!(pixel_rows, 0..self.height, "the renderer made the rays of the whole picture");
+        Ok(())
+    }
+
+    fn cast_pass(&mut self, view: &HostView<'_>) -> Result<PassReport, RenderError> {
+        if view.on_missing() == OnMissing::UseParent {
+            self.stop_waiting(view)?;
+        }
+        let feedback = self.renderer.cast_pass()?;
+        self.counters.add(&feedback.counters);
+        Ok(PassReport {
+            misses: feedback.misses.into_iter().map(|miss| miss.key).collect(),
+            uses: feedback.uses,
+            unfinished_rays: feedback.unfinished_rays,
+            fallbacks: feedback.counters.parent_bricks,
+        })
+    }
+
+    fn update(&mut self, view: &HostView<'_>, fetched: &Fetched) -> Result<(), RenderError> {
+        fetched.answered.iter().chain(&fetched.neighbours).for_each(|&key| self.answer(view, key));
+        fetched.bricks.iter().try_for_each(|&key| self.insert(view, key))
+    }
+
+    fn image(&mut self) -> Result<Image, RenderError> {
+        Ok(self.renderer.image()?)
+    }
+
+    fn totals(&self) -> CasterTotals {
+        let stats = self.renderer.stats();
+        CasterTotals {
+            rays: self.rays,
+            // The GPU does not tell which of its finished rays ended early.
+            rays_terminated_early: 0,
+            samples: self.counters.samples,
+            cells: self.counters.cells,
+            macro_cells: self.counters.macro_cells,
+            macro_cells_skipped: self.counters.macro_cells_skipped,
+            gpu_bytes: stats.planned_bytes,
+            gpu_page_ins: stats.insertions,
+            gpu_anomalies: stats.anomalies,
+            adapter: Some(stats.adapter),
+            upload_time: Duration::from_secs_f64(stats.upload_ms / 1e3),
+        }
+    }
+}
