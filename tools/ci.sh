@@ -27,18 +27,25 @@ trap 'rm -rf "$work"' EXIT
 say() { printf '%s\n' "$*"; }
 fail() { printf 'ci: FAILED: %s\n' "$*" >&2; exit 1; }
 
-# step NAME COMMAND...: announces, runs, times; the output goes to the terminal and to a log.
+# step NAME COMMAND...: announces, runs, times; the output goes to the terminal and to a log. A step that fails does not
+# stop the others: one run names everything that is wrong.
 step_times=()
+failed_steps=()
 step() {
-    local name="$1" begun=$SECONDS
+    local name="$1" begun=$SECONDS result="ok"
     shift
     say ""
     say "=== $name"
-    if ! "$@" 2>&1 | tee "$logs/${name// /-}.log"; then
-        fail "$name (after $((SECONDS - begun)) s)"
+    # In a subshell with -e of its own: bash switches -e off in functions whose status is asked for.
+    set +e
+    (set -e; "$@") 2>&1 | tee "$logs/${name// /-}.log"
+    if [ "${PIPESTATUS[0]}" -ne 0 ]; then
+        result="FAILED"
+        failed_steps+=("$name")
     fi
-    step_times+=("$(printf '%5d s  %s' $((SECONDS - begun)) "$name")")
-    say "--- $name: $((SECONDS - begun)) s"
+    set -e
+    step_times+=("$(printf '%5d s  %-6s  %s' $((SECONDS - begun)) "$result" "$name")")
+    say "--- $name: $result, $((SECONDS - begun)) s"
 }
 
 # as_root COMMAND...: runs it as root, or says that it cannot.
@@ -222,6 +229,9 @@ main() {
         grep -h "SKIPPED:" "$logs"/*.log | sed 's/^ */!!! /' | sort | uniq -c
     else
         say "ci: nothing was skipped"
+    fi
+    if [ "${#failed_steps[@]}" -gt 0 ]; then
+        fail "${failed_steps[*]/%/,} see above"
     fi
     say "ci: passed"
 }
