@@ -175,14 +175,22 @@ pub fn dequantize(code: u8, range: ValueRange) -> f64 {
         0 => range.min,
         // Not lo + w: the sum may fall short of the range's end by rounding.
         255 => range.max,
-        _ => range.min + range.width() * (f64::from(code) / 255.0),
+        _ => {
+            let share = f64::from(code) / 255.0;
+            // Two doubles may lie further apart than the greatest double.
+            let width = range.width();
+            if width.is_finite() { range.min + width * share } else { range.min * (1.0 - share) + range.max * share }
+        }
     }
 }
 
 /// Packs cell ranges outward into bytes: `low, high` for each cell, x fastest.
 #[must_use]
 pub fn quantize(cells: &[ValueRange], range: ValueRange) -> Vec<u8> {
-    let scale = if range.width() > 0.0 { 255.0 / range.width() } else { 0.0 };
+    // Halves where the whole width is no finite double.
+    let part = if range.width().is_finite() { 1.0 } else { 0.5 };
+    let (start, width) = (range.min * part, range.max * part - range.min * part);
+    let scale = if width > 0.0 { 255.0 / width } else { 0.0 };
     let mut bytes = Vec::with_capacity(cells.len() * MACRO_CELL_BYTES);
     for cell in cells {
         if cell.is_empty() {
@@ -190,11 +198,11 @@ pub fn quantize(cells: &[ValueRange], range: ValueRange) -> Vec<u8> {
             continue;
         }
         // The first guess may be off by rounding; these loops make it outward, by at most a step or two.
-        let mut low = ((cell.min - range.min) * scale).floor().clamp(0.0, 255.0) as u8;
+        let mut low = ((cell.min * part - start) * scale).floor().clamp(0.0, 255.0) as u8;
         while low > 0 && dequantize(low, range) > cell.min {
             low -= 1;
         }
-        let mut high = ((cell.max - range.min) * scale).ceil().clamp(0.0, 255.0) as u8;
+        let mut high = ((cell.max * part - start) * scale).ceil().clamp(0.0, 255.0) as u8;
         while high < 255 && dequantize(high, range) < cell.max {
             high += 1;
         }

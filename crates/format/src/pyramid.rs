@@ -55,11 +55,16 @@ pub enum PyramidError {
     LevelCount { levels: usize },
     #[error("the last level has {bricks:?} bricks; expected one")]
     Unfinished { bricks: [u32; 3] },
+    #[error("{bricks} bricks in all levels; expected at most {limit}", limit = Pyramid::BRICKS_LIMIT)]
+    BrickCount { bricks: u64 },
     #[error("{bricks:?} bricks on an axis; a brick key holds at most {limit}", limit = BrickKey::AXIS_LIMIT)]
     TooManyBricks { bricks: [u64; 3] },
 }
 
 impl Pyramid {
+    /// Most bricks of all levels together: their entries take 80 TiB, and no product of sizes overflows.
+    pub const BRICKS_LIMIT: u64 = 1 << 40;
+
     /// The pyramid over a grid of `dims`, coarsened by `factors` (one triple for each level from level 1 on).
     ///
     /// # Errors
@@ -84,6 +89,11 @@ impl Pyramid {
         let last = levels.last().expect("level 0 is there");
         if last.bricks != [1; 3] {
             return Err(PyramidError::Unfinished { bricks: last.bricks });
+        }
+        // At most 64 levels of 2^57 bricks: the sum fits.
+        let bricks = levels.iter().map(Level::brick_count).sum();
+        if bricks > Self::BRICKS_LIMIT {
+            return Err(PyramidError::BrickCount { bricks });
         }
         Ok(Self { layout, levels })
     }
@@ -269,5 +279,16 @@ mod tests {
         assert!(matches!(bad(&[[1, 1, 1]]), PyramidError::Factors { .. }));
         assert!(matches!(bad(&[[2, 2, 1]]), PyramidError::Unfinished { .. }));
         assert!(matches!(bad(&[]), PyramidError::Unfinished { .. }));
+    }
+
+    /// 2^57 bricks of 80 bytes are more than 2^64 bytes: sizes computed from such a header would wrap.
+    #[test]
+    fn more_bricks_than_any_table_can_name_are_refused() {
+        let layout = BrickLayout::new(16).expect("16 is a core");
+        let halvings = [[2; 3]; 19];
+        let refused = Pyramid::new(Dims([Dims::LIMIT; 3]), layout, &halvings).unwrap_err();
+        assert!(matches!(refused, PyramidError::BrickCount { .. }), "{refused}");
+        let largest_useful = Pyramid::new(Dims([65_536; 3]), BrickLayout::DEFAULT, &halvings[..10]);
+        assert!(largest_useful.is_ok_and(|p| p.brick_count() > 1_000_000_000));
     }
 }

@@ -198,6 +198,16 @@ impl Absence {
     /// Nothing but NaN and infinities is absent.
     pub const NON_FINITE_ONLY: Self = Self { nodata: None };
 
+    /// The rule for a volume of this type whose source declares `nodata`.
+    ///
+    /// Voxels are compared after rounding to their type, so the value is rounded, too: 1e30 in a file of floats is the
+    /// float next to 1e30. Values that are not finite add nothing.
+    #[must_use]
+    pub fn declared(nodata: Option<f64>, voxel_type: VoxelType) -> Self {
+        let round = |v: f64| if voxel_type == VoxelType::F32 { f64::from(v as f32) } else { v };
+        Self { nodata: nodata.map(round).filter(|v| v.is_finite()) }
+    }
+
     /// Whether this stored value is a hole.
     #[inline]
     #[must_use]

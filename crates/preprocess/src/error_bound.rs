@@ -4,7 +4,9 @@
 //! grid that both sets of planes cut together, and a trilinear function is greatest at a corner. On a halved axis the
 //! corners lie, per coarse voxel c, at the fine coordinates 2c, 2c + 1/2 (the coarse voxel itself) and 2c + 1; and at
 //! the region's two ends, 2c - 1/2. The maximum over these points is the exact maximum over the region, not a sample.
-//! Points at which either side is absent are left out; the brick's flag "has holes" says that there are such.
+//! Points at which either side is absent are left out; the brick's flag "has holes" says that there are such. So the sum
+//! over levels bounds the distance from level 0 wherever all levels in between are present; in slivers beside a hole,
+//! a quarter of a voxel wide, a level in between can be absent although both ends are not.
 //!
 //! Voxels of 8 and 16 bits are compared in single precision, wider integers in double: there all weights are multiples
 //! of 1/4 and every product is exact. Floating-point voxels are compared in double precision, and a difference is
@@ -102,6 +104,10 @@ pub fn step_error(
         VoxelType::U32 | VoxelType::I32 => step_error_in::<f64>(voxel_type, absence, factors, fine, coarse, core).0,
         VoxelType::F32 | VoxelType::F64 => {
             let (error, magnitude) = step_error_in::<f64>(voxel_type, absence, factors, fine, coarse, core);
+            // Near the greatest double differences overflow, and nothing can be promised.
+            if magnitude > f64::MAX / 8.0 {
+                return f64::INFINITY;
+            }
             // Three nested blends on either side round at most 14 times, each by half a unit in the last place.
             if error > 0.0 { error + 16.0 * f64::EPSILON * magnitude } else { 0.0 }
         }
@@ -136,8 +142,8 @@ fn step_error_in<F: Real>(
     };
     let (fine_axes, coarse_axes) = (axes(beneath, true), axes(around, false));
     with_voxel!(voxel_type, V => {
-        let mut fine = Slices::<F>::new::<V>(fine, beneath, absence, &fine_axes[0]);
-        let mut coarse = Slices::<F>::new::<V>(coarse, around, absence, &coarse_axes[0]);
+        let mut fine = Slices::<F, V>::new(fine, beneath, absence, &fine_axes[0]);
+        let mut coarse = Slices::<F, V>::new(coarse, around, absence, &coarse_axes[0]);
         let mut worst = 0.0f64;
         for (fine_z, coarse_z) in fine_axes[2].iter().zip(&coarse_axes[2]) {
             fine.blend_slice(*fine_z);
@@ -169,58 +175,87 @@ fn greatest_distance<F: Real>(fine: RowPair<'_, F>, coarse: RowPair<'_, F>) -> f
 }
 
 /// Part of a block, interpolated along x at all points of that axis, then slice by slice along z, row by row along y.
-struct Slices<F> {
-    /// Points along x, voxels along y and z.
-    extent: [usize; 3],
-    /// Values at x points, y voxels, z voxels; NaN where absent.
-    values: Vec<F>,
+///
+/// Slices are asked for in ascending order, and only the two that the current z point leans on are kept: a few hundred
+/// kilobytes, where the whole part would be several times the brick.
+struct Slices<'a, F, V> {
+    block: VoxelBlock<'a>,
+    absence: Absence,
+    /// First voxel of the part in the block, and voxels of the part.
+    from: [usize; 3],
+    part: [usize; 3],
+    x_taps: Vec<(usize, usize, F)>,
+    /// Values at x points and y voxels of an even and an odd z voxel, NaN where absent; and which those are.
+    kept: [Vec<F>; 2],
+    kept_z: [Option<usize>; 2],
     /// The same at the current z point.
     slice: Vec<F>,
-    /// Greatest present absolute value.
+    /// One row of the part, NaN where absent.
+    row: Vec<F>,
+    /// Greatest present absolute value met, of float types.
     magnitude: f64,
+    voxel: std::marker::PhantomData<V>,
 }
 
-impl<F: Real> Slices<F> {
-    fn new<V: Voxel>(block: VoxelBlock<'_>, part: VoxelBox, absence: Absence, x_taps: &[Tap]) -> Self {
+impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
+    fn new(block: VoxelBlock<'a>, part: VoxelBox, absence: Absence, x_taps: &[Tap]) -> Self {
         let [nx, ny, nz] = part.extent();
-        let block_extent = block.voxels.extent();
-        let from: [usize; 3] = std::array::from_fn(|a| (part.start[a] - block.voxels.start[a]) as usize);
-        let holes = absence.possible(V::TYPE);
-        let mut values = Vec::with_capacity(x_taps.len() * ny * nz);
-        let mut row = vec![F::NAN; nx];
-        let x_taps: Vec<(usize, usize, F)> =
-            x_taps.iter().map(|t| (t.first, t.second, F::from_f64(t.weight))).collect();
-        let mut magnitude = 0.0f64;
-        for z in 0..nz {
-            for y in 0..ny {
-                let start = ((from[2] + z) * block_extent[1] + from[1] + y) * block_extent[0] + from[0];
-                let bytes = &block.bytes[start * size_of::<V>()..(start + nx) * size_of::<V>()];
-                for (target, b) in row.iter_mut().zip(bytes.chunks_exact(size_of::<V>())) {
-                    let v = V::read_le(b).to_f64();
-                    let absent = holes && absence.is_absent(v);
-                    *target = if absent { F::NAN } else { F::from_f64(v) };
-                    if V::TYPE.is_float() && !absent {
-                        magnitude = magnitude.max(v.abs());
-                    }
+        let values = x_taps.len() * ny;
+        Self {
+            block,
+            absence,
+            from: std::array::from_fn(|a| (part.start[a] - block.voxels.start[a]) as usize),
+            part: [nx, ny, nz],
+            x_taps: x_taps.iter().map(|t| (t.first, t.second, F::from_f64(t.weight))).collect(),
+            kept: [vec![F::NAN; values], vec![F::NAN; values]],
+            kept_z: [None; 2],
+            slice: vec![F::NAN; values],
+            row: vec![F::NAN; nx],
+            magnitude: 0.0,
+            voxel: std::marker::PhantomData,
+        }
+    }
+
+    /// Interpolates z voxel `z` along x, unless it is kept.
+    fn load(&mut self, z: usize) {
+        if self.kept_z[z % 2] == Some(z) {
+            return;
+        }
+        self.kept_z[z % 2] = Some(z);
+        let holes = self.absence.possible(V::TYPE);
+        let block_extent = self.block.voxels.extent();
+        let [nx, ny, _] = self.part;
+        let rows = self.kept[z % 2].chunks_exact_mut(self.x_taps.len());
+        for (y, out) in rows.enumerate().take(ny) {
+            let first_row = (self.from[2] + z) * block_extent[1] + self.from[1];
+            let start = (first_row + y) * block_extent[0] + self.from[0];
+            let bytes = &self.block.bytes[start * size_of::<V>()..(start + nx) * size_of::<V>()];
+            for (target, b) in self.row.iter_mut().zip(bytes.chunks_exact(size_of::<V>())) {
+                let v = V::read_le(b).to_f64();
+                let absent = holes && self.absence.is_absent(v);
+                *target = if absent { F::NAN } else { F::from_f64(v) };
+                if V::TYPE.is_float() && !absent {
+                    self.magnitude = self.magnitude.max(v.abs());
                 }
-                values.extend(x_taps.iter().map(|&(first, second, weight)| F::blend(row[first], row[second], weight)));
+            }
+            let row = &self.row;
+            for (target, &(first, second, weight)) in out.iter_mut().zip(&self.x_taps) {
+                *target = F::blend(row[first], row[second], weight);
             }
         }
-        let extent = [x_taps.len(), ny, nz];
-        Self { extent, values, slice: vec![F::NAN; extent[0] * ny], magnitude }
     }
 
     fn blend_slice(&mut self, tap: Tap) {
-        let n = self.slice.len();
-        let slice = |z: usize| &self.values[z * n..(z + 1) * n];
+        self.load(tap.first);
+        self.load(tap.second);
         let weight = F::from_f64(tap.weight);
-        let pairs = slice(tap.first).iter().zip(slice(tap.second));
+        let pairs = self.kept[tap.first % 2].iter().zip(&self.kept[tap.second % 2]);
         self.slice.iter_mut().zip(pairs).for_each(|(t, (&a, &b))| *t = F::blend(a, b, weight));
     }
 
     /// The two rows that a y point leans on.
     fn rows(&self, tap: Tap) -> RowPair<'_, F> {
-        let n = self.extent[0];
+        let n = self.x_taps.len();
         let row = |y: usize| &self.slice[y * n..(y + 1) * n];
         (row(tap.first), row(tap.second), F::from_f64(tap.weight))
     }

@@ -9,6 +9,7 @@
 //!
 //! An axis that fits one brick is not halved for its own sake; the last level fits one brick on every axis.
 
+use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickLayout, Dims, VoxelBox};
 
 use crate::source::{SourceError, SourceInfo, VolumeSource};
@@ -106,7 +107,7 @@ impl Sample {
         let extent = self.extent;
         (0..self.values.len()).filter_map(move |i| {
             let position = i / stride % extent[axis];
-            let paired = position % 2 == 0 && position + 1 < extent[axis];
+            let paired = position.is_multiple_of(2) && position + 1 < extent[axis];
             paired.then(|| (self.values[i], self.values[i + stride]))
         })
     }
@@ -129,7 +130,7 @@ fn variance_kept(samples: &[Sample], axis: usize) -> f64 {
 /// Up to 27 boxes, evenly spread.
 fn sample_boxes(source: &dyn VolumeSource) -> Result<Vec<Sample>, SourceError> {
     let info = source.info();
-    let absence = supervol_format::voxel_type::Absence { nodata: info.nodata };
+    let absence = Absence::declared(info.nodata, info.voxel_type);
     let starts = |n: u64| -> Vec<u64> {
         let mut starts: Vec<u64> =
             (0..SAMPLES_ALONG).map(|i| n.saturating_sub(SAMPLE_EDGE) * i / (SAMPLES_ALONG - 1)).collect();
@@ -202,7 +203,7 @@ mod tests {
 
     #[test]
     fn an_axis_whose_pairs_cancel_waits() {
-        let layers = |p: [u64; 3]| if p[2] % 2 == 0 { 200 } else { 50 };
+        let layers = |p: [u64; 3]| if p[2].is_multiple_of(2) { 200 } else { 50 };
         assert_eq!(factors_of([64; 3], [1.0; 3], layers)[0], [2, 2, 1]);
     }
 }

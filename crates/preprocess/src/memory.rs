@@ -3,10 +3,13 @@
 //! | part | bytes |
 //! |---|---|
 //! | entry table | 80 per brick, until the container is finished |
-//! | workspaces | per thread [`WORKSPACE_COPIES`] stored bricks (cut, predicted, byte planes, encoded, ...) |
+//! | workspaces | a quarter of the rest: per thread [`WORKSPACE_COPIES`] stored bricks (cut, predicted, byte planes, encoded, ...) |
 //! | statistics | per thread one histogram of 64 Ki counters, and one |
 //! | brick cache | a sixteenth of the whole: decoded bricks of the finer level |
 //! | tiles | the rest: [`TILES_IN_FLIGHT`] tiles of the level being read, with what is made of them |
+//!
+//! The tiles' share depends on the budget and the volume alone, never on the number of threads, because tiles decide in
+//! which order bricks are written. Where the workspaces do not suffice for all threads, fewer are started.
 
 use supervol_format::brick::APRON;
 use supervol_format::container::toc::ENTRY_BYTES;
@@ -25,6 +28,8 @@ const TILES_IN_FLIGHT: f64 = 3.6;
 pub struct MemoryPlan {
     /// What the user allowed.
     pub budget_bytes: u64,
+    /// Threads that the workspaces suffice for, at most those asked for.
+    pub threads: usize,
     /// Entry table, workspaces and statistics.
     pub fixed_bytes: u64,
     /// Decoded bricks of the finer level.
@@ -34,10 +39,10 @@ pub struct MemoryPlan {
 }
 
 impl MemoryPlan {
-    /// Divides `budget_bytes`.
+    /// Divides `budget_bytes` for at most `threads` threads.
     ///
     /// # Errors
-    /// If not even the smallest tile fits, with what would.
+    /// If not even one thread and the smallest tile fit, with what would.
     pub fn new(
         budget_bytes: u64,
         threads: usize,
@@ -46,33 +51,44 @@ impl MemoryPlan {
     ) -> Result<Self, BuildError> {
         let stored = pyramid.layout().stored() as u64;
         let brick = stored.pow(3) * voxel_type.bytes() as u64;
+        let histogram = KEYS as u64 * 8;
         let table = pyramid.brick_count() * ENTRY_BYTES as u64;
-        let workspaces = threads as u64 * WORKSPACE_COPIES * brick;
-        let statistics = (threads as u64 + 1) * KEYS as u64 * 8;
-        let fixed_bytes = table + workspaces + statistics;
+        let per_thread = WORKSPACE_COPIES * brick + histogram;
         let cache_bytes = budget_bytes / 16;
-        let tile_bytes = (budget_bytes.saturating_sub(fixed_bytes + cache_bytes) as f64 / TILES_IN_FLIGHT) as u64;
         let smallest = pyramid.levels().iter().enumerate().map(|(lod, level)| {
             let finer = if lod == 0 { [1; 3] } else { level.factors };
             read_bytes(pyramid, level, finer, [1; 3], voxel_type)
         });
         let smallest = smallest.max().expect("a pyramid has levels");
-        if tile_bytes < smallest {
-            let needed = ((smallest as f64 * TILES_IN_FLIGHT) as u64 + fixed_bytes) * 16 / 15 + 1;
+        let smallest_tiles = (smallest as f64 * TILES_IN_FLIGHT).ceil() as u64;
+        let rest = budget_bytes.saturating_sub(table + histogram + cache_bytes);
+        if rest < smallest_tiles + per_thread {
+            let needed = (smallest_tiles + per_thread + table + histogram) * 16 / 15 + 16;
             let mib = |b: u64| format!("{} MiB", b.div_ceil(1 << 20));
             return Err(BuildError::Memory {
                 needed: mib(needed),
                 allowed: mib(budget_bytes),
                 what: format!(
-                    "{} for the table of {} bricks, {} for {threads} threads, the rest for tiles of one brick",
+                    "{} for the table of {} bricks, {} for one thread, the rest for tiles of one brick",
                     mib(table),
                     pyramid.brick_count(),
-                    mib(workspaces + statistics)
+                    mib(per_thread + histogram)
                 ),
-                advice: "Allow more with --memory, or use smaller bricks (--brick) or fewer threads (--threads)".into(),
+                advice: "Allow more with --memory, or use smaller bricks (--brick)".into(),
             });
         }
-        Ok(Self { budget_bytes, fixed_bytes, cache_bytes, tile_bytes })
+        // The share of the tiles must not depend on the threads: tiles decide in which order bricks are written.
+        let tiles = smallest_tiles.max((rest / 4 * 3).min(rest - per_thread));
+        let affordable = usize::try_from((rest - tiles) / per_thread).unwrap_or(usize::MAX);
+        let threads = threads.clamp(1, affordable);
+        let fixed_bytes = table + histogram + threads as u64 * per_thread;
+        Ok(Self {
+            budget_bytes,
+            threads,
+            fixed_bytes,
+            cache_bytes,
+            tile_bytes: (tiles as f64 / TILES_IN_FLIGHT) as u64,
+        })
     }
 
     /// What the parts add up to, bytes.

@@ -51,7 +51,7 @@ pub struct BuildOptions {
     pub lod_axes: LodAxes,
     /// Most bytes of memory to use, without the program itself.
     pub memory_bytes: u64,
-    /// Threads that encode.
+    /// Threads that encode; fewer are started where the memory does not suffice for all.
     pub threads: usize,
     /// What to do when the output exists.
     pub existing: Existing,
@@ -89,9 +89,9 @@ pub fn build(
     let descriptor = describe(source, options)?;
     let plan = MemoryPlan::new(options.memory_bytes, options.threads, &descriptor.pyramid, descriptor.voxel_type)?;
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.threads)
+        .num_threads(plan.threads)
         .build()
-        .map_err(|source| BuildError::Threads { threads: options.threads, source })?;
+        .map_err(|source| BuildError::Threads { threads: plan.threads, source })?;
 
     let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let unfinished = tempfile::Builder::new()
@@ -127,6 +127,10 @@ pub fn build(
     let container_bytes = unfinished.as_file().len().map_err(write_error)?;
     publish(unfinished, output, folder, options.existing)?;
 
+    let mut notes = source.info().notes.clone();
+    if plan.threads < options.threads {
+        notes.push(format!("--memory suffices for {} of {} threads", plan.threads, options.threads));
+    }
     let source_bytes = descriptor.dims().bytes(descriptor.voxel_type).unwrap_or(u64::MAX);
     let wall = started.elapsed().as_secs_f64();
     Ok(BuildReport {
@@ -136,10 +140,10 @@ pub fn build(
         container_bytes,
         memory_budget_bytes: plan.budget_bytes,
         memory_planned_bytes: plan.planned_bytes(),
-        threads: options.threads,
+        threads: plan.threads,
         wall_ms: wall * 1e3,
         bytes_per_second: source_bytes as f64 / wall,
-        notes: source.info().notes.clone(),
+        notes,
     })
 }
 
@@ -184,7 +188,7 @@ fn describe(source: &dyn VolumeSource, options: &BuildOptions) -> Result<Descrip
         geometry: info.geometry,
         scale: info.scale,
         offset: info.offset,
-        absence: Absence { nodata: info.nodata },
+        absence: Absence::declared(info.nodata, info.voxel_type),
     })
 }
 
@@ -233,7 +237,7 @@ impl Build<'_> {
         if source.info().access_order.0[0] != 2 {
             return Ok(source.read_box(voxels, bytes)?);
         }
-        let slab = nz.div_ceil(self.options.threads);
+        let slab = nz.div_ceil(self.plan.threads);
         let slab_bytes = slab * nx * ny * self.descriptor.voxel_type.bytes();
         self.pool.install(|| {
             bytes.par_chunks_mut(slab_bytes).enumerate().try_for_each(|(i, part)| {
@@ -347,8 +351,8 @@ impl Build<'_> {
         let offset: [usize; 3] = std::array::from_fn(|a| (core.start[a] - block.voxels.start[a]) as usize);
         let [nx, ny, nz] = core.extent();
         let size = voxel_type.bytes();
-        let slab = nz.div_ceil(self.options.threads);
-        (0..self.options.threads).into_par_iter().for_each(|part| {
+        let slab = nz.div_ceil(self.plan.threads);
+        (0..self.plan.threads).into_par_iter().for_each(|part| {
             let mut statistics = Statistics::new(voxel_type);
             for z in (part * slab).min(nz)..((part + 1) * slab).min(nz) {
                 for y in 0..ny {
@@ -460,10 +464,12 @@ fn manifest(
 ) -> Manifest {
     let info = source.info();
     let range = statistics.range();
-    let ends = [descriptor.value(range.min), descriptor.value(range.max)];
+    // JSON has no infinities: values that overflow in data units end at the greatest double.
+    let finite = |v: f64| v.clamp(f64::MIN, f64::MAX);
+    let value = |stored: f64| finite(descriptor.value(stored));
+    let ends = [value(range.min), value(range.max)];
     let value_range = (!range.is_empty()).then(|| ValueRange { min: ends[0].min(ends[1]), max: ends[0].max(ends[1]) });
-    let mut percentiles: Vec<[f64; 2]> =
-        statistics.percentiles().into_iter().map(|[p, v]| [p, descriptor.value(v)]).collect();
+    let mut percentiles: Vec<[f64; 2]> = statistics.percentiles().into_iter().map(|[p, v]| [p, value(v)]).collect();
     let mut histogram = if range.is_empty() { Vec::new() } else { statistics.histogram() };
     if descriptor.scale < 0.0 {
         // A negative scale turns the order of values round.
@@ -491,7 +497,7 @@ fn manifest(
         present_voxels: statistics.present(),
         histogram,
         percentiles,
-        level_errors: levels.iter().map(|l| l.error).collect(),
+        level_errors: levels.iter().map(|l| finite(l.error)).collect(),
         survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).ok()),
         notes: info.notes.clone(),
     }

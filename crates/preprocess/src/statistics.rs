@@ -107,7 +107,10 @@ impl Statistics {
         let width = range.width();
         for (bin, &count) in self.counts.iter().enumerate().filter(|(_, c)| **c > 0) {
             let value = value_of(self.voxel_type, bin).clamp(range.min, range.max);
-            let share = if width > 0.0 { (value - range.min) / width } else { 0.0 };
+            // Halves, because the range of doubles may be wider than the greatest double.
+            let above = value * 0.5 - range.min * 0.5;
+            let half_width = range.max * 0.5 - range.min * 0.5;
+            let share = if width > 0.0 && half_width > 0.0 { above / half_width } else { 0.0 };
             out[((share * HISTOGRAM_BINS as f64) as usize).min(HISTOGRAM_BINS - 1)] += count;
         }
         out
@@ -121,7 +124,8 @@ fn key(voxel_type: VoxelType, value: f64) -> usize {
         VoxelType::I8 => (value + 128.0) as usize,
         VoxelType::I16 => (value + 32768.0) as usize,
         _ => {
-            let bits = (value as f32).to_bits();
+            // Doubles beyond single precision are counted with its greatest numbers: an infinity has no middle.
+            let bits = (value as f32).clamp(f32::MIN, f32::MAX).to_bits();
             // Floats sort as integers when negative ones have all bits flipped and the others the sign bit.
             let sortable = if bits >> 31 == 1 { !bits } else { bits | 1 << 31 };
             (sortable >> 16) as usize

@@ -74,7 +74,7 @@
 //! | 48 | 8 | f64 | stored | greatest value (-inf if nothing is present) |
 //! | 56 | 8 | f64 | stored | least value of this brick and of all finer bricks under it |
 //! | 64 | 8 | f64 | stored | greatest value of the same |
-//! | 72 | 8 | f64 | stored | error: bound on the distance between this level's and level 0's trilinear interpolation at every point of the brick's region where both are present |
+//! | 72 | 8 | f64 | stored | error: bound on the distance between this level's and level 0's trilinear interpolation at every point of the brick's region where both are present, and all levels between them |
 //!
 //! # Manifest
 //! UTF-8 JSON, see [`manifest::Manifest`]: what the data is and where it came from. Nothing in it is needed to decode.

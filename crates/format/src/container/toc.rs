@@ -42,7 +42,8 @@ pub struct BrickEntry {
     pub range: ValueRange,
     /// The same together with all finer bricks beneath.
     pub range_beneath: ValueRange,
-    /// Bound on |trilinear(this level) - trilinear(level 0)| in the brick's region, where both are present.
+    /// Bound on |trilinear(this level) - trilinear(level 0)| in the brick's region, where both are present and all levels
+    /// between them are, too: beside a hole a level in between may have none where both ends have one.
     pub error: f64,
 }
 

@@ -36,6 +36,9 @@ pub fn check_brick(container: &Container, key: BrickKey) -> Result<(BrickEntry, 
         let expected = format!("{:?}", (measured.absent, measured.has_holes, uniform));
         return broken("flags (absent, has holes, uniform)", expected, format!("{flags:?}"));
     }
+    if entry.codec == Codec::Uniform && Some(entry.fill) != measured.fill {
+        return broken("fill", format!("{:x?}", measured.fill), format!("{:x}", entry.fill));
+    }
     if entry.range != measured.range {
         return broken("value range", format!("{:?}", measured.range), format!("{:?}", entry.range));
     }

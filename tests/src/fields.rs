@@ -1,0 +1,214 @@
+//! Volumes computed from coordinates, and building containers of them.
+
+use std::path::{Path, PathBuf};
+
+use supervol_format::codec::CodecChoice;
+use supervol_format::container::manifest::Source;
+use supervol_format::voxel_type::Voxel;
+use supervol_format::{BrickLayout, Container, Dims, VoxelBox, VoxelType, with_voxel};
+use supervol_preprocess::lod_axes::LodAxes;
+use supervol_preprocess::report::BuildReport;
+use supervol_preprocess::source::{SourceError, SourceInfo, VolumeSource};
+use supervol_preprocess::{BuildError, BuildOptions, Existing, build};
+
+use crate::mix;
+
+/// What a field holds; values are in stored units and rounded to the voxel type.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Content {
+    /// 42 everywhere.
+    Constant,
+    /// Independent values over most of the type's range.
+    Noise,
+    /// Waves of some ten voxels, with a little noise.
+    Smooth,
+    /// Waves with holes: single voxels, a slab, a ball; NaN and infinities in float types, the nodata value in integers.
+    Holes,
+    /// Nothing present at all.
+    Absent,
+    /// Zero but for thin shells.
+    Shells,
+}
+
+impl Content {
+    /// All of them.
+    pub const ALL: [Self; 6] = [Self::Constant, Self::Noise, Self::Smooth, Self::Holes, Self::Absent, Self::Shells];
+}
+
+/// The value that means "no data" in fields with holes: representable in every voxel type.
+pub const NODATA: f64 = 17.0;
+
+type Value = Box<dyn Fn([u64; 3]) -> f64 + Send + Sync>;
+
+/// A volume computed voxel by voxel.
+pub struct Field {
+    info: SourceInfo,
+    value: Value,
+}
+
+impl std::fmt::Debug for Field {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Field").field("info", &self.info).finish_non_exhaustive()
+    }
+}
+
+impl Field {
+    /// A field of any function of the voxel's coordinates.
+    #[must_use]
+    pub fn new(dims: [u64; 3], voxel_type: VoxelType, value: impl Fn([u64; 3]) -> f64 + Send + Sync + 'static) -> Self {
+        Self { info: SourceInfo::plain("synth", Dims(dims), voxel_type), value: Box::new(value) }
+    }
+
+    /// A field with this content.
+    #[must_use]
+    pub fn of(content: Content, dims: [u64; 3], voxel_type: VoxelType) -> Self {
+        let (low, high) = amplitude(voxel_type);
+        let noise = move |p: [u64; 3]| low + (high - low) * unit_noise(p);
+        let smooth = move |p: [u64; 3]| {
+            let [x, y, z] = p.map(|v| v as f64);
+            let wave = (x * 0.61).sin() + (y * 0.47 + 1.0).sin() + (z * 0.71 + x * 0.2).cos();
+            let share = 0.5 + 0.15 * wave + 0.01 * unit_noise(p);
+            low + (high - low) * share
+        };
+        let holes = move |p: [u64; 3]| hole_at(p, dims, voxel_type).unwrap_or_else(|| away_from_nodata(smooth(p)));
+        let shells = move |p: [u64; 3]| {
+            let r2: u64 = p.iter().map(|v| v * v).sum();
+            if r2 % 97 < 4 { high } else { 0.0 }
+        };
+        let nothing = if voxel_type.is_float() { f64::NAN } else { NODATA };
+        let mut field = match content {
+            Content::Constant => Self::new(dims, voxel_type, |_| 42.0),
+            Content::Noise => Self::new(dims, voxel_type, noise),
+            Content::Smooth => Self::new(dims, voxel_type, smooth),
+            Content::Holes => Self::new(dims, voxel_type, holes),
+            Content::Absent => Self::new(dims, voxel_type, move |_| nothing),
+            Content::Shells => Self::new(dims, voxel_type, shells),
+        };
+        if matches!(content, Content::Holes | Content::Absent) {
+            field.info.nodata = Some(NODATA);
+        }
+        field
+    }
+
+    /// The same field with its description changed.
+    #[must_use]
+    pub fn with_info(mut self, change: impl FnOnce(&mut SourceInfo)) -> Self {
+        change(&mut self.info);
+        self
+    }
+
+    /// All voxels, little endian, x fastest.
+    #[must_use]
+    pub fn bytes(&self) -> Vec<u8> {
+        let all = self.info.dims.full_box();
+        let mut out = vec![0; all.voxels() * self.info.voxel_type.bytes()];
+        self.fill(all, &mut out);
+        out
+    }
+
+    fn fill(&self, voxels: VoxelBox, out: &mut [u8]) {
+        let [nx, ny, _] = voxels.extent();
+        with_voxel!(self.info.voxel_type, V => {
+            for (i, target) in out.chunks_exact_mut(size_of::<V>()).enumerate() {
+                let local = [i % nx, i / nx % ny, i / nx / ny];
+                let value = (self.value)(std::array::from_fn(|a| voxels.start[a] + local[a] as u64));
+                V::from_f64(value).write_le(target);
+            }
+        });
+    }
+}
+
+impl VolumeSource for Field {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        self.fill(voxels, out);
+        Ok(())
+    }
+}
+
+/// Most of the type's range; floats stay where 24 bits resolve thousandths.
+fn amplitude(voxel_type: VoxelType) -> (f64, f64) {
+    if voxel_type.is_float() { (-5000.0, 5000.0) } else { voxel_type.limits() }
+}
+
+/// A value in `[0, 1)` that depends on the coordinates alone.
+fn unit_noise(p: [u64; 3]) -> f64 {
+    (mix(p[0] ^ mix(p[1] ^ mix(p[2]))) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+fn away_from_nodata(value: f64) -> f64 {
+    if (value - NODATA).abs() < 1.0 { NODATA + 2.0 } else { value }
+}
+
+/// The absent voxel at `p`, if there is one: one voxel in 31, a slab of three layers, and a ball.
+fn hole_at(p: [u64; 3], dims: [u64; 3], voxel_type: VoxelType) -> Option<f64> {
+    let from_middle: u64 = (0..3).map(|a| p[a].abs_diff(dims[a] / 2).pow(2)).sum();
+    let hash = mix(p[0].wrapping_mul(3) ^ mix(p[1] ^ mix(p[2] ^ 5)));
+    let in_slab = dims[2] > 12 && (9..12).contains(&p[2]);
+    if !(hash.is_multiple_of(31) || in_slab || (dims[0] > 30 && from_middle < 100)) {
+        return None;
+    }
+    let choices: &[f64] =
+        if voxel_type.is_float() { &[f64::NAN, f64::INFINITY, f64::NEG_INFINITY, NODATA] } else { &[NODATA] };
+    Some(choices[(hash >> 32) as usize % choices.len()])
+}
+
+/// Options that suit small test volumes.
+#[must_use]
+pub fn options(core: u32) -> BuildOptions {
+    BuildOptions {
+        layout: BrickLayout::new(core).expect("tests use one of the core sizes"),
+        codec: CodecChoice::Smallest,
+        lod_axes: LodAxes::Xyz,
+        memory_bytes: 1 << 30,
+        threads: 2,
+        existing: Existing::Keep,
+    }
+}
+
+/// Origin for the manifest of a synthetic volume.
+#[must_use]
+pub fn origin() -> Source {
+    Source { name: "field".into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() }
+}
+
+/// A built container in a folder of its own that goes when this goes.
+#[derive(Debug)]
+pub struct Built {
+    /// The folder.
+    pub folder: tempfile::TempDir,
+    /// The container file in it.
+    pub path: PathBuf,
+    /// The same, open.
+    pub container: Container,
+    /// What the build said.
+    pub report: BuildReport,
+}
+
+/// Builds a container of a volume.
+///
+/// # Errors
+/// If the build fails or its result does not open.
+pub fn try_build(source: &dyn VolumeSource, options: &BuildOptions) -> Result<Built, BuildError> {
+    let folder = tempfile::tempdir().expect("tests need a temporary folder");
+    let path = folder.path().join("out.svol");
+    let report = build(source, origin(), &path, options, &|_| ())?;
+    let container = open(&path)?;
+    Ok(Built { folder, path, container, report })
+}
+
+fn open(path: &Path) -> Result<Container, BuildError> {
+    Container::open(path).map_err(|source| BuildError::Container { path: path.into(), source })
+}
+
+/// As [`try_build`], for volumes that must build.
+///
+/// # Panics
+/// If the build fails, with its message.
+#[must_use]
+pub fn built(source: &dyn VolumeSource, options: &BuildOptions) -> Built {
+    try_build(source, options).unwrap_or_else(|e| panic!("{:?} with {options:?}: {e}", source.info()))
+}

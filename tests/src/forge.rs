@@ -1,0 +1,140 @@
+//! Containers with one thing wrong: bytes are changed and every checksum that covers them is made right again, so that
+//! only the rule under test can notice.
+
+use std::sync::Arc;
+
+use supervol_format::codec::{BrickShape, Codec, CodecChoice};
+use supervol_format::container::checksum;
+use supervol_format::container::header::{self, Sections};
+use supervol_format::container::toc::{self, BrickEntry, ENTRIES_PER_PAGE, ENTRY_BYTES};
+use supervol_format::container::validate::seal_brick;
+use supervol_format::{BrickKey, Container, ValueRange};
+
+/// The bytes of a whole container, and what they said before they were changed.
+#[derive(Debug)]
+pub struct Forge {
+    /// The file.
+    pub bytes: Vec<u8>,
+    /// The container as it was.
+    pub original: Container,
+}
+
+impl Forge {
+    /// # Panics
+    /// If the bytes are no whole container.
+    #[must_use]
+    pub fn new(bytes: Vec<u8>) -> Self {
+        let original = Container::from_source(Arc::new(bytes.clone())).expect("only whole containers are forged");
+        Self { bytes, original }
+    }
+
+    /// The original entry of a brick.
+    ///
+    /// # Panics
+    /// If it cannot be read.
+    #[must_use]
+    pub fn entry(&self, key: BrickKey) -> BrickEntry {
+        self.original.entry(key).expect("the original container is whole")
+    }
+
+    /// The record of a brick as it stands in the file now.
+    #[must_use]
+    pub fn record(&self, key: BrickKey) -> Vec<u8> {
+        let entry = self.entry(key);
+        let start = entry.offset as usize;
+        self.bytes[start..start + entry.record_bytes() as usize].to_vec()
+    }
+
+    /// Replaces the entry of a brick.
+    pub fn set_entry(&mut self, key: BrickKey, entry: &BrickEntry) {
+        self.set_entry_bytes(key, &entry.encode());
+    }
+
+    /// Replaces the 80 bytes of an entry.
+    pub fn set_entry_bytes(&mut self, key: BrickKey, entry: &[u8; ENTRY_BYTES]) {
+        let at = self.entry_at(key);
+        self.bytes[at..at + ENTRY_BYTES].copy_from_slice(entry);
+        self.reseal_toc();
+    }
+
+    /// Offset of a brick's entry in the file.
+    #[must_use]
+    pub fn entry_at(&self, key: BrickKey) -> usize {
+        let number = self.original.pyramid().entry(key) as usize;
+        let toc = self.original.sections().toc_offset as usize;
+        toc + number / ENTRIES_PER_PAGE * toc::PAGE_BYTES + number % ENTRIES_PER_PAGE * ENTRY_BYTES
+    }
+
+    /// Replaces a record by one of the same length, with its checksum.
+    ///
+    /// # Panics
+    /// If it has another length.
+    pub fn set_record(&mut self, key: BrickKey, record: &[u8]) {
+        let mut entry = self.entry(key);
+        assert_eq!(record.len() as u64, entry.record_bytes(), "a forged record of {key} must fit the old one's place");
+        let start = entry.offset as usize;
+        self.bytes[start..start + record.len()].copy_from_slice(record);
+        entry.checksum = checksum(record);
+        self.set_entry(key, &entry);
+    }
+
+    /// Replaces the voxels of a raw-coded brick, and makes ranges, flags, macro cells and checksum fit them.
+    ///
+    /// # Panics
+    /// If the brick is not coded raw.
+    pub fn set_voxels(&mut self, key: BrickKey, voxels: &[u8]) {
+        let old = self.entry(key);
+        assert_eq!(old.codec, Codec::Raw, "only raw bricks keep their length");
+        let descriptor = self.original.descriptor();
+        let shape = BrickShape { voxel_type: descriptor.voxel_type, extent: descriptor.pyramid.stored_extent(key) };
+        let beneath = self
+            .original
+            .pyramid()
+            .children(key)
+            .fold(ValueRange::EMPTY, |range, child| range.union(self.entry(child).range_beneath));
+        let raw = CodecChoice::Only(Codec::Raw);
+        let sealed =
+            seal_brick(key, shape, voxels, descriptor.absence, raw, beneath, old.error).expect("raw needs nothing");
+        let start = old.offset as usize;
+        self.bytes[start..start + sealed.record.len()].copy_from_slice(&sealed.record);
+        let entry = BrickEntry { offset: old.offset, checksum: checksum(&sealed.record), ..sealed.entry };
+        self.set_entry(key, &entry);
+    }
+
+    /// Inserts bytes between the last record and the TOC, and moves the sections.
+    pub fn insert_before_toc(&mut self, bytes: &[u8]) {
+        let old = self.original.sections();
+        let at = old.toc_offset as usize;
+        self.bytes.splice(at..at, bytes.iter().copied());
+        let moved = bytes.len() as u64;
+        let sections =
+            Sections { toc_offset: old.toc_offset + moved, manifest_offset: old.manifest_offset + moved, ..old };
+        let footer = self.bytes.len() - header::PAGE_BYTES;
+        let page = header::encode(self.original.descriptor(), sections);
+        self.bytes[footer..].copy_from_slice(&page);
+    }
+
+    /// Makes the checksums of all TOC pages right.
+    pub fn reseal_toc(&mut self) {
+        let Sections { toc_offset, toc_bytes, .. } = self.original.sections();
+        let toc = &mut self.bytes[toc_offset as usize..(toc_offset + toc_bytes) as usize];
+        for page in toc.chunks_exact_mut(toc::PAGE_BYTES) {
+            reseal(page);
+        }
+    }
+
+    /// Makes the checksums of the header and footer pages and of the TOC pages right.
+    pub fn reseal_pages(&mut self) {
+        let footer = self.bytes.len() - header::PAGE_BYTES;
+        reseal(&mut self.bytes[..header::PAGE_BYTES]);
+        reseal(&mut self.bytes[footer..]);
+        self.reseal_toc();
+    }
+}
+
+/// Writes the checksum of all but the last eight bytes into those.
+pub fn reseal(page: &mut [u8]) {
+    let at = page.len() - 8;
+    let sum = checksum(&page[..at]);
+    page[at..].copy_from_slice(&sum.to_le_bytes());
+}

@@ -1,0 +1,296 @@
+//! What each fuzz target does with its bytes. libFuzzer calls these from `fuzz/fuzz_targets`, and
+//! `tests/fuzz_seeds.rs` calls them with seeded mutations, so that every machine runs them.
+//!
+//! A body returns when the bytes were answered properly, with data or with an error, and panics when they were not.
+//! Bodies that read whole files take the first byte as a mode: even, the rest is the file; odd, the rest is a list of
+//! edits ([`apply_edits`]) to a small valid file, which gets a fuzzer behind magic numbers and lengths at once.
+
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use supervol_format::codec::{BrickShape, Codec, CodecChoice, decode_into, encode};
+use supervol_format::{Container, Dims, VoxelBox, VoxelType};
+use supervol_preprocess::source::nifti::NiftiSource;
+use supervol_preprocess::source::npy::NpySource;
+use supervol_preprocess::source::nrrd::NrrdSource;
+use supervol_preprocess::source::segy::{SegyOptions, SegySource};
+use supervol_preprocess::source::spool::SpoolFolder;
+use supervol_preprocess::source::{SourceError, VolumeSource};
+
+use crate::fields::{Content, Field, built, options};
+use crate::forge::Forge;
+
+/// Bricks of one damaged container that are decoded, at most.
+const BRICKS_LIMIT: u64 = 64;
+/// Voxels along an axis that are read of a damaged volume, at most.
+const READ_EDGE: u64 = 8;
+/// Bytes of one edit: four of position, one of what to do, one of value.
+const EDIT_BYTES: usize = 6;
+
+/// A container file: opened, and every entry, brick and macro cell read. Bricks that are handed out in spite of
+/// damage, though no checksum was mended, must be the undamaged ones.
+///
+/// # Panics
+/// If a wrong brick is handed out.
+pub fn container(data: &[u8]) {
+    let Some((&mode, rest)) = data.split_first() else { return };
+    let seed = seed_container();
+    let mut file = if mode & 1 == 0 { rest.to_vec() } else { apply_edits(&seed.bytes, rest) };
+    let mended = mode & 2 != 0 && file.len() == seed.bytes.len();
+    if mended {
+        // Checksums right again: what lies behind them is met with damage.
+        let mut forge = Forge::new(seed.bytes.clone());
+        forge.bytes = file;
+        forge.reseal_pages();
+        file = forge.bytes;
+    }
+    let Ok(container) = Container::from_source(Arc::new(file)) else { return };
+    for number in 0..container.pyramid().brick_count().min(BRICKS_LIMIT) {
+        let key = container.pyramid().key(number).expect("every number below the count is a brick");
+        let Ok(entry) = container.entry(key) else { continue };
+        let Ok(voxels) = container.read_brick(key, &entry) else { continue };
+        assert_eq!(voxels.len(), container.shape(key).bytes());
+        let mut record = vec![0; entry.record_bytes() as usize];
+        container.read_at(entry.offset, &mut record).expect("a record that was read can be read again");
+        let cells = container.macro_cells(key, &entry, &record);
+        assert_eq!(cells.len(), container.pyramid().macro_cells(key).iter().product::<usize>());
+        if mode & 1 == 1 && !mended {
+            let original = seed.original.read_brick(key, &seed.entry(key)).expect("the seed container is whole");
+            assert!(voxels == original, "a wrong {key} was handed out");
+        }
+    }
+}
+
+fn seed_container() -> &'static Forge {
+    static SEED: OnceLock<Forge> = OnceLock::new();
+    SEED.get_or_init(|| {
+        let field = Field::of(Content::Holes, [34, 19, 17], VoxelType::I16);
+        let built = built(&field, &options(16));
+        Forge::new(std::fs::read(&built.path).expect("the container was just built"))
+    })
+}
+
+/// The raw codec; see [`codec`].
+pub fn codec_raw(data: &[u8]) {
+    codec(Codec::Raw, data);
+}
+
+/// The rle codec; see [`codec`].
+pub fn codec_rle(data: &[u8]) {
+    codec(Codec::Rle, data);
+}
+
+/// The zstd codec; see [`codec`].
+pub fn codec_zstd(data: &[u8]) {
+    codec(Codec::Zstd, data);
+}
+
+/// The first four bytes choose type and shape; the rest is decoded as a payload, and encoded as voxels and decoded.
+///
+/// # Panics
+/// If the round trip is not exact, or a payload decodes to voxels that encode to something that does not.
+fn codec(codec: Codec, data: &[u8]) {
+    let Some((&[kind, x, y, z], rest)) = data.split_first_chunk::<4>() else { return };
+    let voxel_type = VoxelType::ALL[usize::from(kind) % VoxelType::ALL.len()];
+    let shape = BrickShape { voxel_type, extent: [x, y, z].map(|n| usize::from(n) % 24 + 1) };
+    let mut decoded = vec![0; shape.bytes()];
+    if decode_into(codec, shape, rest, &mut decoded).is_ok() {
+        round_trip(codec, shape, &decoded);
+    }
+    let voxels: Vec<u8> = rest.iter().copied().chain(std::iter::repeat(0)).take(shape.bytes()).collect();
+    round_trip(codec, shape, &voxels);
+}
+
+fn round_trip(codec: Codec, shape: BrickShape, voxels: &[u8]) {
+    let (_, payload) = encode(CodecChoice::Only(codec), shape, voxels).expect("encoding needs only memory");
+    let mut out = vec![0xa5; voxels.len()];
+    decode_into(codec, shape, &payload, &mut out).expect("what was encoded decodes");
+    assert!(out == voxels, "{} is not lossless for {shape:?}", codec.name());
+}
+
+/// A SEG-Y file.
+pub fn segy(data: &[u8]) {
+    let bytes = whole_file(data, &segy_seed());
+    read_some(SegySource::from_bytes(Box::new(bytes), Path::new("fuzz.sgy"), &SegyOptions::default()));
+}
+
+/// A NRRD file.
+pub fn nrrd(data: &[u8]) {
+    let bytes = whole_file(data, &nrrd_seed());
+    in_a_file("fuzz.nrrd", &bytes, |path, spool| read_some(NrrdSource::open(path, spool)));
+}
+
+/// A NIfTI file, plain.
+pub fn nifti(data: &[u8]) {
+    let bytes = whole_file(data, &nifti_seed());
+    in_a_file("fuzz.nii", &bytes, |path, spool| read_some(NiftiSource::open(path, spool)));
+}
+
+/// An npy file.
+pub fn npy(data: &[u8]) {
+    let bytes = whole_file(data, &npy_seed());
+    in_a_file("fuzz.npy", &bytes, |path, _| read_some(NpySource::open(path)));
+}
+
+/// What a target does with its bytes.
+pub type Body = fn(&[u8]);
+
+/// Names of all bodies, with the bodies and a valid input each.
+#[must_use]
+pub fn all() -> Vec<(&'static str, Body, Vec<u8>)> {
+    let whole = |seed: &[u8]| [&[0], seed].concat();
+    let mut seeds: Vec<(&'static str, Body, Vec<u8>)> = vec![
+        ("container", container, whole(&seed_container().bytes)),
+        ("segy", segy, whole(&segy_seed())),
+        ("nrrd", nrrd, whole(&nrrd_seed())),
+        ("nifti", nifti, whole(&nifti_seed())),
+        ("npy", npy, whole(&npy_seed())),
+    ];
+    let shape = BrickShape { voxel_type: VoxelType::ALL[3], extent: [6, 7, 8] };
+    let voxels: Vec<u8> = (0..shape.bytes()).map(|i| (i / 13) as u8).collect();
+    let codecs: [(&'static str, Body, Codec); 3] = [
+        ("codec_raw", codec_raw, Codec::Raw),
+        ("codec_rle", codec_rle, Codec::Rle),
+        ("codec_zstd", codec_zstd, Codec::Zstd),
+    ];
+    for (name, body, codec) in codecs {
+        let (_, payload) = encode(CodecChoice::Only(codec), shape, &voxels).expect("encoding needs only memory");
+        seeds.push((name, body, [&[3, 5, 6, 7], payload.as_slice()].concat()));
+    }
+    seeds
+}
+
+fn whole_file(data: &[u8], seed: &[u8]) -> Vec<u8> {
+    match data.split_first() {
+        None => Vec::new(),
+        Some((mode, rest)) if mode & 1 == 0 => rest.to_vec(),
+        Some((_, edits)) => apply_edits(seed, edits),
+    }
+}
+
+/// Edits of six bytes each: position (modulo the length), kind, value. Kinds: replace, flip a bit, set four bytes to
+/// the value, cut the file there, repeat 16 bytes from there.
+#[must_use]
+pub fn apply_edits(seed: &[u8], edits: &[u8]) -> Vec<u8> {
+    let mut file = seed.to_vec();
+    for edit in edits.as_chunks::<EDIT_BYTES>().0 {
+        if file.is_empty() {
+            break;
+        }
+        let [a, b, c, d, kind, value] = *edit;
+        let at = u32::from_le_bytes([a, b, c, d]) as usize % file.len();
+        match kind % 16 {
+            0 => file.truncate(at),
+            1 => {
+                let copied = file[at..file.len().min(at + 16)].to_vec();
+                file.splice(at..at, copied);
+            }
+            2..6 => file[at] ^= 1 << (value % 8),
+            6..9 => file.iter_mut().skip(at).take(4).for_each(|b| *b = value),
+            _ => file[at] = value,
+        }
+    }
+    file
+}
+
+/// Reads the first and the last voxels of a volume that was opened.
+fn read_some<S: VolumeSource>(opened: Result<S, SourceError>) {
+    let source = match opened {
+        Ok(source) => source,
+        Err(error) => {
+            assert!(!error.to_string().is_empty(), "an error says something");
+            return;
+        }
+    };
+    let info = source.info();
+    let Dims(dims) = info.dims;
+    assert!(info.dims.is_valid(), "{dims:?} was accepted");
+    assert!(info.geometry.defect().is_none(), "{:?}", info.geometry);
+    let edge = dims.map(|n| n.min(READ_EDGE));
+    let boxes = [
+        VoxelBox { start: [0; 3], end: edge },
+        VoxelBox { start: std::array::from_fn(|a| dims[a] - edge[a]), end: dims },
+    ];
+    for voxels in boxes {
+        let mut out = vec![0; voxels.voxels() * info.voxel_type.bytes()];
+        // Data or a message: both are answers.
+        let _ = source.read_box(voxels, &mut out);
+    }
+}
+
+fn in_a_file(name: &str, bytes: &[u8], read: impl FnOnce(&Path, &SpoolFolder)) {
+    let memory = Path::new("/dev/shm");
+    let place = if memory.is_dir() { memory.to_path_buf() } else { std::env::temp_dir() };
+    let folder = tempfile::tempdir_in(place).expect("fuzzing needs a temporary folder");
+    let path = folder.path().join(name);
+    std::fs::write(&path, bytes).expect("fuzzing needs room for a small file");
+    read(&path, &SpoolFolder::at(folder.path()));
+}
+
+/// 4 x 3 traces of 5 samples, 16-bit integers, big endian.
+#[must_use]
+pub fn segy_seed() -> Vec<u8> {
+    let mut file = vec![0x40; 3200];
+    file[0] = 0xc3;
+    let mut binary = vec![0u8; 400];
+    binary[16..18].copy_from_slice(&4000u16.to_be_bytes());
+    binary[20..22].copy_from_slice(&5u16.to_be_bytes());
+    binary[24..26].copy_from_slice(&3u16.to_be_bytes());
+    binary[300..302].copy_from_slice(&[1, 0]);
+    binary[302..304].copy_from_slice(&1u16.to_be_bytes());
+    file.extend(binary);
+    for (inline, crossline) in (0..3u32).flat_map(|i| (0..4u32).map(move |x| (100 + i, 200 + x))) {
+        let mut header = vec![0u8; 240];
+        header[28..30].copy_from_slice(&1u16.to_be_bytes());
+        header[114..116].copy_from_slice(&5u16.to_be_bytes());
+        header[116..118].copy_from_slice(&4000u16.to_be_bytes());
+        header[188..192].copy_from_slice(&inline.to_be_bytes());
+        header[192..196].copy_from_slice(&crossline.to_be_bytes());
+        file.extend(header);
+        file.extend((0..5u32).flat_map(|k| ((inline * crossline + k * 37) as i16).to_be_bytes()));
+    }
+    file
+}
+
+/// 4 x 3 x 2 voxels of i16 with all common fields.
+#[must_use]
+pub fn nrrd_seed() -> Vec<u8> {
+    let mut file = b"NRRD0004\ntype: short\ndimension: 3\nspace: left-posterior-superior\nsizes: 4 3 2\n\
+        space directions: (1,0,0) (0,2.5,0) (0,0,-1)\nkinds: domain domain domain\nendian: little\nencoding: raw\n\
+        space origin: (0,1e3,0)\n\n"
+        .to_vec();
+    file.extend(0..48u8);
+    file
+}
+
+/// 4 x 3 x 2 voxels of i16 with an sform.
+#[must_use]
+pub fn nifti_seed() -> Vec<u8> {
+    let mut file = vec![0; 352 + 48];
+    let mut put = |at: usize, bytes: &[u8]| file[at..at + bytes.len()].copy_from_slice(bytes);
+    put(0, &348i32.to_le_bytes());
+    for (i, n) in [3i16, 4, 3, 2, 1, 1, 1, 1].into_iter().enumerate() {
+        put(40 + 2 * i, &n.to_le_bytes());
+    }
+    put(70, &4i16.to_le_bytes());
+    put(72, &16i16.to_le_bytes());
+    (1..4).for_each(|axis| put(76 + 4 * axis, &2.0f32.to_le_bytes()));
+    put(108, &352.0f32.to_le_bytes());
+    put(252, &[1, 0, 1, 0]);
+    (0..3).for_each(|i| put(280 + 20 * i, &2.0f32.to_le_bytes()));
+    put(344, b"n+1\0");
+    file
+}
+
+/// 2 x 3 x 4 voxels of f32, C order.
+#[must_use]
+pub fn npy_seed() -> Vec<u8> {
+    let mut dictionary = b"{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4), }".to_vec();
+    dictionary.resize(117, b' ');
+    dictionary.push(b'\n');
+    let mut file = b"\x93NUMPY\x01\x00".to_vec();
+    file.extend((dictionary.len() as u16).to_le_bytes());
+    file.extend(dictionary);
+    file.extend((0..24).flat_map(|i| (i as f32).to_le_bytes()));
+    file
+}

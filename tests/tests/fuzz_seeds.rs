@@ -1,0 +1,92 @@
+//! Every fuzz body, on its valid input and on seeded mutations of it: what CI runs on any machine, libFuzzer or not.
+//! The libFuzzer targets are in `fuzz/`.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use rayon::prelude::*;
+use supervol_tests::{Random, fuzz_bodies};
+
+/// Mutations per target.
+const ROUNDS: u64 = 4000;
+const SEED: u64 = 20_260_101;
+
+/// One mutation: edits behind a mode byte, a damaged copy of the valid input, or noise.
+fn mutated(valid: &[u8], random: &mut Random) -> Vec<u8> {
+    let edits =
+        |random: &mut Random| -> Vec<u8> { (0..6 * (1 + random.below(6))).map(|_| random.next_u64() as u8).collect() };
+    match random.below(8) {
+        0 => (0..random.below(600)).map(|_| random.next_u64() as u8).collect(),
+        1 | 2 => fuzz_bodies::apply_edits(valid, &edits(random)),
+        mode => [vec![if mode < 6 { 1 } else { 3 }], edits(random)].concat(),
+    }
+}
+
+fn run(name: &str) {
+    let (_, body, valid) = fuzz_bodies::all().into_iter().find(|(n, ..)| *n == name).expect("the body is listed");
+    body(&valid);
+    body(&[]);
+    let bad = (0..ROUNDS).into_par_iter().find_any(|round| {
+        let input = mutated(&valid, &mut Random::new(SEED ^ round << 20));
+        catch_unwind(AssertUnwindSafe(|| body(&input))).is_err()
+    });
+    assert_eq!(bad, None, "{name}: this round of seed {SEED} panics");
+}
+
+#[test]
+fn container() {
+    run("container");
+}
+
+#[test]
+fn codec_raw() {
+    run("codec_raw");
+}
+
+#[test]
+fn codec_rle() {
+    run("codec_rle");
+}
+
+#[test]
+fn codec_zstd() {
+    run("codec_zstd");
+}
+
+#[test]
+fn segy() {
+    run("segy");
+}
+
+#[test]
+fn nrrd() {
+    run("nrrd");
+}
+
+#[test]
+fn nifti() {
+    run("nifti");
+}
+
+#[test]
+fn npy() {
+    run("npy");
+}
+
+/// The valid inputs must be valid, or mutating them tests little.
+#[test]
+fn valid_inputs_are_accepted() {
+    use supervol_preprocess::source::segy::{SegyOptions, SegySource};
+    let file = fuzz_bodies::segy_seed();
+    SegySource::from_bytes(Box::new(file), "seed.sgy".as_ref(), &SegyOptions::default()).expect("the seed is valid");
+    let folder = tempfile::tempdir().expect("a folder");
+    let files = [
+        ("seed.nrrd", fuzz_bodies::nrrd_seed()),
+        ("seed.nii", fuzz_bodies::nifti_seed()),
+        ("seed.npy", fuzz_bodies::npy_seed()),
+    ];
+    for (name, bytes) in files {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).expect("a small file");
+        supervol_preprocess::source::open::open(&path, &Default::default()).unwrap_or_else(|e| panic!("{e}"));
+    }
+}

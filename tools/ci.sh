@@ -1,0 +1,239 @@
+#!/usr/bin/env bash
+# Everything that must hold before a change is taken, in one command: formatting, lints, documents, tests (shader
+# validation and GPU tests among them, on a software adapter where there is no other), fuzzing, the demo.
+#
+#   tools/ci.sh            all steps
+#   tools/ci.sh tests      only the steps named: format clippy documents tests fuzz demo
+#
+# Works on a fresh Debian 12 with Rust 1.95; installs what is missing by apt. Environment:
+#   FUZZ_SECONDS (8)       seconds per fuzz target
+#   CI_KEEP (unset)        keep the logs in this folder
+set -euo pipefail
+
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+readonly ALL_STEPS=(format clippy documents tests fuzz demo)
+readonly MIN_FREE_GB=10
+readonly FUZZ_SECONDS="${FUZZ_SECONDS:-8}"
+readonly FUZZ_SEED=1
+readonly FUZZ_TARGETS=(container codec_raw codec_rle codec_zstd segy nrrd nifti npy)
+
+started=$SECONDS
+work="$(mktemp -d)"
+logs="${CI_KEEP:-$work/logs}"
+mkdir -p "$logs"
+trap 'rm -rf "$work"' EXIT
+
+say() { printf '%s\n' "$*"; }
+fail() { printf 'ci: FAILED: %s\n' "$*" >&2; exit 1; }
+
+# step NAME COMMAND...: announces, runs, times; the output goes to the terminal and to a log. A step that fails does not
+# stop the others: one run names everything that is wrong.
+step_times=()
+failed_steps=()
+step() {
+    local name="$1" begun=$SECONDS result="ok"
+    shift
+    say ""
+    say "=== $name"
+    # In a subshell with -e of its own: bash switches -e off in functions whose status is asked for.
+    set +e
+    (set -e; "$@") 2>&1 | tee "$logs/${name// /-}.log"
+    if [ "${PIPESTATUS[0]}" -ne 0 ]; then
+        result="FAILED"
+        failed_steps+=("$name")
+    fi
+    set -e
+    step_times+=("$(printf '%5d s  %-6s  %s' $((SECONDS - begun)) "$result" "$name")")
+    say "--- $name: $result, $((SECONDS - begun)) s"
+}
+
+# as_root COMMAND...: runs it as root, or says that it cannot.
+as_root() {
+    if [ "$(id -u)" -eq 0 ]; then
+        "$@"
+    elif command -v sudo >/dev/null && sudo -n true 2>/dev/null; then
+        sudo -n "$@"
+    else
+        fail "not root and no sudo without a password; run this first: $*"
+    fi
+}
+
+# install WHY PACKAGE...: by apt, with fresh lists only if the old ones do not do.
+install() {
+    local why="$1"
+    shift
+    command -v apt-get >/dev/null || fail "$why: install the equivalent of the Debian packages $* by hand"
+    say "ci: installing $* ($why)"
+    if ! as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "$@" >"$logs/apt.log" 2>&1; then
+        as_root apt-get update -q >>"$logs/apt.log" 2>&1 || fail "apt-get update: see $(tail -n 3 "$logs/apt.log")"
+        as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "$@" >>"$logs/apt.log" 2>&1 ||
+            fail "apt cannot install $*: $(tail -n 3 "$logs/apt.log")"
+    fi
+}
+
+# The Vulkan driver description of the software adapter, if it is installed.
+lavapipe() {
+    local folder file
+    for folder in /usr/share/vulkan/icd.d /usr/local/share/vulkan/icd.d /etc/vulkan/icd.d; do
+        for file in "$folder"/lvp_icd*.json; do
+            if [ -e "$file" ]; then
+                printf '%s' "$file"
+                return
+            fi
+        done
+    done
+}
+
+has_library() {
+    ldconfig -p 2>/dev/null | grep -q "$1" || /sbin/ldconfig -p 2>/dev/null | grep -q "$1"
+}
+
+prepare() {
+    local free_gb
+    free_gb=$(($(df --output=avail -k . | tail -n 1) / 1024 / 1024))
+    if [ "$free_gb" -lt "$MIN_FREE_GB" ]; then
+        fail "$free_gb GB free in $PWD; the builds need $MIN_FREE_GB GB"
+    fi
+    command -v cargo >/dev/null || fail "no cargo; install Rust 1.95 or newer (https://rustup.rs)"
+    cargo fmt --version >/dev/null 2>&1 || rustup component add rustfmt
+    cargo clippy --version >/dev/null 2>&1 || rustup component add clippy
+    if ! command -v cc >/dev/null || ! command -v c++ >/dev/null; then
+        install "C and C++ compilers, for zstd and libFuzzer" build-essential
+    fi
+    if [ -z "$(lavapipe)" ] || ! has_library libvulkan.so.1; then
+        install "a Vulkan driver that needs no GPU" mesa-vulkan-drivers libvulkan1
+    fi
+
+    # The software adapter, so that every machine tests the same; another driver may be named by VK_DRIVER_FILES.
+    if [ -z "${VK_DRIVER_FILES:-}" ] && [ -n "$(lavapipe)" ]; then
+        VK_DRIVER_FILES="$(lavapipe)"
+        export VK_DRIVER_FILES
+        export VK_ICD_FILENAMES="$VK_DRIVER_FILES"
+    fi
+    export XDG_RUNTIME_DIR="$work/runtime"
+    mkdir -m 700 -p "$XDG_RUNTIME_DIR"
+    export SUPERVOL_REQUIRE_GPU=1
+    export RUST_BACKTRACE=1
+    say "ci: $(rustc --version), $(nproc) cores, $free_gb GB free, Vulkan driver ${VK_DRIVER_FILES:-of the system}"
+}
+
+clippy() { cargo clippy --workspace --all-targets --locked -- -D warnings; }
+
+documents() { RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked; }
+
+# Tests print what they skip and measure on standard error; --success-output shows it for those that pass, too.
+tests() {
+    if command -v cargo-nextest >/dev/null; then
+        cargo nextest run --workspace --locked --no-fail-fast --success-output final --status-level slow
+    else
+        cargo test --workspace --locked --no-fail-fast --lib --bins --tests -- --show-output
+    fi
+}
+
+doc_tests() { cargo test --workspace --locked --doc; }
+
+# Builds the libFuzzer targets with the stable compiler: coverage, no sanitizer (our crates hold next to no unsafe
+# code; overflow checks and debug assertions are on).
+fuzz_build() {
+    local flags=(
+        "-Cpasses=sancov-module"
+        "-Cllvm-args=-sanitizer-coverage-level=4"
+        "-Cllvm-args=-sanitizer-coverage-inline-8bit-counters"
+        "-Cllvm-args=-sanitizer-coverage-pc-table"
+        "-Cllvm-args=-sanitizer-coverage-trace-compares"
+        "--cfg=fuzzing"
+    )
+    CARGO_TARGET_DIR="$fuzz_target" RUSTFLAGS="${flags[*]}" \
+        cargo build --release --locked --manifest-path fuzz/Cargo.toml --target "$host"
+    cargo run --quiet --locked -p supervol-tests --example fuzz_corpus -- "$work/corpus"
+}
+
+fuzz_run() {
+    local target
+    for target in "${FUZZ_TARGETS[@]}"; do
+        mkdir -p "$work/found/$target"
+        if ! "$fuzz_target/$host/release/$target" "$work/found/$target" "$work/corpus/$target" \
+            -seed="$FUZZ_SEED" -max_total_time="$FUZZ_SECONDS" -rss_limit_mb=512 -timeout=10 -max_len=4096 \
+            -artifact_prefix="$work/found/" -verbosity=0 -print_final_stats=1 >"$logs/fuzz-$target.log" 2>&1; then
+            tail -n 40 "$logs/fuzz-$target.log"
+            base64 -w 0 "$work"/found/*-* 2>/dev/null || true
+            return 1
+        fi
+        say "fuzz: $target: $(awk '/number_of_executed_units/ {print $2}' "$logs/fuzz-$target.log") inputs, no failure"
+    done
+}
+
+has_demo() {
+    cargo metadata --locked --no-deps --format-version 1 | grep -q '"name":"supervol"' &&
+        cargo run --quiet --locked --release -p supervol --bin supervol -- demo --help >/dev/null 2>&1
+}
+
+demo() {
+    if ! has_demo; then
+        say "SKIPPED: this tree has no 'supervol demo' yet"
+        return 0
+    fi
+    mkdir -p "$work/demo"
+    cargo run --quiet --locked --release -p supervol --bin supervol -- demo --out "$work/demo"
+    say "demo: $(find "$work/demo" -type f | wc -l) files, $(du -sh "$work/demo" | cut -f1)"
+}
+
+wanted() {
+    local name
+    for name in "${steps[@]}"; do
+        [ "$name" = "$1" ] && return 0
+    done
+    return 1
+}
+
+main() {
+    steps=("$@")
+    [ "$#" -gt 0 ] || steps=("${ALL_STEPS[@]}")
+    local name
+    for name in "${steps[@]}"; do
+        [[ " ${ALL_STEPS[*]} " == *" $name "* ]] || fail "no step '$name'; steps are: ${ALL_STEPS[*]}"
+    done
+
+    prepare
+    host="$(rustc -vV | awk '/^host:/ {print $2}')"
+    fuzz_target="${CARGO_TARGET_DIR:-$PWD/target}/fuzz"
+
+    if wanted format; then
+        step "format" cargo fmt --all --check
+        step "format of the fuzz targets" cargo fmt --manifest-path fuzz/Cargo.toml --check
+    fi
+    if wanted clippy; then step "clippy" clippy; fi
+    if wanted documents; then step "documents" documents; fi
+    if wanted tests; then
+        step "tests" tests
+        step "doc tests" doc_tests
+    fi
+    if wanted fuzz; then
+        step "fuzz build" fuzz_build
+        step "fuzz run" fuzz_run
+    fi
+    if wanted demo; then step "demo" demo; fi
+
+    say ""
+    say "=== summary"
+    printf '%s\n' "${step_times[@]}"
+    printf '%5d s  in all\n' $((SECONDS - started))
+    grep -h "MEASURED:" "$logs"/*.log | sort -u || true
+    if grep -hq "SKIPPED: no GPU adapter" "$logs"/*.log; then
+        fail "GPU tests were skipped: no adapter, in spite of $([ -n "$(lavapipe)" ] && echo "lavapipe" || echo "everything")"
+    fi
+    if grep -hq "SKIPPED:" "$logs"/*.log; then
+        say ""
+        say "!!! NOT EVERYTHING RAN:"
+        grep -h "SKIPPED:" "$logs"/*.log | sed 's/^ */!!! /' | sort | uniq -c
+    else
+        say "ci: nothing was skipped"
+    fi
+    if [ "${#failed_steps[@]}" -gt 0 ]; then
+        fail "${failed_steps[*]/%/,} see above"
+    fi
+    say "ci: passed"
+}
+
+main "$@"
