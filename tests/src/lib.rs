@@ -2,6 +2,7 @@
 //!
 //! - [`fields`]: volumes computed from coordinates, and what they become when built;
 //! - [`faults`]: byte sources and volumes that fail, end early, or count;
+//! - [`formats`]: the fate of every real file, as a table;
 //! - [`forge`]: containers with one thing wrong and all checksums right;
 //! - [`oracle`]: ranges and interpolation straight from the definitions, sharing no code with the crates;
 //! - [`fuzz_bodies`]: what a fuzz target does with its bytes, callable from libFuzzer and from a seeded test.
@@ -11,6 +12,7 @@
 pub mod faults;
 pub mod fields;
 pub mod forge;
+pub mod formats;
 pub mod fuzz_bodies;
 pub mod oracle;
 

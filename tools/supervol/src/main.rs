@@ -4,6 +4,7 @@
 //! error). Results go to standard output, messages and progress to standard error.
 
 mod build;
+mod demo;
 mod extract;
 mod failure;
 mod info;
@@ -39,6 +40,8 @@ enum Command {
     Extract(extract::Arguments),
     /// Make a picture of a container
     Render(render::Arguments),
+    /// Build and render a real and a synthetic volume, to see that everything works
+    Demo(demo::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -50,6 +53,7 @@ fn main() -> ExitCode {
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Extract(arguments) => extract::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
+        Command::Demo(arguments) => demo::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,0 +1,142 @@
+//! What becomes of every real file in the data folder: built, checked and read back, or refused with the reason.
+//!
+//! The table in `docs/formats.md` is made by `cargo run -p supervol-tests --bin formats -- DATA_FOLDER`; the test
+//! `formats.rs` makes it again and compares.
+
+use std::path::{Path, PathBuf};
+
+use supervol_format::codec::CodecChoice;
+use supervol_format::container::manifest::Source;
+use supervol_format::{BrickLayout, Dims, Geometry, Lod};
+use supervol_preprocess::level_reader::LevelReader;
+use supervol_preprocess::lod_axes::LodAxes;
+use supervol_preprocess::source::open::{OpenOptions, open};
+use supervol_preprocess::source::raw::RawOptions;
+use supervol_preprocess::source::{Endian, VolumeSource};
+use supervol_preprocess::verify::verify;
+use supervol_preprocess::{BuildOptions, Existing, build, identify};
+
+/// Folders of the data folder that the table covers.
+const FOLDERS: [&str; 6] = ["segy/real", "segy/odd", "segy/f3-formats", "nrrd", "nifti", "npy"];
+/// Files that are parts of others, and are opened with them.
+const PARTS: [&str; 1] = ["BallBinary30x30x30.raw"];
+/// Memory for each build, bytes.
+const MEMORY_BYTES: u64 = 256 << 20;
+
+/// One file's fate.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Outcome {
+    /// Path inside the data folder.
+    pub file: String,
+    /// `builds` or `refused`.
+    pub fate: &'static str,
+    /// Dims and type, or the reason.
+    pub what: String,
+    /// What the reader noticed.
+    pub notes: Vec<String>,
+}
+
+/// All files under the covered folders, sorted, with the raw ones and the header of the headless slices.
+///
+/// # Errors
+/// If a folder cannot be listed.
+pub fn files(data: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    for folder in FOLDERS {
+        list(&data.join(folder), &mut files)?;
+    }
+    files.push(data.join("raw/walnut_128x96x114_u16le.raw"));
+    files.push(data.join("raw/headsq_64x64x93_i16le/quarter.nhdr"));
+    files.retain(|f| !PARTS.iter().any(|part| f.ends_with(part)));
+    files.sort();
+    files.dedup();
+    Ok(files)
+}
+
+fn list(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            list(&path, files)?;
+        } else {
+            files.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// Opens, builds, verifies and reads back one file; `work` is a folder for the container.
+///
+/// # Panics
+/// If a file that opens does not build, does not verify, or does not come back bit for bit: that is our bug.
+#[must_use]
+pub fn outcome(data: &Path, path: &Path, work: &Path) -> Outcome {
+    let file = path.strip_prefix(data).unwrap_or(path).display().to_string();
+    let mut options = OpenOptions::default();
+    if path.extension().is_some_and(|e| e == "raw") {
+        options.raw = Some(RawOptions {
+            dims: Dims([128, 96, 114]),
+            voxel_type: supervol_format::VoxelType::U16,
+            endian: Endian::Little,
+            header_bytes: 0,
+            geometry: Geometry::IDENTITY,
+            nodata: None,
+        });
+    }
+    let source = match open(path, &options) {
+        Ok(source) => source,
+        Err(error) => {
+            // The path is in the first column.
+            let reason = error
+                .to_string()
+                .replace(&format!("{}: ", path.display()), "")
+                .replace(&data.display().to_string(), "");
+            return Outcome { file, fate: "refused", what: reason, notes: Vec::new() };
+        }
+    };
+    let info = source.info();
+    let origin = identify(path, info.format).unwrap_or_else(|e| panic!("{file}: {e}"));
+    round_trip(&file, source.as_ref(), origin, work);
+    let what = format!("{} {}", info.dims, info.voxel_type);
+    Outcome { file, fate: "builds", what, notes: info.notes.clone() }
+}
+
+fn round_trip(file: &str, source: &dyn VolumeSource, origin: Source, work: &Path) {
+    let output = work.join("round-trip.svol");
+    let options = BuildOptions {
+        layout: BrickLayout::DEFAULT,
+        codec: CodecChoice::Smallest,
+        lod_axes: LodAxes::Auto,
+        memory_bytes: MEMORY_BYTES,
+        threads: 2,
+        existing: Existing::Replace,
+    };
+    build(source, origin, &output, &options, &|_| ()).unwrap_or_else(|e| panic!("{file}: {e}"));
+    let container = verify(&output, MEMORY_BYTES, &|_, _| ()).unwrap_or_else(|e| panic!("{file}: {e}"));
+    let voxels = source.info().dims.full_box();
+    let bytes = voxels.voxels() * source.info().voxel_type.bytes();
+    let (mut expected, mut found) = (vec![0; bytes], vec![0; bytes]);
+    source.read_box(voxels, &mut expected).unwrap_or_else(|e| panic!("{file}: {e}"));
+    let reader = LevelReader::new(&container, Lod::FINEST, 0);
+    reader.read_box(voxels, &mut found).unwrap_or_else(|e| panic!("{file}: {e}"));
+    assert!(expected == found, "{file}: level 0 is not the source's voxels bit for bit");
+}
+
+/// The document: one row per file.
+#[must_use]
+pub fn document(outcomes: &[Outcome]) -> String {
+    let mut out = String::from(
+        "# Formats\n\n\
+         What becomes of real and odd files: each either builds, passes `supervol verify` and gives back the source's\n\
+         voxels bit for bit (SEG-Y: the decoded samples), or is refused with the reason. Dims are x by y by z; for SEG-Y\n\
+         x is the crossline, y the inline, z the sample. Made by\n\n    \
+         cargo run -p supervol-tests --bin formats -- DATA_FOLDER > docs/formats.md\n\n\
+         and compared with a fresh run by the test `formats`.\n\n\
+         | file | outcome | volume, or reason | what the reader noticed |\n|---|---|---|---|\n",
+    );
+    for o in outcomes {
+        let cell = |text: &str| text.replace('|', "\\|").replace('\n', " ");
+        out += &format!("| {} | {} | {} | {} |\n", o.file, o.fate, cell(&o.what), cell(&o.notes.join("; ")));
+    }
+    out
+}

@@ -1,0 +1,106 @@
+//! `supervol demo`: everything once, on a fresh machine: two containers, two pictures, no driver needed.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use clap::Args;
+use supervol_format::container::manifest::Source;
+use supervol_format::{BrickLayout, Container, Dims};
+use supervol_preprocess::lod_axes::LodAxes;
+use supervol_preprocess::source::VolumeSource;
+use supervol_preprocess::source::nifti::NiftiSource;
+use supervol_preprocess::source::spool::SpoolFolder;
+use supervol_preprocess::source::synthetic::Synthetic;
+use supervol_preprocess::{BuildError, BuildOptions, Existing};
+use supervol_runtime::frame::{Backend, RenderOptions};
+use supervol_runtime::scene::Scene;
+
+use crate::failure::{Failure, with_container, with_output};
+use crate::quantity::show_bytes;
+use crate::render::picture;
+
+/// CT of a carp; scan by M. Scheuring, University of Erlangen; BSD-2-Clause; see `tests/data/README.md`.
+const CARP: &[u8] = include_bytes!("../../../tests/data/carp_ct.nii.gz");
+const CARP_SCENE: &str = include_str!("../scenes/carp.json");
+const SEISMIC_SCENE: &str = include_str!("../scenes/seismic.json");
+/// Crosslines, inlines, samples of the synthetic survey.
+const SURVEY_DIMS: Dims = Dims([256, 256, 320]);
+/// Memory that each build may use, bytes.
+const BUILD_MEMORY_BYTES: u64 = 128 << 20;
+/// Memory that each picture may use, bytes.
+const RENDER_MEMORY_BYTES: u64 = 128 << 20;
+
+/// Where to.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Folder for containers and pictures; made if it is not there
+    #[arg(short, long, default_value = "demo-output")]
+    output: PathBuf,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let folder = &arguments.output;
+    let cannot_write = |path: &Path, e| Failure::Machine(format!("cannot write {}: {e}", path.display()));
+    std::fs::create_dir_all(folder).map_err(|e| cannot_write(folder, e))?;
+
+    say(format_args!("A real volume: computed tomography of a carp (M. Scheuring, University of Erlangen)."))?;
+    let sample = folder.join("carp_ct.nii.gz");
+    std::fs::write(&sample, CARP).map_err(|e| cannot_write(&sample, e))?;
+    let carp = NiftiSource::open(&sample, &SpoolFolder::at(folder)).map_err(BuildError::from)?;
+    let origin = supervol_preprocess::identify(&sample, carp.info().format)?;
+    show(&carp, origin, &folder.join("carp"), CARP_SCENE)?;
+
+    say(format_args!("\nA synthetic seismic survey: layers, folds, faults, channels, seed 1."))?;
+    let seismic = Synthetic::new("seismic", SURVEY_DIMS, None, 1).map_err(BuildError::from)?;
+    let origin = Source { name: "seismic seed 1".into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() };
+    show(&seismic, origin, &folder.join("seismic"), SEISMIC_SCENE)
+}
+
+/// Builds `STEM.svol` and renders `STEM.png`.
+fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str) -> Result<(), Failure> {
+    let (container_path, image_path) = (stem.with_extension("svol"), stem.with_extension("png"));
+    let options = BuildOptions {
+        layout: BrickLayout::DEFAULT,
+        codec: supervol_format::codec::CodecChoice::Smallest,
+        lod_axes: LodAxes::Auto,
+        memory_bytes: BUILD_MEMORY_BYTES,
+        threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+        existing: Existing::Replace,
+    };
+    let report = supervol_preprocess::build(source, origin, &container_path, &options, &|_| ())?;
+    say(format_args!(
+        "  {}: {} from {} of voxels, {} bricks in {} levels, {:.1} s, at most {} of memory",
+        container_path.display(),
+        show_bytes(report.container_bytes),
+        show_bytes(report.source_bytes),
+        report.bricks,
+        report.levels.len(),
+        report.wall_ms / 1e3,
+        show_bytes(report.memory_budget_bytes),
+    ))?;
+
+    let started = Instant::now();
+    let container = Arc::new(Container::open(&container_path).map_err(|e| with_container(&container_path, e))?);
+    let scene = Scene::from_json(scene).map_err(Failure::command)?;
+    let options =
+        RenderOptions { backend: Backend::Cpu, host_memory_bytes: RENDER_MEMORY_BYTES, ..RenderOptions::default() };
+    let stats = picture(&container, &scene, &image_path, &options)?;
+    say(format_args!(
+        "  {}: {} x {}, {} bricks ({}) read, {:.1} s, at most {} of memory for bricks and rays, peak of the process {}",
+        image_path.display(),
+        stats.image_width,
+        stats.image_height,
+        stats.page_ins,
+        show_bytes(stats.bytes_read),
+        started.elapsed().as_secs_f64(),
+        show_bytes(stats.host_budget_bytes),
+        show_bytes(stats.peak_rss_bytes),
+    ))
+}
+
+fn say(line: std::fmt::Arguments<'_>) -> Result<(), Failure> {
+    writeln!(std::io::stdout(), "{line}").map_err(with_output)
+}
