@@ -112,7 +112,7 @@ prepare() {
         export VK_ICD_FILENAMES="$VK_DRIVER_FILES"
     fi
     export XDG_RUNTIME_DIR="$work/runtime"
-    mkdir -m 700 -p "$XDG_RUNTIME_DIR"
+    mkdir -m 700 "$XDG_RUNTIME_DIR"
     export SUPERVOL_REQUIRE_GPU=1
     export RUST_BACKTRACE=1
     say "ci: $(rustc --version), $(nproc) cores, $free_gb GB free, Vulkan driver ${VK_DRIVER_FILES:-of the system}"

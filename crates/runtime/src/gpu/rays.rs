@@ -48,7 +48,7 @@ impl RayGrid {
     }
 }
 
-/// World length of a stride: the greatest power of two that spans no more than [`STRIDE_VOXELS`] voxels.
+/// World length of a stride: the greatest power of two that spans no more than `STRIDE_VOXELS` voxels.
 #[must_use]
 pub fn stride_world(geometry: &Geometry) -> f64 {
     (STRIDE_VOXELS * geometry.smallest_spacing()).log2().floor().exp2()
