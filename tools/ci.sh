@@ -8,6 +8,8 @@
 # Works on a fresh Debian 12 with Rust 1.95; installs what is missing by apt. Environment:
 #   FUZZ_SECONDS (8)       seconds per fuzz target
 #   CI_KEEP (unset)        keep the logs in this folder
+# Steps are called by name through `step`.
+# shellcheck disable=SC2329
 set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -240,4 +242,4 @@ main() {
 }
 
 # One line, so that a script changed while it runs is not read on.
-main "$@"; exit
+{ main "$@"; exit; }
