@@ -1,8 +1,5 @@
 // Stored voxels of a resident brick. Brick-local index space: the core's first voxel is 0, the apron begins at -2.
 
-const APRON: i32 = 2;
-const MACRO_CELL: i32 = 8;
-
 // A slot: its cache texture, and the texel of the core's first voxel.
 struct Slot {
     index: u32,
@@ -11,12 +8,8 @@ struct Slot {
 }
 
 fn slot_at(index: u32) -> Slot {
-    var texture = 0u;
-    for (var i = 1u; i < 4u; i += 1u) {
-        if (index >= config.grids[i].first) {
-            texture = i;
-        }
-    }
+    let g = config.grids;
+    let texture = u32(index >= g[1].first) + u32(index >= g[2].first) + u32(index >= g[3].first);
     let grid = config.grids[texture];
     let i = index - grid.first;
     let place = vec3<u32>(i % grid.slots.x, (i / grid.slots.x) % grid.slots.y, i / (grid.slots.x * grid.slots.y));

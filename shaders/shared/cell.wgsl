@@ -11,6 +11,9 @@ struct Chord {
 struct CellView {
     // (least, greatest) corner.
     range: vec2<f32>,
+    // The field is `pivot + cubic(u)`. The pivot is one of the cell's values: so the cubic's rounding is that of the
+    // differences inside the cell, and a step of the transfer function is crossed where it should be.
+    pivot: f32,
     cubic: vec4<f32>,
     intervals: vec4<f32>,
     gradient: ChordGradient,
@@ -19,7 +22,7 @@ struct CellView {
 
 // s(u), never outside the corners' range: rounding must not reach what the range says is not there.
 fn value_at(view: CellView, u: f32) -> f32 {
-    return clamp(cubic_at(view.cubic, u), view.range.x, view.range.y);
+    return clamp(view.pivot + cubic_at(view.cubic, u), view.range.x, view.range.y);
 }
 
 fn gather_cell(slot: Slot, cell: vec3<i32>, chord: Chord, ray: LocalRay, state: ptr<function, RayState>) {
@@ -43,7 +46,8 @@ fn gather_cell(slot: Slot, cell: vec3<i32>, chord: Chord, ray: LocalRay, state: 
         gather_skipped(view.range, state);
         return;
     }
-    view.cubic = cubic_of_cell(corners.low, corners.high, chord.a, chord.b);
+    view.pivot = corners.low.x;
+    view.cubic = cubic_of_cell(corners.low - view.pivot, corners.high - view.pivot, chord.a, chord.b);
     view.intervals = monotone_intervals(view.cubic);
     view.extent = chord.extent;
     switch config.mode {
@@ -56,9 +60,9 @@ fn gather_cell(slot: Slot, cell: vec3<i32>, chord: Chord, ray: LocalRay, state: 
             gather_surfaces(view, ray, state);
         }
         default: {
-            let extremes = clamp(cubic_extremes(view.cubic, view.intervals), view.range.xx, view.range.yy);
-            let mean = clamp(cubic_mean(view.cubic), view.range.x, view.range.y);
-            gather_value(extremes, mean, chord.extent, state);
+            let extremes = view.pivot + cubic_extremes(view.cubic, view.intervals);
+            let mean = view.pivot + cubic_mean(view.cubic);
+            gather_value(clamp(extremes, view.range.xx, view.range.yy), mean, chord.extent, state);
         }
     }
 }
@@ -72,10 +76,11 @@ fn gather_light(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
         let first = view.intervals[piece];
         let last = view.intervals[piece + 1u];
         // A monotone piece meets the knots in their order, or in the reverse one.
+        work += count;
         let rises = cubic_at(view.cubic, last) > cubic_at(view.cubic, first);
         for (var i = 0u; i < count && first < last; i += 1u) {
             let index = select(knots.y - 1u - i, knots.x + i, rises);
-            let u = monotone_root(view.cubic, first, last, knot(index));
+            let u = monotone_root(view.cubic, first, last, knot(index) - view.pivot);
             if (u < 1.0 && u > begin) {
                 gather_part(view, begin, u, ray, state);
                 begin = u;
@@ -87,8 +92,9 @@ fn gather_light(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
 
 // A part of the chord by Gauss pairs, as many as the transfer function's variation asks for.
 fn gather_part(view: CellView, u0: f32, u1: f32, ray: LocalRay, state: ptr<function, RayState>) {
-    let pairs = max(pairs_between(view.cubic, u0, u1, view.extent), shaded_pairs(view.gradient, u0, u1, ray));
+    let pairs = max(pairs_between(view, u0, u1), shaded_pairs(view.gradient, u0, u1, ray));
     let width = (u1 - u0) / f32(pairs);
+    work += pairs;
     for (var i = 0u; i < pairs; i += 1u) {
         let begin = u0 + f32(i) * width;
         let near_u = begin + GAUSS_OFFSET * width;
@@ -109,6 +115,7 @@ fn gather_part(view: CellView, u0: f32, u1: f32, ray: LocalRay, state: ptr<funct
 fn gather_surfaces(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
     let known = (*state).present > 0.0;
     for (var n = 0u; n < config.iso_count; n += 1u) {
+        work += config.iso_count;
         var nearest = NEVER;
         var surface = 0u;
         for (var i = 0u; i < config.iso_count; i += 1u) {
@@ -143,7 +150,7 @@ fn first_change(view: CellView, value: f32, before: bool) -> f32 {
         return NEVER;
     }
     for (var piece = 0u; piece < 3u; piece += 1u) {
-        let u = monotone_root(view.cubic, view.intervals[piece], view.intervals[piece + 1u], value);
+        let u = monotone_root(view.cubic, view.intervals[piece], view.intervals[piece + 1u], value - view.pivot);
         if (u <= 1.0) {
             return u;
         }

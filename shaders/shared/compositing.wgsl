@@ -14,7 +14,7 @@ fn composite_surface(color: vec3<f32>, alpha: f32, state: ptr<function, RayState
 
 // One bit for each iso surface.
 fn all_surfaces() -> u32 {
-    return select((1u << config.iso_count) - 1u, 0xffffffffu, config.iso_count >= 32u);
+    return select((1u << config.iso_count) - 1u, 0xffffffffu, config.iso_count >= ISO_LIMIT);
 }
 
 // Whether nothing that still comes can change the ray.
@@ -26,6 +26,7 @@ fn is_settled(state: ptr<function, RayState>) -> bool {
 // Surfaces whose value is not greater than this one.
 fn sides_of(value: f32) -> u32 {
     var sides = 0u;
+    work += config.iso_count;
     for (var i = 0u; i < config.iso_count; i += 1u) {
         sides |= select(0u, 1u << i, value >= tables.isos[i].value);
     }

@@ -110,6 +110,7 @@ fn monotone_root(c: vec4<f32>, first: f32, last: f32, value: f32) -> f32 {
     }
     var u = 0.5 * (low + high);
     for (var i = 0u; i < ROOT_STEPS; i += 1u) {
+        work += 1u;
         let excess = cubic_at(c, u) - value;
         if ((excess >= 0.0) == low_above) {
             low = u;

@@ -1,5 +1,9 @@
 // What rays tell the host: bricks they wait for, slots they used, and what it cost.
 
+// Iterations of all loops in this invocation. They are limited per dispatch: a submit must not block the GPU for long,
+// and software drivers (llvmpipe) leave a shader's loops without a word after 65535 iterations of a group of lanes.
+var<private> work: u32;
+
 // Of this invocation; added to the feedback buffer once, at its end.
 var<private> cells: u32;
 var<private> samples: u32;
@@ -12,6 +16,11 @@ var<private> anomalies: u32;
 
 // Sums of one workgroup, in the order of `Counters`.
 var<workgroup> group_counters: array<atomic<u32>, 12>;
+
+// Whether the ray has done its share in this dispatch.
+fn is_worked_off() -> bool {
+    return work >= job.work_limit;
+}
 
 // Notes that the ray waits for an entry; the first ray that does so lists it.
 fn note_miss(entry: u32) {

@@ -42,6 +42,18 @@ const FLAG_SHADED: u32 = 4u;
 const FLAG_SKIPPING: u32 = 8u;
 // Flag: voxels can be absent at all.
 const FLAG_HOLES: u32 = 16u;
+// Explained where Rust defines them: format/src/brick.rs, raycast/cpu/quadrature.rs, raycast/cpu/mod.rs, scene.rs.
+const APRON: i32 = 2;
+const MACRO_CELL: i32 = 8;
+const KNOT_LIMIT: u32 = 8u;
+const PAIR_LIMIT: u32 = 32u;
+const GAUSS_OFFSET: f32 = 0.21132487;
+const GAUSS_DISTANCE: f32 = 0.5773503;
+const PAIR_VARIATION: f32 = 0.006;
+const PAIR_VARIATION_DEPTH: f32 = 0.07;
+const PAIR_NORMAL_CHANGE: f32 = 0.1;
+const MIN_WEIGHT: f32 = 1e-20;
+const ISO_LIMIT: u32 = 32u;
 
 // Where one cache texture's slots lie.
 struct SlotGrid {
@@ -172,7 +184,11 @@ struct Config {
     // Control points with positive alpha.
     visible_points: u32,
     // Zero: the table below begins at a multiple of 16.
-    padding: u32,
+    padding_0: u32,
+    // Zero.
+    padding_1: u32,
+    // Zero.
+    padding_2: u32,
     // The cache textures.
     grids: array<SlotGrid, 4>,
 }
@@ -238,15 +254,15 @@ struct Dispatch {
     first_ray: u32,
     // Rays.
     ray_count: u32,
-    // Trilinear cells that a ray may visit before it stops at the next macro cell.
-    cell_limit: u32,
+    // Loop iterations after which a ray stops at the next cell.
+    work_limit: u32,
     // 1 in a pass's first round: waiting rays look again whether their brick has come.
     first_round: u32,
 }
 
 // Counters of one dispatch, read back after it.
 struct GpuCounters {
-    // Rays that stopped at the cell limit.
+    // Rays that stopped at the work limit.
     interrupted: u32,
     // Rays that wait for a brick.
     waiting: u32,

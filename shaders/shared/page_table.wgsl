@@ -1,10 +1,9 @@
 // From a place on a ray to the brick that holds it, and to what the page table says of that brick.
 
-// A brick as a ray meets it: the part of the ray up to `leave` lies in it.
+// The brick that a place on a ray lies in.
 struct Region {
     brick: vec3<i32>,
     level: u32,
-    leave: f32,
     // 0 where the ray has left the grid.
     found: u32,
 }
@@ -28,19 +27,21 @@ fn wanted_level(brick: vec3<i32>) -> u32 {
             break;
         }
         level -= 1u;
+        work += 1u;
     }
     return level;
 }
 
-// The brick of the wanted level of detail that holds the ray just behind t. Its `leave` is greater than t.
+// The brick of the wanted level of detail that holds the ray just behind t.
 fn region_at(ray: LevelRay, t: f32) -> Region {
     let core = i32(config.core);
     let point = vec3<i32>(floor(ray.fraction + t * ray.direction + 0.5)) + ray.voxel;
     let last = vec3<i32>(tables.levels[0].bricks) - 1;
     var brick = clamp(point / core, vec3<i32>(0), last);
     for (var i = 0u; i < REGION_STEPS; i += 1u) {
+        work += 1u;
         if (any(brick < vec3<i32>(0)) || any(brick > last)) {
-            return Region(brick, 0u, NEVER, 0u);
+            return Region(brick, 0u, 0u);
         }
         let leaves = box_crossings(ray, brick * core, core);
         if (first_crossing(leaves) <= t) {
@@ -52,16 +53,21 @@ fn region_at(ray: LevelRay, t: f32) -> Region {
         let shift = tables.levels[level].scale_log2;
         let ancestor = brick >> shift;
         let level_leaves = box_crossings(ray_at_level(ray, level), ancestor * core, core);
-        let leave = first_crossing(level_leaves);
-        if (leave > t) {
-            return Region(ancestor, level, leave, 1u);
+        if (first_crossing(level_leaves) > t) {
+            return Region(ancestor, level, 1u);
         }
         // The two levels round the same face differently: step out of the whole ancestor.
         let outside = ((ancestor + leaving_side(ray.direction)) << shift) + leaving_side(ray.direction) - 1;
         brick = select(brick, outside, first_axis(level_leaves) == vec3<i32>(1));
     }
     anomalies += 1u;
-    return Region(brick, 0u, NEVER, 0u);
+    return Region(brick, 0u, 0u);
+}
+
+// Where the ray leaves a region.
+fn region_leave(ray: LevelRay, region: Region) -> f32 {
+    let core = i32(config.core);
+    return first_crossing(box_crossings(ray_at_level(ray, region.level), region.brick * core, core));
 }
 
 // Number of a brick in the page table.
@@ -88,6 +94,7 @@ fn page_of(region: Region) -> Page {
     while ((page.x & PAGE_STATE) == PAGE_FAILED && level + 1u < config.level_count) {
         brick = brick >> (tables.levels[level + 1u].scale_log2 - tables.levels[level].scale_log2);
         level += 1u;
+        work += 1u;
         entry = entry_of(level, brick);
         page = page_table[entry];
     }

@@ -1,24 +1,9 @@
 // Twin of raycast/cpu/quadrature.rs: emission and absorption along a chord.
 //
 // Between the values at which the transfer function bends or steps, kappa and colour are smooth in u, so that a
-// two-point Gauss rule is of fourth order. `extent` is a world length, kappa extinction per world length.
+// two-point Gauss rule is of fourth order. `extent` is a world length, kappa extinction per world length. The constants
+// stand in layout.wgsl: both backends have the same ones.
 
-// Position of the first Gauss point in [0, 1]: `(1 - 1/sqrt(3)) / 2`; the second lies symmetric.
-const GAUSS_OFFSET: f32 = 0.21132487;
-// Distance between the two Gauss points, in parts of the interval: `1/sqrt(3)`.
-const GAUSS_DISTANCE: f32 = 0.5773503;
-// A chord is split at the transfer function's knots if at most this many lie in its cell's range.
-const KNOT_LIMIT: u32 = 8u;
-// Most Gauss pairs between two splits.
-const PAIR_LIMIT: f32 = 32.0;
-// Change of opacity and colour that one Gauss pair may bridge.
-const PAIR_VARIATION: f32 = 0.25;
-// Product of that change and of the optical depth that one Gauss pair may bridge.
-const PAIR_VARIATION_DEPTH: f32 = 0.1;
-// Change of the normal's direction, as a length, that one Gauss pair may bridge.
-const PAIR_NORMAL_CHANGE: f32 = 0.25;
-// Least weight of the farther Gauss point, where the exponential underflows.
-const MIN_WEIGHT: f32 = 1.0e-20;
 // Optical depth beyond which the farther Gauss point has no weight.
 const DEPTH_LIMIT: f32 = 80.0;
 
@@ -47,18 +32,18 @@ fn integrate_pair(kappa: vec2<f32>, near_color: vec3<f32>, far_color: vec3<f32>,
 
 // Number of Gauss pairs for an interval over which the transfer function varies this much, of optical depth tau.
 fn pair_count(change: f32, tau: f32) -> u32 {
-    let wanted = change * (1.0 / PAIR_VARIATION) + change * tau * (1.0 / PAIR_VARIATION_DEPTH);
-    return u32(clamp(ceil(wanted), 1.0, PAIR_LIMIT));
+    let wanted = sqrt(sqrt(change * (1.0 / PAIR_VARIATION))) + change * tau * (1.0 / PAIR_VARIATION_DEPTH);
+    return u32(clamp(ceil(wanted), 1.0, f32(PAIR_LIMIT)));
 }
 
 // Number of Gauss pairs between two splits, from the values there and in the middle.
-fn pairs_between(cubic: vec4<f32>, u0: f32, u1: f32, extent: f32) -> u32 {
-    let first = cubic_at(cubic, u0);
-    let middle = cubic_at(cubic, 0.5 * (u0 + u1));
-    let last = cubic_at(cubic, u1);
+fn pairs_between(view: CellView, u0: f32, u1: f32) -> u32 {
+    let first = value_at(view, u0);
+    let middle = value_at(view, 0.5 * (u0 + u1));
+    let last = value_at(view, u1);
     let change = variation(min(min(first, middle), last), max(max(first, middle), last));
     if (change == 0.0) {
         return 1u;
     }
-    return pair_count(change, extinction(classify(middle).a) * extent * (u1 - u0));
+    return pair_count(change, extinction(classify(middle).a) * view.extent * (u1 - u0));
 }

@@ -105,7 +105,7 @@ fn shaded_pairs(gradient: ChordGradient, u0: f32, u1: f32, ray: LocalRay) -> u32
     }
     let middle = normal_at(gradient, 0.5 * (u0 + u1), ray);
     let turn = distance(normal_at(gradient, u0, ray), middle) + distance(middle, normal_at(gradient, u1, ray));
-    return u32(clamp(ceil(turn / PAIR_NORMAL_CHANGE), 1.0, PAIR_LIMIT));
+    return u32(clamp(ceil(turn / PAIR_NORMAL_CHANGE), 1.0, f32(PAIR_LIMIT)));
 }
 
 // A colour after shading at u of the chord.
@@ -125,6 +125,7 @@ fn shade(color: vec3<f32>, gradient: vec3<f32>, to_eye: vec3<f32>) -> vec3<f32> 
     let normal = gradient * (-1.0 / size);
     var diffuse = config.ambient;
     var specular = 0.0;
+    work += config.light_count;
     for (var i = 0u; i < config.light_count; i += 1u) {
         let light = tables.lights[i];
         diffuse += config.diffuse * abs(dot(normal, light.to_light)) * light.intensity;

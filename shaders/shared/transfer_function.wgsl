@@ -14,6 +14,7 @@ fn tf_segment(value: f32) -> u32 {
     var i = transfer_index[bin];
     while (i + 1u < config.point_count && value >= points[i + 1u].value) {
         i += 1u;
+        work += 1u;
     }
     return i;
 }

@@ -1,34 +1,23 @@
 // The walk of one ray: brick by brick, macro cell by macro cell, trilinear cell by trilinear cell.
 
-// Bricks that a ray may meet in one dispatch; it then goes on in the next.
-const BRICK_LIMIT: u32 = 4096u;
-
 // Moves the base point of a ray that has come far: t stays small (camera.wgsl).
 fn rebase(state: ptr<function, RayState>) {
     let strides = u32((*state).t / config.stride_world);
-    if (strides >= 2u) {
-        (*state).strides += strides;
-        (*state).t -= f32(strides) * config.stride_world;
-    }
+    (*state).strides += strides;
+    (*state).t -= f32(strides) * config.stride_world;
 }
 
 // Casts a ray as far as it goes now; afterwards its status is set.
 fn cast_ray(ray: GpuRay, state: ptr<function, RayState>) {
     (*state).status = STATUS_ACTIVE;
-    for (var i = 0u; i < BRICK_LIMIT && cells < job.cell_limit; i += 1u) {
-        rebase(state);
-        let end = segment_end(ray, (*state).strides);
-        let base = ray_from(ray, (*state).strides);
-        if ((*state).t >= end || is_settled(state)) {
-            (*state).status = STATUS_DONE;
-            return;
-        }
+    while (!is_worked_off()) {
+        var base = ray_from(ray, (*state).strides);
         let region = region_at(base, (*state).t);
-        if (region.found == 0u) {
+        let is_over = (*state).t >= segment_end(ray, (*state).strides) || is_settled(state);
+        if (is_over || region.found == 0u) {
             (*state).status = STATUS_DONE;
             return;
         }
-        let leave = min(region.leave, end);
         let page = page_of(region);
         fallbacks += u32(page.level != region.level);
         if (page.state == PAGE_MISSING) {
@@ -37,6 +26,10 @@ fn cast_ray(ray: GpuRay, state: ptr<function, RayState>) {
             note_miss(page.entry);
             return;
         }
+        // Only inside a brick that is there: at its face, t is where the last brick's ended, to the last bit.
+        rebase(state);
+        base = ray_from(ray, (*state).strides);
+        let leave = min(region_leave(base, region), segment_end(ray, (*state).strides));
         cast_page(page, base, leave, state);
     }
 }
@@ -63,9 +56,13 @@ fn cast_page(page: Page, base: LevelRay, leave: f32, state: ptr<function, RaySta
 
 // A ray in brick-local index space.
 struct LocalRay {
+    // Relative to the core's first voxel.
     origin: vec3<f32>,
     // Index offset per world length.
     direction: vec3<f32>,
+    // The ray at the brick's level, and the core's first voxel there.
+    level: LevelRay,
+    first: vec3<i32>,
     // Unit world vector.
     to_eye: vec3<f32>,
     // Gradients per voxel of this level to gradients per voxel of level 0.
@@ -74,9 +71,10 @@ struct LocalRay {
 
 fn local_ray(page: Page, base: LevelRay) -> LocalRay {
     let ray = ray_at_level(base, page.level);
-    let origin = origin_from(ray, page.brick * i32(config.core));
+    let first = page.brick * i32(config.core);
     let scale = vec3<f32>(vec3<u32>(1u) << tables.levels[page.level].scale_log2);
-    return LocalRay(origin, ray.direction, -world_direction(base.direction), 1.0 / scale);
+    let to_eye = -world_direction(base.direction);
+    return LocalRay(origin_from(ray, first), ray.direction, ray, first, to_eye, 1.0 / scale);
 }
 
 fn local_at(ray: LocalRay, t: f32) -> vec3<f32> {
@@ -92,6 +90,7 @@ fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RaySta
     // A ray enters at most three macro cells per layer, and may begin one too far back on each axis.
     let limit = 3 * (last + 2);
     for (var i = 0; i < limit; i += 1) {
+        work += 1u;
         let leaves = crossings(vec3<f32>((cell + side) * MACRO_CELL) - 0.5, ray.origin, ray.direction);
         let cell_leave = min(first_crossing(leaves), leave);
         if (cell_leave > (*state).t) {
@@ -99,13 +98,16 @@ fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RaySta
             if (is_worth_a_visit(range, state)) {
                 macro_cells += 1u;
                 cast_macro_cell(slot, ray, cell * MACRO_CELL, cell_leave, state);
+                if (is_worked_off()) {
+                    return;
+                }
             } else {
                 macro_cells_skipped += 1u;
                 gather_skipped(range, state);
             }
             (*state).t = cell_leave;
         }
-        if (cell_leave >= leave || is_settled(state) || cells >= job.cell_limit) {
+        if (cell_leave >= leave || is_settled(state) || is_worked_off()) {
             return;
         }
         cell += first_axis(leaves) * step_of(ray.direction);
@@ -119,28 +121,30 @@ fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RaySta
     (*state).t = leave;
 }
 
-// Integrates the trilinear cells of one macro cell: faces at integers, `first - 1` to `first + 7`.
+// Integrates the trilinear cells of one macro cell: faces at integers, `first - 1` to `first + 7`. The ray's t follows
+// cell by cell, so that it can stop anywhere.
 fn cast_macro_cell(slot: Slot, ray: LocalRay, first: vec3<i32>, leave: f32, state: ptr<function, RayState>) {
     let low = first - 1;
     let high = first + MACRO_CELL - 1;
     let side = leaving_side(ray.direction);
-    var t = (*state).t;
-    var cell = clamp(vec3<i32>(floor(local_at(ray, t))), low, high);
+    var cell = clamp(vec3<i32>(floor(local_at(ray, (*state).t))), low, high);
     for (var i = 0; i < 3 * (MACRO_CELL + 2); i += 1) {
+        work += 1u;
+        let t = (*state).t;
         let leaves = crossings(vec3<f32>(cell + side), ray.origin, ray.direction);
         let cell_leave = min(first_crossing(leaves), leave);
         if (cell_leave > t) {
             cells += 1u;
-            let corner = vec3<f32>(cell);
+            let corner = ray.first + cell;
             let chord = Chord(
-                clamp(local_at(ray, t) - corner, vec3<f32>(0.0), vec3<f32>(1.0)),
-                clamp(local_at(ray, cell_leave) - corner, vec3<f32>(0.0), vec3<f32>(1.0)),
+                clamp(point_from(ray.level, corner, t), vec3<f32>(0.0), vec3<f32>(1.0)),
+                clamp(point_from(ray.level, corner, cell_leave), vec3<f32>(0.0), vec3<f32>(1.0)),
                 cell_leave - t,
             );
             gather_cell(slot, cell, chord, ray, state);
-            t = cell_leave;
+            (*state).t = cell_leave;
         }
-        if (cell_leave >= leave || is_settled(state)) {
+        if (cell_leave >= leave || is_settled(state) || is_worked_off()) {
             return;
         }
         cell += first_axis(leaves) * step_of(ray.direction);

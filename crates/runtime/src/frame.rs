@@ -254,7 +254,9 @@ fn lod_choice(options: &RenderOptions<'_>) -> LodChoice {
     }
 }
 
-fn streamer_for(
+/// A streamer with an empty cache for frames of this scene.
+#[must_use]
+pub fn streamer_for(
     container: &Arc<Container>,
     scene: &ResolvedScene,
     options: &RenderOptions<'_>,
@@ -312,10 +314,10 @@ pub fn render_cpu_with(
     let quality = CpuQuality { lod: lod_choice(options), skipping: options.skipping };
     let map = value_map(container);
     let frame = CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, map, value_range, quality);
-    let streamer = streamer_for(container, scene, options, plan);
-    let mut walk = FrameWalk::new(streamer, plan, options, start);
+    let mut streamer = streamer_for(container, scene, options, plan);
+    let mut walk = FrameWalk::new(&mut streamer, plan, options, start);
     let image = walk.run(&mut CpuCaster::new(frame), scene.image_size)?;
-    Ok((image, FrameStats { backend: "cpu", ..walk.stats }))
+    Ok((image, FrameStats { backend: "cpu", ..walk.into_stats() }))
 }
 
 fn render_from_reference(
@@ -349,8 +351,10 @@ fn render_from_reference(
 }
 
 /// The passes of one frame: streamer and ray caster in turn.
+///
+/// The streamer outlives the walk: what it holds serves the next frame.
 pub struct FrameWalk<'a> {
-    streamer: Streamer,
+    streamer: &'a mut Streamer,
     plan: HostPlan,
     options: &'a RenderOptions<'a>,
     start: Instant,
@@ -363,10 +367,16 @@ pub struct FrameWalk<'a> {
 impl<'a> FrameWalk<'a> {
     /// A walk whose time budget began at `start`.
     #[must_use]
-    pub fn new(streamer: Streamer, plan: HostPlan, options: &'a RenderOptions<'a>, start: Instant) -> Self {
+    pub fn new(streamer: &'a mut Streamer, plan: HostPlan, options: &'a RenderOptions<'a>, start: Instant) -> Self {
         let deadline = options.time_budget_ms.map(|ms| start + Duration::from_millis(ms));
         let stats = FrameStats { converged: true, ..FrameStats::default() };
         Self { streamer, plan, options, start, deadline, stats, rows: 0, rows_finished: 0 }
+    }
+
+    /// Statistics of the walk; what the streamer counts, it counts since it was made.
+    #[must_use]
+    pub fn into_stats(self) -> FrameStats {
+        self.stats
     }
 
     /// Casts until the picture is complete.
@@ -477,7 +487,7 @@ impl<'a> FrameWalk<'a> {
     }
 
     fn gather_stats(&mut self, caster: &dyn RayCaster) {
-        self.stats.gather_streamer(&self.streamer);
+        self.stats.gather_streamer(self.streamer);
         if !self.stats.converged {
             self.stats.error_bound = self.stats.error_bound.max(self.streamer.counters().kept_error);
         }

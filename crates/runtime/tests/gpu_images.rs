@@ -170,3 +170,25 @@ fn levels_of_detail_geometry_clipping_and_subgrid() {
         }
     }
 }
+
+/// Steps and narrow peaks: where a ray grazes one, an error e of the value moves the crossing by the square root of e.
+#[test]
+fn steep_transfer_functions() {
+    let Some(gpu) = gpu() else { return };
+    let volume = ml(16, F32);
+    let step = r#""transfer_function": {"unit_distance": 1.0, "points": [
+        {"value": 0.0, "color": [0.2, 0.4, 0.9], "alpha": 0.01}, {"value": 0.5, "color": [0.2, 0.4, 0.9], "alpha": 0.01},
+        {"value": 0.5, "color": [1.0, 0.8, 0.3], "alpha": 0.7}, {"value": 1.0, "color": [1.0, 0.2, 0.1], "alpha": 0.9}]}"#;
+    let peak = r#""transfer_function": {"unit_distance": 1.0, "points": [
+        {"value": 0.49, "color": [1.0, 0.7, 0.2], "alpha": 0.0}, {"value": 0.5, "color": [0.2, 0.7, 1.0], "alpha": 0.9},
+        {"value": 0.51, "color": [1.0, 0.7, 0.2], "alpha": 0.0}]}"#;
+    let far = r#""camera": {"eye": [75000, 55000, 95000], "target": [20, 20, 20], "up": [0, 1, 0], "height": 60}"#;
+    for (name, tf) in [("step", step), ("peak", peak)] {
+        for camera in [CAMERA, far] {
+            for (mode, rest) in &MODES[..2] {
+                let scene = scene(camera, rest).replace(SMOOTH, tf);
+                check(&gpu, &format!("{name}, {mode}"), &volume, &scene, FINEST, 64);
+            }
+        }
+    }
+}

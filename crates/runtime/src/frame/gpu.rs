@@ -60,9 +60,10 @@ pub fn render_gpu(
         height: scene.image_size[1],
         counters: Counters::default(),
     };
-    let mut walk = FrameWalk::new(streamer_for(container, scene, options, plan), plan, options, start);
+    let mut streamer = streamer_for(container, scene, options, plan);
+    let mut walk = FrameWalk::new(&mut streamer, plan, options, start);
     let image = walk.run(&mut caster, scene.image_size)?;
-    Ok((image, FrameStats { backend: "gpu", ..walk.stats }))
+    Ok((image, FrameStats { backend: "gpu", ..walk.into_stats() }))
 }
 
 /// How bricks of this type are decoded: see [`crate::raycast::volume::Voxels`].

@@ -43,7 +43,7 @@ pub struct GpuPassCounters {
     pub bricks_lost: u64,
     /// Times a loop hit its limit: the ray is not exact there.
     pub anomalies: u64,
-    /// Times a ray reached the cell limit of a dispatch and went on in the next.
+    /// Times a ray reached the work limit of a dispatch and went on in the next.
     pub interruptions: u64,
     /// Dispatches.
     pub dispatches: u64,

@@ -6,6 +6,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::raycast::cpu::quadrature;
+
 /// A Rust type with a WGSL name.
 trait WgslType {
     fn name() -> String;
@@ -93,6 +95,10 @@ wgsl_type! {
     [GpuLight; 16] => "array<GpuLight, 16>",
     [GpuIso; 32] => "array<GpuIso, 32>",
 }
+
+// The tables hold whatever a scene or a container may have.
+const _: () = assert!(supervol_format::Lod::LIMIT == 64 && crate::scene::LIGHT_LIMIT == 16);
+const _: () = assert!(crate::scene::ISO_LIMIT == 32 && super::memory::TEXTURE_LIMIT == 4);
 
 shared_constants! {
     /// Rays of one workgroup: one tile of 8 x 8 pixels.
@@ -357,8 +363,8 @@ shared_struct! {
         first_ray: u32,
         /// Rays.
         ray_count: u32,
-        /// Trilinear cells that a ray may visit before it stops at the next macro cell.
-        cell_limit: u32,
+        /// Loop iterations after which a ray stops at the next cell.
+        work_limit: u32,
         /// 1 in a pass's first round: waiting rays look again whether their brick has come.
         first_round: u32,
     }
@@ -367,7 +373,7 @@ shared_struct! {
 shared_struct! {
     /// Counters of one dispatch, read back after it.
     GpuCounters {
-        /// Rays that stopped at the cell limit.
+        /// Rays that stopped at the work limit.
         interrupted: u32,
         /// Rays that wait for a brick.
         waiting: u32,
@@ -394,6 +400,24 @@ shared_struct! {
     }
 }
 
+/// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
+fn borrowed_constants() -> [(&'static str, &'static str, String); 11] {
+    let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
+    [
+        ("APRON", "i32", apron.to_string()),
+        ("MACRO_CELL", "i32", macro_cell.to_string()),
+        ("KNOT_LIMIT", "u32", format!("{}u", quadrature::KNOT_LIMIT)),
+        ("PAIR_LIMIT", "u32", format!("{}u", quadrature::PAIR_LIMIT)),
+        ("GAUSS_OFFSET", "f32", format!("{:?}", quadrature::GAUSS_OFFSET as f32)),
+        ("GAUSS_DISTANCE", "f32", format!("{:?}", quadrature::GAUSS_DISTANCE)),
+        ("PAIR_VARIATION", "f32", format!("{:?}", quadrature::PAIR_VARIATION)),
+        ("PAIR_VARIATION_DEPTH", "f32", format!("{:?}", quadrature::PAIR_VARIATION_DEPTH)),
+        ("PAIR_NORMAL_CHANGE", "f32", format!("{:?}", crate::raycast::cpu::PAIR_NORMAL_CHANGE)),
+        ("MIN_WEIGHT", "f32", format!("{:?}", quadrature::MIN_WEIGHT)),
+        ("ISO_LIMIT", "u32", format!("{}u", crate::scene::ISO_LIMIT)),
+    ]
+}
+
 /// Every shared struct, in the order in which WGSL must see them.
 #[must_use]
 pub fn structs() -> Vec<StructLayout> {
@@ -417,6 +441,10 @@ pub fn structs() -> Vec<StructLayout> {
 pub fn wgsl() -> String {
     let mut text = "// Constants and structs shared with Rust. Written by gpu/layout.rs; do not edit.\n\n".to_owned();
     text.push_str(&constants_wgsl());
+    text.push_str("// Explained where Rust defines them: format/src/brick.rs, raycast/cpu/quadrature.rs, raycast/cpu/mod.rs, scene.rs.\n");
+    for (name, ty, value) in borrowed_constants() {
+        text.push_str(&format!("const {name}: {ty} = {value};\n"));
+    }
     for layout in structs() {
         text.push('\n');
         text.push_str(&layout.wgsl);

@@ -13,8 +13,8 @@ use crate::clip::{Clip, IndexRay, Segment, clip_ray};
 /// Edge of a tile, pixels.
 pub const TILE: u32 = 8;
 
-/// Voxels that a stride spans at most: rays twice as long move their base point.
-const STRIDE_VOXELS: f64 = 256.0;
+/// Voxels that a stride spans at most: how far a ray's base point lies behind the brick it enters.
+const STRIDE_VOXELS: f64 = 16.0;
 
 /// A grid of rays and where each of them is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,7 +48,7 @@ impl RayGrid {
     }
 }
 
-/// World length of a stride: the greatest power of two that spans no more than `STRIDE_VOXELS` voxels.
+/// World length of a stride: the greatest power of two that spans no more than 16 voxels.
 #[must_use]
 pub fn stride_world(geometry: &Geometry) -> f64 {
     (STRIDE_VOXELS * geometry.smallest_spacing()).log2().floor().exp2()

@@ -47,8 +47,31 @@ pub const GATHER_MISSES: ShaderModule = ShaderModule {
     files: &[file!("shared/layout.wgsl"), file!("shared/config.wgsl"), file!("gather_misses.wgsl")],
 };
 
+/// For the tests: single functions on given numbers.
+pub const TEST_TWINS: ShaderModule = ShaderModule {
+    name: "test_twins",
+    files: &[
+        file!("shared/layout.wgsl"),
+        file!("shared/config.wgsl"),
+        file!("shared/camera.wgsl"),
+        file!("shared/page_table.wgsl"),
+        file!("shared/brick.wgsl"),
+        file!("shared/leap.wgsl"),
+        file!("shared/cubic.wgsl"),
+        file!("shared/sample.wgsl"),
+        file!("shared/transfer_function.wgsl"),
+        file!("shared/shading.wgsl"),
+        file!("shared/quadrature.wgsl"),
+        file!("shared/compositing.wgsl"),
+        file!("shared/cell.wgsl"),
+        file!("shared/feedback.wgsl"),
+        file!("shared/walk.wgsl"),
+        file!("test_twins.wgsl"),
+    ],
+};
+
 /// Every module there is.
-pub const ALL: [ShaderModule; 2] = [RAYCAST, GATHER_MISSES];
+pub const ALL: [ShaderModule; 3] = [RAYCAST, GATHER_MISSES, TEST_TWINS];
 
 impl ShaderModule {
     /// The files joined.

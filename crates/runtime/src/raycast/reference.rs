@@ -20,16 +20,18 @@ use crate::scene::{Mode, ResolvedScene, Shading};
 /// Midpoint samples of an interval.
 const SAMPLES: usize = 16;
 /// Change of an interval's colour and opacity that counts as standing still when its samples are doubled.
-const TOLERANCE: f64 = 1e-7;
+const TOLERANCE: f64 = 4e-6;
 /// Most halvings of an interval; reaching it is counted.
 const DEPTH_LIMIT: u32 = 30;
 /// Relative distance from a piece's ends at which they are sampled: on the ends themselves rounding could choose the
 /// neighbouring cell, which may be absent.
 const END_INSET: f64 = 1e-9;
 /// Samples of a piece between which extremes and crossings are sought.
-const SEARCH_SAMPLES: usize = 64;
+const SEARCH_SAMPLES: usize = 32;
 /// Gradients below this share of the data range per smallest spacing are noise: no shading.
 const GRADIENT_FLOOR: f64 = 1e-6;
+/// The interpolant of equal voxels varies by this share of their value: its weights sum to 1 only up to rounding.
+const ROUNDING: f64 = 1e-13;
 
 /// A volume wholly in memory.
 #[derive(Debug, Clone)]
@@ -81,17 +83,14 @@ impl ReferenceVolume {
     #[must_use]
     pub fn sample(&self, p: [f64; 3]) -> Option<f64> {
         let cell = p.map(f64::floor);
+        let after: [f64; 3] = std::array::from_fn(|a| p[a] - cell[a]);
+        let weights = [after.map(|x| 1.0 - x), after];
         let mut sum = 0.0;
-        for corner in 0..8 {
+        for corner in 0..8usize {
             let bit = [corner & 1, corner >> 1 & 1, corner >> 2];
-            let weight: f64 = (0..3)
-                .map(|a| {
-                    let x = p[a] - cell[a];
-                    if bit[a] == 1 { x } else { 1.0 - x }
-                })
-                .product();
+            let weight = weights[bit[0]][0] * weights[bit[1]][1] * weights[bit[2]][2];
             if weight != 0.0 {
-                let value = self.voxel([0, 1, 2].map(|a| cell[a] as i64 + bit[a]));
+                let value = self.voxel([0, 1, 2].map(|a| cell[a] as i64 + bit[a] as i64));
                 if value.is_nan() {
                     return None;
                 }
@@ -133,7 +132,10 @@ struct Pieces {
 
 impl<'a> Frame<'a> {
     fn new(volume: &'a ReferenceVolume, scene: &'a ResolvedScene) -> Self {
-        let gradient_floor = GRADIENT_FLOOR * volume.value_range.width() / volume.geometry.smallest_spacing();
+        let range = volume.value_range;
+        let largest = if range.is_empty() { 0.0 } else { range.min.abs().max(range.max.abs()) };
+        let floor = (GRADIENT_FLOOR * range.width()).max(ROUNDING * largest);
+        let gradient_floor = floor / volume.geometry.smallest_spacing();
         let world_from_index_gradient = volume.geometry.world_from_index_gradient();
         Self { volume, scene, world_from_index_gradient, gradient_floor, capped_pieces: AtomicU64::new(0) }
     }
@@ -181,25 +183,22 @@ impl<'a> Frame<'a> {
     /// monotone, so that no crossing is missed where the ray only grazes a value.
     fn cuts(&self, pieces: &Pieces, t0: f64, t1: f64) -> Vec<f64> {
         let at = |t: f64| self.volume.sample(pieces.ray.at(t)).unwrap_or(f64::NAN);
-        let (mut grid, _) = search_grid(t0, t1);
-        let extremes = grid.windows(3).filter_map(|t| {
-            let sign = match (at(t[1]) - at(t[0]), at(t[2]) - at(t[1])) {
-                (a, b) if a >= 0.0 && b <= 0.0 => 1.0,
-                (a, b) if a <= 0.0 && b >= 0.0 => -1.0,
-                _ => return None,
-            };
-            Some(peak(t[0], t[2], |t| sign * at(t)))
-        });
-        let extremes: Vec<f64> = extremes.collect();
-        grid.extend(extremes);
-        grid.sort_by(f64::total_cmp);
-        let values: Vec<f64> = grid.iter().map(|&t| at(t)).collect();
+        let mut grid: Vec<(f64, f64)> = search_grid(t0, t1).0.into_iter().map(|t| (t, at(t))).collect();
+        for i in 1..SEARCH_SAMPLES {
+            let (before, after) = (grid[i].1 - grid[i - 1].1, grid[i + 1].1 - grid[i].1);
+            if before * after < 0.0 {
+                let sign = before.signum();
+                let t = peak(grid[i - 1].0, grid[i + 1].0, |t| sign * at(t));
+                grid.push((t, at(t)));
+            }
+        }
+        grid.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut cuts = vec![t0, t1];
         for point in self.scene.transfer_function.points() {
-            for i in 1..grid.len() {
-                let before = values[i - 1] >= point.value;
-                if before != (values[i] >= point.value) {
-                    cuts.push(bisect(grid[i - 1], grid[i], |t| (at(t) >= point.value) == before));
+            for pair in grid.windows(2) {
+                let before = pair[0].1 >= point.value;
+                if before != (pair[1].1 >= point.value) {
+                    cuts.push(bisect(pair[0].0, pair[1].0, |t| (at(t) >= point.value) == before));
                 }
             }
         }
@@ -214,7 +213,8 @@ impl<'a> Frame<'a> {
         let fine = behind(self.piece(pieces, t0, middle, SAMPLES), self.piece(pieces, middle, t1, SAMPLES));
         let change = (fine.0 - coarse.0).abs().max_element().max((fine.1 - coarse.1).abs());
         if change < TOLERANCE {
-            return fine;
+            // Midpoints are of second order: doubling leaves a third of the change as the error (Richardson).
+            return (fine.0 + (fine.0 - coarse.0) / 3.0, fine.1 + (fine.1 - coarse.1) / 3.0);
         }
         if depth == DEPTH_LIMIT {
             self.capped_pieces.fetch_add(1, Ordering::Relaxed);

@@ -262,7 +262,12 @@ impl Streamer {
             }
         }
 
-        let mut victims = self.victims(frontier, &wanted);
+        // Among equals those that are here already come first. Where they or an answer let some ray go on, wanted bricks
+        // stay; otherwise the frontier may push even them out, the farthest first.
+        candidates.sort_by_key(|c| (c.rank, c.bytes > 0, c.key));
+        let is_served = !fetched.answered.is_empty() || candidates.first().is_some_and(|c| c.bytes == 0);
+        let mut victims = self.victims(frontier, |key| wanted.contains_key(&key).then_some(is_served));
+
         let supply = Supply {
             unused_bytes: self.cache.free_bytes(),
             free_bytes: victims.free_bytes(),
@@ -371,14 +376,18 @@ impl Streamer {
         }
     }
 
-    fn victims(&self, frontier: Rank, wanted: &KeyMap<()>) -> Victims {
+    /// Who may leave the cache. `stays` answers for wanted bricks whether they must stay, and nothing for all others.
+    fn victims(&self, frontier: Rank, stays: impl Fn(BrickKey) -> Option<bool>) -> Victims {
         let pyramid = self.container.pyramid();
         self.cache.victims(|key, last_used| {
-            if wanted.contains_key(&key) || self.kept.contains_key(&key) {
-                return Standing::Kept;
-            }
             let rank = self.order.rank(pyramid, key);
-            if last_used < self.first_pass || rank < frontier { Standing::Free } else { Standing::Live(rank) }
+            match stays(key) {
+                _ if self.kept.contains_key(&key) => Standing::Kept,
+                Some(true) => Standing::Kept,
+                Some(false) => Standing::Live(rank),
+                None if last_used < self.first_pass || rank < frontier => Standing::Free,
+                None => Standing::Live(rank),
+            }
         })
     }
 

@@ -119,7 +119,8 @@ impl TestVolume {
                 level = halved(&level.0, &level.1, absence, voxel_type);
             }
             for key in pyramid.keys_of(Lod(lod as u8)) {
-                bricks.insert(key, brick(&pyramid, key, &level.0, &level.1, storage, &map));
+                let at = |p: [usize; 3]| level.1[p[0] + level.0[0] * (p[1] + level.0[1] * p[2])];
+                bricks.insert(key, brick(&pyramid, key, &at, storage, &map));
             }
         }
         let storage = match voxel_type {
@@ -223,7 +224,7 @@ impl BrickView for TestVolume {
     }
 }
 
-fn pyramid(dims: [usize; 3], core: u32) -> Pyramid {
+pub fn pyramid(dims: [usize; 3], core: u32) -> Pyramid {
     let mut size = dims;
     let mut factors = Vec::new();
     while size.iter().any(|&n| n > core as usize) {
@@ -259,19 +260,19 @@ fn halved(dims: &[usize; 3], values: &[f64], absence: Absence, voxel_type: Voxel
     (size, out)
 }
 
-fn brick(
+/// The decoded brick of a key; `at` is the stored value of a voxel of its level.
+pub fn brick(
     pyramid: &Pyramid,
     key: BrickKey,
-    dims: &[usize; 3],
-    values: &[f64],
+    at: &dyn Fn([usize; 3]) -> f64,
     storage: Storage,
     map: &ValueMap,
 ) -> DecodedBrick {
     let start = pyramid.core_box(key).start;
     let extent = pyramid.stored_extent(key);
+    let dims = pyramid.level_at(key.lod()).dims.0;
     let voxel = |p: [usize; 3]| {
-        let q: [usize; 3] = std::array::from_fn(|a| (start[a] as usize + p[a]).saturating_sub(APRON).min(dims[a] - 1));
-        values[q[0] + dims[0] * (q[1] + dims[1] * q[2])]
+        at(std::array::from_fn(|a| (start[a] as usize + p[a]).saturating_sub(APRON).min(dims[a] as usize - 1)))
     };
     let mut bytes = Vec::new();
     for z in 0..extent[2] {

@@ -1,5 +1,6 @@
 //! Small volumes, bricked in memory, and the scenes to look at them.
 #![allow(dead_code, reason = "each test file uses its own part")]
+#![allow(clippy::unwrap_used, reason = "test code; the lint does not see that in a module of its own")]
 
 use std::collections::HashMap;
 use std::sync::Mutex;

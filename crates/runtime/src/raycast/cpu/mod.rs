@@ -261,7 +261,7 @@ impl CpuFrame {
 }
 
 /// Change of the normal's direction, as a length, that one Gauss pair may bridge.
-const PAIR_NORMAL_CHANGE: f32 = 0.25;
+pub(crate) const PAIR_NORMAL_CHANGE: f32 = 0.1;
 
 impl CpuFrame {
     /// Gauss pairs that shading wants between two parameters of a chord: by how far the normal turns.

@@ -5,7 +5,7 @@
 use glam::Vec3;
 
 use super::cell::{Cell, Real, cubic_at, cubic_extremes, cubic_mean, monotone_intervals, monotone_root};
-use super::quadrature::{GAUSS_OFFSET, integrate_pair, opacity_of, pairs_between, splits_of_chord};
+use super::quadrature::{GAUSS_OFFSET, KNOT_LIMIT, integrate_pair, opacity_of, pairs_between, splits_of_chord};
 use super::shade::{ChordGradient, Lighting, shade};
 use super::{Counters, CpuFrame, RayState};
 use crate::scene::ISO_LIMIT;
@@ -94,33 +94,47 @@ pub fn gather_dvr(
         composite(state, [r, g, b].map(|c| c * opacity), opacity);
         return;
     }
-    let splits = splits_of_chord(tf, &chord.cubic, chord.low, chord.high);
-    for part in splits.as_slice().windows(2) {
-        let (begin, width) = (part[0], part[1] - part[0]);
-        if width <= 0.0 {
-            continue;
-        }
-        let mut pairs = pairs_between(tf, &chord.cubic, [part[0], part[1]], h);
-        if setup.lighting.is_some() && chord.gradient.is_some() {
-            pairs = pairs.max(frame.shaded_pairs(chord, setup, [part[0], part[1]]));
-        }
-        let step = width / Real::from(pairs);
-        for i in 0..pairs {
-            let mut kappa = [0.0; 2];
-            let mut color = [[0.0; 3]; 2];
-            for (point, offset) in [GAUSS_OFFSET, 1.0 - GAUSS_OFFSET].into_iter().enumerate() {
-                let u = begin + (Real::from(i) + offset) * step;
-                let [r, g, b, alpha] = tf.classify(chord.value(u));
-                if alpha > 0.0 {
-                    kappa[point] = tf.extinction(alpha);
-                    color[point] = chord.shaded(setup, [r, g, b], u);
-                }
-            }
-            let (c, opacity) = integrate_pair(kappa, color, (step * h) as f32);
-            composite(state, c, opacity);
-        }
-        counters.samples += u64::from(2 * pairs);
+    let knots = tf.knots_in(chord.low, chord.high);
+    if knots.is_empty() || knots.len() > KNOT_LIMIT {
+        counters.samples += gather_part(frame, setup, chord, [0.0, 1.0], state);
+        return;
     }
+    let splits = splits_of_chord(&chord.cubic, knots);
+    for part in splits.as_slice().windows(2).filter(|part| part[0] < part[1]) {
+        counters.samples += gather_part(frame, setup, chord, [part[0], part[1]], state);
+    }
+}
+
+/// One part of a chord, between two splits, by Gauss pairs; returns the number of samples.
+#[inline]
+fn gather_part(
+    frame: &CpuFrame,
+    setup: &ShadeSetup<'_>,
+    chord: &Chord,
+    [begin, end]: [Real; 2],
+    state: &mut RayState,
+) -> u64 {
+    let tf = &frame.transfer_function;
+    let mut pairs = pairs_between(tf, &chord.cubic, [begin, end], chord.h);
+    if setup.lighting.is_some() && chord.gradient.is_some() {
+        pairs = pairs.max(frame.shaded_pairs(chord, setup, [begin, end]));
+    }
+    let step = (end - begin) / Real::from(pairs);
+    for i in 0..pairs {
+        let mut kappa = [0.0; 2];
+        let mut color = [[0.0; 3]; 2];
+        for (point, offset) in [GAUSS_OFFSET, 1.0 - GAUSS_OFFSET].into_iter().enumerate() {
+            let u = begin + (Real::from(i) + offset) * step;
+            let [r, g, b, alpha] = tf.classify(chord.value(u));
+            if alpha > 0.0 {
+                kappa[point] = tf.extinction(alpha);
+                color[point] = chord.shaded(setup, [r, g, b], u);
+            }
+        }
+        let (c, opacity) = integrate_pair(kappa, color, (step * chord.h) as f32);
+        composite(state, c, opacity);
+    }
+    u64::from(2 * pairs)
 }
 
 /// The greatest value so far.

@@ -14,12 +14,12 @@ pub const GAUSS_DISTANCE: f32 = 0.577_350_3;
 pub const KNOT_LIMIT: usize = 8;
 /// Most Gauss pairs between two splits.
 pub const PAIR_LIMIT: u32 = 32;
-/// Change of opacity and colour that one Gauss pair may bridge.
-const PAIR_VARIATION: f32 = 0.06;
+/// Change of opacity and colour that one Gauss pair may bridge; the error falls with the fourth power of their number.
+pub(crate) const PAIR_VARIATION: f32 = 0.006;
 /// Product of that change and of the optical depth that one Gauss pair may bridge.
-const PAIR_VARIATION_DEPTH: f32 = 0.1;
+pub(crate) const PAIR_VARIATION_DEPTH: f32 = 0.07;
 /// Least weight of the farther Gauss point, where the exponential underflows.
-const MIN_WEIGHT: f32 = 1e-20;
+pub(crate) const MIN_WEIGHT: f32 = 1e-20;
 
 /// Ends of the parts of a chord: 0, up to 3 crossings of each of [`KNOT_LIMIT`] knots, 1.
 pub type Splits = Parameters<{ 2 + 3 * KNOT_LIMIT }>;
@@ -60,23 +60,21 @@ pub fn integrate_pair(kappa: [f32; 2], color: [[f32; 3]; 2], h: f32) -> ([f32; 3
 #[inline]
 #[must_use]
 pub fn pair_count(variation: f32, tau: f32) -> u32 {
-    let wanted = variation * (1.0 / PAIR_VARIATION) + variation * tau * (1.0 / PAIR_VARIATION_DEPTH);
+    let wanted = (variation * (1.0 / PAIR_VARIATION)).sqrt().sqrt() + variation * tau * (1.0 / PAIR_VARIATION_DEPTH);
     // `as` saturates, and maps NaN to 0.
     (wanted.ceil() as u32).clamp(1, PAIR_LIMIT)
 }
 
-/// Where the chord is split: at its ends, and where its cubic crosses a knot of the transfer function.
+/// Where the chord is split: at its ends, and where its cubic crosses one of the knots, of which there are at most
+/// [`KNOT_LIMIT`].
 #[inline]
 #[must_use]
-pub fn splits_of_chord(tf: &RenderTransferFunction, cubic: &[Real; 4], low: f32, high: f32) -> Splits {
+pub fn splits_of_chord(cubic: &[Real; 4], knots: &[f32]) -> Splits {
     let mut splits = Splits::new();
     splits.insert(0.0);
-    let knots = tf.knots_in(low, high);
-    if !knots.is_empty() && knots.len() <= KNOT_LIMIT {
-        let intervals = monotone_intervals(cubic);
-        for &knot in knots {
-            cubic_roots(cubic, intervals.as_slice(), Real::from(knot), &mut splits);
-        }
+    let intervals = monotone_intervals(cubic);
+    for &knot in knots {
+        cubic_roots(cubic, intervals.as_slice(), Real::from(knot), &mut splits);
     }
     splits.insert(1.0);
     splits

@@ -50,13 +50,15 @@ impl AxisRay {
 pub struct Planes {
     first: [f64; 3],
     spacing: [f64; 3],
+    /// 1 / spacing; exact for cells and macro cells, whose spacings are powers of two.
+    inverse_spacing: [f64; 3],
 }
 
 impl Planes {
     /// Faces of the bricks of a level.
     #[must_use]
     pub fn of_bricks(level: &Level, core: usize) -> Self {
-        Self { first: [-HALF_VOXEL; 3], spacing: level.scale.map(|s| s as f64 * core as f64) }
+        Self::new([-HALF_VOXEL; 3], level.scale.map(|s| s as f64 * core as f64))
     }
 
     /// Faces of the macro cells of a level.
@@ -69,7 +71,11 @@ impl Planes {
     #[must_use]
     pub fn of_cells(level: &Level) -> Self {
         let spacing = level.scale.map(|s| s as f64);
-        Self { first: spacing.map(|s| HALF_VOXEL * s - HALF_VOXEL), spacing }
+        Self::new(spacing.map(|s| HALF_VOXEL * s - HALF_VOXEL), spacing)
+    }
+
+    fn new(first: [f64; 3], spacing: [f64; 3]) -> Self {
+        Self { first, spacing, inverse_spacing: spacing.map(f64::recip) }
     }
 
     #[inline]
@@ -82,7 +88,7 @@ impl Planes {
     #[must_use]
     pub fn fractions(&self, ray: &AxisRay, t: f64, index: [i64; 3]) -> [f64; 3] {
         std::array::from_fn(|a| {
-            let cells = (ray.coordinate(a, t) - self.first[a]) / self.spacing[a];
+            let cells = (ray.coordinate(a, t) - self.first[a]) * self.inverse_spacing[a];
             (cells - index[a] as f64).clamp(0.0, 1.0)
         })
     }
@@ -155,7 +161,7 @@ impl GridWalk {
 #[inline]
 fn locate(ray: &AxisRay, planes: &Planes, cells: &CellBox, axis: usize, t: f64) -> i64 {
     let (low, high) = (cells.low[axis], cells.high[axis]);
-    let position = (ray.coordinate(axis, t) - planes.first[axis]) / planes.spacing[axis];
+    let position = (ray.coordinate(axis, t) - planes.first[axis]) * planes.inverse_spacing[axis];
     // `as` saturates.
     let mut i = (position.floor() as i64).clamp(low, high);
     let crossed = |plane: i64| ray.crossing(axis, planes.plane(axis, plane)) <= t;

@@ -1,7 +1,7 @@
 //! Rays on the GPU, and the dispatches that cast them.
 //!
 //! Rays live in *chunks* (one pair of buffers each, no larger than a binding may be), and are cast in *pieces*, one
-//! dispatch each. A dispatch lets a ray visit a limited number of cells, so that no submit blocks the GPU for long; rays
+//! dispatch each. A dispatch lets a ray do a limited amount of work, so that no submit blocks the GPU for long; rays
 //! that reach the limit go on in the next round. The limit follows the measured time of the dispatches. It decides how
 //! the work is dealt out, never what comes of it.
 
@@ -26,14 +26,19 @@ const CHUNK_RAYS: u64 = 1 << 20;
 const PIECE_RAYS: u32 = 1 << 14;
 /// Most bytes read back at once.
 const READ_BACK_LIMIT: u64 = 4 << 20;
-/// Dispatches slower than this get fewer cells, milliseconds.
+/// Dispatches slower than this get less work, milliseconds.
 const SLOW_DISPATCH_MS: f64 = 100.0;
 /// Dispatches faster than this get more.
 const FAST_DISPATCH_MS: f64 = 25.0;
-/// Cells that a ray may visit in the first dispatch.
-const FIRST_CELL_LIMIT: u32 = 512;
-/// Least and most cells that a ray may visit in a dispatch.
-const CELL_LIMITS: (u32, u32) = (32, 1 << 16);
+/// Loop iterations that a ray may spend in the first dispatch.
+const FIRST_WORK_LIMIT: u32 = 2048;
+/// Least loop iterations that a ray may spend in a dispatch: the costliest cell does not need many more.
+const LEAST_WORK_LIMIT: u32 = 256;
+/// Most loop iterations that a ray may spend in a dispatch.
+const WORK_LIMIT: u32 = 1 << 16;
+/// The same on software adapters: llvmpipe ends all loops after 65535 iterations of a group of at most 16 lanes, and
+/// lanes that part ways add up.
+const SOFTWARE_WORK_LIMIT: u32 = 1 << 11;
 /// Rounds of one pass; every round brings every ray at least one macro cell further.
 const ROUND_LIMIT: usize = 1 << 22;
 
@@ -69,7 +74,7 @@ struct Piece {
     chunk: usize,
     first_ray: u32,
     rays: u32,
-    /// Rays that reached the cell limit in the last dispatch.
+    /// Rays that reached the work limit in the last dispatch.
     interrupted: u32,
     /// Rays that wait for a brick.
     waiting: u32,
@@ -88,7 +93,7 @@ pub(super) struct Caster {
     chunks: Vec<Chunk>,
     pieces: Vec<Piece>,
     grid: RayGrid,
-    cell_limit: u32,
+    work_limit: u32,
 }
 
 /// Bytes of the read-back buffer for ray states.
@@ -147,7 +152,7 @@ impl Caster {
             chunks: Vec::new(),
             pieces: Vec::new(),
             grid,
-            cell_limit: FIRST_CELL_LIMIT,
+            work_limit: FIRST_WORK_LIMIT,
         };
         caster.make_rays(volume, scene)?;
         Ok(caster)
@@ -230,7 +235,7 @@ impl Caster {
         let job = Dispatch {
             first_ray: piece.first_ray,
             ray_count: piece.rays,
-            cell_limit: self.cell_limit,
+            work_limit: self.work_limit,
             first_round: u32::from(first_round),
         };
         self.gpu.queue.write_buffer(&self.job, 0, bytemuck::bytes_of(&job));
@@ -253,16 +258,16 @@ impl Caster {
         piece.waiting = if first_round { counters.waiting } else { piece.waiting + counters.waiting };
         let ms = begin.elapsed().as_secs_f64() * 1e3;
         raw.dispatch_ms_max = raw.dispatch_ms_max.max(ms);
-        self.adapt_cell_limit(ms, counters.interrupted > 0);
+        self.adapt_work_limit(ms, counters.interrupted > 0);
         Ok(())
     }
 
-    fn adapt_cell_limit(&mut self, ms: f64, was_reached: bool) {
-        let (least, most) = CELL_LIMITS;
+    fn adapt_work_limit(&mut self, ms: f64, was_reached: bool) {
+        let most = if self.gpu.is_software() { SOFTWARE_WORK_LIMIT } else { WORK_LIMIT };
         if ms > SLOW_DISPATCH_MS {
-            self.cell_limit = (self.cell_limit / 2).max(least);
+            self.work_limit = (self.work_limit / 2).max(LEAST_WORK_LIMIT);
         } else if ms < FAST_DISPATCH_MS && was_reached {
-            self.cell_limit = (self.cell_limit * 2).min(most);
+            self.work_limit = (self.work_limit * 2).min(most);
         }
     }
 

@@ -1,0 +1,181 @@
+//! What must not change a picture: skipping, brick size, threads, the order in which bricks arrive.
+
+#![allow(clippy::print_stderr, reason = "tests show how much they skip")]
+
+mod support;
+
+use std::sync::Mutex;
+
+use supervol_format::{BrickKey, Lod, VoxelType};
+use supervol_runtime::lod::LodChoice;
+use supervol_runtime::raycast::cpu::{Skipping, cast_pass};
+use supervol_runtime::raycast::volume::{BrickView, Resident};
+use supervol_runtime::scene::ResolvedScene;
+use support::{Bricked, Trickle, Volume, marschner_lobb, noise, points, scene};
+
+fn volumes() -> Vec<Volume> {
+    vec![
+        Volume::new([40, 50, 33], VoxelType::F32, |p| marschner_lobb(41)(p)),
+        Volume::new([40, 50, 33], VoxelType::I16, |p| if p[0] + p[1] < 50.0 { 0.0 } else { noise(p) })
+            .with_holes(|[i, j, _]| i == 20 && j > 25),
+        Volume::new([31, 67, 37], VoxelType::F32, |p| if noise(p) > 0.98 { noise(p) } else { 0.1 })
+            .with_holes(|p| p[2] > 30),
+    ]
+    .into_iter()
+    .map(|v| Volume { nodata: (v.voxel_type == VoxelType::I16).then_some(-999.0), ..v })
+    .collect()
+}
+
+/// Every mode, shaded where that matters; the transfer function leaves much invisible.
+fn scenes(volume: &Volume) -> Vec<ResolvedScene> {
+    let c = [1.0, 0.7, 0.2];
+    let tf = points(1.0, &[(0.4, c, 0.0), (0.5, [0.2, 0.7, 1.0], 0.6), (0.6, c, 0.0), (0.9, c, 0.0), (0.9, c, 0.5)]);
+    let iso =
+        r#", "iso": [{"value": 0.5, "color": [0.9, 0.7, 0.4], "alpha": 0.5}, {"value": 0.3, "color": [1, 1, 1]}]"#;
+    [("dvr", ""), ("dvr", r#", "shading": {}"#), ("mip", ""), ("minip", ""), ("mean", ""), ("iso", iso)]
+        .map(|(mode, rest)| {
+            let json = format!(
+                r#"{{"camera": {{"eye": [95, -70, 62], "target": [20, 25, 18], "up": [0, 0, 1], "fov_y": 32}},
+                    "image": {{"width": 60, "height": 50}}, "mode": "{mode}", "transfer_function": {tf}{rest}}}"#
+            );
+            scene(volume, &json)
+        })
+        .into()
+}
+
+const FINEST: LodChoice = LodChoice::Fixed(Lod(0));
+
+/// S21.
+#[test]
+fn skipping_changes_no_bit_and_skips() {
+    for volume in volumes() {
+        let bricked = Bricked::new(&volume, 32);
+        for (i, scene) in scenes(&volume).iter().enumerate() {
+            let (on, counters) = bricked.render_with(scene, FINEST, Skipping::On);
+            let (off, all) = bricked.render_with(scene, FINEST, Skipping::Off);
+            assert_eq!(on, off, "scene {i}");
+            assert_eq!(all.macro_cells_skipped, 0);
+            eprintln!("scene {i}: {} of {} macro cells skipped", counters.macro_cells_skipped, all.macro_cells);
+        }
+    }
+}
+
+/// S27.
+#[test]
+fn brick_size_changes_no_bit() {
+    for volume in volumes() {
+        for (i, scene) in scenes(&volume).iter().enumerate() {
+            let first = Bricked::new(&volume, 16).render(scene);
+            for core in [32, 64, 128] {
+                assert_eq!(Bricked::new(&volume, core).render(scene), first, "scene {i}, bricks of {core}");
+            }
+        }
+    }
+}
+
+/// S44.
+#[test]
+fn threads_change_no_bit() {
+    let volume = &volumes()[0];
+    let bricked = Bricked::new(volume, 16);
+    for scene in scenes(volume) {
+        let render = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let frame = bricked.frame(&scene, FINEST, Skipping::On);
+                let mut states = frame.begin();
+                let feedback = cast_pass(&bricked, &frame, &mut states);
+                (frame.image(&states), feedback)
+            })
+        };
+        assert_eq!(render(1), render(8));
+    }
+}
+
+/// Rays that wait and go on see what rays that never waited see, though a cache holds few bricks.
+#[test]
+fn waiting_changes_no_bit() {
+    let volume = &volumes()[0];
+    let bricked = Bricked::new(volume, 16);
+    for (scene, capacity) in scenes(volume).iter().zip([1, 2, 3, 5, 8, 13]) {
+        let frame = bricked.frame(scene, LodChoice::Auto { voxel_pixels: 1.0 }, Skipping::On);
+        let mut states = frame.begin();
+        let whole = {
+            let mut states = frame.begin();
+            assert!(cast_pass(&bricked, &frame, &mut states).is_converged());
+            frame.image(&states)
+        };
+        let view = Trickle { all: &bricked, resident: Mutex::new(vec![]) };
+        let mut passes = 0;
+        loop {
+            let feedback = cast_pass(&view, &frame, &mut states);
+            let waiting = states.iter().filter(|s| s.waiting.is_some()).count() as u64;
+            assert_eq!(feedback.misses.iter().map(|m| m.rays).sum::<u64>(), waiting);
+            if feedback.is_converged() {
+                break;
+            }
+            // Nothing is kept but what is wanted now, front to back.
+            *view.resident.lock().unwrap() = feedback.misses.iter().take(capacity).map(|m| m.key).collect();
+            passes += 1;
+            assert!(passes < 1000, "no progress");
+        }
+        assert!(states.iter().all(|s| s.finished));
+        assert_eq!(frame.image(&states), whole, "{capacity} bricks, {passes} passes");
+    }
+}
+
+/// A view in which some bricks have failed or hold one value.
+struct Patched<'a> {
+    all: &'a Bricked,
+    patch: fn(BrickKey) -> Option<Resident<'static>>,
+}
+
+impl BrickView for Patched<'_> {
+    fn lookup(&self, key: BrickKey) -> Resident<'_> {
+        (self.patch)(key).unwrap_or_else(|| self.all.lookup(key))
+    }
+}
+
+#[test]
+fn uniform_absent_and_failed_bricks() {
+    let volume = Volume::new([40, 40, 40], VoxelType::F32, |_| 0.5);
+    let bricked = Bricked::new(&volume, 16);
+    // The data value 0.5 as a render value: a range of no width is moved to 0.
+    assert_eq!(bricked.map.from_data(0.5), 0.0);
+    let patches: [fn(BrickKey) -> Option<Resident<'static>>; 3] = [
+        |key| key.brick().0[0].is_multiple_of(2).then_some(Resident::Uniform(0.0)),
+        |key| (key.lod() == Lod(0) && key.brick().0[1] == 1).then_some(Resident::UseParent),
+        |key| (key.lod() < Lod(2)).then_some(Resident::UseParent),
+    ];
+    for (i, scene) in scenes(&volume).into_iter().enumerate() {
+        let frame = bricked.frame(&scene, FINEST, Skipping::On);
+        let whole = bricked.render(&scene);
+        for (p, patch) in patches.into_iter().enumerate() {
+            let mut states = frame.begin();
+            assert!(cast_pass(&Patched { all: &bricked, patch }, &frame, &mut states).is_converged());
+            let error = support::difference(&frame.image(&states), &whole);
+            // A uniform brick is one chord: a ray may end behind the opacity at which cells would have ended it.
+            assert!(error < 0.128, "scene {i}, patch {p}: {error}/255");
+        }
+        let mut states = frame.begin();
+        let nothing = Patched { all: &bricked, patch: |_| Some(Resident::Nothing) };
+        assert!(cast_pass(&nothing, &frame, &mut states).is_converged());
+        assert!(frame.image(&states).pixels.iter().all(|p| *p == [0.0; 4]));
+    }
+}
+
+#[test]
+fn samples_per_pixel_are_block_means() {
+    let volume = &volumes()[0];
+    let json = |n: u32, size: [u32; 2]| {
+        format!(
+            r#"{{"camera": {{"eye": [95, -70, 62], "target": [20, 25, 18], "up": [0, 0, 1], "fov_y": 32}},
+                "image": {{"width": {}, "height": {}}}, "transfer_function": "grey", "samples_per_pixel": {n}}}"#,
+            size[0], size[1]
+        )
+    };
+    let bricked = Bricked::new(volume, 64);
+    let fine = bricked.render(&scene(volume, &json(1, [40, 32])));
+    let averaged = bricked.render(&scene(volume, &json(4, [20, 16])));
+    assert_eq!(averaged, fine.downsampled(2));
+}

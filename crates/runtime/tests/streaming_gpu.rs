@@ -1,0 +1,151 @@
+//! The frame loop with the GPU ray caster: the CPU's picture, for every budget. Skipped with a message without adapter.
+
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "helpers of tests are tests")]
+
+mod containers;
+mod support;
+
+use std::sync::Arc;
+
+use containers::{Fault, Faulty, container_bytes, open};
+use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelType};
+use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions, render};
+use supervol_runtime::raycast::gpu::{GpuDevice, GpuError};
+use supervol_runtime::scene::ResolvedScene;
+use support::{Volume, difference, marschner_lobb, points, scene};
+
+/// Greatest difference between the backends, in grey levels of 255.
+const TOLERANCE: f64 = 0.5;
+
+/// Whether there is a GPU; with `SUPERVOL_REQUIRE_GPU=1` it is a failure if there is none.
+fn has_adapter() -> bool {
+    let Err(error) = GpuDevice::open() else { return true };
+    assert!(std::env::var_os("SUPERVOL_REQUIRE_GPU").is_none_or(|v| v != "1"), "SUPERVOL_REQUIRE_GPU=1, but {error}");
+    eprintln!("SKIPPED: no GPU adapter ({error})");
+    false
+}
+
+fn volume() -> Volume {
+    let signal = marschner_lobb(64);
+    Volume::new([64, 60, 50], VoxelType::U8, move |p| if p[0] > 40.0 && p[1] > 30.0 { 0.0 } else { 255.0 * signal(p) })
+}
+
+fn the_scene(volume: &Volume, mode: &str) -> ResolvedScene {
+    let tf =
+        points(8.0, &[(20.0, [0.1, 0.2, 0.9], 0.0), (150.0, [0.9, 0.8, 0.1], 0.05), (255.0, [1.0, 0.1, 0.1], 0.3)]);
+    let camera = r#""eye": [190, -130, 120], "target": [31, 31, 31], "up": [0, 0, 1], "fov_y": 25"#;
+    let image = r#""image": {"width": 40, "height": 36}"#;
+    scene(volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "mode": {mode}, "transfer_function": {tf}}}"#))
+}
+
+fn options(backend: Backend) -> RenderOptions<'static> {
+    RenderOptions { backend, level: LevelChoice::Fixed(Lod(0)), ..RenderOptions::default() }
+}
+
+/// The least GPU memory with which this renders.
+fn least_gpu_memory(container: &Arc<Container>, scene: &ResolvedScene) -> u64 {
+    match render(container, scene, &RenderOptions { gpu_memory_bytes: 1, ..options(Backend::Gpu) }) {
+        Err(RenderError::Gpu(GpuError::Budget { needed, .. })) => needed,
+        other => panic!("one byte of GPU memory suffices, or another error: {:?}", other.err()),
+    }
+}
+
+#[test]
+fn the_picture_is_the_cpu_s_for_every_budget() {
+    if !has_adapter() {
+        return;
+    }
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let modes = [r#""dvr""#, r#""mip""#, r#""mean""#, r#""iso", "iso": [{"value": 120, "color": [1, 0.5, 0.2]}]"#];
+    for mode in modes {
+        let scene = the_scene(&volume, mode);
+        let (expected, cpu) = render(&container, &scene, &options(Backend::Cpu)).unwrap();
+        let least = least_gpu_memory(&container, &scene);
+        for gpu_memory_bytes in [least, least + 100_000, 256 << 20] {
+            let options = RenderOptions { gpu_memory_bytes, ..options(Backend::Gpu) };
+            let (image, stats) = render(&container, &scene, &options).unwrap();
+            let error = difference(&image, &expected);
+            eprintln!(
+                "{mode}, {gpu_memory_bytes} bytes: {error:.4}/255, {} passes, {} uploads, {} page-ins",
+                stats.passes, stats.gpu_page_ins, stats.page_ins
+            );
+            assert!(error <= TOLERANCE, "{mode}: {error}/255");
+            assert!(stats.converged && stats.backend == "gpu" && stats.adapter.is_some());
+            assert!(stats.gpu_bytes <= gpu_memory_bytes && stats.page_ins <= cpu.page_ins * 3 / 2, "{stats:#?}");
+        }
+    }
+}
+
+#[test]
+fn a_host_cache_of_about_one_brick_feeds_the_gpu_too() {
+    if !has_adapter() {
+        return;
+    }
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let scene = the_scene(&volume, r#""dvr""#);
+    let (expected, _) = render(&container, &scene, &options(Backend::Cpu)).unwrap();
+    let least_gpu = least_gpu_memory(&container, &scene);
+    let small = |host_memory_bytes, gpu_memory_bytes| {
+        let threads = Some(1);
+        render(
+            &container,
+            &scene,
+            &RenderOptions { host_memory_bytes, gpu_memory_bytes, threads, ..options(Backend::Gpu) },
+        )
+    };
+    let Err(RenderError::Budget(budget)) = small(1, least_gpu) else { panic!("one byte of host memory suffices") };
+    for gpu_memory_bytes in [least_gpu, least_gpu + 100_000] {
+        let (image, stats) = small(budget.needed_bytes, gpu_memory_bytes).unwrap();
+        assert!(difference(&image, &expected) <= TOLERANCE);
+        let page_ins = (stats.page_ins, stats.repeated_page_ins);
+        eprintln!(
+            "{} bytes of cache: {page_ins:?} page-ins, {} uploads",
+            stats.host_cache_budget_bytes, stats.gpu_page_ins
+        );
+        assert!(stats.host_cache_budget_bytes < 30_000 && stats.repeated_page_ins * 2 <= stats.page_ins, "{stats:#?}");
+    }
+}
+
+#[test]
+fn time_budgets_and_failed_bricks_work_the_same_way() {
+    if !has_adapter() {
+        return;
+    }
+    let volume = volume();
+    let bytes = container_bytes(&volume, 16);
+    let container = open(&bytes);
+    let scene = the_scene(&volume, r#""dvr""#);
+    let late = |backend| RenderOptions { time_budget_ms: Some(0), ..options(backend) };
+    let (expected, _) = render(&container, &scene, &late(Backend::Cpu)).unwrap();
+    let (image, stats) = render(&container, &scene, &late(Backend::Gpu)).unwrap();
+    assert!(!stats.converged && stats.passes == 1 && stats.fallbacks > 0, "{stats:#?}");
+    assert!(difference(&image, &expected) <= TOLERANCE);
+
+    let entry = container.entry(BrickKey::new(Lod(0), BrickIndex([1, 1, 1]))).unwrap();
+    let bad = entry.offset..entry.offset + entry.record_bytes();
+    let faulty =
+        Faulty::new(
+            bytes,
+            move |_, read| {
+                if read.start < bad.end && bad.start < read.end { Fault::Error } else { Fault::None }
+            },
+        );
+    let container = Arc::new(Container::from_source(faulty).unwrap());
+    let (expected, _) = render(&container, &scene, &options(Backend::Cpu)).unwrap();
+    let (image, stats) = render(&container, &scene, &options(Backend::Gpu)).unwrap();
+    assert!(stats.converged && stats.bricks_failed == 1 && stats.fallbacks > 0, "{stats:#?}");
+    assert!(difference(&image, &expected) <= TOLERANCE);
+}
+
+#[test]
+fn auto_takes_whatever_there_is_and_says_why() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let scene = the_scene(&volume, r#""dvr""#);
+    let (expected, _) = render(&container, &scene, &options(Backend::Cpu)).unwrap();
+    let (image, stats) = render(&container, &scene, &options(Backend::Auto)).unwrap();
+    assert!(difference(&image, &expected) <= TOLERANCE);
+    assert_eq!(stats.no_gpu_because.is_none(), stats.backend == "gpu", "{stats:#?}");
+}

@@ -1,0 +1,173 @@
+//! The streamer under long random sequences of wishes, frames and faults: states and cache always agree.
+
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "helpers of tests are tests")]
+
+mod containers;
+mod support;
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Instant;
+
+use containers::{Fault, Faulty, container_bytes, open, plan};
+use supervol_format::{BrickKey, Container, Lod, VoxelType};
+use supervol_runtime::frame::caster::CpuCaster;
+use supervol_runtime::frame::{FrameWalk, LevelChoice, RenderOptions, streamer_for, value_map};
+use supervol_runtime::lod::LodChoice;
+use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, Skipping};
+use supervol_runtime::raycast::volume::{BrickView, Resident};
+use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::streamer::budget::HostPlan;
+use supervol_runtime::streamer::classify::Classifier;
+use supervol_runtime::streamer::priority::FrontToBack;
+use supervol_runtime::streamer::state::{ALLOWED, StateKind};
+use supervol_runtime::streamer::{Fetched, OnMissing, Room, Streamer};
+use support::{Volume, noise, points, scene};
+
+/// SplitMix64.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, n: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (z ^ (z >> 31)) % n
+    }
+}
+
+/// 4 x 3 x 3 bricks: noise, a constant part, an absent part.
+fn volume() -> Volume {
+    let field = |p: [f64; 3]| if p[1] > 29.0 { 90.0 } else { 20.0 + 60.0 * noise(p.map(|v| (v / 2.0).floor())) };
+    let mut volume = Volume::new([64, 48, 48], VoxelType::F32, field);
+    volume.values.iter_mut().enumerate().filter(|(n, _)| n % 64 > 40).for_each(|(_, v)| *v = f64::NAN);
+    volume
+}
+
+/// A scene that sees values from `visible` on.
+fn scene_from(volume: &Volume, visible: f64) -> ResolvedScene {
+    scene_with(volume, visible, "")
+}
+
+fn scene_with(volume: &Volume, visible: f64, more: &str) -> ResolvedScene {
+    let black = [0.0; 3];
+    let tf = points(8.0, &[(visible, black, 0.0), (visible, black, 0.2), (visible + 200.0, black, 0.2)]);
+    let camera = r#""eye": [150, -90, 80], "target": [23, 21, 15], "up": [0, 0, 1], "fov_y": 28"#;
+    let image = r#""image": {"width": 30, "height": 30}"#;
+    scene(volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "transfer_function": {tf}{more}}}"#))
+}
+
+fn check(streamer: &Streamer, keys: &[BrickKey]) {
+    let (states, cache) = (streamer.states(), streamer.cache());
+    let view = streamer.view(OnMissing::Wait);
+    let mut in_host = 0;
+    for &key in keys {
+        let kind = states.state(key).kind();
+        assert_eq!(kind == StateKind::InHost, cache.get(key).is_some(), "{key} is {kind:?}");
+        assert!(!matches!(kind, StateKind::Reading | StateKind::Decoding), "{key} was left {kind:?}");
+        in_host += u64::from(kind == StateKind::InHost);
+        let resident = view.lookup(key);
+        let as_promised = match kind {
+            StateKind::InHost => matches!(resident, Resident::Brick(brick) if brick.key == key),
+            StateKind::Nothing => matches!(resident, Resident::Nothing),
+            StateKind::Uniform => matches!(resident, Resident::Uniform(_)),
+            StateKind::Failed => matches!(resident, Resident::UseParent),
+            _ => matches!(resident, Resident::Missing),
+        };
+        assert!(as_promised, "{key} is {kind:?} but seen as {resident:?}");
+    }
+    assert_eq!((states.total(StateKind::InHost), cache.len() as u64), (in_host, in_host));
+    assert!(cache.bytes() <= cache.budget_bytes());
+}
+
+fn check_answers(streamer: &Streamer, wanted: &[BrickKey], fetched: &Fetched) {
+    let distinct: BTreeSet<BrickKey> = wanted.iter().copied().collect();
+    assert_eq!(fetched.bricks.len() + fetched.answered.len() + fetched.left, distinct.len());
+    assert!(distinct.is_empty() || fetched.is_progress(), "one brick at least");
+    let kind = |key: &BrickKey| streamer.states().state(*key).kind();
+    assert!(fetched.bricks.iter().all(|key| kind(key) == StateKind::InHost));
+    let answers = [StateKind::Nothing, StateKind::Uniform, StateKind::Failed];
+    assert!(fetched.answered.iter().chain(&fetched.neighbours).all(|key| answers.contains(&kind(key))));
+}
+
+#[test]
+fn states_and_cache_agree_under_random_wishes_and_faults() {
+    let volume = volume();
+    let mut bytes = container_bytes(&volume, 16);
+    // One record is damaged for good; every ninth read fails.
+    let container = open(&bytes);
+    let keys: Vec<BrickKey> =
+        (0..container.pyramid().brick_count()).filter_map(|e| container.pyramid().key(e)).collect();
+    let records = || keys.iter().filter(|&&k| container.entry(k).unwrap().record_bytes() > 0);
+    bytes[container.entry(*records().nth(5).unwrap()).unwrap().offset as usize] ^= 1;
+    let descriptor = container.descriptor().clone();
+
+    let mut seen = BTreeSet::new();
+    let mut random = Random(2024);
+    for run in 0..6u64 {
+        let faulty =
+            Faulty::new(bytes.clone(), move |n, _| if n > 2 && (n + run) % 5 < 2 { Fault::Error } else { Fault::None });
+        let container = Arc::new(Container::from_source(faulty).unwrap());
+        let iso = scene_with(&volume, 0.0, r#", "mode": "iso", "iso": [{"value": 500, "color": [1, 1, 1]}]"#);
+        let scenes = [scene_from(&volume, 30.0), scene_from(&volume, 60.0), scene_from(&volume, 500.0), iso];
+        let classifier =
+            |s: &ResolvedScene| Classifier::new(s, descriptor.voxel_type, value_map(&container), Skipping::On);
+        let state_limit = [10, 30, 1 << 20][run as usize % 3];
+        let plan = HostPlan { state_limit, ..plan(&container, &scenes[0], 1 + run) };
+        let mut streamer = streamer_for(&container, &scenes[0], &RenderOptions::default(), plan);
+        streamer.begin_frame();
+        for _ in 0..3000 {
+            match random.below(20) {
+                0 => streamer.begin_frame(),
+                1 => streamer.set_classifier(classifier(&scenes[random.below(4) as usize])),
+                2 => streamer.set_order(FrontToBack::new(&scenes[0].camera, &descriptor.geometry)),
+                _ => {
+                    streamer.begin_pass();
+                    let most = [4, 4, 4, 40][random.below(4) as usize];
+                    let count = random.below(most);
+                    let wanted: Vec<BrickKey> =
+                        (0..count).map(|_| keys[random.below(keys.len() as u64) as usize]).collect();
+                    streamer.note_uses(&wanted, count);
+                    let bricks = 1 + random.below(5) as usize;
+                    let fetched = streamer.fetch(&wanted, Room { bricks, deadline: None }).unwrap();
+                    check_answers(&streamer, &wanted, &fetched);
+                }
+            }
+            check(&streamer, &keys);
+        }
+        for (from, to) in ALLOWED {
+            if streamer.states().transitions(from, to) > 0 {
+                seen.insert((from as usize, to as usize));
+            }
+        }
+    }
+    // A page of the TOC that was read once stays in memory: an evicted brick's entry cannot fail here.
+    let rare = (StateKind::Evicted, StateKind::Failed);
+    for (from, to) in ALLOWED.into_iter().filter(|t| *t != rare) {
+        assert!(seen.contains(&(from as usize, to as usize)), "{from:?} to {to:?} never happened");
+    }
+}
+
+/// S32: a still camera reads nothing more once its bricks are in the cache.
+#[test]
+fn a_second_frame_of_a_still_camera_reads_nothing() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let scene = scene_from(&volume, 30.0);
+    let options = RenderOptions { level: LevelChoice::Fixed(Lod(0)), ..RenderOptions::default() };
+    let plan = plan(&container, &scene, 100);
+    let quality = CpuQuality { lod: LodChoice::Fixed(Lod(0)), skipping: Skipping::On };
+    let (descriptor, map) = (container.descriptor(), value_map(&container));
+    let frame = || CpuFrame::new(&scene, &descriptor.pyramid, &descriptor.geometry, map, volume.range(), quality);
+    let mut streamer = streamer_for(&container, &scene, &options, plan);
+    let mut run = || {
+        let mut walk = FrameWalk::new(&mut streamer, plan, &options, Instant::now());
+        let image = walk.run(&mut CpuCaster::new(frame()), scene.image_size).unwrap();
+        (image, walk.into_stats())
+    };
+    let (first, cold) = run();
+    let (second, warm) = run();
+    assert!(first == second && cold.page_ins > 0);
+    assert_eq!((warm.page_ins, warm.reads, warm.passes), (cold.page_ins, cold.reads, 1), "totals since the start");
+}
