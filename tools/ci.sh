@@ -8,6 +8,8 @@
 # Works on a fresh Debian 12 with Rust 1.95; installs what is missing by apt. Environment:
 #   FUZZ_SECONDS (8)       seconds per fuzz target
 #   CI_KEEP (unset)        keep the logs in this folder
+# Steps are called by name through `step`.
+# shellcheck disable=SC2329
 set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -112,7 +114,7 @@ prepare() {
         export VK_ICD_FILENAMES="$VK_DRIVER_FILES"
     fi
     export XDG_RUNTIME_DIR="$work/runtime"
-    mkdir -m 700 -p "$XDG_RUNTIME_DIR"
+    mkdir -m 700 "$XDG_RUNTIME_DIR"
     export SUPERVOL_REQUIRE_GPU=1
     export RUST_BACKTRACE=1
     say "ci: $(rustc --version), $(nproc) cores, $free_gb GB free, Vulkan driver ${VK_DRIVER_FILES:-of the system}"
@@ -231,4 +233,5 @@ main() {
     say "ci: passed"
 }
 
-main "$@"
+# One line, so that a script changed while it runs is not read on.
+{ main "$@"; exit; }

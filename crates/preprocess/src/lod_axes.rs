@@ -5,7 +5,7 @@
 //! - never halves the sample axis (z) of a seismic survey while x or y can be halved: reflections alternate within a few
 //!   samples, and their mean is nothing (STABILITY, S17);
 //! - leaves an axis for later whose spacing is already twice the smallest (equal units only), or which would lose
-//!   [`WORSE`] more variance than the best axis.
+//!   `WORSE` more variance than the best axis.
 //!
 //! An axis that fits one brick is not halved for its own sake; the last level fits one brick on every axis.
 

@@ -3,10 +3,10 @@
 //! | part | bytes |
 //! |---|---|
 //! | entry table | 80 per brick, until the container is finished |
-//! | workspaces | a quarter of the rest: per thread [`WORKSPACE_COPIES`] stored bricks (cut, predicted, byte planes, encoded, ...) |
+//! | workspaces | a quarter of the rest: per thread `WORKSPACE_COPIES` stored bricks (cut, predicted, byte planes, encoded, ...) |
 //! | statistics | per thread one histogram of 64 Ki counters, and one |
 //! | brick cache | a sixteenth of the whole: decoded bricks of the finer level |
-//! | tiles | the rest: [`TILES_IN_FLIGHT`] tiles of the level being read, with what is made of them |
+//! | tiles | the rest: `TILES_IN_FLIGHT` tiles of the level being read, with what is made of them |
 //!
 //! The tiles' share depends on the budget and the volume alone, never on the number of threads, because tiles decide in
 //! which order bricks are written. Where the workspaces do not suffice for all threads, fewer are started.

@@ -147,8 +147,12 @@ pub fn build(
     })
 }
 
-/// Gives the finished file its name, readable like any other file, and makes the name last.
-pub(crate) fn publish(
+/// Gives a finished temporary file its name, readable like any other file, and makes the name last. `folder` is where
+/// both lie.
+///
+/// # Errors
+/// If the name is taken and not to be replaced, or the folder cannot be written.
+pub fn publish(
     file: tempfile::NamedTempFile,
     output: &Path,
     folder: &Path,

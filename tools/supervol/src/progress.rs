@@ -33,6 +33,11 @@ impl Reporter {
         bar("{msg} {wide_bar} {pos}/{len} bricks {per_sec} {eta} left")
     }
 
+    /// A bar over the slices of a volume.
+    pub fn over_slices() -> ProgressBar {
+        bar("{wide_bar} {pos}/{len} slices {eta} left")
+    }
+
     /// A bar over the rows of a picture.
     pub fn over_rows() -> ProgressBar {
         bar("{wide_bar} {pos}/{len} rows {msg}")

@@ -5,12 +5,15 @@ use std::io::Write;
 use clap::Args;
 use supervol_format::container::manifest::Source;
 use supervol_format::{Dims, VoxelBox};
-use supervol_preprocess::BuildError;
+use supervol_preprocess::pipeline::publish;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::synthetic::{NAMES, Synthetic};
 
+use supervol_preprocess::{BuildError, Existing};
+
 use crate::build::OutputArguments;
 use crate::failure::Failure;
+use crate::progress::Reporter;
 use crate::quantity::{self, Dtype, show_bytes};
 
 /// Which volume, how large.
@@ -49,6 +52,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.output.build(&source, origin)
 }
 
+/// Bytes of one slab, unless a single slice is larger.
+const SLAB_BYTES: usize = 64 << 20;
+
 /// Writes slabs of whole z slices, a few MiB at a time, under a temporary name that the finished file loses.
 fn write_raw(arguments: &Arguments, source: &dyn VolumeSource) -> Result<(), Failure> {
     use rayon::prelude::*;
@@ -63,7 +69,9 @@ fn write_raw(arguments: &Arguments, source: &dyn VolumeSource) -> Result<(), Fai
     let info = source.info();
     let [nx, ny, nz] = info.dims.0;
     let slice_bytes = (nx * ny) as usize * info.voxel_type.bytes();
-    let slices = ((64 << 20) / slice_bytes).max(1) as u64;
+    let slices = (SLAB_BYTES / slice_bytes).max(1) as u64;
+    let bar = Reporter::over_slices();
+    bar.set_length(nz);
     let mut z = 0;
     while z < nz {
         let end = (z + slices).min(nz);
@@ -78,10 +86,13 @@ fn write_raw(arguments: &Arguments, source: &dyn VolumeSource) -> Result<(), Fai
             .map_err(BuildError::from)?;
         file.write_all(&bytes).map_err(write_error)?;
         z = end;
+        bar.set_position(z);
     }
+    bar.finish_and_clear();
     file.as_file().sync_all().map_err(write_error)?;
     let bytes = nz * slice_bytes as u64;
-    file.persist(output).map_err(|e| write_error(e.error))?;
+    let existing = if arguments.output.force { Existing::Replace } else { Existing::Keep };
+    publish(file, output, folder, existing)?;
     writeln!(
         std::io::stdout(),
         "{}: {} of {}, {} voxels, little endian",

@@ -4,7 +4,7 @@
 //! The content is made in three lossless steps, undone in reverse when decoding:
 //!
 //! 1. *Predict.* Voxels are taken as unsigned integers of their size (floats by their bits), and each is replaced by
-//!    its difference, modulo 2^bits, from the prediction: [`Predictor::None`] 0; [`Predictor::Left`] the voxel at x-1
+//!    its difference, modulo 2^bits, from the prediction: `Predictor::None` 0; `Predictor::Left` the voxel at x-1
 //!    (at x = 0: the voxel at y-1, there z-1, there 0).
 //! 2. *Zigzag* (predicted voxels only): the difference d, taken as signed, becomes `2d` or `-2d-1`, so that small
 //!    differences of either sign have zero high bytes.

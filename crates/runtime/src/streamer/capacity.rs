@@ -3,7 +3,7 @@
 //! The *frontier* is the least rank that any ray waits for (see [`super::priority`]). What ranks below it is passed: no
 //! ray of this frame comes back to it. Wanted bricks at the frontier are fetched *now*, whatever it pushes out. Those
 //! behind it are fetched *ahead*, because rays stand there already and a pass is saved; but only into memory that no
-//! ray of this frame will want, and only while bricks at or behind the frontier fill no more than [`AHEAD_SHARE`] of the
+//! ray of this frame will want, and only while bricks at or behind the frontier fill no more than `AHEAD_SHARE` of the
 //! cache. So the frontier always finds room that is not live, and no brick is fetched twice.
 
 use supervol_format::BrickKey;

@@ -1,7 +1,7 @@
 //! The walk of a ray through bricks, macro cells and trilinear cells.
 //!
 //! All three are families of parallel planes in the index space of level 0, and every crossing is computed by one
-//! expression, [`AxisRay::crossing`], from the plane's coordinate. The same plane has the same coordinate in every
+//! expression, `AxisRay::crossing`, from the plane's coordinate. The same plane has the same coordinate in every
 //! family and for every brick size, so it has the same t to the last bit: intervals join without gap or overlap, and a
 //! picture does not depend on how a volume is bricked. Cells are half-open in t: the cell of t is the one with
 //! `entry <= t < exit`.

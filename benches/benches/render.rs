@@ -1,0 +1,44 @@
+//! Time of one converged picture, 400 x 300, level 0, from a container in the page cache, CPU backend.
+
+#![allow(missing_docs, reason = "a bench has no callers")]
+
+use std::sync::Arc;
+
+use divan::Bencher;
+use supervol_format::codec::CodecChoice;
+use supervol_format::container::manifest::Source;
+use supervol_format::{BrickLayout, Container, Dims, Lod, VoxelType};
+use supervol_preprocess::lod_axes::LodAxes;
+use supervol_preprocess::source::synthetic::Synthetic;
+use supervol_preprocess::{BuildOptions, Existing, build};
+use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions, render, volume_facts};
+use supervol_runtime::scene::Scene;
+
+#[divan::bench(args = ["seismic", "vessels", "marschner-lobb"], consts = [false, true], sample_count = 5, sample_size = 1)]
+fn picture<const SHADED: bool>(bencher: Bencher<'_, '_>, name: &str) {
+    let source = Synthetic::new(name, Dims([128; 3]), Some(VoxelType::U8), 1).expect("a known volume");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let output = folder.path().join("bench.svol");
+    let options = BuildOptions {
+        layout: BrickLayout::DEFAULT,
+        codec: CodecChoice::Smallest,
+        lod_axes: LodAxes::Auto,
+        memory_bytes: 256 << 20,
+        threads: 2,
+        existing: Existing::Replace,
+    };
+    let origin = Source { name: name.into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() };
+    build(&source, origin, &output, &options, &|_| ()).expect("a temporary folder has room");
+    let container = Arc::new(Container::open(&output).expect("what was built opens"));
+    let json =
+        format!(r#"{{"image": {{"width": 400, "height": 300}}{}}}"#, if SHADED { r#", "shading": {}"# } else { "" });
+    let scene =
+        Scene::from_json(&json).expect("a valid scene").resolve(&volume_facts(&container)).expect("a valid scene");
+    let options =
+        RenderOptions { backend: Backend::Cpu, level: LevelChoice::Fixed(Lod::FINEST), ..RenderOptions::default() };
+    bencher.bench_local(|| render(&container, &scene, &options).expect("memory suffices"));
+}
+
+fn main() {
+    divan::main();
+}
