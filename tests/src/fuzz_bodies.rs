@@ -70,17 +70,17 @@ fn seed_container() -> &'static Forge {
     })
 }
 
-/// The raw codec; see [`codec`].
+/// The raw codec: payloads decoded, voxels encoded and decoded.
 pub fn codec_raw(data: &[u8]) {
     codec(Codec::Raw, data);
 }
 
-/// The rle codec; see [`codec`].
+/// The rle codec: payloads decoded, voxels encoded and decoded.
 pub fn codec_rle(data: &[u8]) {
     codec(Codec::Rle, data);
 }
 
-/// The zstd codec; see [`codec`].
+/// The zstd codec: payloads decoded, voxels encoded and decoded.
 pub fn codec_zstd(data: &[u8]) {
     codec(Codec::Zstd, data);
 }
