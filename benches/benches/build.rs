@@ -4,10 +4,8 @@
 
 use divan::Bencher;
 use divan::counter::BytesCount;
-use supervol_format::codec::CodecChoice;
 use supervol_format::container::manifest::Source;
-use supervol_format::{BrickLayout, Dims, VoxelType};
-use supervol_preprocess::lod_axes::LodAxes;
+use supervol_format::{Dims, VoxelType};
 use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_preprocess::{BuildOptions, Existing, build};
 
@@ -17,17 +15,10 @@ fn build_256(bencher: Bencher<'_, '_>, name: &str) {
     let source = Synthetic::new(name, dims, Some(VoxelType::U8), 1).expect("a known volume");
     let folder = tempfile::tempdir().expect("a temporary folder");
     let output = folder.path().join("bench.svol");
-    let options = BuildOptions {
-        layout: BrickLayout::DEFAULT,
-        codec: CodecChoice::Smallest,
-        lod_axes: LodAxes::Auto,
-        memory_bytes: 256 << 20,
-        threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
-        existing: Existing::Replace,
-    };
+    let options = BuildOptions { memory_bytes: 256 << 20, existing: Existing::Replace, ..BuildOptions::default() };
     let bytes = dims.bytes(VoxelType::U8).expect("256^3 fits");
     bencher.counter(BytesCount::new(bytes)).bench_local(|| {
-        let origin = Source { name: name.into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() };
+        let origin = Source::computed(name);
         build(&source, origin, &output, &options, &|_| ()).expect("a temporary folder has room")
     });
 }

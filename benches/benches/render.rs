@@ -5,10 +5,8 @@
 use std::sync::Arc;
 
 use divan::Bencher;
-use supervol_format::codec::CodecChoice;
 use supervol_format::container::manifest::Source;
-use supervol_format::{BrickLayout, Container, Dims, Lod, VoxelType};
-use supervol_preprocess::lod_axes::LodAxes;
+use supervol_format::{Container, Dims, Lod, VoxelType};
 use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_preprocess::{BuildOptions, Existing, build};
 use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions, render, volume_facts};
@@ -19,15 +17,9 @@ fn picture<const SHADED: bool>(bencher: Bencher<'_, '_>, name: &str) {
     let source = Synthetic::new(name, Dims([128; 3]), Some(VoxelType::U8), 1).expect("a known volume");
     let folder = tempfile::tempdir().expect("a temporary folder");
     let output = folder.path().join("bench.svol");
-    let options = BuildOptions {
-        layout: BrickLayout::DEFAULT,
-        codec: CodecChoice::Smallest,
-        lod_axes: LodAxes::Auto,
-        memory_bytes: 256 << 20,
-        threads: 2,
-        existing: Existing::Replace,
-    };
-    let origin = Source { name: name.into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() };
+    let options =
+        BuildOptions { memory_bytes: 256 << 20, existing: Existing::Replace, threads: 2, ..BuildOptions::default() };
+    let origin = Source::computed(name);
     build(&source, origin, &output, &options, &|_| ()).expect("a temporary folder has room");
     let container = Arc::new(Container::open(&output).expect("what was built opens"));
     let json =

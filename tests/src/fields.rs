@@ -172,7 +172,7 @@ pub fn options(core: u32) -> BuildOptions {
 /// Origin for the manifest of a synthetic volume.
 #[must_use]
 pub fn origin() -> Source {
-    Source { name: "field".into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() }
+    Source::computed("field")
 }
 
 /// A built container in a folder of its own that goes when this goes.

@@ -5,11 +5,9 @@
 
 use std::path::{Path, PathBuf};
 
-use supervol_format::codec::CodecChoice;
 use supervol_format::container::manifest::Source;
-use supervol_format::{BrickLayout, Dims, Geometry, Lod};
+use supervol_format::{Dims, Geometry, Lod};
 use supervol_preprocess::level_reader::LevelReader;
-use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::source::open::{OpenOptions, open};
 use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::{Endian, VolumeSource};
@@ -103,14 +101,8 @@ pub fn outcome(data: &Path, path: &Path, work: &Path) -> Outcome {
 
 fn round_trip(file: &str, source: &dyn VolumeSource, origin: Source, work: &Path) {
     let output = work.join("round-trip.svol");
-    let options = BuildOptions {
-        layout: BrickLayout::DEFAULT,
-        codec: CodecChoice::Smallest,
-        lod_axes: LodAxes::Auto,
-        memory_bytes: MEMORY_BYTES,
-        threads: 2,
-        existing: Existing::Replace,
-    };
+    let options =
+        BuildOptions { memory_bytes: MEMORY_BYTES, existing: Existing::Replace, threads: 2, ..BuildOptions::default() };
     build(source, origin, &output, &options, &|_| ()).unwrap_or_else(|e| panic!("{file}: {e}"));
     let container = verify(&output, MEMORY_BYTES, &|_, _| ()).unwrap_or_else(|e| panic!("{file}: {e}"));
     let voxels = source.info().dims.full_box();

@@ -57,6 +57,20 @@ pub struct BuildOptions {
     pub existing: Existing,
 }
 
+/// Bricks of 64, the smallest codec, levels by measurement, 1 GiB, all processors, nothing overwritten.
+impl Default for BuildOptions {
+    fn default() -> Self {
+        Self {
+            layout: BrickLayout::DEFAULT,
+            codec: CodecChoice::Smallest,
+            lod_axes: LodAxes::Auto,
+            memory_bytes: 1 << 30,
+            threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+            existing: Existing::Keep,
+        }
+    }
+}
+
 /// What to do with a file that is already there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Existing {

@@ -151,13 +151,13 @@ impl OutputArguments {
             LodAxesName::Xyz => LodAxes::Xyz,
             LodAxesName::Xy => LodAxes::Xy,
         };
-        let processors = || std::thread::available_parallelism().map_or(1, NonZero::get);
+        let default = BuildOptions::default();
         Ok(BuildOptions {
             layout: self.brick,
             codec,
             lod_axes,
             memory_bytes: self.memory,
-            threads: self.threads.map_or_else(processors, NonZero::get),
+            threads: self.threads.map_or(default.threads, NonZero::get),
             existing: if self.force { Existing::Replace } else { Existing::Keep },
         })
     }

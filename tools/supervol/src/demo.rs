@@ -7,8 +7,7 @@ use std::time::Instant;
 
 use clap::Args;
 use supervol_format::container::manifest::Source;
-use supervol_format::{BrickLayout, Container, Dims};
-use supervol_preprocess::lod_axes::LodAxes;
+use supervol_format::{Container, Dims};
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::nifti::NiftiSource;
 use supervol_preprocess::source::spool::SpoolFolder;
@@ -55,21 +54,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
     say(format_args!("\nA synthetic seismic survey: layers, folds, faults, channels, seed 1."))?;
     let seismic = Synthetic::new("seismic", SURVEY_DIMS, None, 1).map_err(BuildError::from)?;
-    let origin = Source { name: "seismic seed 1".into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() };
+    let origin = Source::computed("seismic seed 1");
     show(&seismic, origin, &folder.join("seismic"), SEISMIC_SCENE)
 }
 
 /// Builds `STEM.svol` and renders `STEM.png`.
 fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str) -> Result<(), Failure> {
     let (container_path, image_path) = (stem.with_extension("svol"), stem.with_extension("png"));
-    let options = BuildOptions {
-        layout: BrickLayout::DEFAULT,
-        codec: supervol_format::codec::CodecChoice::Smallest,
-        lod_axes: LodAxes::Auto,
-        memory_bytes: BUILD_MEMORY_BYTES,
-        threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
-        existing: Existing::Replace,
-    };
+    let options =
+        BuildOptions { memory_bytes: BUILD_MEMORY_BYTES, existing: Existing::Replace, ..BuildOptions::default() };
     let report = supervol_preprocess::build(source, origin, &container_path, &options, &|_| ())?;
     say(format_args!(
         "  {}: {} from {} of voxels, {} bricks in {} levels, {:.1} s, at most {} of memory",

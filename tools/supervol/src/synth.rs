@@ -43,12 +43,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.output.output.extension().is_some_and(|e| e == "raw") {
         return write_raw(arguments, &source);
     }
-    let origin = Source {
-        name: format!("{} seed {}", arguments.name, arguments.seed),
-        format: "synth".into(),
-        bytes: 0,
-        xxh3_64: String::new(),
-    };
+    let origin = Source::computed(format!("{} seed {}", arguments.name, arguments.seed));
     arguments.output.build(&source, origin)
 }
 

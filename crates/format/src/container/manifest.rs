@@ -52,6 +52,14 @@ pub struct Source {
     pub xxh3_64: String,
 }
 
+impl Source {
+    /// A volume that was computed: no file, no checksum.
+    #[must_use]
+    pub fn computed(name: impl Into<String>) -> Self {
+        Self { name: name.into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() }
+    }
+}
+
 /// Name and unit of one axis.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

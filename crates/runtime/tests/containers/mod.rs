@@ -64,7 +64,7 @@ fn manifest(volume: &Volume) -> Manifest {
     Manifest {
         tool: "test".into(),
         parameters: Default::default(),
-        source: Source { name: "test".into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() },
+        source: Source::computed("test"),
         axes: [axis(), axis(), axis()],
         unit: String::new(),
         value_range: Some(volume.range()),
