@@ -40,6 +40,16 @@ impl BuildError {
         Self::Container { path: path.into(), source }
     }
 
+    /// Whether the input named in the command is not there.
+    fn is_missing_input(&self) -> bool {
+        let source = match self {
+            Self::Source(SourceError::Io { source, .. })
+            | Self::Container { source: ContainerError::Io { source, .. }, .. } => source,
+            _ => return false,
+        };
+        source.kind() == std::io::ErrorKind::NotFound
+    }
+
     /// Whether the machine failed us (disk, memory, I/O) rather than the data or the command.
     #[must_use]
     pub fn is_machine_failure(&self) -> bool {
@@ -58,7 +68,7 @@ impl BuildError {
         matches!(
             self,
             Self::Exists { .. } | Self::Options(_) | Self::Memory { .. } | Self::Source(SourceError::Options(_))
-        )
+        ) || self.is_missing_input()
     }
 }
 

@@ -13,7 +13,7 @@
 //! widened by the rounding it may have suffered.
 
 use supervol_format::voxel_type::{Absence, Voxel};
-use supervol_format::{VoxelBox, VoxelType, with_voxel};
+use supervol_format::{ValueRange, VoxelBox, VoxelType, with_voxel};
 
 use crate::downsample::VoxelBlock;
 
@@ -82,6 +82,15 @@ fn points(c0: u64, c1: u64, factor: u32) -> Vec<f64> {
     let offsets: &[f64] = if factor == 2 { &[-0.25, 0.0, 0.25] } else { &[0.0] };
     let inner = (c0..c1).flat_map(|c| offsets.iter().map(move |o| c as f64 + o));
     std::iter::once(c0 as f64 - 0.5).chain(inner).chain([c1 as f64 - 0.5]).collect()
+}
+
+/// The bound of a brick: what its children may be off from level 0, and this level from them; but no more than the two
+/// can be apart at all, given the range of the brick itself and that of everything beneath it. Never less than a
+/// child's, so that refining never raises the bound.
+#[must_use]
+pub fn brick_error(children_error: f64, step_error: f64, own: ValueRange, beneath: ValueRange) -> f64 {
+    let apart = (own.max - beneath.min).max(beneath.max - own.min).next_up();
+    children_error.max((children_error + step_error).min(apart))
 }
 
 /// Greatest distance between both interpolants over the region of the coarse brick with this core.
@@ -334,6 +343,17 @@ mod tests {
                 "the bound {bound} is wider than the {reached} reached for {dims:?}"
             );
         }
+    }
+
+    #[test]
+    fn a_brick_s_bound_is_the_sum_of_steps_but_no_more_than_ranges_allow() {
+        let range = |min, max| ValueRange { min, max };
+        assert_eq!(brick_error(3.0, 2.0, range(0.0, 10.0), range(0.0, 10.0)), 5.0);
+        let capped = brick_error(90.0, 80.0, range(20.0, 70.0), range(0.0, 100.0));
+        assert!((90.0..90.0 + 1e-9).contains(&capped), "{capped}");
+        let capped = brick_error(10.0, 80.0, range(20.0, 70.0), range(0.0, 100.0));
+        assert!((80.0..80.0 + 1e-9).contains(&capped), "{capped}");
+        assert_eq!(brick_error(1.0, 0.0, ValueRange::EMPTY, ValueRange::EMPTY), 1.0);
     }
 
     #[test]

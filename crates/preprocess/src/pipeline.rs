@@ -27,7 +27,7 @@ use supervol_format::{BrickKey, BrickLayout, ByteSource, Level, Lod, Pyramid, Va
 use crate::bricker::{Tile, cut_brick, key_of, tiles};
 use crate::downsample::{VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
-use crate::error_bound::step_error;
+use crate::error_bound::{brick_error, step_error};
 use crate::level_reader::{BrickStore, LevelReader};
 use crate::lod_axes::{self, LodAxes};
 use crate::memory::{MemoryPlan, read_bytes};
@@ -392,21 +392,27 @@ impl Build<'_> {
         let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
         let shape = BrickShape { voxel_type, extent: pyramid.stored_extent(key) };
         let voxels = cut_brick(pyramid, key, voxel_type.bytes(), block);
-        let (mut beneath, mut error) = (ValueRange::EMPTY, 0.0f64);
+        let (mut beneath, mut children_error, mut step) = (ValueRange::EMPTY, 0.0f64, 0.0);
         if let Some(finer) = finer {
             for child in pyramid.children(key) {
                 let child = self.writer().entry(child).map_err(|e| BuildError::container(self.output, e))?;
                 beneath = beneath.union(child.range_beneath);
-                error = error.max(child.error);
+                children_error = children_error.max(child.error);
             }
-            error += step_error(voxel_type, absence, finer.factors, finer.block, block, pyramid.core_box(key));
+            step = step_error(voxel_type, absence, finer.factors, finer.block, block, pyramid.core_box(key));
         }
-        seal_brick(key, shape, &voxels, absence, self.options.codec, beneath, error).map_err(|e| BuildError::Broken {
-            path: self.output.into(),
-            rule: format!("encoding of {key}"),
-            expected: "a payload".into(),
-            found: e.to_string(),
-        })
+        let mut sealed = seal_brick(key, shape, &voxels, absence, self.options.codec, beneath, 0.0).map_err(|e| {
+            BuildError::Broken {
+                path: self.output.into(),
+                rule: format!("encoding of {key}"),
+                expected: "a payload".into(),
+                found: e.to_string(),
+            }
+        })?;
+        if finer.is_some() {
+            sealed.entry.error = brick_error(children_error, step, sealed.entry.range, beneath);
+        }
+        Ok(sealed)
     }
 }
 

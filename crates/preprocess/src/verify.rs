@@ -5,7 +5,8 @@
 //! 3. Each brick keeps [`check_brick`]'s rules: checksum, flags, exact ranges, macro cells, range beneath.
 //! 4. Aprons repeat the neighbours' voxels (and beyond the grid the nearest ones).
 //! 5. Coarser voxels are the averages of the finer level's.
-//! 6. Each error bound is the largest of its children's plus this level's own greatest difference: not less, not more.
+//! 6. Each error bound is the largest of its children's plus this level's own greatest difference, or what the value
+//!    ranges allow where that is less ([`brick_error`]): not less, not more.
 //!
 //! Memory: a few bricks per thread, decoded bricks of two levels up to `memory_bytes`, 16 bytes per brick for rule 2.
 
@@ -14,12 +15,12 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 use supervol_format::container::validate::{check_brick, check_coverage};
-use supervol_format::{BrickKey, Container, Lod};
+use supervol_format::{BrickKey, Container, Lod, ValueRange};
 
 use crate::bricker::cut_brick;
 use crate::downsample::{VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
-use crate::error_bound::step_error;
+use crate::error_bound::{brick_error, step_error};
 use crate::level_reader::LevelReader;
 
 /// Voxels around a core that a brick stores.
@@ -116,11 +117,14 @@ fn check(
     }
 
     // Rule 6: the error bound.
-    let mut expected = 0.0f64;
+    let (mut beneath, mut children_error) = (ValueRange::EMPTY, 0.0f64);
     for child in pyramid.children(key) {
-        expected = expected.max(container.entry(child).map_err(wrong)?.error);
+        let child = container.entry(child).map_err(wrong)?;
+        beneath = beneath.union(child.range_beneath);
+        children_error = children_error.max(child.error);
     }
-    expected += step_error(voxel_type, absence, level.factors, fine, block, core);
+    let step = step_error(voxel_type, absence, level.factors, fine, block, core);
+    let expected = brick_error(children_error, step, entry.range, beneath);
     if entry.error != expected {
         return Err(broken("error bound", expected.to_string(), entry.error.to_string()));
     }

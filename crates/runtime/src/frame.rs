@@ -25,7 +25,7 @@ use crate::image::Image;
 use crate::lod::LodChoice;
 use crate::process;
 use crate::raycast::cpu::{CpuFrame, CpuQuality, RayState, Skipping};
-use crate::raycast::gpu::{GpuDevice, GpuError};
+use crate::raycast::gpu::{GpuDevice, GpuError, may_have_hardware};
 use crate::raycast::reference::render_reference_counted;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{DataKind, ResolvedScene, VolumeFacts};
@@ -275,13 +275,15 @@ fn render_auto(
     options: &RenderOptions<'_>,
     start: Instant,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let why = match GpuDevice::open() {
-        Ok(device) if device.is_software() => format!("{} is a processor", device.name()),
-        Ok(device) => match gpu::render_gpu(&device, container, scene, options, start) {
+    let device = if may_have_hardware() { Some(GpuDevice::open()) } else { None };
+    let why = match device {
+        None => "no graphics device is there".to_string(),
+        Some(Ok(device)) if device.is_software() => format!("{} is a processor", device.name()),
+        Some(Ok(device)) => match gpu::render_gpu(&device, container, scene, options, start) {
             Err(error @ (RenderError::Gpu(_) | RenderError::Budget(_))) => error.to_string(),
             other => return other,
         },
-        Err(error) => error.to_string(),
+        Some(Err(error)) => error.to_string(),
     };
     let (image, stats) = render_cpu(container, scene, options, start)?;
     Ok((image, FrameStats { no_gpu_because: Some(why), ..stats }))

@@ -47,10 +47,10 @@ impl Failure {
 impl From<BuildError> for Failure {
     fn from(error: BuildError) -> Self {
         let message = error.to_string();
-        if error.is_machine_failure() {
-            Self::Machine(message)
-        } else if error.is_wrong_command() {
+        if error.is_wrong_command() {
             Self::Command(message)
+        } else if error.is_machine_failure() {
+            Self::Machine(message)
         } else {
             Self::Data(message)
         }

@@ -97,7 +97,7 @@ use crate::{BrickKey, VoxelType};
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum ContainerError {
     /// The machine failed, or the file is shorter than it says.
-    #[error("cannot read {bytes} bytes at offset {offset} ({what}): {source}")]
+    #[error("cannot read {what} ({bytes} bytes at offset {offset}): {source}")]
     Io { what: String, offset: u64, bytes: u64, source: io::Error },
     /// The file breaks a rule of this module's specification.
     #[error("{what} at offset {offset}: expected {expected}, found {found}")]

@@ -19,7 +19,7 @@ use supervol_format::brick::MACRO_CELL;
 use supervol_format::{BrickKey, Lod, Pyramid};
 
 pub use crate::gpu::cache::VoxelStorage;
-pub use crate::gpu::device::{GpuDevice, GpuError};
+pub use crate::gpu::device::{GpuDevice, GpuError, may_have_hardware};
 pub use crate::gpu::feedback::{GpuPassCounters, PassFeedback};
 pub use crate::gpu::scene_tables::GpuVolume;
 
