@@ -221,6 +221,13 @@ pub fn distance(a: &Image, b: &Image) -> f64 {
     distance_where(a, b, |_| true)
 }
 
+/// The mean of all channels' differences, signs dropped, in grey levels of 255.
+#[must_use]
+pub fn mean_distance(a: &Image, b: &Image) -> f64 {
+    let differences = a.pixels.as_flattened().iter().zip(b.pixels.as_flattened()).map(|(p, q)| (p - q).abs());
+    255.0 * differences.map(f64::from).sum::<f64>() / (4 * a.pixels.len()) as f64
+}
+
 /// Share of pixels that show anything.
 #[must_use]
 pub fn covered(image: &Image) -> f64 {
