@@ -4,6 +4,8 @@
 //! ([`BOUND`]); what the design promises to change nothing changes no bit on the CPU. With `--nocapture` every distance
 //! is printed; `UPDATE_ACCEPTANCE=1` writes those of the backends to `docs/acceptance.md`.
 
+#![allow(clippy::print_stdout, reason = "the distances measured are what these tests are for")]
+
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -142,10 +144,10 @@ fn compare(subject: &Subject, mode: &str, scene: &ResolvedScene, with_gpu: bool)
 
 /// What is bounded otherwise than by [`BOUND`]: scene, mode, bound.
 ///
-/// A shaded step in `seismic`: 1.4088 was measured, above 0.5 in a few of 3072 pixels. A cell there is up to 40 m long at
-/// a unit distance of 10 m, so that its optical depth behind the step passes 10; the number of Gauss pairs for shading
-/// counts how far the normal turns, not through what depth, and the colour of what lies nearest comes from too deep.
-/// Backends agree with each other all the same.
+/// A shaded step in `seismic`: 1.4088 was measured, and more than a quarter in 9 of 3072 pixels. A chord of a cell is up
+/// to 37 m long there at a unit distance of 10 m, so that its optical depth behind the step reaches 4 to 8. The number of
+/// Gauss pairs for shading counts how far the normal turns, not through what depth, so that the light of what lies
+/// nearest is taken from too deep. Counting the product of turn and depth as well was tried and brought it to 0.50.
 const EXCEPTIONS: [(&str, &str, f64); 1] = [("seismic 48^3 f32", "dvr, step, shaded", 1.5)];
 
 fn check(row: &Row) {
@@ -187,6 +189,8 @@ fn backends_agree_in_every_mode() {
     rows.iter().for_each(check);
 }
 
+const WRITES: &str = "strings take everything";
+
 /// The table as a document.
 fn write_table(rows: &[Row], gpu: Option<&str>) {
     let mut text = String::from("# Acceptance of the pictures\n\n");
@@ -194,7 +198,7 @@ fn write_table(rows: &[Row], gpu: Option<&str>) {
     let worst = rows.iter().map(Row::worst).fold(0.0, f64::max);
     let intro = format!(
         "Greatest difference of a colour channel or of opacity between two backends, in grey levels (1/255), level 0, \
-         64 x 48 pixels. The bound is {BOUND}, but for what `EXCEPTIONS` in the test explains; the worst is {worst:.4}. GPU adapter: {gpu}. Made by\n\n    \
+         64 x 48 pixels. The bound is {BOUND}; the worst is {worst:.4}. GPU adapter: {gpu}. Made by\n\n    \
          UPDATE_ACCEPTANCE=1 cargo test -p supervol-tests --test pictures_agree backends_agree -- --nocapture\n\n\
          Not judged are, in mode iso only, pixels at which the reference itself changes by more than the bound when \
          the eye moves by {EYE_SHIFT_VOXELS} voxels: silhouettes, where the right picture jumps. They may be at most \
@@ -203,10 +207,14 @@ fn write_table(rows: &[Row], gpu: Option<&str>) {
         SILHOUETTE_SHARE * 100.0
     );
     text += &intro;
+    for (scene, mode, bound) in EXCEPTIONS {
+        writeln!(text, "Above the bound, with {bound} as its own: {scene}, {mode}; the test says why.\n")
+            .expect(WRITES);
+    }
     text +=
         "| scene | mode | CPU - reference | GPU - reference | GPU - CPU | not judged |\n|---|---|---|---|---|---|\n";
     for row in rows {
-        writeln!(text, "{}", row.markdown()).expect("strings take everything");
+        writeln!(text, "{}", row.markdown()).expect(WRITES);
     }
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/acceptance.md");
     std::fs::write(&path, text).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
@@ -435,7 +443,7 @@ fn every_voxel_type_gives_the_same_picture() {
 /// In the sphere, means of voxels are values of the field nearly everywhere, but its edge is as wide as a coarse voxel.
 /// The signal of Marschner and Lobb waves within a pixel: coarse levels average its values before they are classified,
 /// a picture of level 0 averages colours; that is what choosing levels costs, not a mistake.
-const AUTOMATIC: [(&str, f64, f64); 2] = [("sphere", 6.0, 1.0), ("marschner-lobb", 70.0, 8.0)];
+const AUTOMATIC: [(&str, f64, f64); 2] = [("sphere", 6.0, 0.2), ("marschner-lobb", 70.0, 3.0)];
 
 #[test]
 fn automatic_levels_read_less_and_stay_close() {
