@@ -5,6 +5,7 @@
 //! - [`formats`]: the fate of every real file, as a table;
 //! - [`forge`]: containers with one thing wrong and all checksums right;
 //! - [`oracle`]: ranges and interpolation straight from the definitions, sharing no code with the crates;
+//! - [`pictures`]: containers of small volumes, their pictures, and distances between these;
 //! - [`fuzz_bodies`]: what a fuzz target does with its bytes, callable from libFuzzer and from a seeded test.
 //!
 //! All randomness is seeded ([`Random`]). A test that cannot run on this machine says so by [`skipped`].
@@ -15,6 +16,7 @@ pub mod forge;
 pub mod formats;
 pub mod fuzz_bodies;
 pub mod oracle;
+pub mod pictures;
 
 /// A small generator with a fixed sequence per seed (splitmix64; Steele, Lea, Flood 2014).
 #[derive(Debug, Clone)]

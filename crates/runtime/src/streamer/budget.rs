@@ -137,13 +137,19 @@ impl HostPlan {
             Bands::Allowed => (budget_bytes / 4 / row.max(1)).clamp(1, height),
             Bands::Whole => height,
         };
-        let rays = band_rows * row;
         let toc = demand.toc_pages.min(CACHED_TOC_PAGES as u64) * toc::PAGE_BYTES as u64;
         let scratch = demand.threads * demand.brick.stored;
         let least_in_flight = demand.brick.record + scratch;
         let in_flight = (budget_bytes / 8).min(IN_FLIGHT_LIMIT).max(least_in_flight);
         let states = budget_bytes / 32;
         let least_cache = demand.least_bricks * demand.brick.decoded;
+        // A band is no higher than the least of all other parts allows: otherwise more memory would raise the need.
+        let least_others = image + toc + states + least_in_flight + least_cache;
+        let band_rows = match demand.bands {
+            Bands::Allowed => band_rows.min(budget_bytes.saturating_sub(least_others) / row.max(1)).max(1),
+            Bands::Whole => band_rows,
+        };
+        let rays = band_rows * row;
         let fixed = image + rays + toc;
         // Where the shares leave too little for the cache, reads in flight go down to one record.
         let in_flight =
@@ -227,5 +233,15 @@ mod tests {
         assert!(plan.band_rows < 8000 && plan.band_rows >= 1, "{plan:?}");
         let whole = Demand { bands: Bands::Whole, ..large };
         assert!(HostPlan::new(2 << 30, &whole).unwrap_err().needed_bytes > 16 * 64_000_000 * 80);
+    }
+
+    #[test]
+    fn the_least_budget_that_is_named_suffices() {
+        for image_size in [[40, 32], [800, 600], [8000, 8000]] {
+            let demand = Demand { image_size, ..demand() };
+            let least = HostPlan::new(1, &demand).unwrap_err().needed_bytes;
+            assert_eq!(HostPlan::new(least, &demand).unwrap().band_rows, 1);
+            assert!(HostPlan::new(least - 32, &demand).is_err());
+        }
     }
 }
