@@ -16,6 +16,7 @@ pub mod forge;
 pub mod formats;
 pub mod fuzz_bodies;
 pub mod oracle;
+#[cfg(feature = "pictures")]
 pub mod pictures;
 
 /// A small generator with a fixed sequence per seed (splitmix64; Steele, Lea, Flood 2014).
