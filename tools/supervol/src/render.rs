@@ -10,7 +10,7 @@ use supervol_format::{Container, Lod};
 use supervol_runtime::frame::{self, Backend, LevelChoice, Progress, RenderError, RenderOptions};
 use supervol_runtime::image::ImageError;
 use supervol_runtime::raycast::cpu::Skipping;
-use supervol_runtime::scene::Scene;
+use supervol_runtime::scene::{DataKind, Scene, ShadingSpec};
 use supervol_runtime::stats::FrameStats;
 
 use crate::failure::{Failure, with_container, with_output};
@@ -119,7 +119,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let scene = match &arguments.scene {
         Some(file) => read_scene(file)?,
-        None => Scene::default(),
+        None => default_scene(&container),
     };
     let bar = Reporter::over_rows();
     let on_progress = |progress: Progress| {
@@ -136,6 +136,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             .map_err(|e| Failure::Machine(format!("cannot write {}: {e}", file.display())))?;
     }
     print(&arguments.output, &stats).map_err(with_output)
+}
+
+/// A picture for somebody who asked for none in particular: shaded, but for amplitudes, whose layers have no surfaces.
+fn default_scene(container: &Container) -> Scene {
+    let seismic = frame::volume_facts(container).kind == DataKind::Seismic;
+    Scene { shading: (!seismic).then(ShadingSpec::default), ..Scene::default() }
 }
 
 fn read_scene(file: &Path) -> Result<Scene, Failure> {
