@@ -14,7 +14,7 @@ use supervol_format::{Container, Geometry, Lod, VoxelBox, VoxelType};
 
 use crate::error::BuildError;
 use crate::level_reader::LevelReader;
-use crate::pipeline::Existing;
+use crate::output::{Existing, OutputFile};
 
 /// What to extract.
 #[derive(Debug, Clone, Copy)]
@@ -68,20 +68,15 @@ pub fn extract(container: &Container, output: &Path, what: &Extraction) -> Resul
             what.lod.0, level.dims
         )));
     }
-    if what.existing == Existing::Keep && output.exists() {
-        return Err(BuildError::Exists { path: output.into() });
-    }
     let written_type = output_type(container.descriptor());
-    let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let write_error = |e| BuildError::write(output, e);
-    let file =
-        tempfile::Builder::new().prefix(".supervol-").suffix(".partial").tempfile_in(folder).map_err(write_error)?;
-    let mut out = BufWriter::with_capacity(1 << 20, file);
+    let file = OutputFile::begin(output, what.existing)?;
+    let mut out = BufWriter::with_capacity(1 << 20, file.file());
     out.write_all(&file_header(format, container, what.lod, voxels, written_type)).map_err(write_error)?;
     write_slabs(container, what, voxels, written_type, &mut |bytes| out.write_all(bytes).map_err(write_error))?;
-    let file = out.into_inner().map_err(|e| BuildError::write(output, e.into_error()))?;
-    file.as_file().sync_all().map_err(write_error)?;
-    crate::pipeline::publish(file, output, folder, what.existing)?;
+    out.flush().map_err(write_error)?;
+    drop(out);
+    file.publish()?;
     Ok((voxels, written_type))
 }
 

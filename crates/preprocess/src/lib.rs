@@ -15,6 +15,7 @@ pub mod extract;
 pub mod level_reader;
 pub mod lod_axes;
 pub mod memory;
+pub mod output;
 pub mod pipeline;
 pub mod report;
 pub mod source;
@@ -22,4 +23,5 @@ pub mod statistics;
 pub mod verify;
 
 pub use error::BuildError;
-pub use pipeline::{BuildOptions, Existing, build, identify};
+pub use output::Existing;
+pub use pipeline::{BuildOptions, build, identify};

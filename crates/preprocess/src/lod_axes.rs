@@ -78,7 +78,7 @@ fn best_axes(info: &SourceInfo, open: [bool; 3], spacing: [f64; 3], samples: &[S
     let smallest = (0..3).filter(|&a| open[a]).map(|a| spacing[a]).fold(f64::INFINITY, f64::min);
     let cubic = |a: usize| !one_unit || spacing[a] < 2.0 * smallest;
     let chosen: [bool; 3] = std::array::from_fn(|a| open[a] && cubic(a) && kept[a] >= best - WORSE);
-    if chosen == [false; 3] { open.map(|o| o) } else { chosen }
+    if chosen == [false; 3] { open } else { chosen }
 }
 
 /// A box of the volume as doubles, NaN where absent.

@@ -14,13 +14,13 @@ use std::time::Instant;
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
 use supervol_format::codec::{BrickShape, Codec, CodecChoice};
+use supervol_format::container::ContainerError;
 use supervol_format::container::header::Descriptor;
 use supervol_format::container::manifest::{AxisName, Manifest, Source};
 use supervol_format::container::reader::decode_record;
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::container::validate::seal_brick;
 use supervol_format::container::writer::{ContainerWriter, EncodedBrick};
-use supervol_format::container::{ContainerError, checksum};
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, ByteSource, Level, Lod, Pyramid, ValueRange, VoxelBox};
 
@@ -31,6 +31,7 @@ use crate::error_bound::{brick_error, step_error};
 use crate::level_reader::{BrickStore, LevelReader};
 use crate::lod_axes::{self, LodAxes};
 use crate::memory::{MemoryPlan, read_bytes};
+use crate::output::{Existing, OutputFile, check_free};
 use crate::report::{BuildReport, LevelReport, Progress};
 use crate::source::{AccessOrder, VolumeSource};
 use crate::statistics::Statistics;
@@ -71,15 +72,6 @@ impl Default for BuildOptions {
     }
 }
 
-/// What to do with a file that is already there.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Existing {
-    /// Refuse.
-    Keep,
-    /// Replace it once the new one is whole.
-    Replace,
-}
-
 /// Receives progress; may be called from any thread, many times a second.
 pub type OnProgress<'a> = &'a (dyn Fn(Progress) + Sync);
 
@@ -97,9 +89,8 @@ pub fn build(
     on_progress: OnProgress<'_>,
 ) -> Result<BuildReport, BuildError> {
     let started = Instant::now();
-    if options.existing == Existing::Keep && output.exists() {
-        return Err(BuildError::Exists { path: output.into() });
-    }
+    // Before the source is sampled; the file itself is begun only once the memory is known to suffice.
+    check_free(output, options.existing)?;
     let descriptor = describe(source, options)?;
     let plan = MemoryPlan::new(options.memory_bytes, options.threads, &descriptor.pyramid, descriptor.voxel_type)?;
     let pool = rayon::ThreadPoolBuilder::new()
@@ -107,14 +98,9 @@ pub fn build(
         .build()
         .map_err(|source| BuildError::Threads { threads: plan.threads, source })?;
 
-    let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let unfinished = tempfile::Builder::new()
-        .prefix(".supervol-")
-        .suffix(".partial")
-        .tempfile_in(folder)
-        .map_err(|e| BuildError::write(output, e))?;
+    let unfinished = OutputFile::begin(output, options.existing)?;
     let write_error = |e| BuildError::write(output, e);
-    let file = unfinished.as_file().try_clone().map_err(write_error)?;
+    let file = unfinished.file().try_clone().map_err(write_error)?;
     let writer = ContainerWriter::begin(BufWriter::with_capacity(WRITE_BUFFER_BYTES, file), descriptor.clone())
         .map_err(write_error)?;
     let build = Build {
@@ -123,7 +109,7 @@ pub fn build(
         options,
         plan,
         pool: &pool,
-        file: unfinished.as_file(),
+        file: unfinished.file(),
         writer: Mutex::new(writer),
         statistics: Mutex::new(Statistics::new(descriptor.voxel_type)),
         counter: ProgressCounter::new(&descriptor, on_progress),
@@ -137,9 +123,7 @@ pub fn build(
     let manifest = manifest(source, origin, &descriptor, options, &statistics, &levels);
     let writer = writer.into_inner().unwrap_or_else(PoisonError::into_inner);
     writer.finish(&manifest).map_err(write_error)?;
-    unfinished.as_file().sync_all().map_err(write_error)?;
-    let container_bytes = unfinished.as_file().len().map_err(write_error)?;
-    publish(unfinished, output, folder, options.existing)?;
+    let container_bytes = unfinished.publish()?;
 
     let mut notes = source.info().notes.clone();
     if plan.threads < options.threads {
@@ -161,44 +145,11 @@ pub fn build(
     })
 }
 
-/// Gives a finished temporary file its name, readable like any other file, and makes the name last. `folder` is where
-/// both lie.
-///
-/// # Errors
-/// If the name is taken and not to be replaced, or the folder cannot be written.
-pub fn publish(
-    file: tempfile::NamedTempFile,
-    output: &Path,
-    folder: &Path,
-    existing: Existing,
-) -> Result<(), BuildError> {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        let readable = std::fs::Permissions::from_mode(0o644);
-        file.as_file().set_permissions(readable).map_err(|e| BuildError::write(output, e))?;
-    }
-    let renamed = match existing {
-        Existing::Replace => file.persist(output),
-        Existing::Keep => file.persist_noclobber(output),
-    };
-    renamed.map_err(|e| match e.error.kind() {
-        std::io::ErrorKind::AlreadyExists => BuildError::Exists { path: output.into() },
-        _ => BuildError::write(output, e.error),
-    })?;
-    // The rename itself is durable once the folder is; folders cannot be opened everywhere, and then nothing is lost.
-    if let Ok(folder) = File::open(folder) {
-        folder.sync_all().map_err(|e| BuildError::write(output, e))?;
-    }
-    Ok(())
-}
-
 fn describe(source: &dyn VolumeSource, options: &BuildOptions) -> Result<Descriptor, BuildError> {
     let info = source.info();
     if let Some(defect) = info.geometry.defect() {
         return Err(BuildError::Options(format!("the volume cannot be placed in the world: {defect}")));
     }
-    // Too many bricks are refused before the levels are chosen, which needs voxels to be read.
     let factors = lod_axes::factors(source, options.layout, options.lod_axes)?;
     Ok(Descriptor {
         voxel_type: info.voxel_type,
@@ -545,7 +496,6 @@ pub fn identify(path: &Path, format: &str) -> Result<Source, BuildError> {
         bytes += n as u64;
         hash.update(&buffer[..n]);
     }
-    debug_assert_eq!(checksum(b""), xxhash_rust::xxh3::xxh3_64(b""), "one checksum everywhere");
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     Ok(Source { name, format: format.into(), bytes, xxh3_64: format!("{:016x}", hash.digest()) })
 }

@@ -2,13 +2,14 @@
 
 use std::io::Write;
 use std::num::NonZero;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::manifest::Source;
 use supervol_format::{BrickLayout, Dims, Geometry};
 use supervol_preprocess::lod_axes::LodAxes;
+use supervol_preprocess::output::folder_of;
 use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::open::{OpenOptions, open};
@@ -60,7 +61,7 @@ pub struct OutputArguments {
     threads: Option<NonZero<usize>>,
     /// Overwrite the output
     #[arg(long)]
-    pub force: bool,
+    force: bool,
     /// Progress and report as JSON lines on standard output
     #[arg(long)]
     json: bool,
@@ -135,6 +136,11 @@ fn brick_layout(text: &str) -> Result<BrickLayout, String> {
 }
 
 impl OutputArguments {
+    /// What `--force` says about an output that exists.
+    pub fn existing(&self) -> Existing {
+        if self.force { Existing::Replace } else { Existing::Keep }
+    }
+
     fn build_options(&self) -> Result<BuildOptions, Failure> {
         let codec = match self.codec {
             CodecName::Auto => CodecChoice::Smallest,
@@ -158,7 +164,7 @@ impl OutputArguments {
             lod_axes,
             memory_bytes: self.memory,
             threads: self.threads.map_or(default.threads, NonZero::get),
-            existing: if self.force { Existing::Replace } else { Existing::Keep },
+            existing: self.existing(),
         })
     }
 
@@ -225,7 +231,7 @@ impl Arguments {
             }),
         };
         // Decoded copies of compressed inputs go where the output goes: that disk has room for a volume.
-        let folder = self.output.output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = folder_of(&self.output.output);
         Ok(OpenOptions { raw, segy, spool: SpoolFolder::at(folder) })
     }
 }

@@ -5,11 +5,10 @@ use std::io::Write;
 use clap::Args;
 use supervol_format::container::manifest::Source;
 use supervol_format::{Dims, VoxelBox};
-use supervol_preprocess::pipeline::publish;
+use supervol_preprocess::BuildError;
+use supervol_preprocess::output::OutputFile;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::synthetic::{NAMES, Synthetic};
-
-use supervol_preprocess::{BuildError, Existing};
 
 use crate::build::OutputArguments;
 use crate::failure::Failure;
@@ -54,13 +53,8 @@ const SLAB_BYTES: usize = 64 << 20;
 fn write_raw(arguments: &Arguments, source: &dyn VolumeSource) -> Result<(), Failure> {
     use rayon::prelude::*;
     let output = &arguments.output.output;
-    if output.exists() && !arguments.output.force {
-        return Err(BuildError::Exists { path: output.clone() }.into());
-    }
     let write_error = |e| Failure::from(BuildError::Write { path: output.clone(), source: e });
-    let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(std::path::Path::new("."));
-    let mut file =
-        tempfile::Builder::new().prefix(".supervol-").suffix(".partial").tempfile_in(folder).map_err(write_error)?;
+    let unfinished = OutputFile::begin(output, arguments.output.existing())?;
     let info = source.info();
     let [nx, ny, nz] = info.dims.0;
     let slice_bytes = (nx * ny) as usize * info.voxel_type.bytes();
@@ -79,15 +73,12 @@ fn write_raw(arguments: &Arguments, source: &dyn VolumeSource) -> Result<(), Fai
                 source.read_box(VoxelBox { start: [0, 0, z], end: [nx, ny, z + 1] }, slice)
             })
             .map_err(BuildError::from)?;
-        file.write_all(&bytes).map_err(write_error)?;
+        unfinished.file().write_all(&bytes).map_err(write_error)?;
         z = end;
         bar.set_position(z);
     }
     bar.finish_and_clear();
-    file.as_file().sync_all().map_err(write_error)?;
-    let bytes = nz * slice_bytes as u64;
-    let existing = if arguments.output.force { Existing::Replace } else { Existing::Keep };
-    publish(file, output, folder, existing)?;
+    let bytes = unfinished.publish()?;
     writeln!(
         std::io::stdout(),
         "{}: {} of {}, {} voxels, little endian",

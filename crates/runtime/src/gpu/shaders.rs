@@ -3,13 +3,18 @@
 //! Nothing is assembled but whole files, end to end; WGSL lets a function use one that is declared further down, so
 //! that the order only matters to readers: layout, bindings, then the data path.
 
-/// One module: its files, in order.
+/// Name below `shaders/`, and text.
+type ShaderFile = (&'static str, &'static str);
+
+/// One module: the files it shares with others, in order, then its own.
 #[derive(Debug, Clone, Copy)]
 pub struct ShaderModule {
     /// Name in messages.
     pub name: &'static str,
-    /// File names and texts.
-    pub files: &'static [(&'static str, &'static str)],
+    /// Files that hold functions only.
+    pub shared: &'static [ShaderFile],
+    /// The file with the entry point.
+    pub entry: ShaderFile,
 }
 
 macro_rules! file {
@@ -18,57 +23,37 @@ macro_rules! file {
     };
 }
 
+/// All that a ray does, without an entry point.
+const RAY: &[ShaderFile] = &[
+    file!("shared/layout.wgsl"),
+    file!("shared/config.wgsl"),
+    file!("shared/camera.wgsl"),
+    file!("shared/page_table.wgsl"),
+    file!("shared/brick.wgsl"),
+    file!("shared/leap.wgsl"),
+    file!("shared/cubic.wgsl"),
+    file!("shared/sample.wgsl"),
+    file!("shared/transfer_function.wgsl"),
+    file!("shared/shading.wgsl"),
+    file!("shared/quadrature.wgsl"),
+    file!("shared/compositing.wgsl"),
+    file!("shared/cell.wgsl"),
+    file!("shared/feedback.wgsl"),
+    file!("shared/walk.wgsl"),
+];
+
 /// Casts rays until they finish, lack a brick, or reach the dispatch's limit.
-pub const RAYCAST: ShaderModule = ShaderModule {
-    name: "raycast",
-    files: &[
-        file!("shared/layout.wgsl"),
-        file!("shared/config.wgsl"),
-        file!("shared/camera.wgsl"),
-        file!("shared/page_table.wgsl"),
-        file!("shared/brick.wgsl"),
-        file!("shared/leap.wgsl"),
-        file!("shared/cubic.wgsl"),
-        file!("shared/sample.wgsl"),
-        file!("shared/transfer_function.wgsl"),
-        file!("shared/shading.wgsl"),
-        file!("shared/quadrature.wgsl"),
-        file!("shared/compositing.wgsl"),
-        file!("shared/cell.wgsl"),
-        file!("shared/feedback.wgsl"),
-        file!("shared/walk.wgsl"),
-        file!("raycast.wgsl"),
-    ],
-};
+pub const RAYCAST: ShaderModule = ShaderModule { name: "raycast", shared: RAY, entry: file!("raycast.wgsl") };
 
 /// Completes the miss list with its counts.
 pub const GATHER_MISSES: ShaderModule = ShaderModule {
     name: "gather_misses",
-    files: &[file!("shared/layout.wgsl"), file!("shared/config.wgsl"), file!("gather_misses.wgsl")],
+    shared: &[file!("shared/layout.wgsl"), file!("shared/config.wgsl")],
+    entry: file!("gather_misses.wgsl"),
 };
 
 /// For the tests: single functions on given numbers.
-pub const TEST_TWINS: ShaderModule = ShaderModule {
-    name: "test_twins",
-    files: &[
-        file!("shared/layout.wgsl"),
-        file!("shared/config.wgsl"),
-        file!("shared/camera.wgsl"),
-        file!("shared/page_table.wgsl"),
-        file!("shared/brick.wgsl"),
-        file!("shared/leap.wgsl"),
-        file!("shared/cubic.wgsl"),
-        file!("shared/sample.wgsl"),
-        file!("shared/transfer_function.wgsl"),
-        file!("shared/shading.wgsl"),
-        file!("shared/quadrature.wgsl"),
-        file!("shared/compositing.wgsl"),
-        file!("shared/cell.wgsl"),
-        file!("shared/feedback.wgsl"),
-        file!("shared/walk.wgsl"),
-        file!("test_twins.wgsl"),
-    ],
-};
+pub const TEST_TWINS: ShaderModule = ShaderModule { name: "test_twins", shared: RAY, entry: file!("test_twins.wgsl") };
 
 /// Every module there is.
 pub const ALL: [ShaderModule; 3] = [RAYCAST, GATHER_MISSES, TEST_TWINS];
@@ -77,6 +62,6 @@ impl ShaderModule {
     /// The files joined.
     #[must_use]
     pub fn source(&self) -> String {
-        self.files.iter().map(|(_, text)| *text).collect::<Vec<_>>().join("\n")
+        self.shared.iter().chain([&self.entry]).map(|(_, text)| *text).collect::<Vec<_>>().join("\n")
     }
 }
