@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::codec::CodecChoice;
 use supervol_format::container::manifest::Source;
-use supervol_format::voxel_type::Voxel;
-use supervol_format::{BrickLayout, Container, Dims, VoxelBox, VoxelType, with_voxel};
+use supervol_format::{BrickLayout, Container, VoxelBox, VoxelType};
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::report::BuildReport;
+use supervol_preprocess::source::computed::Computed;
 use supervol_preprocess::source::{SourceError, SourceInfo, VolumeSource};
 use supervol_preprocess::{BuildError, BuildOptions, Existing, build};
 
@@ -38,25 +38,15 @@ impl Content {
 /// The value that means "no data" in fields with holes: representable in every voxel type.
 pub const NODATA: f64 = 17.0;
 
-type Value = Box<dyn Fn([u64; 3]) -> f64 + Send + Sync>;
-
 /// A volume computed voxel by voxel.
-pub struct Field {
-    info: SourceInfo,
-    value: Value,
-}
-
-impl std::fmt::Debug for Field {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Field").field("info", &self.info).finish_non_exhaustive()
-    }
-}
+#[derive(Debug)]
+pub struct Field(Computed);
 
 impl Field {
     /// A field of any function of the voxel's coordinates.
     #[must_use]
     pub fn new(dims: [u64; 3], voxel_type: VoxelType, value: impl Fn([u64; 3]) -> f64 + Send + Sync + 'static) -> Self {
-        Self { info: SourceInfo::plain("synth", Dims(dims), voxel_type), value: Box::new(value) }
+        Self(Computed::new(dims, voxel_type, value))
     }
 
     /// A field with this content.
@@ -76,7 +66,7 @@ impl Field {
             if r2 % 97 < 4 { high } else { 0.0 }
         };
         let nothing = if voxel_type.is_float() { f64::NAN } else { NODATA };
-        let mut field = match content {
+        let field = match content {
             Content::Constant => Self::new(dims, voxel_type, |_| 42.0),
             Content::Noise => Self::new(dims, voxel_type, noise),
             Content::Smooth => Self::new(dims, voxel_type, smooth),
@@ -85,47 +75,37 @@ impl Field {
             Content::Shells => Self::new(dims, voxel_type, shells),
         };
         if matches!(content, Content::Holes | Content::Absent) {
-            field.info.nodata = Some(NODATA);
+            return field.with_info(|info| info.nodata = Some(NODATA));
         }
         field
     }
 
     /// The same field with its description changed.
     #[must_use]
-    pub fn with_info(mut self, change: impl FnOnce(&mut SourceInfo)) -> Self {
-        change(&mut self.info);
-        self
+    pub fn with_info(self, change: impl FnOnce(&mut SourceInfo)) -> Self {
+        Self(self.0.with_info(change))
     }
 
     /// All voxels, little endian, x fastest.
+    ///
+    /// # Panics
+    /// Never: computing does not fail.
     #[must_use]
     pub fn bytes(&self) -> Vec<u8> {
-        let all = self.info.dims.full_box();
-        let mut out = vec![0; all.voxels() * self.info.voxel_type.bytes()];
-        self.fill(all, &mut out);
+        let all = self.info().dims.full_box();
+        let mut out = vec![0; all.voxels() * self.info().voxel_type.bytes()];
+        self.read_box(all, &mut out).expect("computing does not fail");
         out
-    }
-
-    fn fill(&self, voxels: VoxelBox, out: &mut [u8]) {
-        let [nx, ny, _] = voxels.extent();
-        with_voxel!(self.info.voxel_type, V => {
-            for (i, target) in out.chunks_exact_mut(size_of::<V>()).enumerate() {
-                let local = [i % nx, i / nx % ny, i / nx / ny];
-                let value = (self.value)(std::array::from_fn(|a| voxels.start[a] + local[a] as u64));
-                V::from_f64(value).write_le(target);
-            }
-        });
     }
 }
 
 impl VolumeSource for Field {
     fn info(&self) -> &SourceInfo {
-        &self.info
+        self.0.info()
     }
 
     fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
-        self.fill(voxels, out);
-        Ok(())
+        self.0.read_box(voxels, out)
     }
 }
 

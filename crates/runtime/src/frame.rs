@@ -26,6 +26,7 @@ use crate::lod::LodChoice;
 use crate::process;
 use crate::raycast::cpu::{CpuFrame, CpuQuality, RayState, Skipping};
 use crate::raycast::gpu::{GpuDevice, GpuError, may_have_hardware};
+use crate::raycast::method::Method;
 use crate::raycast::reference::render_reference_counted;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{DataKind, ResolvedScene, VolumeFacts};
@@ -97,6 +98,8 @@ pub struct RenderOptions<'a> {
     pub threads: Option<usize>,
     /// Whether what cannot be seen is left out; the picture is the same.
     pub skipping: Skipping,
+    /// How rays are integrated; anything but the default is for the CPU backend only.
+    pub method: Method,
     /// Milliseconds after which the picture is completed from what is there; `None`: it converges.
     pub time_budget_ms: Option<u64>,
     /// Error asked for; recorded in the statistics only.
@@ -114,6 +117,7 @@ impl Default for RenderOptions<'_> {
             gpu_memory_bytes: 256 << 20,
             threads: None,
             skipping: Skipping::On,
+            method: Method::default(),
             time_budget_ms: None,
             max_error: 0.5 / 255.0,
             progress: None,
@@ -313,7 +317,7 @@ pub fn render_cpu_with(
 ) -> Result<(Image, FrameStats), RenderError> {
     let descriptor = container.descriptor();
     let value_range = volume_facts(container).value_range;
-    let quality = CpuQuality { lod: lod_choice(options), skipping: options.skipping };
+    let quality = CpuQuality { lod: lod_choice(options), skipping: options.skipping, method: options.method };
     let map = value_map(container);
     let frame = CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, map, value_range, quality);
     let mut streamer = streamer_for(container, scene, options, plan);

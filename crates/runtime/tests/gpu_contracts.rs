@@ -67,7 +67,7 @@ fn huge_coordinates() {
                                                   {{"value": 1, "color": [1, 1, 1], "alpha": 1}}]}}}}"#
         );
         let scene = Scene::from_json(&json).unwrap().resolve(&facts).unwrap();
-        let quality = CpuQuality { lod: FINEST, skipping: Skipping::On };
+        let quality = CpuQuality { lod: FINEST, ..CpuQuality::default() };
         let frame = CpuFrame::new(&scene, &pyramid, &Geometry::IDENTITY, map, range, quality);
         let mut states = frame.begin();
         assert!(cast_pass(&far, &frame, &mut states).is_converged());

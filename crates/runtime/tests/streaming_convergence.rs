@@ -14,6 +14,7 @@ use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions, 
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::Skipping;
+use supervol_runtime::raycast::method::Method;
 use supervol_runtime::stats::FrameStats;
 use support::{Bricked, Volume, difference, marschner_lobb, noise, points, scene};
 
@@ -27,6 +28,7 @@ const FINEST: RenderOptions<'_> = RenderOptions {
     gpu_memory_bytes: 0,
     threads: None,
     skipping: Skipping::On,
+    method: Method::DEFAULT,
     time_budget_ms: None,
     max_error: 0.0,
     progress: None,

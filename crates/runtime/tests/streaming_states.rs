@@ -157,7 +157,7 @@ fn a_second_frame_of_a_still_camera_reads_nothing() {
     let scene = scene_from(&volume, 30.0);
     let options = RenderOptions { level: LevelChoice::Fixed(Lod(0)), ..RenderOptions::default() };
     let plan = plan(&container, &scene, 100);
-    let quality = CpuQuality { lod: LodChoice::Fixed(Lod(0)), skipping: Skipping::On };
+    let quality = CpuQuality { lod: LodChoice::Fixed(Lod(0)), ..CpuQuality::default() };
     let (descriptor, map) = (container.descriptor(), value_map(&container));
     let frame = || CpuFrame::new(&scene, &descriptor.pyramid, &descriptor.geometry, map, volume.range(), quality);
     let mut streamer = streamer_for(&container, &scene, &options, plan);

@@ -10,6 +10,7 @@ use supervol_format::{Container, Lod};
 use supervol_runtime::frame::{self, Backend, LevelChoice, Progress, RenderError, RenderOptions};
 use supervol_runtime::image::ImageError;
 use supervol_runtime::raycast::cpu::Skipping;
+use supervol_runtime::raycast::method::Method;
 use supervol_runtime::scene::{DataKind, Scene, ShadingSpec};
 use supervol_runtime::stats::FrameStats;
 
@@ -100,6 +101,7 @@ impl Arguments {
                 SkippingName::Off => Skipping::Off,
             },
             time_budget_ms: self.time_budget,
+            method: Method::DEFAULT,
             max_error,
             progress: Some(progress),
         })

@@ -8,6 +8,7 @@
 //! `read_box` may be called from several threads at once, and for boxes in any order; [`AccessOrder`] says which order
 //! the file likes.
 
+pub mod computed;
 pub mod grid_file;
 pub mod nifti;
 pub mod npy;

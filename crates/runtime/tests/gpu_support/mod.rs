@@ -158,7 +158,7 @@ impl TestVolume {
     }
 
     pub fn cpu_image(&self, scene: &ResolvedScene, lod: LodChoice) -> Image {
-        let quality = CpuQuality { lod, skipping: Skipping::On };
+        let quality = CpuQuality { lod, ..CpuQuality::default() };
         let frame = CpuFrame::new(scene, &self.pyramid, &self.geometry, self.map, self.range, quality);
         let mut states = frame.begin();
         let feedback = cpu::cast_pass(self, &frame, &mut states);

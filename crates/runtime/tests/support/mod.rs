@@ -150,7 +150,8 @@ impl Bricked {
     }
 
     pub fn frame(&self, scene: &ResolvedScene, lod: LodChoice, skipping: Skipping) -> CpuFrame {
-        CpuFrame::new(scene, &self.pyramid, &self.geometry, self.map, self.range, CpuQuality { lod, skipping })
+        let quality = CpuQuality { lod, skipping, ..CpuQuality::default() };
+        CpuFrame::new(scene, &self.pyramid, &self.geometry, self.map, self.range, quality)
     }
 
     pub fn render_with(&self, scene: &ResolvedScene, lod: LodChoice, skipping: Skipping) -> (Image, Counters) {

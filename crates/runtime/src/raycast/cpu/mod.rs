@@ -25,6 +25,7 @@ use supervol_format::{BrickKey, Geometry, Lod, Pyramid, ValueRange};
 
 pub use modes::{IsoSides, TERMINATION_OPACITY};
 
+use super::method::Method;
 use super::volume::{BrickView, ValueMap};
 use crate::camera::Camera;
 use crate::clip::{Clip, IndexRay, clip_ray};
@@ -77,6 +78,7 @@ pub struct CpuFrame {
     /// The level at which the search for a brick begins.
     pub(crate) first_lod: Lod,
     pub(crate) skipping: Skipping,
+    pub(crate) method: Method,
 }
 
 /// One ray between passes.
@@ -194,6 +196,7 @@ impl CpuFrame {
             lod: LodRule::new(quality.lod, &scene.camera, geometry),
             first_lod,
             skipping: quality.skipping,
+            method: quality.method,
         }
     }
 
@@ -281,11 +284,13 @@ pub struct CpuQuality {
     pub lod: LodChoice,
     /// Whether macro cells are skipped.
     pub skipping: Skipping,
+    /// How rays are integrated.
+    pub method: Method,
 }
 
 impl Default for CpuQuality {
     fn default() -> Self {
-        Self { lod: LodChoice::Auto { voxel_pixels: 1.0 }, skipping: Skipping::On }
+        Self { lod: LodChoice::Auto { voxel_pixels: 1.0 }, skipping: Skipping::On, method: Method::default() }
     }
 }
 

@@ -1,0 +1,25 @@
+//! Measurement: how fast, how far from exact, and where methods fail.
+//!
+//! Two commands and one report stand on this crate:
+//! - `supervol chart`: scenes x methods x parameters -> points of (cost, error) ([`chart`]);
+//! - `supervol chart --stability`: every regime in which a method breaks, as a curve with a gate ([`stability`]);
+//! - `supervol bench --peers`: the same pictures by other programs ([`peers`]).
+//!
+//! In the order of the data path:
+//! - [`fixtures`], [`virtual_volume`]: volumes computed from coordinates; the second kind is never stored anywhere;
+//! - [`volume`]: a volume built into a container, its scenes and its pictures;
+//! - [`measure`]: the distance between two pictures;
+//! - [`chart`], [`stability`], [`peers`]: what is run;
+//! - [`report`]: what is written.
+//!
+//! Nothing here is needed to build or to render: it calls the crates as any other program does. Everything random is
+//! seeded ([`random`]).
+
+pub mod context;
+pub mod fixtures;
+pub mod measure;
+pub mod random;
+pub mod stability;
+pub mod volume;
+
+pub use context::{ChartError, Context, Scale};

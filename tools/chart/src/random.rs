@@ -1,0 +1,49 @@
+//! Seeded randomness: the same numbers on every machine.
+
+/// A small generator with a fixed sequence per seed (splitmix64; Steele, Lea, Flood 2014).
+#[derive(Debug, Clone)]
+pub struct Random(u64);
+
+impl Random {
+    /// The sequence of this seed.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// The next 64 bits.
+    pub fn next_u64(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        mix(self.0)
+    }
+
+    /// Uniform in `0..n`, for n far below 2^64.
+    ///
+    /// # Panics
+    /// If `n` is 0.
+    pub fn below(&mut self, n: u64) -> u64 {
+        assert!(n > 0, "nothing is below 0");
+        self.next_u64() % n
+    }
+
+    /// Uniform in `[0, 1)`.
+    pub fn unit(&mut self) -> f64 {
+        (self.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// A direction, uniform on the unit sphere.
+    pub fn direction(&mut self) -> glam::DVec3 {
+        let z = 2.0 * self.unit() - 1.0;
+        let angle = std::f64::consts::TAU * self.unit();
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        glam::DVec3::new(r * angle.cos(), r * angle.sin(), z)
+    }
+}
+
+/// The finaliser of splitmix64: a hash of 64 bits.
+#[must_use]
+pub fn mix(z: u64) -> u64 {
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
