@@ -5,6 +5,10 @@
 //! the time is the method's own. Interval j of a ray covers `[(j - 1 + offset) h, (j + offset) h]` from the ray's entry into
 //! the clipped volume, cut to the ray's segment; h is the step.
 
+pub mod gradient;
+pub mod preintegration;
+pub mod reconstruction;
+
 /// Sampling at equal distances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sampling {
@@ -103,7 +107,7 @@ pub enum GradientOperator {
     Central,
     /// Differences of the interpolated field half a voxel to both sides.
     Intermediate,
-    /// Sobel's operator at the voxels (weights 1 3 1, 3 6 3, 1 3 1; Zucker and Hummel 1981), interpolated.
+    /// Sobel's operator at the voxels (differences smoothed across by 1 2 1), interpolated.
     Sobel,
 }
 
