@@ -7,7 +7,11 @@
 
 pub mod gradient;
 pub mod preintegration;
+mod probe;
 pub mod reconstruction;
+mod sampled;
+
+pub(crate) use sampled::{SampledRay, Tables};
 
 /// Sampling at equal distances.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,7 +55,8 @@ impl Default for Sampling {
 pub enum Offset {
     /// The same for all rays, in (0, 1].
     Fixed(f64),
-    /// Different from pixel to pixel and from frame to frame, by blue noise: the error becomes noise without a pattern.
+    /// Different from pixel to pixel (interleaved gradient noise, Jimenez 2014) and from frame to frame (multiples of the
+    /// golden ratio): the error becomes noise without a pattern, and its mean over frames goes to zero.
     Jittered {
         /// Number of the frame.
         frame: u32,
