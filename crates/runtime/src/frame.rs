@@ -272,7 +272,7 @@ pub fn streamer_for(
     plan: HostPlan,
 ) -> Streamer {
     let (descriptor, map) = (container.descriptor(), value_map(container));
-    let classifier = Classifier::new(scene, descriptor.voxel_type, map, options.skipping);
+    let classifier = Classifier::new(scene, descriptor.voxel_type, map, options.skipping, lod_choice(options));
     let order = FrontToBack::new(&scene.camera, &descriptor.geometry);
     Streamer::new(container.clone(), map, classifier, order, plan)
 }

@@ -88,6 +88,7 @@ impl GpuCaster {
     fn answer(&mut self, view: &HostView<'_>, key: BrickKey) {
         match view.lookup(key) {
             Resident::Nothing => self.renderer.set_state(key, PageEntry::Nothing),
+            Resident::Vanished => self.renderer.set_state(key, PageEntry::Vanished),
             Resident::Uniform(value) => self.renderer.set_state(key, PageEntry::Uniform(value)),
             Resident::UseParent => self.renderer.set_state(key, PageEntry::Failed),
             Resident::Brick(_) | Resident::Missing => {}
@@ -106,7 +107,9 @@ impl GpuCaster {
             }
             match view.lookup(key) {
                 Resident::Brick(_) | Resident::Missing => self.renderer.set_state(key, PageEntry::Failed),
-                Resident::Nothing | Resident::Uniform(_) | Resident::UseParent => self.answer(view, key),
+                Resident::Nothing | Resident::Vanished | Resident::Uniform(_) | Resident::UseParent => {
+                    self.answer(view, key);
+                }
             }
         }
         Ok(())
