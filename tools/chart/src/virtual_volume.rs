@@ -263,13 +263,13 @@ impl BrickId {
             return Ok(sealed.clone());
         }
         let pyramid = &self.descriptor.pyramid;
-        let shape = supervol_format::codec::BrickShape { voxel_type: VoxelType::U8, extent: pyramid.stored_extent(key) };
+        let shape =
+            supervol_format::codec::BrickShape { voxel_type: VoxelType::U8, extent: pyramid.stored_extent(key) };
         let children = pyramid.children(key).map(|child| self.range_beneath(child));
         let children = children.fold(ValueRange::EMPTY, ValueRange::union);
         let raw = CodecChoice::Only(Codec::Raw);
-        let brick =
-            seal_brick(key, shape, &self.voxels(key), self.descriptor.absence, raw, children, self.error(key))
-                .map_err(io::Error::other)?;
+        let brick = seal_brick(key, shape, &self.voxels(key), self.descriptor.absence, raw, children, self.error(key))
+            .map_err(io::Error::other)?;
         let mut entry = brick.entry;
         if entry.codec != Codec::Uniform {
             entry.checksum = checksum(&brick.record);

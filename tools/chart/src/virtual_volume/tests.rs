@@ -26,9 +26,7 @@ fn voxels_one_by_one(container: &Container, key: BrickKey) -> Vec<u8> {
     let [nx, ny, nz] = pyramid.stored_extent(key);
     let at = |a: usize, i: usize| (core.start[a] + i as u64).max(2).min(dims[a] + 1) - 2;
     let edge = pyramid.layout().core() as u64;
-    (0..nx * ny * nz)
-        .map(|i| value(edge, key.lod(), [at(0, i % nx), at(1, i / nx % ny), at(2, i / nx / ny)]))
-        .collect()
+    (0..nx * ny * nz).map(|i| value(edge, key.lod(), [at(0, i % nx), at(1, i / nx % ny), at(2, i / nx / ny)])).collect()
 }
 
 #[test]
