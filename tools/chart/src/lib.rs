@@ -20,6 +20,7 @@ pub mod fixtures;
 pub mod measure;
 pub mod random;
 pub mod stability;
+pub mod virtual_volume;
 pub mod volume;
 
 pub use context::{ChartError, Context, Scale};
