@@ -18,7 +18,6 @@ use super::views::{BLUE, GOLD, HALF_A_LEVEL, SHADED, fractions, grey_levels, smo
 use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures::{self, Thin};
-use crate::measure::distance;
 use crate::random::Random;
 use crate::resident::{Classified, ResidentBricks, cast};
 use crate::ricker::Ricker;

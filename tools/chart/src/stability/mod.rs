@@ -5,6 +5,9 @@
 //! never loosened to pass: a regime that fails is reported failing and has its place in `tests/tests/known_issues.rs`.
 
 mod borders;
+mod geometry;
+mod lod;
+mod values;
 mod views;
 
 use serde::Serialize;
@@ -116,7 +119,7 @@ impl Outcome {
 /// Every regime that applies to what exists, by id.
 #[must_use]
 pub fn regimes() -> Vec<&'static Regime> {
-    let groups: [&'static [Regime]; 1] = [borders::REGIMES];
+    let groups: [&'static [Regime]; 4] = [borders::REGIMES, geometry::REGIMES, lod::REGIMES, values::REGIMES];
     let mut all: Vec<&'static Regime> = groups.into_iter().flatten().collect();
     all.sort_by_key(|regime| regime.id);
     all
