@@ -229,9 +229,11 @@ fn share_absent(is_hole: Hole) -> f64 {
     all_voxels().filter(|&v| is_hole(v)).count() as f64 / all_voxels().count() as f64
 }
 
-/// Whether a ray along z at this x and y comes within a voxel of an absent one, ends excluded.
+/// Whether a ray along z at this x and y meets a cell with an absent corner; a ray in the cell's face does.
+///
+/// In the face the absent voxel weighs nothing, and the right picture is the whole volume's: there the reference judges.
 fn footprint(origin: &DVec3, is_hole: Hole) -> bool {
-    let reach = |p: f64, n: u64| (0..n).filter(move |&i| (p.clamp(0.0, (n - 1) as f64) - i as f64).abs() < 1.0);
+    let reach = |p: f64, n: u64| (0..n).filter(move |&i| (p.clamp(0.0, (n - 1) as f64) - i as f64).abs() <= 1.0);
     reach(origin.x, HOLED_DIMS[0])
         .any(|x| reach(origin.y, HOLED_DIMS[1]).any(|y| (0..HOLED_DIMS[2]).any(|z| is_hole([x, y, z]))))
 }
