@@ -29,7 +29,7 @@ use crate::raycast::gpu::{GpuDevice, GpuError, may_have_hardware};
 use crate::raycast::method::Method;
 use crate::raycast::reference::render_reference_counted;
 use crate::raycast::volume::ValueMap;
-use crate::scene::{DataKind, ResolvedScene, VolumeFacts};
+use crate::scene::{DataKind, Mode, ResolvedScene, VolumeFacts};
 use crate::stats::{FrameStats, mode_name};
 use crate::streamer::budget::{Bands, BrickBytes, BudgetError, Demand, HostPlan};
 use crate::streamer::classify::Classifier;
@@ -142,6 +142,8 @@ pub enum RenderError {
     ReferenceTooLarge { level: u8, needed_bytes: u64, budget_bytes: u64 },
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    #[error("methods of comparison are for the cpu backend and mode dvr; found backend {backend:?} and mode {mode}")]
+    Method { backend: Backend, mode: &'static str },
     #[error("{threads} threads cannot be started: {message}")]
     Threads { threads: usize, message: String },
     #[error(
@@ -163,6 +165,9 @@ pub fn render(
     scene: &ResolvedScene,
     options: &RenderOptions<'_>,
 ) -> Result<(Image, FrameStats), RenderError> {
+    if options.method != Method::DEFAULT && (options.backend != Backend::Cpu || scene.mode != Mode::Dvr) {
+        return Err(RenderError::Method { backend: options.backend, mode: mode_name(scene.mode) });
+    }
     let threads = options.threads.unwrap_or_else(rayon::current_num_threads).max(1);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|e| RenderError::Threads { threads, message: e.to_string() })?;

@@ -18,6 +18,16 @@ pub enum Method {
 impl Method {
     /// What users get.
     pub const DEFAULT: Self = Self::Cells(CellRule::DEFAULT);
+
+    /// Opacity at which a ray ends in mode `dvr`.
+    #[inline]
+    #[must_use]
+    pub fn termination_opacity(&self) -> f64 {
+        match self {
+            Self::Cells(rule) => rule.termination_opacity,
+            Self::Sampled(sampling) => sampling.termination_opacity,
+        }
+    }
 }
 
 impl Default for Method {

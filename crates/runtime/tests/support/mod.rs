@@ -150,7 +150,10 @@ impl Bricked {
     }
 
     pub fn frame(&self, scene: &ResolvedScene, lod: LodChoice, skipping: Skipping) -> CpuFrame {
-        let quality = CpuQuality { lod, skipping, ..CpuQuality::default() };
+        self.frame_of(scene, CpuQuality { lod, skipping, ..CpuQuality::default() })
+    }
+
+    pub fn frame_of(&self, scene: &ResolvedScene, quality: CpuQuality) -> CpuFrame {
         CpuFrame::new(scene, &self.pyramid, &self.geometry, self.map, self.range, quality)
     }
 

@@ -5,6 +5,14 @@
 //! the time is the method's own. Interval j of a ray covers `[(j - 1 + offset) h, (j + offset) h]` from the ray's entry into
 //! the clipped volume, cut to the ray's segment; h is the step.
 
+pub mod gradient;
+pub mod preintegration;
+mod probe;
+pub mod reconstruction;
+mod sampled;
+
+pub(crate) use sampled::{SampledRay, Tables};
+
 /// Sampling at equal distances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sampling {
@@ -47,7 +55,8 @@ impl Default for Sampling {
 pub enum Offset {
     /// The same for all rays, in (0, 1].
     Fixed(f64),
-    /// Different from pixel to pixel and from frame to frame, by blue noise: the error becomes noise without a pattern.
+    /// Different from pixel to pixel (interleaved gradient noise, Jimenez 2014) and from frame to frame (multiples of the
+    /// golden ratio): the error becomes noise without a pattern, and its mean over frames goes to zero.
     Jittered {
         /// Number of the frame.
         frame: u32,
@@ -103,7 +112,7 @@ pub enum GradientOperator {
     Central,
     /// Differences of the interpolated field half a voxel to both sides.
     Intermediate,
-    /// Sobel's operator at the voxels (weights 1 3 1, 3 6 3, 1 3 1; Zucker and Hummel 1981), interpolated.
+    /// Sobel's operator at the voxels (differences smoothed across by 1 2 1), interpolated.
     Sobel,
 }
 

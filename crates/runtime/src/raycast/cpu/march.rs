@@ -15,11 +15,67 @@ use crate::clip::IndexRay;
 use crate::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap, Voxels};
 use crate::scene::Mode;
 
+/// What a ray does with the parts of bricks that may show something. All else is the same for every method.
+pub(crate) trait Integrator {
+    /// Gathers over `t`, which lies in the macro cell `index` of the visited brick.
+    fn gather_macro_cell<T: StoredVoxel>(
+        &self,
+        visit: &BrickVisit<'_>,
+        voxels: &[T],
+        index: [i64; 3],
+        t: [f64; 2],
+        state: &mut RayState,
+        counters: &mut Counters,
+    );
+
+    /// Gathers over `t`, where every voxel has the render value `value`.
+    fn gather_uniform(
+        &self,
+        frame: &CpuFrame,
+        setup: &ShadeSetup<'_>,
+        value: f32,
+        t: [f64; 2],
+        state: &mut RayState,
+        counters: &mut Counters,
+    );
+}
+
+/// Trilinear cell by trilinear cell: the method that users get.
+pub(crate) struct CellByCell;
+
+impl Integrator for CellByCell {
+    fn gather_macro_cell<T: StoredVoxel>(
+        &self,
+        visit: &BrickVisit<'_>,
+        voxels: &[T],
+        index: [i64; 3],
+        t: [f64; 2],
+        state: &mut RayState,
+        counters: &mut Counters,
+    ) {
+        visit.march_macro_cell(voxels, index, t, state, counters);
+    }
+
+    fn gather_uniform(
+        &self,
+        frame: &CpuFrame,
+        setup: &ShadeSetup<'_>,
+        value: f32,
+        t: [f64; 2],
+        state: &mut RayState,
+        counters: &mut Counters,
+    ) {
+        counters.cells += 1;
+        gather(frame, setup, &Chord::uniform(value, t[1] - t[0]), state, counters);
+    }
+}
+
 /// Casts one ray until it is finished or waits.
-pub(crate) fn cast_ray<V: BrickView + ?Sized>(
+pub(crate) fn cast_ray<V: BrickView + ?Sized, I: Integrator>(
     view: &V,
     frame: &CpuFrame,
     ray: &Ray,
+    integrator: &I,
     state: &mut RayState,
     feedback: &mut BlockFeedback,
 ) {
@@ -47,16 +103,15 @@ pub(crate) fn cast_ray<V: BrickView + ?Sized>(
             Resident::Brick(brick) => {
                 let visit = BrickVisit::new(frame, &axis_ray, to_eye, brick, key);
                 match &brick.voxels {
-                    Voxels::U8(voxels) => visit.march(voxels, exit, state, &mut feedback.counters),
-                    Voxels::U16(voxels) => visit.march(voxels, exit, state, &mut feedback.counters),
-                    Voxels::F32(voxels) => visit.march(voxels, exit, state, &mut feedback.counters),
+                    Voxels::U8(voxels) => visit.march(voxels, exit, integrator, state, &mut feedback.counters),
+                    Voxels::U16(voxels) => visit.march(voxels, exit, integrator, state, &mut feedback.counters),
+                    Voxels::F32(voxels) => visit.march(voxels, exit, integrator, state, &mut feedback.counters),
                 }
             }
             Resident::Uniform(value) => {
                 let setup = shade_setup(frame, frame.pyramid.level_at(key.lod()), to_eye);
-                let chord = Chord::uniform(value, exit - state.t);
-                feedback.counters.cells += 1;
-                gather(frame, &setup, &chord, state, &mut feedback.counters);
+                let t = [state.t, exit];
+                integrator.gather_uniform(frame, &setup, value, t, state, &mut feedback.counters);
             }
             Resident::Nothing | Resident::UseParent => state.iso.known = 0,
         }
@@ -66,9 +121,10 @@ pub(crate) fn cast_ray<V: BrickView + ?Sized>(
     feedback.counters.rays_finished += 1;
 }
 
-fn is_done(frame: &CpuFrame, state: &RayState) -> bool {
+/// Whether nothing behind can change the picture by more than the method allows.
+pub(crate) fn is_done(frame: &CpuFrame, state: &RayState) -> bool {
     match frame.mode {
-        Mode::Dvr => state.transmittance <= 1.0 - TERMINATION_OPACITY,
+        Mode::Dvr => state.transmittance <= 1.0 - frame.method.termination_opacity(),
         Mode::Iso => {
             state.transmittance <= 1.0 - TERMINATION_OPACITY || state.iso.hit.count_ones() as usize == frame.iso.len()
         }
@@ -130,7 +186,7 @@ fn gather(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state: &mut R
 }
 
 /// A voxel as it lies in a brick.
-trait StoredVoxel: Copy {
+pub(crate) trait StoredVoxel: Copy {
     /// Render value; NaN where absent.
     fn render_value(self, map: &ValueMap) -> f32;
 }
@@ -156,14 +212,21 @@ impl StoredVoxel for f32 {
     }
 }
 
+/// The trilinear cells that a macro cell meets: cell c lies between voxels c and c + 1, so that they go from one voxel
+/// before its own first to its own last.
+pub(crate) fn cells_of_macro_cell(index: [i64; 3]) -> CellBox {
+    let low = index.map(|m| m * MACRO_CELL as i64 - 1);
+    CellBox { low, high: low.map(|v| v + MACRO_CELL as i64) }
+}
+
 /// One ray's visit to one brick.
-struct BrickVisit<'a> {
-    frame: &'a CpuFrame,
-    ray: &'a AxisRay,
-    setup: ShadeSetup<'a>,
+pub(crate) struct BrickVisit<'a> {
+    pub(crate) frame: &'a CpuFrame,
+    pub(crate) ray: &'a AxisRay,
+    pub(crate) setup: ShadeSetup<'a>,
     brick: &'a DecodedBrick,
     macro_planes: Planes,
-    cell_planes: Planes,
+    pub(crate) cell_planes: Planes,
     /// Macro cells of the brick, indices in the level's grid of macro cells.
     macro_cells: CellBox,
     /// First core voxel of the brick, level coordinates.
@@ -195,7 +258,14 @@ impl<'a> BrickVisit<'a> {
     }
 
     /// Gathers from `state.t` to `exit`; leaves `state.t` alone.
-    fn march<T: StoredVoxel>(&self, voxels: &[T], exit: f64, state: &mut RayState, counters: &mut Counters) {
+    fn march<T: StoredVoxel, I: Integrator>(
+        &self,
+        voxels: &[T],
+        exit: f64,
+        integrator: &I,
+        state: &mut RayState,
+        counters: &mut Counters,
+    ) {
         let mut t = state.t;
         let mut walk = GridWalk::new(self.ray, self.macro_planes, self.macro_cells, t);
         while t < exit {
@@ -205,7 +275,7 @@ impl<'a> BrickVisit<'a> {
                     counters.macro_cells_skipped += 1;
                 } else {
                     counters.macro_cells += 1;
-                    self.march_macro_cell(voxels, walk.index, [t, macro_exit], state, counters);
+                    integrator.gather_macro_cell(self, voxels, walk.index, [t, macro_exit], state, counters);
                 }
                 if is_done(self.frame, state) {
                     return;
@@ -261,11 +331,7 @@ impl<'a> BrickVisit<'a> {
         state: &mut RayState,
         counters: &mut Counters,
     ) {
-        // Cell c lies between voxels c and c + 1: a macro cell meets those from one voxel before its own first to its
-        // own last.
-        let low = index.map(|m| m * MACRO_CELL as i64 - 1);
-        let mut walk =
-            GridWalk::new(self.ray, self.cell_planes, CellBox { low, high: low.map(|v| v + MACRO_CELL as i64) }, t);
+        let mut walk = GridWalk::new(self.ray, self.cell_planes, cells_of_macro_cell(index), t);
         while t < exit {
             let cell_exit = walk.exit().min(exit);
             if cell_exit > t {
@@ -291,8 +357,7 @@ impl<'a> BrickVisit<'a> {
     ) {
         let a = self.cell_planes.fractions(self.ray, t0, index);
         let b = self.cell_planes.fractions(self.ray, t1, index);
-        let [x, y, z] = [0, 1, 2].map(|axis| (index[axis] - self.start[axis] + APRON as i64) as usize);
-        let base = x + self.strides[0] * y + self.strides[1] * z;
+        let base = self.base(index);
         let Some(cell) = Cell::new(self.corners(voxels, base), a, b) else {
             state.iso.known = 0;
             return;
@@ -316,8 +381,23 @@ impl<'a> BrickVisit<'a> {
         })
     }
 
+    /// Place of the first corner of a trilinear cell in the voxel array.
     #[inline]
-    fn corners<T: StoredVoxel>(&self, voxels: &[T], base: usize) -> [f32; 8] {
+    pub(crate) fn base(&self, index: [i64; 3]) -> usize {
+        let [x, y, z] = [0, 1, 2].map(|axis| (index[axis] - self.start[axis] + APRON as i64) as usize);
+        x + self.strides[0] * y + self.strides[1] * z
+    }
+
+    /// Render value of the voxel at an offset from `base`; NaN where absent.
+    #[inline]
+    pub(crate) fn value<T: StoredVoxel>(&self, voxels: &[T], base: usize, offset: [i32; 3]) -> f32 {
+        let [dx, dy, dz] = offset.map(|o| o as isize);
+        let at = base as isize + dx + dy * self.strides[0] as isize + dz * self.strides[1] as isize;
+        voxels[at as usize].render_value(&self.frame.map)
+    }
+
+    #[inline]
+    pub(crate) fn corners<T: StoredVoxel>(&self, voxels: &[T], base: usize) -> [f32; 8] {
         let [dy, dz] = self.strides;
         let map = &self.frame.map;
         let value = |i: usize| voxels[i].render_value(map);
@@ -336,7 +416,7 @@ impl<'a> BrickVisit<'a> {
 
     /// Central differences at the eight corners, `[axis][corner]`; NaN where a tap is absent.
     #[inline]
-    fn gradient_corners<T: StoredVoxel>(&self, voxels: &[T], base: usize) -> [[f32; 8]; 3] {
+    pub(crate) fn gradient_corners<T: StoredVoxel>(&self, voxels: &[T], base: usize) -> [[f32; 8]; 3] {
         let [dy, dz] = self.strides;
         [1, dy, dz].map(|step| {
             let after = self.corners(voxels, base + step);

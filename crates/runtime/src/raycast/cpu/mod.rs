@@ -11,7 +11,7 @@
 //! the last bit. Crossings and cubics are `f64`, values and colours `f32`; a ray gathers in `f64`.
 
 pub mod cell;
-mod march;
+pub(crate) mod march;
 pub mod modes;
 pub mod quadrature;
 pub mod shade;
@@ -19,16 +19,18 @@ pub mod walk;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 use supervol_format::{BrickKey, Geometry, Lod, Pyramid, ValueRange};
 
 pub use modes::{IsoSides, TERMINATION_OPACITY};
 
-use super::method::Method;
+use super::comparison;
+use super::method::{CellRule, Method, Pairs};
 use super::volume::{BrickView, ValueMap};
-use crate::camera::Camera;
-use crate::clip::{Clip, IndexRay, clip_ray};
+use crate::camera::{Camera, Ray};
+use crate::clip::{Clip, IndexRay, Segment, clip_ray};
 use crate::image::Image;
 use crate::lod::{LodChoice, LodRule};
 use crate::scene::{Mode, ResolvedScene};
@@ -79,6 +81,10 @@ pub struct CpuFrame {
     pub(crate) first_lod: Lod,
     pub(crate) skipping: Skipping,
     pub(crate) method: Method,
+    /// Gauss pairs of the cell method.
+    pub(crate) pairs: Pairs,
+    /// What a method of comparison looks up; `None` for the cell method.
+    comparison: Option<Arc<comparison::Tables>>,
 }
 
 /// One ray between passes.
@@ -197,6 +203,14 @@ impl CpuFrame {
             first_lod,
             skipping: quality.skipping,
             method: quality.method,
+            pairs: match quality.method {
+                Method::Cells(rule) => rule.pairs,
+                Method::Sampled(_) => CellRule::DEFAULT.pairs,
+            },
+            comparison: match quality.method {
+                Method::Cells(_) => None,
+                Method::Sampled(sampling) => Some(Arc::new(comparison::Tables::new(sampling, scene, geometry))),
+            },
         }
     }
 
@@ -214,11 +228,10 @@ impl CpuFrame {
     /// The states of all rays before the first pass, row by row from the top.
     #[must_use]
     pub fn begin(&self) -> Vec<RayState> {
-        let dims = self.pyramid.level_at(Lod::FINEST).dims;
         let width = self.camera.width;
         let rays = self.rows.clone().into_par_iter().flat_map_iter(|y| (0..width).map(move |x| self.camera.ray(x, y)));
         rays.map(|ray| {
-            let segment = clip_ray(&ray, &IndexRay::new(&ray, &self.geometry), dims, &self.clip);
+            let segment = self.segment(&ray);
             RayState {
                 t: segment.map_or(0.0, |s| s.t0),
                 t_end: segment.map_or(0.0, |s| s.t1),
@@ -260,6 +273,33 @@ impl CpuFrame {
         }
         let [r, g, b, alpha] = self.transfer_function.classify(value as f32);
         [r * alpha, g * alpha, b * alpha, alpha]
+    }
+}
+
+impl CpuFrame {
+    /// Casts one ray by the frame's method; `pixel` counts rays, not pixels of a supersampled picture.
+    fn cast_ray<V: BrickView + ?Sized>(
+        &self,
+        view: &V,
+        pixel: [u32; 2],
+        state: &mut RayState,
+        feedback: &mut BlockFeedback,
+    ) {
+        let ray = self.camera.ray(pixel[0], pixel[1]);
+        match &self.comparison {
+            Some(tables) if self.mode == Mode::Dvr => {
+                let segment = self.segment(&ray).expect("a ray without a segment is finished before it is cast");
+                let integrator = comparison::SampledRay::new(tables, segment, pixel);
+                march::cast_ray(view, self, &ray, &integrator, state, feedback);
+            }
+            _ => march::cast_ray(view, self, &ray, &march::CellByCell, state, feedback),
+        }
+    }
+
+    /// The part of a ray that is drawn.
+    fn segment(&self, ray: &Ray) -> Option<Segment> {
+        let dims = self.pyramid.level_at(Lod::FINEST).dims;
+        clip_ray(ray, &IndexRay::new(ray, &self.geometry), dims, &self.clip)
     }
 }
 
@@ -316,8 +356,8 @@ pub fn cast_pass<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame, states: &mut
             let mut feedback = BlockFeedback::default();
             for (i, state) in states.iter_mut().enumerate().filter(|(_, state)| !state.finished) {
                 let pixel = block * BLOCK_RAYS + i;
-                let ray = frame.camera.ray((pixel % width) as u32, frame.rows.start + (pixel / width) as u32);
-                march::cast_ray(view, frame, &ray, state, &mut feedback);
+                let pixel = [(pixel % width) as u32, frame.rows.start + (pixel / width) as u32];
+                frame.cast_ray(view, pixel, state, &mut feedback);
             }
             feedback
         })

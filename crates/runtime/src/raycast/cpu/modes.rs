@@ -5,9 +5,12 @@
 use glam::Vec3;
 
 use super::cell::{Cell, Real, cubic_at, cubic_extremes, cubic_mean, monotone_intervals, monotone_root};
-use super::quadrature::{GAUSS_OFFSET, KNOT_LIMIT, integrate_pair, opacity_of, pairs_between, splits_of_chord};
+use super::quadrature::{
+    GAUSS_OFFSET, KNOT_LIMIT, PAIR_LIMIT, integrate_pair, opacity_of, pairs_between, splits_of_chord,
+};
 use super::shade::{ChordGradient, Lighting, shade};
 use super::{Counters, CpuFrame, RayState};
+use crate::raycast::method::Pairs;
 use crate::scene::ISO_LIMIT;
 
 /// A ray ends when its opacity reaches this; what lies behind can change no channel by more than 0.13/255.
@@ -115,10 +118,16 @@ fn gather_part(
     state: &mut RayState,
 ) -> u64 {
     let tf = &frame.transfer_function;
-    let mut pairs = pairs_between(tf, &chord.cubic, [begin, end], chord.h);
-    if setup.lighting.is_some() && chord.gradient.is_some() {
-        pairs = pairs.max(frame.shaded_pairs(chord, setup, [begin, end]));
-    }
+    let pairs = match frame.pairs {
+        Pairs::Adaptive { density } => {
+            let mut wanted = pairs_between(tf, &chord.cubic, [begin, end], chord.h);
+            if setup.lighting.is_some() && chord.gradient.is_some() {
+                wanted = wanted.max(frame.shaded_pairs(chord, setup, [begin, end]));
+            }
+            denser(wanted, density)
+        }
+        Pairs::Fixed(pairs) => pairs.clamp(1, PAIR_LIMIT),
+    };
     let step = (end - begin) / Real::from(pairs);
     for i in 0..pairs {
         let mut kappa = [0.0; 2];
@@ -135,6 +144,16 @@ fn gather_part(
         composite(state, c, opacity);
     }
     u64::from(2 * pairs)
+}
+
+/// That many pairs times the density; not touched where the density is 1.
+#[inline]
+fn denser(pairs: u32, density: f32) -> u32 {
+    if density == 1.0 {
+        return pairs;
+    }
+    // `as` saturates.
+    ((pairs as f32 * density).ceil() as u32).clamp(1, PAIR_LIMIT)
 }
 
 /// The greatest value so far.

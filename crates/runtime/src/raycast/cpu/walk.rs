@@ -83,6 +83,17 @@ impl Planes {
         self.first[axis] + i as f64 * self.spacing[axis]
     }
 
+    /// The cell of a box that the level's index point lies in, by position, and the fractions there, clamped to [0, 1].
+    #[inline]
+    #[must_use]
+    pub fn cell_at(&self, ray: &AxisRay, t: f64, cells: &CellBox) -> ([i64; 3], [f64; 3]) {
+        let position: [f64; 3] =
+            std::array::from_fn(|a| (ray.coordinate(a, t) - self.first[a]) * self.inverse_spacing[a]);
+        // `as` saturates.
+        let index = std::array::from_fn(|a| (position[a].floor() as i64).clamp(cells.low[a], cells.high[a]));
+        (index, std::array::from_fn(|a| (position[a] - index[a] as f64).clamp(0.0, 1.0)))
+    }
+
     /// Position of the ray at t as a fraction of each cell `index`, clamped to [0, 1].
     #[inline]
     #[must_use]
