@@ -6,6 +6,7 @@
 
 mod borders;
 mod geometry;
+mod jitter;
 mod lod;
 mod values;
 mod views;
@@ -119,7 +120,8 @@ impl Outcome {
 /// Every regime that applies to what exists, by id.
 #[must_use]
 pub fn regimes() -> Vec<&'static Regime> {
-    let groups: [&'static [Regime]; 4] = [borders::REGIMES, geometry::REGIMES, lod::REGIMES, values::REGIMES];
+    let groups: [&'static [Regime]; 5] =
+        [borders::REGIMES, geometry::REGIMES, jitter::REGIMES, lod::REGIMES, values::REGIMES];
     let mut all: Vec<&'static Regime> = groups.into_iter().flatten().collect();
     all.sort_by_key(|regime| regime.id);
     all
