@@ -256,8 +256,9 @@ pub fn plan_host(
     HostPlan::new(options.host_memory_bytes, &demand)
 }
 
-/// Level of detail as the ray casters take it.
-fn lod_choice(options: &RenderOptions<'_>) -> LodChoice {
+/// Level of detail as the ray casters and the streamer take it.
+#[must_use]
+pub fn lod_choice(options: &RenderOptions<'_>) -> LodChoice {
     match options.level {
         LevelChoice::Auto => CpuQuality::default().lod,
         LevelChoice::Fixed(lod) => LodChoice::Fixed(lod),

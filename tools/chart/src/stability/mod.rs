@@ -4,7 +4,13 @@
 //! [`Scale::Small`]: the same code, fewer and smaller cases. A gate is a number that the project has promised; it is
 //! never loosened to pass: a regime that fails is reported failing and has its place in `tests/tests/known_issues.rs`.
 
+mod borders;
+mod geometry;
+mod jitter;
+mod lod;
 pub mod streaming;
+mod values;
+mod views;
 
 use serde::Serialize;
 
@@ -133,7 +139,8 @@ impl Outcome {
 /// Every regime that applies to what exists, by id.
 #[must_use]
 pub fn regimes() -> Vec<&'static Regime> {
-    let groups: [&'static [Regime]; 1] = [streaming::REGIMES];
+    let groups: [&'static [Regime]; 6] =
+        [borders::REGIMES, geometry::REGIMES, jitter::REGIMES, lod::REGIMES, streaming::REGIMES, values::REGIMES];
     let mut all: Vec<&'static Regime> = groups.into_iter().flatten().collect();
     all.sort_by_key(|regime| regime.id);
     all

@@ -10,10 +10,10 @@ use supervol_format::{Container, Lod};
 use supervol_runtime::frame::RenderError;
 use supervol_runtime::frame::caster::{CpuCaster, PassReport, RayCaster};
 use supervol_runtime::frame::{
-    Backend, FrameWalk, LevelChoice, Progress, RenderOptions, plan_host, streamer_for, value_map, volume_facts,
+    Backend, FrameWalk, LevelChoice, Progress, RenderOptions, lod_choice, plan_host, streamer_for, value_map,
+    volume_facts,
 };
 use supervol_runtime::image::Image;
-use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, RayState};
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
@@ -108,11 +108,7 @@ impl Session {
     /// The ray caster of a scene.
     pub fn caster(&self, scene: &ResolvedScene) -> CpuCaster {
         let descriptor = self.container.descriptor();
-        let lod = match self.settings.level {
-            LevelChoice::Auto => CpuQuality::default().lod,
-            LevelChoice::Fixed(lod) => LodChoice::Fixed(lod),
-        };
-        let quality = CpuQuality { lod, ..CpuQuality::default() };
+        let quality = CpuQuality { lod: lod_choice(&self.settings.options()), ..CpuQuality::default() };
         let range = volume_facts(&self.container).value_range;
         let map = value_map(&self.container);
         CpuCaster::new(CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, map, range, quality))
@@ -127,7 +123,9 @@ impl Session {
     /// The transfer function, mode or iso values changed.
     pub fn edit(&mut self, scene: &ResolvedScene) {
         let (voxel_type, map) = (self.container.descriptor().voxel_type, value_map(&self.container));
-        self.streamer.set_classifier(Classifier::new(scene, voxel_type, map, self.settings.options().skipping));
+        let options = self.settings.options();
+        let lod = lod_choice(&options);
+        self.streamer.set_classifier(Classifier::new(scene, voxel_type, map, options.skipping, lod));
     }
 
     /// Runs something on the session's threads.

@@ -1,0 +1,123 @@
+//! Regime of jittered sampling: S43. A method of comparison: the default has no step that could be jittered.
+
+use supervol_format::Lod;
+use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
+use supervol_runtime::image::Image;
+use supervol_runtime::raycast::comparison::{Offset, Sampling};
+use supervol_runtime::raycast::method::Method;
+use supervol_runtime::scene::ResolvedScene;
+
+use super::views::{BLUE, GOLD, GREY_LEVEL, HALF_A_LEVEL, fractions, smooth};
+use super::{CurvePoint, Gate, Outcome, Regime};
+use crate::context::{ChartError, Context};
+use crate::fixtures;
+use crate::measure::{distance, distance_of};
+use crate::volume::{HOST_MEMORY_BYTES, Volume, build_options, image_size};
+
+/// The regimes of this module.
+pub const REGIMES: &[Regime] = &[Regime {
+    id: "S43",
+    title: "Jittered samples: noise instead of bias",
+    recipe: "ML by midpoint samples (a method of comparison), each ray's first interval cut by noise; frames are \
+             averaged, under a smooth transfer function and one with a step.",
+    x_label: "frames averaged",
+    y_label: "distance from the reference, root mean square, grey levels of 255",
+    run: jitter,
+}];
+
+/// Frames that are averaged at most.
+const FRAMES: u32 = 256;
+
+/// A picture by midpoint samples.
+fn sampled(
+    volume: &Volume,
+    scene: &ResolvedScene,
+    (step_voxels, offset): (f64, Offset),
+    threads: Option<usize>,
+) -> Result<Image, ChartError> {
+    let sampling = Sampling { step_voxels, offset, termination_opacity: 2.0, ..Sampling::default() };
+    let options = RenderOptions {
+        backend: Backend::Cpu,
+        level: LevelChoice::Fixed(Lod(0)),
+        host_memory_bytes: HOST_MEMORY_BYTES,
+        method: Method::Sampled(sampling),
+        threads,
+        ..RenderOptions::default()
+    };
+    Ok(volume.render(scene, &options)?.0)
+}
+
+fn jitter(context: &Context<'_>) -> Result<Outcome, ChartError> {
+    let edge = context.pick(40, 24);
+    let volume = Volume::build(context, "S43", &fixtures::marschner_lobb(edge), &build_options(64))?;
+    let size = context.pick(image_size(48, 36), image_size(16, 12));
+    let step = fractions(&volume, 1.0, &[(0.0, BLUE, 0.01), (0.48, BLUE, 0.01), (0.48, GOLD, 0.2), (1.0, GOLD, 0.3)]);
+    let soft = smooth(&volume, 1.0);
+    let (mut curve, mut gates, mut differing) = (Vec::new(), Vec::new(), 0.0);
+    for (name, tf, step_voxels) in [("smooth", &soft, 1.0), ("step", &step, 1.0), ("step", &step, 0.25)] {
+        let scene = volume.scene(&[&volume.outside(), &size, tf])?;
+        let exact = volume.finest(&scene, Backend::Reference)?;
+        let series = format!("{name}, samples {step_voxels} voxel apart");
+        let averaged = average(&volume, &scene, step_voxels, &exact)?;
+        let fixed = sampled(&volume, &scene, (step_voxels, Offset::Fixed(1.0)), None)?;
+        let fixed = distance(&fixed, &exact).rmse / GREY_LEVEL;
+        for (frames, rmse) in averaged.rmse {
+            curve.push(CurvePoint::new(&format!("{series}, jittered"), frames, rmse, None));
+            curve.push(CurvePoint::new(&format!("{series}, the same every frame"), frames, fixed, None));
+        }
+        let what = format!("L-infinity of {FRAMES} frames' mean, {series}, grey levels");
+        gates.push(Gate::at_most(what, averaged.linf, HALF_A_LEVEL));
+        differing += averaged.differing;
+    }
+    gates.push(Gate::at_most("frames that another number of threads changes in any bit", differing, 0.0));
+    let note = "What is averaged is the opacity 1 - exp(-depth), not the depth: noise of the depth with variance v leaves a bias \
+                of about v/2 of the transmittance, which no number of frames removes and a shorter step does."
+        .into();
+    Ok(Outcome { curve, gates, note })
+}
+
+/// What averaging jittered frames gives.
+struct Averaged {
+    /// Frames, and the distance of their mean from the reference, grey levels.
+    rmse: Vec<(f64, f64)>,
+    /// Distance of the mean of all frames from the reference, grey levels.
+    linf: f64,
+    /// Frames that changed when they were made again by one thread.
+    differing: f64,
+}
+
+fn average(volume: &Volume, scene: &ResolvedScene, step_voxels: f64, exact: &Image) -> Result<Averaged, ChartError> {
+    let exact = exact.pixels.as_flattened();
+    let mut sum = vec![0.0f64; exact.len()];
+    let mut averaged = Averaged { rmse: Vec::new(), linf: f64::INFINITY, differing: 0.0 };
+    for frame in 0..FRAMES {
+        let jittered = (step_voxels, Offset::Jittered { frame });
+        let picture = sampled(volume, scene, jittered, None)?;
+        if frame % 64 == 1 {
+            let again = sampled(volume, scene, jittered, Some(1))?;
+            averaged.differing += if again == picture { 0.0 } else { 1.0 };
+        }
+        sum.iter_mut().zip(picture.pixels.as_flattened()).for_each(|(sum, v)| *sum += f64::from(*v));
+        let count = frame + 1;
+        if count.is_power_of_two() {
+            let mean: Vec<f32> = sum.iter().map(|v| (v / f64::from(count)) as f32).collect();
+            let d = distance_of(&mean, exact);
+            averaged.rmse.push((f64::from(count), d.rmse / GREY_LEVEL));
+            averaged.linf = d.linf / GREY_LEVEL;
+        }
+    }
+    Ok(averaged)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::views::tests::outcome;
+    use super::*;
+
+    /// Under a step, samples a voxel apart keep a bias that no number of frames removes: that gate, the second, fails.
+    #[test]
+    fn noise_is_the_same_every_time_and_goes_away() {
+        let gates = outcome(REGIMES, "S43").gates;
+        assert!(gates[0].holds() && gates[2].holds() && gates[3].holds());
+    }
+}
