@@ -492,7 +492,9 @@ impl<'a> FrameWalk<'a> {
                 break;
             }
             let keys: Vec<BrickKey> = pyramid.keys_of(lod).collect();
-            let room = Room { bricks: caster.room(), deadline: None };
+            // A level that there is no time for is kept as far as it came.
+            let deadline = is_optional.then(|| self.start + time);
+            let room = Room { bricks: caster.room(), deadline };
             let fetched = self.streamer.fetch_to_keep(&keys, room)?;
             caster.update(&self.streamer.view(OnMissing::Wait), &fetched)?;
         }

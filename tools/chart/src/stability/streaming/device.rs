@@ -43,7 +43,7 @@ fn device_loss(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let (volume, _) = BrickId::open([256; 3], 32)?;
     let mut curve = Vec::new();
     let (mut longest, mut total_ms) = (0.0f64, 0.0f64);
-    for width in context.pick(vec![64, 128, 256, 512], vec![64, 128]) {
+    for width in context.pick(vec![64, 128, 256, 512], vec![32, 64]) {
         (context.say)(&format!("S42: {width} pixels across"));
         let (_, stats) = draw(&device, &volume, &heavy(&volume, width)?, &options())?;
         let pixels = f64::from(stats.image_width) * f64::from(stats.image_height);
@@ -102,11 +102,11 @@ struct Losses {
 }
 
 fn losses(context: &Context<'_>, volume: &Volume) -> Result<Losses, ChartError> {
-    let members = [volume.outside(), image_size(48, 36), translucent(volume.radius())];
+    let members = [volume.outside(), image_size(32, 24), translucent(volume.radius())];
     let scene = scene(volume, &members)?;
     let (whole, stats) = draw(&GpuDevice::open()?, volume, &scene, &options())?;
     let mut losses = Losses::default();
-    for lose_after in 1..=context.pick(8, 2).min(stats.passes) {
+    for lose_after in 1..=context.pick(8, 1).min(stats.passes) {
         losses.cases += 1;
         let device = GpuDevice::open()?;
         let passes = AtomicU64::new(0);

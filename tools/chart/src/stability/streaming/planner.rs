@@ -20,8 +20,9 @@ use crate::volume::{Volume, image_size};
 pub const PLANNER_COST: Regime = Regime {
     id: "S34",
     title: "Planner cost",
-    recipe: "BRICKID of 16821 x 7494 x 2070 and of 65,536^3 voxels in bricks of 32, seen whole, at growing picture \
-             sizes. Cold: nothing is known. Warm: the camera has moved on by 1 degree since the last frame.",
+    recipe: "BRICKID of 16821 x 7494 x 2070 and of 65,536^3 voxels in bricks of 32, seen whole and from inside (levels \
+             from the finest to the coarsest), at growing picture sizes. Cold: nothing is known. Warm: the camera has \
+             turned by 1 degree since the last frame.",
     x_label: "bricks that the frame uses",
     y_label: "planning of one frame (ms)",
     run: planner_cost,
@@ -55,6 +56,19 @@ fn whole_view(volume: &Volume, degrees: f64, size: (u32, u32)) -> Result<Resolve
     scene(volume, &[camera, image_size(size.0, size.1), translucent(volume.radius())])
 }
 
+/// From a place inside, along the volume; the nearest 200 voxels hide what lies behind them by half.
+fn inside_view(volume: &Volume, degrees: f64, size: (u32, u32)) -> Result<ResolvedScene, ChartError> {
+    let angle = (20.0 + degrees).to_radians();
+    let eye = volume.world(volume.facts.dims.0.map(|n| 0.3 * n as f64));
+    let target = (eye + DVec3::new(angle.cos(), angle.sin(), 0.1)).to_array();
+    let eye = eye.to_array();
+    let camera = format!(r#""camera": {{"eye": {eye:?}, "target": {target:?}, "up": [0, 0, 1], "fov_y": 38}}"#);
+    scene(volume, &[camera, image_size(size.0, size.1), translucent(100.0)])
+}
+
+/// The view at an angle, in a picture of a size.
+type View = fn(&Volume, f64, (u32, u32)) -> Result<ResolvedScene, ChartError>;
+
 /// Planning time of one frame: all of the streamer's part but the source's reads and decoding.
 fn planning_ms(session: &mut Session, scene: &ResolvedScene, source: &Watched) -> Result<f64, ChartError> {
     let mut planning = Duration::ZERO;
@@ -69,29 +83,36 @@ fn planning_ms(session: &mut Session, scene: &ResolvedScene, source: &Watched) -
     Ok(planning.as_secs_f64() * 1e3)
 }
 
+/// Planning of frames of one view: cold, warm, and the bricks that the frame uses.
+fn plan_view(context: &Context<'_>, dims: [u64; 3], view: View, size: (u32, u32)) -> Result<[f64; 3], ChartError> {
+    let (mut cold, mut warm, mut bricks) = (Vec::new(), Vec::new(), 0);
+    for _ in 0..context.pick(3, 1) {
+        // Opened anew: the table of contents is cold, too.
+        let (volume, source) = watched(dims, 32, pass())?;
+        let scene = |degrees| view(&volume, degrees, size);
+        let mut session = Session::new(&volume.container, &scene(0.0)?, Settings::default())?;
+        cold.push(planning_ms(&mut session, &scene(0.0)?, &source)?);
+        bricks = session.streamer.states().total(StateKind::InHost);
+        for step in 1..=context.pick(3, 1) {
+            warm.push(planning_ms(&mut session, &scene(f64::from(step))?, &source)?);
+        }
+    }
+    Ok([median(cold), median(warm), bricks as f64])
+}
+
 fn planner_cost(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let mut curve = Vec::new();
     let (mut worst_cold, mut worst_warm) = (0.0f64, 0.0f64);
+    let views: [(&str, View); 2] = [("whole", whole_view), ("inside", inside_view)];
     for (name, dims) in [("16821 x 7494 x 2070", [16_821, 7494, 2070]), ("65,536^3", [65_536; 3])] {
-        let sizes: &[(u32, u32)] = context.pick(&[(80, 60), (160, 120), (320, 240)], &[(64, 48)]);
-        for &size in sizes {
-            (context.say)(&format!("S34: {name}, {} x {} pixels", size.0, size.1));
-            let (mut cold, mut warm, mut bricks) = (Vec::new(), Vec::new(), 0);
-            for _ in 0..context.pick(3, 1) {
-                // Opened anew: the table of contents is cold, too.
-                let (volume, source) = watched(dims, 32, pass())?;
-                let view = |degrees| whole_view(&volume, degrees, size);
-                let mut session = Session::new(&volume.container, &view(0.0)?, Settings::default())?;
-                cold.push(planning_ms(&mut session, &view(0.0)?, &source)?);
-                bricks = session.streamer.states().total(StateKind::InHost);
-                for step in 1..=context.pick(3, 1) {
-                    warm.push(planning_ms(&mut session, &view(f64::from(step))?, &source)?);
-                }
+        for (seen, view) in views {
+            for &size in context.pick::<&[_]>(&[(80, 60), (160, 120), (320, 240)], &[(48, 36)]) {
+                (context.say)(&format!("S34: {name}, {seen}, {} x {} pixels", size.0, size.1));
+                let [cold, warm, bricks] = plan_view(context, dims, view, size)?;
+                curve.push(CurvePoint::new(&format!("{name}, {seen}, cold"), bricks, cold, None));
+                curve.push(CurvePoint::new(&format!("{name}, {seen}, warm"), bricks, warm, None));
+                (worst_cold, worst_warm) = (worst_cold.max(cold), worst_warm.max(warm));
             }
-            let (cold, warm) = (median(cold), median(warm));
-            curve.push(CurvePoint::new(&format!("{name}, cold"), bricks as f64, cold, None));
-            curve.push(CurvePoint::new(&format!("{name}, warm"), bricks as f64, warm, None));
-            (worst_cold, worst_warm) = (worst_cold.max(cold), worst_warm.max(warm));
         }
     }
     let (lost, first_ms) = first_image(context)?;
