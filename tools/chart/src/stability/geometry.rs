@@ -163,7 +163,8 @@ fn pixels_off(
         let (x, y) = (*i as u32 % picture.width, *i as u32 / picture.width);
         let ray = camera.ray(x, y);
         let expected = opacity(chord(ray.origin, ray.direction));
-        !(255.0 * (f64::from(pixel[3]) - expected).abs() <= HALF_A_LEVEL)
+        let grey_levels = 255.0 * (f64::from(pixel[3]) - expected).abs();
+        grey_levels.is_nan() || grey_levels > HALF_A_LEVEL
     });
     off.count() as f64
 }
@@ -206,7 +207,7 @@ fn camera_inside(context: &Context<'_>) -> Result<Outcome, ChartError> {
         ("at the centre", middle, DVec3::new(47.0, 20.0, 30.0)),
     ];
     let (mut curve, mut worst, mut empty) = (Vec::new(), 0.0f64, 0.0);
-    for (name, eye, target) in eyes {
+    for (_, eye, target) in eyes {
         let depth = (0..3).map(|a| (eye[a] + 0.5).min(EDGE as f64 - 0.5 - eye[a])).fold(f64::MAX, f64::min);
         let scene = volume.scene(&[&perspective(eye, target, 70.0), &size, &tf])?;
         let exact = volume.finest(&scene, Backend::Reference)?;

@@ -15,9 +15,13 @@ pub const HALF_A_LEVEL: f64 = 0.5;
 /// `"shading"`: the defaults.
 pub const SHADED: &str = r#""shading": {}"#;
 
+/// A colour of transfer functions.
 pub const BLUE: [f64; 3] = [0.1, 0.3, 0.9];
+/// A colour of transfer functions.
 pub const GOLD: [f64; 3] = [1.0, 0.75, 0.2];
+/// A colour of transfer functions.
 pub const RED: [f64; 3] = [0.9, 0.15, 0.1];
+/// A colour of transfer functions.
 pub const WHITE: [f64; 3] = [1.0; 3];
 
 /// L-infinity between two pictures, grey levels of 255.
