@@ -23,6 +23,7 @@ pub mod random;
 pub mod resident;
 pub mod ricker;
 pub mod stability;
+pub mod virtual_volume;
 pub mod volume;
 
 pub use context::{ChartError, Context, Scale};

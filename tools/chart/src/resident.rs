@@ -129,7 +129,9 @@ impl<'a> Classified<'a> {
     /// If the table of contents cannot be read.
     pub fn new(all: &'a ResidentBricks, scene: &ResolvedScene, skipping: Skipping) -> Result<Self, ChartError> {
         let container = &all.container;
-        let classifier = Classifier::new(scene, container.descriptor().voxel_type, all.map, skipping);
+        // These views draw one level, whatever it shows.
+        let lod = LodChoice::Fixed(Lod::FINEST);
+        let classifier = Classifier::new(scene, container.descriptor().voxel_type, all.map, skipping, lod);
         let class = |&key: &BrickKey| Ok((key, classifier.classify(&container.entry(key)?)));
         Ok(Self { all, classes: all.bricks.keys().map(class).collect::<Result<_, ChartError>>()? })
     }

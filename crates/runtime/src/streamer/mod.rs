@@ -38,7 +38,7 @@ use classify::{Class, Classifier};
 use decode::Encoded;
 use io::{IoCounters, RecordRequest};
 use priority::{FrontToBack, Rank, Ranked};
-use state::{BrickState, StateTable};
+use state::{BrickState, Emptiness, StateTable};
 
 /// Why the streamer cannot go on.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -515,6 +515,7 @@ impl BrickView for HostView<'_> {
             return Resident::Brick(brick);
         }
         match (self.states.state(key), self.on_missing) {
+            (BrickState::Nothing(Emptiness::Vanished), _) => Resident::Vanished,
             (BrickState::Nothing(_), _) => Resident::Nothing,
             (BrickState::Uniform(value), _) => Resident::Uniform(value),
             (BrickState::Failed { .. }, _) | (_, OnMissing::UseParent) => Resident::UseParent,
