@@ -105,7 +105,7 @@ fn axis_parallel(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let field = Volume::build(context, "S24 waves", &waves([EDGE; 3]), &build_options(16))?;
     let constant = Volume::build(context, "S24 CONST", &fixtures::constant([EDGE; 3], 1.0), &build_options(16))?;
     // 33 pixels over 16.5 voxels: rays at all integers and halves from 16 to 32, two faces of bricks (15.5 and 31.5).
-    let pixels = context.pick(65, 33);
+    let pixels = context.pick(49, 33);
     let height = format!(
         r#""camera": {{"eye": [0,0,0], "target": [1,0,0], "up": [0,0,1], "height": {}}}"#,
         f64::from(pixels) / 2.0
@@ -309,7 +309,7 @@ const ODD_SIZES: [[u64; 3]; 12] = [
 ];
 
 fn degenerate(context: &Context<'_>) -> Result<Outcome, ChartError> {
-    let size = context.pick(image_size(48, 36), image_size(16, 12));
+    let size = context.pick(image_size(28, 21), image_size(16, 12));
     let (mut curve, mut worst, mut not_finite, mut empty) = (Vec::new(), 0.0f64, 0.0, 0.0);
     for dims in ODD_SIZES {
         for voxel_type in [VoxelType::F32, VoxelType::U8] {

@@ -80,8 +80,8 @@ fn jitter(context: &Context<'_>) -> Result<Outcome, ChartError> {
     gates.push(Gate::at_most("frames that another number of threads changes in any bit", differing, 0.0));
     let note = "Two biases stay, however many frames are averaged, and shrink with the step. The first and the last interval of \
                 a ray are cut short and sampled in their middle, so that over all offsets the first half step from a ray's end \
-                weighs 0 at the end and twice its share at half a step: a step of the transfer function there is moved, and \
-                that gate fails. And what is averaged is the opacity 1 - exp(-depth), not the depth: noise of the depth with \
+                weighs 0 at the end and twice its share at half a step: what changes there is moved, most of all a step of the \
+                transfer function. And what is averaged is the opacity 1 - exp(-depth), not the depth: noise of the depth with \
                 variance v leaves about v/2 of the transmittance, which is most of what is left inside the volume."
         .into();
     Ok(Outcome { curve, gates, note })

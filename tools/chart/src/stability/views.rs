@@ -80,8 +80,7 @@ pub mod tests {
     pub fn outcome(regimes: &[Regime], id: &str) -> Outcome {
         let regime = regimes.iter().find(|r| r.id == id).expect("the regime is of this module");
         let folder = tempfile::tempdir().expect("tests need a temporary folder");
-        let scale = if std::env::var_os("CHART_FULL").is_some() { Scale::Full } else { Scale::Small };
-        let context = Context { scale, folder: folder.path(), say: &|_| () };
+        let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
         let start = std::time::Instant::now();
         let outcome = (regime.run)(&context).unwrap_or_else(|e| panic!("{id}: {e}"));
         println!("{id} {}: {:.2} s", regime.title, start.elapsed().as_secs_f64());
