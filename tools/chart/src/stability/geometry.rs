@@ -309,7 +309,8 @@ const ODD_SIZES: [[u64; 3]; 12] = [
 ];
 
 fn degenerate(context: &Context<'_>) -> Result<Outcome, ChartError> {
-    let size = context.pick(image_size(28, 21), image_size(16, 12));
+    // Odd, so that the middle ray meets the middle of even the thinnest volume.
+    let size = context.pick(image_size(29, 21), image_size(17, 13));
     let (mut curve, mut worst, mut not_finite, mut empty) = (Vec::new(), 0.0f64, 0.0, 0.0);
     for dims in ODD_SIZES {
         for voxel_type in [VoxelType::F32, VoxelType::U8] {
