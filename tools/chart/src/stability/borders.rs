@@ -14,7 +14,7 @@ use supervol_runtime::raycast::cpu::{CpuQuality, Skipping};
 use supervol_runtime::raycast::gpu::GpuDevice;
 use supervol_runtime::scene::ResolvedScene;
 
-use super::views::{BLUE, GOLD, HALF_A_LEVEL, SHADED, fractions, grey_levels, smooth};
+use super::views::{BLUE, GOLD, HALF_A_LEVEL, SHADED, automatic, fractions, grey_levels, smooth};
 use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures::{self, Thin};
@@ -214,6 +214,11 @@ fn leaping(context: &Context<'_>) -> Result<Outcome, ChartError> {
             let shading = if i % 3 == 0 { SHADED } else { r#""mode": "dvr""# };
             let camera = volume.looking_from(random.direction(), 2.4);
             let scene = volume.scene(&[&camera, &image_size(8, 6), &tf, shading])?;
+            if i < AUTOMATIC_PICTURES {
+                let [on, off] = both_automatic(volume, &[&image_size(8, 6), &tf, shading], random.direction())?;
+                worst[width] = worst[width].max(grey_levels(&on, &off));
+                differing += bits_differ(&on, &off);
+            }
             for lod in 0..volume.container.pyramid().levels().len() {
                 let [on, off] = both(&all, &scene, Lod(lod as u8))?;
                 worst[width] = worst[width].max(grey_levels(&on, &off));
@@ -229,7 +234,10 @@ fn leaping(context: &Context<'_>) -> Result<Outcome, ChartError> {
         Gate::at_most("CPU pictures that leaping changes in any bit", differing, 0.0),
         Gate::at_least("share of pictures that show anything", showing as f64 / pictures as f64, 0.25),
     ];
-    let mut note = format!("{pictures} pairs of pictures, {functions} transfer functions a fixture, seed 21.");
+    let mut note = format!(
+        "{pictures} pairs of pictures, {functions} transfer functions a fixture, seed 21; {AUTOMATIC_PICTURES} of them also with \
+         levels chosen automatically."
+    );
     match leaping_on_gpu(context, &volumes)? {
         Some((points, gpu)) => {
             curve.extend(points);
@@ -245,6 +253,20 @@ fn both(all: &ResidentBricks, scene: &ResolvedScene, lod: Lod) -> Result<[Image;
     let picture = |skipping| {
         let quality = CpuQuality { lod: LodChoice::Fixed(lod), skipping, ..CpuQuality::default() };
         all.picture(&Classified::new(all, scene, skipping)?, scene, quality)
+    };
+    Ok([picture(Skipping::On)?, picture(Skipping::Off)?])
+}
+
+/// Transfer functions of each fixture that are also drawn from levels chosen automatically.
+const AUTOMATIC_PICTURES: usize = 5;
+
+/// A picture from afar, levels chosen automatically, read through the streamer, with leaping and without.
+fn both_automatic(volume: &Volume, members: &[&str], direction: DVec3) -> Result<[Image; 2], ChartError> {
+    let camera = volume.looking_from(direction, 6.0);
+    let scene = volume.scene(&[&[camera.as_str()], members].concat())?;
+    let picture = |skipping| {
+        let options = RenderOptions { skipping, ..automatic(finest(Backend::Cpu)) };
+        Ok::<_, ChartError>(volume.render(&scene, &options)?.0)
     };
     Ok([picture(Skipping::On)?, picture(Skipping::Off)?])
 }

@@ -48,7 +48,7 @@ pub const REGIMES: &[Regime] = &[
     Regime {
         id: "S16",
         title: "Averages that the transfer function does not see",
-        recipe: "CHECK is +1 and -1 in turn, opaque at both and clear at 0: every coarser level is 0, hence clear. Levels \
+        recipe: "CHECK is +1 and -1 in turn, opaque at both and clear, or nearly so, at 0: every coarser level is 0. Levels \
                  chosen automatically, from farther and farther away.",
         x_label: "voxels of level 0 per pixel",
         y_label: "mean opacity",
@@ -227,20 +227,28 @@ fn far_views(volume: &Volume, target: [f64; 3], window: u32, members: &[&str]) -
 fn mean_vanishes(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let edge = context.pick(128, 64);
     let volume = Volume::build(context, "S16", &fixtures::check(edge), &build_options(16))?;
-    let tf = transfer_function(1.0, &[(-1.0, GOLD, 0.3), (0.0, WHITE, 0.0), (1.0, BLUE, 0.3)]);
-    let (mut curve, mut worst, mut coarsest) = (Vec::new(), 0.0f64, 0);
-    for view in far_views(&volume, volume.middle(), 32, &[&tf])? {
-        let x = f64::from(view.voxels_per_pixel);
-        let (coarse, fine) = (mean_opacity(&view.automatic), mean_opacity(&view.level_0));
-        curve.push(CurvePoint::new("default: levels chosen automatically", x, coarse, Some(fine)));
-        curve.push(CurvePoint::new("level 0", x, fine, Some(fine)));
-        worst = worst.max((coarse - fine).abs());
-        coarsest = coarsest.max(view.coarsest_read);
+    let (mut curve, mut gates, mut coarsest) = (Vec::new(), Vec::new(), 0);
+    for (name, alpha_of_mean) in [("clear at 0", 0.0), ("opacity 0.001 at 0", 0.001)] {
+        let tf = transfer_function(1.0, &[(-1.0, GOLD, 0.3), (0.0, WHITE, alpha_of_mean), (1.0, BLUE, 0.3)]);
+        let mut worst = 0.0f64;
+        for view in far_views(&volume, volume.middle(), 32, &[&tf])? {
+            let x = f64::from(view.voxels_per_pixel);
+            let (coarse, fine) = (mean_opacity(&view.automatic), mean_opacity(&view.level_0));
+            curve.push(CurvePoint::new(
+                &format!("{name}, default: levels chosen automatically"),
+                x,
+                coarse,
+                Some(fine),
+            ));
+            worst = worst.max((coarse - fine).abs());
+            coarsest = coarsest.max(view.coarsest_read);
+        }
+        gates.push(Gate::at_most(format!("|mean opacity - that of level 0|, {name}"), worst, 0.05));
     }
-    let gates = vec![Gate::at_most("|mean opacity - that of level 0|", worst, 0.05)];
     let note = format!(
-        "Expected is level 0 averaged over the pixel. The coarsest level met was {coarsest}. Levels are chosen by the size \
-         of their voxels alone: neither the stored error bound nor the range of the finer bricks beneath is asked."
+        "Expected is level 0 averaged over the pixel. The coarsest level met was {coarsest}. A coarser brick that shows nothing \
+         although finer bricks beneath it would is refused; one that shows a little, where they show a lot, is drawn: neither \
+         its error bound nor how much opacity its average costs is asked."
     );
     Ok(Outcome { curve, gates, note })
 }
@@ -277,8 +285,8 @@ fn seismic_collapse(context: &Context<'_>) -> Result<Outcome, ChartError> {
     ];
     let note = format!(
         "The opacity series is a survey of RICKER built with automatic axes (x and y are halved before z) under the seismic \
-         preset; its coarsest level met was {coarsest}. Levels are chosen by the size of their voxels alone, so that levels \
-         that average reflections away are used as soon as their voxels are small enough."
+         preset; its coarsest level met was {coarsest}. Levels are chosen by the size of their voxels; one that \
+         averages most of its reflections away is refused only where nothing visible is left of them."
     );
     Ok(Outcome { curve, gates, note })
 }
@@ -360,8 +368,8 @@ fn thin_features(context: &Context<'_>) -> Result<Outcome, ChartError> {
         Gate::at_most("|greatest value - mean's|", off, 1e-6),
     ];
     let note = "Both pictures are of the same rays, which run through the feature; level 0 shows it where its opacity is above half a \
-                grey level. A coarser brick is judged \
-                by its own range; the range of the finer bricks beneath it, which the table of contents holds, is not asked."
+                grey level. A coarser brick in which nothing is \
+                left to see of the range beneath it is refused, and its children are drawn."
         .into();
     Ok(Outcome { curve, gates, note })
 }
@@ -388,12 +396,11 @@ mod tests {
         }
     }
 
-    /// The gates about pictures fail as long as levels are chosen by size alone; what the pyramid holds is right.
+    /// What shows a little of a lot is drawn: there the last gate of S16 and the first of S17 fail.
     #[test]
     fn averages_keep_what_theory_says() {
-        outcome(REGIMES, "S16");
-        for id in ["S17", "S18"] {
-            assert!(outcome(REGIMES, id).gates[1].holds(), "{id}");
-        }
+        assert!(outcome(REGIMES, "S16").gates[0].holds());
+        assert!(outcome(REGIMES, "S17").gates[1].holds());
+        assert!(outcome(REGIMES, "S18").pass());
     }
 }

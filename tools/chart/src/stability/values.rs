@@ -184,7 +184,7 @@ fn holes(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let facing = orthographic(&whole, whole.middle(), DVec3::Z, [0.0, 1.0, 0.0], HOLED_DIMS[1] as f64);
     let flat = [facing.as_str(), size.as_str(), tf.as_str()];
     let clean = whole.finest(&whole.scene(&flat)?, Backend::Cpu)?;
-    let small = context.pick(image_size(48, 36), image_size(16, 12));
+    let small = context.pick(image_size(32, 24), image_size(16, 12));
     let (mut curve, mut worst, mut not_finite, mut leaked, mut wrong) = (Vec::new(), 0.0f64, 0.0, 0.0, 0.0);
     for (i, (name, is_hole)) in HOLES.into_iter().enumerate() {
         let mut at_worst = 0.0f64;

@@ -15,9 +15,13 @@ pub const HALF_A_LEVEL: f64 = 0.5;
 /// `"shading"`: the defaults.
 pub const SHADED: &str = r#""shading": {}"#;
 
+/// A colour of transfer functions.
 pub const BLUE: [f64; 3] = [0.1, 0.3, 0.9];
+/// A colour of transfer functions.
 pub const GOLD: [f64; 3] = [1.0, 0.75, 0.2];
+/// A colour of transfer functions.
 pub const RED: [f64; 3] = [0.9, 0.15, 0.1];
+/// A colour of transfer functions.
 pub const WHITE: [f64; 3] = [1.0; 3];
 
 /// L-infinity between two pictures, grey levels of 255.
@@ -76,8 +80,7 @@ pub mod tests {
     pub fn outcome(regimes: &[Regime], id: &str) -> Outcome {
         let regime = regimes.iter().find(|r| r.id == id).expect("the regime is of this module");
         let folder = tempfile::tempdir().expect("tests need a temporary folder");
-        let scale = if std::env::var_os("CHART_FULL").is_some() { Scale::Full } else { Scale::Small };
-        let context = Context { scale, folder: folder.path(), say: &|_| () };
+        let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
         let start = std::time::Instant::now();
         let outcome = (regime.run)(&context).unwrap_or_else(|e| panic!("{id}: {e}"));
         println!("{id} {}: {:.2} s", regime.title, start.elapsed().as_secs_f64());
