@@ -106,7 +106,7 @@ fn planner_cost(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let views: [(&str, View); 2] = [("whole", whole_view), ("inside", inside_view)];
     for (name, dims) in [("16821 x 7494 x 2070", [16_821, 7494, 2070]), ("65,536^3", [65_536; 3])] {
         for (seen, view) in views {
-            for &size in context.pick::<&[_]>(&[(80, 60), (160, 120), (320, 240)], &[(48, 36)]) {
+            for &size in context.pick::<&[_]>(&[(64, 48), (128, 96), (192, 144)], &[(48, 36)]) {
                 (context.say)(&format!("S34: {name}, {seen}, {} x {} pixels", size.0, size.1));
                 let [cold, warm, bricks] = plan_view(context, dims, view, size)?;
                 curve.push(CurvePoint::new(&format!("{name}, {seen}, cold"), bricks, cold, None));
