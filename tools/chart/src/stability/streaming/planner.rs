@@ -130,7 +130,7 @@ fn planner_cost(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let note = format!(
         "These pictures are small (at most 96 x 72), because larger ones take minutes to cast; the gates are met or missed \
          for them only. Cold planning grows with the bricks that a frame uses: {cold:.1} ms for {bricks} in the largest. At \
-         that rate 20 ms are reached at about {:.0} bricks, which larger pictures exceed. Planning is everything that the streamer does between the passes of one frame but the source's reads and the \
+         that rate 20 ms are reached at about {:.0} bricks, which larger pictures may exceed. Planning is everything that the streamer does between the passes of one frame but the source's reads and the \
          decoding: ranking, the table of contents (checksums of its pages included), classification, states, admission, \
          eviction, buffers, and putting bricks into the cache; summed over all passes, median of repeated frames, wall \
          time. Levels of detail are chosen while rays are cast and are not in it. The first image of 65,536^3 (budget: 0 \
