@@ -52,7 +52,7 @@ fn orbit(volume: &Volume, steps: usize, size: (u32, u32)) -> Result<Vec<Resolved
 
 fn small_cache(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let (volume, _) = BrickId::open([4096; 3], 16)?;
-    let views = orbit(&volume, context.pick(9, 3), context.pick((320, 240), (96, 72)))?;
+    let views = orbit(&volume, context.pick(6, 3), context.pick((160, 120), (96, 72)))?;
     let ample = views.iter().map(|v| fresh(&volume, v, Settings::default())).collect::<Result<Vec<_>, _>>()?;
     let working_set_bytes = ample[0].stats.host_cache_bytes;
     let mut curve = Vec::new();
@@ -186,7 +186,7 @@ fn two_views(context: &Context<'_>, starved: &mut Starved) -> Result<String, Cha
 /// A frame that wants a hundred times as many bricks as the cache holds. Returns how many.
 fn overflow(context: &Context<'_>, starved: &mut Starved) -> Result<u64, ChartError> {
     let (volume, _) = BrickId::open([65_536; 3], 16)?;
-    let view = &orbit(&volume, 1, context.pick((320, 240), (96, 72)))?[0];
+    let view = &orbit(&volume, 1, context.pick((192, 144), (96, 72)))?[0];
     let whole = fresh(&volume, view, Settings::default())?;
     let cache_bytes = (whole.stats.host_cache_bytes / 100).max(BrickBytes::of(&volume.container).decoded);
     let frame = fresh(&volume, view, Settings { cache_bytes: Some(cache_bytes), ..Settings::default() })?;
