@@ -18,6 +18,7 @@
 pub mod context;
 pub mod fixtures;
 pub mod measure;
+pub mod peers;
 pub mod random;
 pub mod stability;
 pub mod volume;
