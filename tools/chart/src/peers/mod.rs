@@ -10,8 +10,8 @@
 //! Both programs read the same bytes, look from the same place, cast one ray per pixel with the same number of threads and
 //! draw the same domain: VTK's volume ends at the centres of its outermost voxels, ours half a voxel further out, so that
 //! ours is clipped to theirs. They run one after the other, case by case, so that a busy machine is busy for both.
-//! Costs are processor time of all threads; pictures are compared as the 8-bit pictures that people see, over black,
-//! because VTK hands out no other.
+//! Costs are processor time of all threads; pictures are compared as the rays gathered them, over black, before they are
+//! rounded to 8 bits.
 //!
 //! A peer that cannot be measured (no Python, no network, no display library) is reported with the reason; the rest goes on.
 
@@ -97,7 +97,7 @@ pub struct Cost {
     pub cast_cpu: Option<Spread>,
 }
 
-/// How far an 8-bit picture is from another, in grey levels.
+/// How far a picture over black is from another, in grey levels of 255.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Levels {
     /// Greatest difference of any channel of any pixel.
@@ -187,10 +187,10 @@ pub struct Sizes {
 #[must_use]
 pub fn sizes(context: &Context<'_>) -> Sizes {
     Sizes {
-        repeats: context.pick(7, 3),
-        image: context.pick([512, 384], [160, 120]),
+        repeats: context.pick(5, 3),
+        image: context.pick([320, 240], [160, 120]),
         error_image: context.pick([128, 96], [40, 30]),
-        steps_voxels: context.pick(&[1.0, 0.5, 0.25], &[1.0, 0.5]),
+        steps_voxels: &[1.0, 0.5],
     }
 }
 
@@ -272,7 +272,6 @@ fn rows_of(case: &Case<'_>, drawn: &[Drawn], reference: &Image) -> Vec<Row> {
             |d: &&Drawn| d.program == ours::NAME && d.step_voxels.is_some() && d.step_voxels == row.step_voxels;
         drawn.iter().find(is_same).map(|d| cpu(row) / cpu(d))
     };
-    let default_as_exact = as_seen(&default.error_picture);
     drawn
         .iter()
         .map(|d| Row {
@@ -283,15 +282,10 @@ fn rows_of(case: &Case<'_>, drawn: &[Drawn], reference: &Image) -> Vec<Row> {
             cost: d.cost,
             ratio_to_default: cpu(d) / cpu(default),
             ratio_to_same_sampling: same_sampling(d),
-            from_reference: levels(&d.error_picture, &over_black(reference)),
-            from_default: levels(&d.error_picture, &default_as_exact),
+            from_reference: levels(&d.error_picture, reference),
+            from_default: levels(&d.error_picture, &default.error_picture),
         })
         .collect()
-}
-
-/// The channels of the 8-bit picture that people see, 0 to 1.
-fn as_seen(picture: &Image) -> Vec<f32> {
-    picture.to_rgb8([0.0; 3]).iter().map(|&level| f32::from(level) / GREY_LEVELS as f32).collect()
 }
 
 /// The channels over black, not rounded.
@@ -299,8 +293,8 @@ fn over_black(picture: &Image) -> Vec<f32> {
     picture.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect()
 }
 
-fn levels(picture: &Image, exact: &[f32]) -> Levels {
-    let d = distance_of(&as_seen(picture), exact);
+fn levels(picture: &Image, exact: &Image) -> Levels {
+    let d = distance_of(&over_black(picture), &over_black(exact));
     Levels { linf: GREY_LEVELS * d.linf, rmse: GREY_LEVELS * d.rmse, bias: GREY_LEVELS * d.bias }
 }
 

@@ -46,7 +46,7 @@ pub fn markdown(comparison: &Comparison, command: &str) -> String {
             comparison.repeats
         ),
         format!(
-            "Errors: grey levels of the {small_width} x {small_height} picture, 8 bit over black, from the float64 reference \
+            "Errors: grey levels of the {small_width} x {small_height} picture over black, not rounded, from the float64 reference \
              integrator."
         ),
         "Ratios: the row's processor time over that of Supervol's default, and over that of Supervol sampling the same \

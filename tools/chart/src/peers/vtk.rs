@@ -1,6 +1,6 @@
 //! VTK's CPU ray caster, `vtkFixedPointVolumeRayCastMapper`, in a Python process of its own.
 //!
-//! One process draws one case. It is handed a job as JSON, and hands back numbers as JSON and pictures as raw RGB bytes;
+//! One process draws one case. It is handed a job as JSON, and hands back numbers as JSON and pictures as raw 16-bit RGBA;
 //! `vtk_render.py` says what it does. What differs from our model, as far as it is known:
 //! - samples are points a fixed distance apart, opacity corrected by a table, everything in 15-bit fixed point;
 //! - gradients are central differences at the voxels, rounded to a table of directions, made once per volume (in the first
@@ -28,6 +28,8 @@ pub const PACKAGE: Package = Package { name: "vtk", version: "9.7.2" };
 /// VTK ends a ray when what gets through falls below 255 of 32768.
 pub const TERMINATION_OPACITY: f64 = 1.0 - 255.0 / 32768.0;
 
+/// Full scale of a channel of VTK's pictures.
+const ONE: f32 = 32767.0;
 const SCRIPT: &str = include_str!("vtk_render.py");
 /// Time that the pictures of one case may take.
 const CASE_LIMIT: Duration = Duration::from_secs(600);
@@ -154,7 +156,7 @@ impl Job {
             .steps_voxels
             .iter()
             .enumerate()
-            .map(|(i, &step)| (step, file(format!("{stem}-{i}.rgb")), file(format!("{stem}-{i}-small.rgb"))))
+            .map(|(i, &step)| (step, file(format!("{stem}-{i}.rgba")), file(format!("{stem}-{i}-small.rgba"))))
             .collect();
         let (dims, spacing) = case.grid();
         let members = case.members();
@@ -251,16 +253,17 @@ fn parse(text: &str, steps: usize, repeats: usize, threads: usize) -> Result<Don
     Ok(done)
 }
 
-/// A picture of raw RGB bytes, row 0 on top, over black.
+/// A picture of premultiplied RGBA, 16-bit little endian, row 0 on top; [`ONE`] is 1.
 fn read_picture(path: &Path, [width, height]: [u32; 2]) -> Result<Image, String> {
-    let expected = u64::from(width) * u64::from(height) * 3;
+    let expected = u64::from(width) * u64::from(height) * 8;
     let read = || -> std::io::Result<Option<Vec<u8>>> {
         if std::fs::metadata(path)?.len() != expected { Ok(None) } else { std::fs::read(path).map(Some) }
     };
     let bytes = read().map_err(|e| format!("a picture is missing: {e}"))?;
     let bytes = bytes.ok_or_else(|| format!("a picture has not the {expected} bytes of {width} x {height} pixels"))?;
-    let channel = |level: u8| f32::from(level) / 255.0;
-    let pixels = bytes.chunks_exact(3).map(|p| [channel(p[0]), channel(p[1]), channel(p[2]), 1.0]).collect();
+    let channels = bytes.chunks_exact(2).map(|c| f32::from(u16::from_le_bytes([c[0], c[1]])) / ONE);
+    let channels: Vec<f32> = channels.collect();
+    let pixels = channels.chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
     Ok(Image { width, height, pixels })
 }
 
@@ -306,11 +309,11 @@ mod tests {
     #[test]
     fn a_picture_has_its_size_or_is_refused() {
         let folder = tempfile::tempdir().expect("a temporary folder");
-        let path = folder.path().join("p.rgb");
+        let path = folder.path().join("p.rgba");
         assert!(read_picture(&path, [2, 1]).expect_err("not there").contains("missing"));
-        std::fs::write(&path, [0, 51, 255, 255, 0, 0]).expect("room");
+        std::fs::write(&path, [0, 0, 0xff, 0x7f, 0, 0, 0xff, 0x7f, 0, 0, 0, 0, 0, 0, 0, 0]).expect("room");
         let picture = read_picture(&path, [2, 1]).expect("a picture");
-        assert_eq!(picture.pixels, [[0.0, 0.2, 1.0, 1.0], [1.0, 0.0, 0.0, 1.0]]);
-        assert!(read_picture(&path, [2, 2]).expect_err("too short").contains("12 bytes"));
+        assert_eq!(picture.pixels, [[0.0, 1.0, 0.0, 1.0], [0.0; 4]]);
+        assert!(read_picture(&path, [2, 2]).expect_err("too short").contains("32 bytes"));
     }
 }

@@ -4,8 +4,8 @@
 
 JOB.json names one volume (a raw file of bytes, x fastest), one camera, one transfer function, one shading and a list of
 step lengths; all lengths are world lengths, angles are degrees. For each step the volume is drawn once to warm up, then
-`repeats` times with the clock running, then once at the smaller `error_image` size. Pictures are written as raw RGB bytes,
-row 0 on top, over black. ANSWER.json holds versions and numbers, or `error`: why there are none.
+`repeats` times with the clock running, then once at the smaller `error_image` size. Pictures are written as the
+rays gathered them (see `write_picture`). ANSWER.json holds versions and numbers, or `error`: why there are none.
 
 vtkFixedPointVolumeRayCastMapper casts rays on the processor with 15-bit fixed-point numbers, skips empty 4^3 cells, and
 ends a ray whose remaining opacity is below 255/32768; its finished picture goes through OpenGL as one textured rectangle.
@@ -85,6 +85,11 @@ def window_of(job, mapper):
     renderer = vtk.vtkRenderer()
     renderer.SetBackground(0.0, 0.0, 0.0)
     renderer.AddVolume(volume)
+    # VTK takes the ambient term from the light, and a light's ambient colour is black unless somebody says otherwise.
+    light = vtk.vtkLight()
+    light.SetLightTypeToHeadlight()
+    light.SetAmbientColor(1.0, 1.0, 1.0)
+    renderer.AddLight(light)
     window = vtk.vtkRenderWindow()
     window.SetOffScreenRendering(1)
     window.SetMultiSamples(0)
@@ -98,21 +103,28 @@ def window_of(job, mapper):
     return window, renderer, volume
 
 
-def write_picture(window, path):
-    """The window's RGB bytes, row 0 on top."""
-    import vtk
-    from vtk.util import numpy_support
+def write_picture(mapper, path):
+    """What the rays gathered: premultiplied RGBA, 16-bit little endian, 32767 is 1, row 0 on top, the whole viewport.
 
-    grab = vtk.vtkWindowToImageFilter()
-    grab.SetInput(window)
-    grab.SetInputBufferTypeToRGB()
-    grab.ReadFrontBufferOff()
-    grab.ShouldRerenderOff()
-    grab.Update()
-    picture = grab.GetOutput()
-    width, height, _ = picture.GetDimensions()
-    rows = numpy_support.vtk_to_numpy(picture.GetPointData().GetScalars()).reshape(height, width, 3)
-    rows[::-1].tofile(path)
+    Taken from the ray caster, not from the window: the window's picture is stretched by a pixel on its way through OpenGL
+    and rounded to 8 bits, which is no fault of the rays. The ray caster keeps only the rectangle around the volume, row 0
+    at the bottom, in a buffer of a size of its own.
+    """
+    import ctypes
+
+    import numpy
+
+    kept = mapper.GetRayCastImage()
+    width, height = kept.GetImageViewportSize()
+    buffer_width, buffer_height = kept.GetImageMemorySize()
+    used_width, used_height = kept.GetImageInUseSize()
+    left, bottom = kept.GetImageOrigin()
+    address = int(kept.GetImage().split("_")[1], 16)
+    buffer = (ctypes.c_uint16 * (buffer_width * buffer_height * 4)).from_address(address)
+    rows = numpy.frombuffer(buffer, dtype=numpy.uint16).reshape(buffer_height, buffer_width, 4)
+    picture = numpy.zeros((height, width, 4), dtype="<u2")
+    picture[bottom : bottom + used_height, left : left + used_width] = rows[:used_height, :used_width]
+    picture[::-1].tofile(path)
 
 
 def timed(work):
@@ -134,10 +146,10 @@ def measure(job, step, window, mapper):
     if used != 1.0 or mapper.GetSampleDistance() != step["step_world"]:
         raise RuntimeError(f"VTK changed its sampling: {used} pixels, {mapper.GetSampleDistance()} world")
     window.Render()
-    write_picture(window, step["picture"])
+    write_picture(mapper, step["picture"])
     window.SetSize(*job["error_image"])
     window.Render()
-    write_picture(window, step["error_picture"])
+    write_picture(mapper, step["error_picture"])
     return {"first": first, "frames": frames, "casts": casts}
 
 
