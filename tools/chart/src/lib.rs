@@ -19,6 +19,7 @@
 pub mod context;
 pub mod fixtures;
 pub mod measure;
+pub mod peers;
 pub mod random;
 pub mod resident;
 pub mod ricker;

@@ -21,7 +21,7 @@ use crate::quantity::show_bytes;
 use crate::render::picture;
 
 /// CT of a carp; scan by M. Scheuring, University of Erlangen; BSD-2-Clause; see `tests/data/README.md`.
-const CARP: &[u8] = include_bytes!("../../../tests/data/carp_ct.nii.gz");
+pub const CARP: &[u8] = include_bytes!("../../../tests/data/carp_ct.nii.gz");
 const CARP_SCENE: &str = include_str!("../scenes/carp.json");
 const SEISMIC_SCENE: &str = include_str!("../scenes/seismic.json");
 /// Crosslines, inlines, samples of the synthetic survey.

@@ -3,6 +3,7 @@
 //! Exit codes: 0 done, 1 the data is wrong, 2 the command is wrong, 3 the machine failed us (disk full, no memory, I/O
 //! error). Results go to standard output, messages and progress to standard error.
 
+mod bench;
 mod build;
 mod demo;
 mod extract;
@@ -40,6 +41,8 @@ enum Command {
     Extract(extract::Arguments),
     /// Make a picture of a container
     Render(render::Arguments),
+    /// Measure pictures: cost, distance from the reference, and the same by other programs
+    Bench(bench::Arguments),
     /// Build and render a real and a synthetic volume, to see that everything works
     Demo(demo::Arguments),
 }
@@ -53,6 +56,7 @@ fn main() -> ExitCode {
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Extract(arguments) => extract::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
     };
     match result {

@@ -188,3 +188,17 @@ fn exit_codes_say_whose_fault_it_is() {
         .collect();
     assert!(left.is_empty(), "unfinished files are left: {left:?}");
 }
+
+#[test]
+fn bench_goes_on_without_the_peer_and_says_why_it_is_missing() {
+    let folder = Folder::new();
+    let python = ["--python", "/nowhere/python3", "--environment", "environment"];
+    let run = [&["bench", "--peers", "--quick", "--scene", "vessels", "-o", "out"][..], &python].concat();
+    let page = folder.expect(0, &run);
+    assert!(page.contains("VTK not measured: no Python: /nowhere/python3"), "{page}");
+    assert!(page.contains("| vessels | shaded   | Supervol | default"), "{page}");
+    let json = json(&std::fs::read_to_string(folder.path("out/peers.json")).expect("bench wrote it"));
+    assert_eq!(json["peer"]["measured"], false);
+    assert!(json["rows"].as_array().is_some_and(|rows| rows.iter().all(|row| row["program"] == "Supervol")));
+    assert!(folder.expect(2, &["bench", "--quick", "--scene", "teapot"]).contains("teapot"));
+}

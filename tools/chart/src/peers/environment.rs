@@ -1,0 +1,114 @@
+//! A private Python environment with pinned packages, made by the user's own Python.
+//!
+//! It lives in one folder, which nothing else uses and which may be deleted at any time; it is made once and found again.
+//! Nothing is installed elsewhere. Every program that is started has a time limit. Whatever is missing (Python, its module
+//! `venv`, the network, a wheel for this platform) is an answer in one sentence, not a failure of the command.
+
+use std::ffi::OsStr;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use super::PeerOptions;
+
+/// Time that a program which should answer at once may take.
+const ANSWER_LIMIT: Duration = Duration::from_secs(60);
+/// Time that an installation may take: downloads of some 200 MB.
+const INSTALL_LIMIT: Duration = Duration::from_secs(900);
+/// How often a running program is looked at.
+const POLL: Duration = Duration::from_millis(20);
+/// Bytes of a program's output that are kept, from its end.
+const OUTPUT_LIMIT: usize = 4096;
+
+/// A package and its exact version.
+#[derive(Debug, Clone, Copy)]
+pub struct Package {
+    /// Name on the Python package index.
+    pub name: &'static str,
+    /// Version.
+    pub version: &'static str,
+}
+
+/// The environment's own Python with `package` installed.
+///
+/// # Errors
+/// One sentence that says what is missing.
+pub fn prepare(options: &PeerOptions, package: Package, say: &(dyn Fn(&str) + Sync)) -> Result<PathBuf, String> {
+    let python = python_of(&options.environment);
+    if installed_version(&python, package).as_deref() == Some(package.version) {
+        return Ok(python);
+    }
+    let system = &options.python;
+    run(system, &["--version"], ANSWER_LIMIT).map_err(|why| format!("no Python: {why}"))?;
+    let Package { name, version } = package;
+    say(&format!("installing {name} {version} into {}", options.environment.display()));
+    let folder = options.environment.as_os_str();
+    run(system, &["-m".as_ref(), "venv".as_ref(), folder], ANSWER_LIMIT)
+        .map_err(|why| format!("no Python environment (on Debian, install python3-venv): {why}"))?;
+    let requirement = format!("{name}=={version}");
+    let install = ["-m", "pip", "install", "--no-input", "--disable-pip-version-check", "-q", &requirement, "numpy"];
+    run(&python, &install, INSTALL_LIMIT).map_err(|why| format!("{requirement} cannot be installed: {why}"))?;
+    match installed_version(&python, package) {
+        Some(found) if found == version => Ok(python),
+        found => Err(format!("{requirement} was installed, but version {} is found", found.unwrap_or("none".into()))),
+    }
+}
+
+/// Where an environment has its Python.
+fn python_of(environment: &Path) -> PathBuf {
+    if cfg!(windows) { environment.join("Scripts").join("python.exe") } else { environment.join("bin").join("python") }
+}
+
+/// Version of a package, `None` where it or the environment is missing.
+fn installed_version(python: &Path, package: Package) -> Option<String> {
+    if !python.exists() {
+        return None;
+    }
+    let ask = format!("import importlib.metadata as m; print(m.version('{}'))", package.name);
+    run(python, &["-c", &ask], ANSWER_LIMIT).ok().map(|answer| answer.trim().to_string())
+}
+
+/// Runs a program to its end and returns its standard output.
+///
+/// # Errors
+/// One clause: the program cannot be started, fails (with the last line it said), or takes longer than `limit` and is ended.
+pub fn run<S: AsRef<OsStr>>(program: &Path, arguments: &[S], limit: Duration) -> Result<String, String> {
+    let name = program.display();
+    let cannot = |what: &str, e: std::io::Error| format!("{name}: {what}: {e}");
+    // Files, not pipes: a program that says more than a pipe holds would wait for a reader until its limit.
+    let spool = || tempfile::tempfile().map_err(|e| cannot("no temporary file", e));
+    let (mut out, mut err) = (spool()?, spool()?);
+    let writer = |file: &File| file.try_clone().map(Stdio::from).map_err(|e| cannot("no temporary file", e));
+    let mut command = Command::new(program);
+    command.args(arguments).stdin(Stdio::null()).stdout(writer(&out)?).stderr(writer(&err)?);
+    let mut child = command.spawn().map_err(|e| cannot("cannot be started", e))?;
+    let start = Instant::now();
+    let status = loop {
+        match child.try_wait().map_err(|e| cannot("cannot be waited for", e))? {
+            Some(status) => break status,
+            None if start.elapsed() >= limit => {
+                // It may just have ended by itself; either way it is gone and reaped.
+                child.kill().and_then(|()| child.wait()).map_err(|e| cannot("cannot be ended", e))?;
+                return Err(format!("{name}: not finished after {} s", limit.as_secs()));
+            }
+            None => std::thread::sleep(POLL),
+        }
+    };
+    if status.success() {
+        return end_of(&mut out).map_err(|e| cannot("its output cannot be read", e));
+    }
+    let said = end_of(&mut err).map_err(|e| cannot("its output cannot be read", e))?;
+    let last = said.lines().rev().map(str::trim).find(|line| !line.is_empty()).unwrap_or("it said nothing");
+    Err(format!("{name} failed ({status}): {last}"))
+}
+
+/// The last [`OUTPUT_LIMIT`] bytes of a file.
+fn end_of(file: &mut File) -> std::io::Result<String> {
+    use std::io::{Read, Seek, SeekFrom};
+    let bytes = file.seek(SeekFrom::End(0))?;
+    file.seek(SeekFrom::Start(bytes.saturating_sub(OUTPUT_LIMIT as u64)))?;
+    let mut end = Vec::with_capacity(OUTPUT_LIMIT);
+    file.take(OUTPUT_LIMIT as u64).read_to_end(&mut end)?;
+    Ok(String::from_utf8_lossy(&end).into_owned())
+}
