@@ -187,11 +187,6 @@ fn s42_device_loss() {
 }
 
 #[test]
-fn s43_jitter() {
-    holds("S43");
-}
-
-#[test]
 fn s44_determinism() {
     holds("S44");
 }

@@ -108,7 +108,7 @@ fn planner_cost(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let views: [(&str, View); 2] = [("whole", whole_view), ("inside", inside_view)];
     for (name, dims) in [("16821 x 7494 x 2070", [16_821, 7494, 2070]), ("65,536^3", [65_536; 3])] {
         for (seen, view) in views {
-            for &size in context.pick::<&[_]>(&[(32, 24), (64, 48), (96, 72)], &[(48, 36)]) {
+            for &size in context.pick::<&[_]>(&[(48, 36), (96, 72), (192, 144)], &[(48, 36)]) {
                 (context.say)(&format!("S34: {name}, {seen}, {} x {} pixels", size.0, size.1));
                 let [cold, warm, bricks] = plan_view(context, dims, view, size)?;
                 curve.push(CurvePoint::new(&format!("{name}, {seen}, cold"), bricks, cold, None));
@@ -128,7 +128,7 @@ fn planner_cost(context: &Context<'_>) -> Result<Outcome, ChartError> {
     ];
     let [bricks, cold] = largest;
     let note = format!(
-        "These pictures are small (at most 96 x 72), because larger ones take minutes to cast; the gates are met or missed \
+        "These pictures are small (at most 192 x 144), because larger ones take minutes to cast; the gates are met or missed \
          for them only. Cold planning grows with the bricks that a frame uses: {cold:.1} ms for {bricks} in the largest. At \
          that rate 20 ms are reached at about {:.0} bricks, which larger pictures may exceed. Planning is everything that the streamer does between the passes of one frame but the source's reads and the \
          decoding: ranking, the table of contents (checksums of its pages included), classification, states, admission, \
