@@ -4,6 +4,10 @@
 //! [`Scale::Small`]: the same code, fewer and smaller cases. A gate is a number that the project has promised; it is
 //! never loosened to pass: a regime that fails is reported failing and has its place in `tests/tests/known_issues.rs`.
 
+pub mod compositing;
+mod parallel;
+pub mod segments;
+
 use serde::Serialize;
 
 use crate::context::{ChartError, Context};
@@ -113,7 +117,7 @@ impl Outcome {
 /// Every regime that applies to what exists, by id.
 #[must_use]
 pub fn regimes() -> Vec<&'static Regime> {
-    let groups: [&'static [Regime]; 0] = [];
+    let groups: [&'static [Regime]; _] = [compositing::REGIMES, segments::REGIMES];
     let mut all: Vec<&'static Regime> = groups.into_iter().flatten().collect();
     all.sort_by_key(|regime| regime.id);
     all
