@@ -8,7 +8,7 @@
 //! In the order of the data path:
 //! - [`fixtures`], [`virtual_volume`]: volumes computed from coordinates; the second kind is never stored anywhere;
 //! - [`volume`]: a volume built into a container, its scenes and its pictures;
-//! - [`measure`]: the distance between two pictures;
+//! - [`measure`]: the distance between two pictures; [`convergence`]: how fast rules come to the exact one;
 //! - [`chart`], [`stability`], [`peers`]: what is run;
 //! - [`report`]: what is written.
 //!
@@ -16,6 +16,7 @@
 //! seeded ([`random`]).
 
 pub mod context;
+pub mod convergence;
 pub mod fixtures;
 pub mod measure;
 pub mod random;

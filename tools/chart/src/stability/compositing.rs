@@ -1,9 +1,13 @@
-//! Opacity along a ray (S02, S06, S08, S09): attenuation inside a segment, correction for its length, early termination,
-//! and the numbers that a ray gathers in.
+//! Opacity along a ray (S02, S06, S08, S09): attenuation inside a segment, correction for its length, early
+//! termination, and the numbers that a ray gathers in.
 //!
 //! The fields are constant along a ray, or two constants one behind the other, so that every right answer is a closed
 //! form; what is measured went through the renderer, from a container to a picture.
 
+use supervol_format::VoxelType;
+use supervol_preprocess::source::computed::Computed;
+use supervol_runtime::frame::RenderOptions;
+use supervol_runtime::image::Image;
 use supervol_runtime::raycast::comparison::{Accumulation, Rule, Sampling};
 use supervol_runtime::raycast::cpu::TERMINATION_OPACITY;
 use supervol_runtime::raycast::method::CellRule;
@@ -15,16 +19,14 @@ use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
 use crate::volume::{Volume, build_options, image_size, transfer_function};
-use supervol_runtime::frame::RenderOptions;
-use supervol_runtime::image::Image;
 
 /// The regimes of this file.
 pub const REGIMES: &[Regime] = &[
     Regime {
         id: "S02",
         title: "Self-attenuation neglected",
-        recipe: "CONST, one voxel thick, as one segment of optical depth tau; light emitted inside it, with attenuation \
-                 inside it and without, over the exact 1 - exp(-tau).",
+        recipe: "CONST, one voxel thick, as one segment of optical depth tau; light emitted inside it, with \
+                 attenuation inside it and without, over the exact 1 - exp(-tau).",
         x_label: "optical depth of the segment",
         y_label: "colour / exact colour",
         run: self_attenuation,
@@ -32,7 +34,7 @@ pub const REGIMES: &[Regime] = &[
     Regime {
         id: "S06",
         title: "Opacity correction for the number of samples",
-        recipe: "CONST of alpha 0.1 per voxel, 20 voxels long, 5 to 640 samples; exact is 1 - 0.9^20 whatever the step.",
+        recipe: "CONST of alpha 0.1 per voxel, 20 voxels long, 5 to 640 samples; exact is 1 - 0.9^20.",
         x_label: "samples along the ray",
         y_label: "opacity of the ray",
         run: opacity_correction,
@@ -40,8 +42,8 @@ pub const REGIMES: &[Regime] = &[
     Regime {
         id: "S08",
         title: "Bias of early ray termination",
-        recipe: "A black body in front of white, cut so that the ray reaches the limit of opacity just before the white \
-                 begins: the most that ending it there can cost.",
+        recipe: "A black body in front of white, cut so that the ray reaches the limit of opacity just before the \
+                 white begins: the most that ending it there can cost.",
         x_label: "transmittance at which rays end (1 - limit)",
         y_label: "light lost, grey levels of 255",
         run: early_termination,
@@ -49,8 +51,8 @@ pub const REGIMES: &[Regime] = &[
     Regime {
         id: "S09",
         title: "Precision of the accumulated opacity",
-        recipe: "CONST of a small alpha per voxel, one sample per voxel, hundreds to thousands of voxels; the sums rounded \
-                 to 8 bit, half, single and double precision after every sample.",
+        recipe: "CONST of a small alpha per voxel, one sample per voxel, hundreds to thousands of voxels; the sums \
+                 rounded to 8 bit, half, single and double precision after every sample.",
         x_label: "samples along the ray",
         y_label: "opacity of the ray",
         run: accumulation,
@@ -72,12 +74,7 @@ fn under_constant(volume: &Volume, alpha: f64, options: &RenderOptions<'_>) -> R
 }
 
 /// The same for what one ray gathers, all rays being alike: red and opacity of the pixel farthest from `exact`.
-fn gathered(
-    volume: &Volume,
-    alpha: f64,
-    options: &RenderOptions<'_>,
-    exact: [f64; 2],
-) -> Result<[f64; 2], ChartError> {
+fn gathered(volume: &Volume, alpha: f64, options: &RenderOptions<'_>, exact: [f64; 2]) -> Result<[f64; 2], ChartError> {
     let image = under_constant(volume, alpha, options)?;
     let far = |p: &&[f32; 4]| worst([f64::from(p[0]) - exact[0], f64::from(p[3]) - exact[1]]);
     let farthest = image.pixels.iter().max_by(|a, b| far(a).total_cmp(&far(b)));
@@ -85,7 +82,8 @@ fn gathered(
     Ok([f64::from(farthest[0]), f64::from(farthest[3])])
 }
 
-/// Optical depths of a segment, and what the light is when its attenuation in there is neglected, over what it should be.
+/// Optical depths of a segment, and what the light is when its attenuation in there is neglected, over what it should
+/// be.
 const SELF_ATTENUATION: [(f64, f64); 6] =
     [(0.05, 1.025), (0.1, 1.051), (0.25, 1.130), (0.5, 1.271), (1.0, 1.582), (2.0, 2.313)];
 /// Rounding of those factors.
@@ -93,9 +91,11 @@ const FACTOR_ROUNDING: f64 = 5e-4;
 
 fn self_attenuation(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let constant = Volume::build(context, "s02 constant", &fixtures::constant([6, 6, 1], 0.5), &build_options(16))?;
-    // A brick of one value is integrated as one chord; in a ramp the default goes from cell to cell and takes Gauss pairs.
+    // A brick of one value is integrated as one chord; in a ramp the default goes from cell to cell and takes Gauss
+    // pairs.
     let ramp = Volume::build(context, "s02 ramp", &fixtures::ramp([6, 6, 1]), &build_options(16))?;
-    let whole = |rule| by_samples(Sampling { step_voxels: 1.0, rule, termination_opacity: NEVER, ..Sampling::default() });
+    let whole =
+        |rule| by_samples(Sampling { step_voxels: 1.0, rule, termination_opacity: NEVER, ..Sampling::default() });
     let lines = [
         ("default", &constant, default_unterminated()),
         ("default, cell by cell", &ramp, default_unterminated()),
@@ -118,10 +118,14 @@ fn self_attenuation(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let gates = vec![
         Gate::at_most("default, |colour / exact - 1|", deviation(|s| s.starts_with("default")), 1e-3),
         Gate::at_most("pre-integration, |colour / exact - 1|", deviation(|s| s == "pre-integration"), 1e-3),
-        Gate::at_most("neglected, distance from the known factor", deviation(|s| s.starts_with("att")), FACTOR_ROUNDING),
+        Gate::at_most(
+            "neglected, distance from the known factor",
+            deviation(|s| s.starts_with("att")),
+            FACTOR_ROUNDING,
+        ),
     ];
-    let note = "The factor of neglected attenuation is tau / (1 - exp(-tau)): a segment is too bright by it, and no number \
-                of samples elsewhere mends that.";
+    let note = "The factor of neglected attenuation is tau / (1 - exp(-tau)): a segment is too bright by it, and no \
+                number of samples elsewhere mends that.";
     Ok(Outcome { curve, gates, note: note.into() })
 }
 
@@ -162,8 +166,9 @@ fn opacity_correction(context: &Context<'_>) -> Result<Outcome, ChartError> {
         Gate::at_most("linear rule, distance from its own closed form", deviation("linear rule"), 1e-4),
     ];
     let note = format!(
-        "Exact is {exact:.4}. The default has no number of samples: it is drawn beside the others as it is. The linear rule \
-         (alpha times the step) goes from {:.4} at 5 samples to {:.4} at 640: it is right at one sample per voxel only.",
+        "Exact is {exact:.4}. The default has no number of samples: it is drawn beside the others as it is. The \
+         linear rule (alpha times the step) goes from {:.4} at 5 samples to {:.4} at 640: it is right at one sample \
+         per voxel only.",
         1.0 - (1.0 - CORRECTED_ALPHA * 4.0f64).powi(5),
         1.0 - (1.0 - CORRECTED_ALPHA / 32.0).powi(640),
     );
@@ -181,11 +186,7 @@ fn early_termination(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let (depth, white_depth, white) = BODY;
     // The body's value varies across, so that it is not a uniform brick, which would be one chord.
     let field = move |[x, _, z]: [u64; 3]| if z < depth { x as f64 } else { white };
-    let source = supervol_preprocess::source::computed::Computed::new(
-        [6, 6, depth + white_depth],
-        supervol_format::VoxelType::F32,
-        field,
-    );
+    let source = Computed::new([6, 6, depth + white_depth], VoxelType::F32, field);
     let volume = Volume::build(context, "s08", &source, &build_options(16))?;
     let options = by_cells(CellRule::DEFAULT);
     let mut curve = Vec::new();
@@ -208,10 +209,10 @@ fn early_termination(context: &Context<'_>) -> Result<Outcome, ChartError> {
         Gate::at_most("any limit, loss beyond its bound (1 - limit) 255, grey levels", beyond, 1e-3),
     ];
     let note = format!(
-        "Rays end at an opacity of {TERMINATION_OPACITY}. In the recipe's picture all pixels are alike, so that the signed mean \
-         is the loss of one pixel: {default_loss:.4} grey levels. Where the body's thickness varies across the picture from 0 \
-         to {depth} voxels the signed mean is {wedge:.4}. A mean below 0.1 whatever the picture needs a limit of at least \
-         {:.5}.",
+        "Rays end at an opacity of {TERMINATION_OPACITY}. In the recipe's picture all pixels are alike, so that the \
+         signed mean is the loss of one pixel: {default_loss:.4} grey levels. Where the body's thickness varies \
+         across the picture from 0 to {depth} voxels the signed mean is {wedge:.4}. A mean below 0.1 whatever the \
+         picture needs a limit of at least {:.5}.",
         1.0 - 0.1 / GREY_LEVELS
     );
     Ok(Outcome { curve, gates, note })
@@ -221,7 +222,10 @@ fn early_termination(context: &Context<'_>) -> Result<Outcome, ChartError> {
 fn body_and_white() -> String {
     let edge = 6.0;
     let body = [0.0; 3];
-    transfer_function(1.0, &[(0.0, body, BODY_ALPHA), (edge, body, BODY_ALPHA), (edge, [1.0; 3], 1.0), (BODY.2, [1.0; 3], 1.0)])
+    transfer_function(
+        1.0,
+        &[(0.0, body, BODY_ALPHA), (edge, body, BODY_ALPHA), (edge, [1.0; 3], 1.0), (BODY.2, [1.0; 3], 1.0)],
+    )
 }
 
 /// What a pixel loses when the body in front is as thick as the limit of opacity needs and no thicker.
@@ -230,7 +234,8 @@ fn worst_loss(volume: &Volume, limit: f64, options: &RenderOptions<'_>) -> Resul
     let last = BODY.0 as f64 - 1.0;
     let thickness = (1.0 - limit).ln() / (1.0 - BODY_ALPHA).ln() + BODY_SLACK;
     let cut = format!(r#""clip": {{"box": [[-0.5, -0.5, {:?}], [5.5, 5.5, 400.0]]}}"#, last - thickness);
-    let scene = volume.scene(&[&looking_along(volume, 2, VIEW), &image_size(PIXELS, PIXELS), &body_and_white(), &cut])?;
+    let scene =
+        volume.scene(&[&looking_along(volume, 2, VIEW), &image_size(PIXELS, PIXELS), &body_and_white(), &cut])?;
     let ended = volume.render(&scene, options)?.0;
     let whole = volume.render(&scene, &default_unterminated())?.0;
     let loss = |x, y| Ok::<f64, ChartError>(pixel(&whole, x, y)?[0] - pixel(&ended, x, y)?[0]);
@@ -241,11 +246,13 @@ fn worst_loss(volume: &Volume, limit: f64, options: &RenderOptions<'_>) -> Resul
 /// Mean of picture minus whole picture over all channels, the body cut by a slanted plane: from nothing to all of it.
 fn wedge_bias(volume: &Volume, options: &RenderOptions<'_>) -> Result<f64, ChartError> {
     let depth = BODY.0 as f64;
-    // The picture is 64 times as wide as high. The plane passes z = depth where the picture begins and z = 0 where it ends: VIEW apart, about x = 2.5.
+    // The picture is 64 times as wide as high. The plane passes z = depth where the picture begins and z = 0 where it
+    // ends: VIEW apart, about x = 2.5.
     let slope = depth / VIEW;
     let offset = depth + slope * (2.5 - 0.5 * VIEW);
     let cut = format!(r#""clip": {{"planes": [{{"normal": [{slope:?}, 0, 1], "offset": {offset:?}}}]}}"#);
-    let scene = volume.scene(&[&looking_along(volume, 2, VIEW / 64.0), &image_size(256, 4), &body_and_white(), &cut])?;
+    let scene =
+        volume.scene(&[&looking_along(volume, 2, VIEW / 64.0), &image_size(256, 4), &body_and_white(), &cut])?;
     let ended = volume.render(&scene, options)?.0;
     let whole = volume.render(&scene, &default_unterminated())?.0;
     Ok(crate::measure::distance(&ended, &whole).bias)
@@ -264,9 +271,8 @@ fn accumulation(context: &Context<'_>) -> Result<Outcome, ChartError> {
         let name = format!("s09 {n}");
         let volume = Volume::build(context, &name, &fixtures::constant([6, 6, n], 0.5), &build_options(16))?;
         let exact = 1.0 - (1.0 - alpha).powf(n as f64);
-        let in_numbers = |accumulation| {
-            by_samples(Sampling { accumulation, termination_opacity: NEVER, ..Sampling::default() })
-        };
+        let in_numbers =
+            |accumulation| by_samples(Sampling { accumulation, termination_opacity: NEVER, ..Sampling::default() });
         for (series, options, expected) in [
             ("default", default_unterminated(), exact),
             ("64-bit float", in_numbers(Accumulation::Double), exact),
@@ -285,11 +291,15 @@ fn accumulation(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let gates = vec![
         Gate::at_most("32-bit float, distance from exact", deviation(&["32-bit float"]), 1e-4),
         Gate::at_most("default and 64-bit float, distance from exact", deviation(&["default", "64-bit float"]), 1e-4),
-        Gate::at_most("8 bit and 16-bit float, distance from the known sums", deviation(&["8 bit", "16-bit float"]), SUM_ROUNDING),
+        Gate::at_most(
+            "8 bit and 16-bit float, distance from the known sums",
+            deviation(&["8 bit", "16-bit float"]),
+            SUM_ROUNDING,
+        ),
     ];
-    let note = "Exact sums are 0.777, 0.777, 0.865 and 0.865. Below half a unit of the last place an increment vanishes: 8 bit \
-                gathers nothing in three of the four cases, half precision stops where its units have grown too large. The default gathers in double \
-                precision, cell by cell.";
+    let note = "Exact sums are 0.777, 0.777, 0.865 and 0.865. Below half a unit of the last place an increment \
+                vanishes: 8 bit gathers nothing in three of the four cases, half precision stops where its units \
+                have grown too large. The default gathers in double precision, cell by cell.";
     Ok(Outcome { curve, gates, note: note.into() })
 }
 

@@ -4,8 +4,10 @@
 //! [`Scale::Small`]: the same code, fewer and smaller cases. A gate is a number that the project has promised; it is
 //! never loosened to pass: a regime that fails is reported failing and has its place in `tests/tests/known_issues.rs`.
 
+pub mod classification;
 pub mod compositing;
-mod parallel;
+pub(crate) mod parallel;
+pub mod reconstruction;
 pub mod segments;
 
 use serde::Serialize;
@@ -117,7 +119,8 @@ impl Outcome {
 /// Every regime that applies to what exists, by id.
 #[must_use]
 pub fn regimes() -> Vec<&'static Regime> {
-    let groups: [&'static [Regime]; _] = [compositing::REGIMES, segments::REGIMES];
+    let groups: [&'static [Regime]; _] =
+        [classification::REGIMES, compositing::REGIMES, reconstruction::REGIMES, segments::REGIMES];
     let mut all: Vec<&'static Regime> = groups.into_iter().flatten().collect();
     all.sort_by_key(|regime| regime.id);
     all

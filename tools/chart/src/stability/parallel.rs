@@ -18,7 +18,8 @@ pub(crate) const HALF_LEVEL: f64 = 0.5;
 /// A termination opacity that no ray reaches: what is looked at is not what ending rays early costs.
 pub(crate) const NEVER: f64 = 2.0;
 
-/// `"camera"`: orthographic, looking along +x (0), +y (1) or +z (2) at the middle of the volume; `height` is a world length.
+/// `"camera"`: orthographic, looking along +x (0), +y (1) or +z (2) at the middle of the volume; `height` is a world
+/// length.
 ///
 /// Looking along z, x runs to the right and y downwards, as voxels lie in memory.
 pub(crate) fn looking_along(volume: &Volume, axis: usize, height: f64) -> String {
@@ -66,8 +67,8 @@ pub(crate) fn worst(sizes: impl IntoIterator<Item = f64>) -> f64 {
     sizes.into_iter().map(|v| if v.is_nan() { f64::INFINITY } else { v.abs() }).fold(0.0, f64::max)
 }
 
-/// Runs regimes at the smallest scale. All gates must hold but those named: regime and a part of the gate's sentence, open
-/// issues that must still show.
+/// Runs regimes at the smallest scale. All gates must hold but those named: regime and a part of the gate's sentence,
+/// open issues that must still show.
 ///
 /// # Panics
 /// If a gate that should hold does not, or a known issue has gone.
