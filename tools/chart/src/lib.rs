@@ -6,7 +6,8 @@
 //! - `supervol bench --peers`: the same pictures by other programs ([`peers`]).
 //!
 //! In the order of the data path:
-//! - [`fixtures`], [`virtual_volume`]: volumes computed from coordinates; the second kind is never stored anywhere;
+//! - [`fixtures`], [`ricker`], [`virtual_volume`]: volumes computed from coordinates; the second kind is never stored anywhere;
+//! - [`resident`]: a container's bricks in memory, and views that no streamer would hand out;
 //! - [`volume`]: a volume built into a container, its scenes and its pictures;
 //! - [`measure`]: the distance between two pictures; [`convergence`]: how fast rules come to the exact one;
 //! - [`chart`], [`stability`], [`peers`]: what is run;
@@ -20,7 +21,10 @@ pub mod convergence;
 pub mod fixtures;
 pub mod measure;
 pub mod random;
+pub mod resident;
+pub mod ricker;
 pub mod stability;
+pub mod virtual_volume;
 pub mod volume;
 
 pub use context::{ChartError, Context, Scale};
