@@ -9,7 +9,7 @@
 //! - [`fixtures`], [`ricker`], [`virtual_volume`]: volumes computed from coordinates; the second kind is never stored anywhere;
 //! - [`resident`]: a container's bricks in memory, and views that no streamer would hand out;
 //! - [`volume`]: a volume built into a container, its scenes and its pictures;
-//! - [`measure`]: the distance between two pictures;
+//! - [`measure`]: the distance between two pictures; [`convergence`]: how fast rules come to the exact one;
 //! - [`chart`], [`stability`], [`peers`]: what is run;
 //! - [`report`]: what is written.
 //!
@@ -17,6 +17,7 @@
 //! seeded ([`random`]).
 
 pub mod context;
+pub mod convergence;
 pub mod fixtures;
 pub mod measure;
 pub mod peers;

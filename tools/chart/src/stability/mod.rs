@@ -5,9 +5,14 @@
 //! never loosened to pass: a regime that fails is reported failing and has its place in `tests/tests/known_issues.rs`.
 
 mod borders;
+pub mod classification;
+pub mod compositing;
 mod geometry;
 mod jitter;
 mod lod;
+pub(crate) mod parallel;
+pub mod reconstruction;
+pub mod segments;
 pub mod streaming;
 mod values;
 mod views;
@@ -139,8 +144,18 @@ impl Outcome {
 /// Every regime that applies to what exists, by id.
 #[must_use]
 pub fn regimes() -> Vec<&'static Regime> {
-    let groups: [&'static [Regime]; 6] =
-        [borders::REGIMES, geometry::REGIMES, jitter::REGIMES, lod::REGIMES, streaming::REGIMES, values::REGIMES];
+    let groups: [&'static [Regime]; 10] = [
+        borders::REGIMES,
+        classification::REGIMES,
+        compositing::REGIMES,
+        geometry::REGIMES,
+        jitter::REGIMES,
+        lod::REGIMES,
+        reconstruction::REGIMES,
+        segments::REGIMES,
+        streaming::REGIMES,
+        values::REGIMES,
+    ];
     let mut all: Vec<&'static Regime> = groups.into_iter().flatten().collect();
     all.sort_by_key(|regime| regime.id);
     all

@@ -1,0 +1,98 @@
+//! Parallel rays through small volumes: what regimes about one ray share.
+//!
+//! Where the field is the same all along a ray, or depends on its depth only, the picture has a closed form; so most of
+//! these regimes are one small picture by an orthographic camera, over black, at level 0, by the CPU ray caster.
+
+use supervol_runtime::frame::{Backend, RenderOptions};
+use supervol_runtime::image::Image;
+use supervol_runtime::raycast::comparison::Sampling;
+use supervol_runtime::raycast::method::{CellRule, Method, Pairs};
+
+use crate::context::ChartError;
+use crate::volume::{Volume, finest};
+
+/// Grey levels of full scale.
+pub(crate) const GREY_LEVELS: f64 = 255.0;
+/// Half a grey level, the tolerance of most gates, in grey levels.
+pub(crate) const HALF_LEVEL: f64 = 0.5;
+/// A termination opacity that no ray reaches: what is looked at is not what ending rays early costs.
+pub(crate) const NEVER: f64 = 2.0;
+
+/// `"camera"`: orthographic, looking along +x (0), +y (1) or +z (2) at the middle of the volume; `height` is a world
+/// length.
+///
+/// Looking along z, x runs to the right and y downwards, as voxels lie in memory.
+pub(crate) fn looking_along(volume: &Volume, axis: usize, height: f64) -> String {
+    let target = volume.world(volume.middle()).to_array();
+    let mut eye = target;
+    eye[axis] -= 2.0 * volume.radius();
+    let up = [[0, 0, 1], [0, 0, 1], [0, -1, 0]][axis];
+    format!(r#""camera": {{"eye": {eye:?}, "target": {target:?}, "up": {up:?}, "height": {height:?}}}"#)
+}
+
+/// Options for the default path with nothing ended early.
+pub(crate) fn default_unterminated() -> RenderOptions<'static> {
+    by_cells(CellRule { termination_opacity: NEVER, ..CellRule::DEFAULT })
+}
+
+/// Options for the default path with a fixed number of Gauss pairs between two splits, and nothing ended early.
+pub(crate) fn fixed_pairs(pairs: u32) -> RenderOptions<'static> {
+    by_cells(CellRule { pairs: Pairs::Fixed(pairs), termination_opacity: NEVER })
+}
+
+/// Options for cells integrated by this rule.
+pub(crate) fn by_cells(rule: CellRule) -> RenderOptions<'static> {
+    RenderOptions { method: Method::Cells(rule), ..finest(Backend::Cpu) }
+}
+
+/// Options for a method of comparison.
+pub(crate) fn by_samples(sampling: Sampling) -> RenderOptions<'static> {
+    RenderOptions { method: Method::Sampled(sampling), ..finest(Backend::Cpu) }
+}
+
+/// A pixel's channels, in `f64`.
+///
+/// # Errors
+/// If the picture has no such pixel.
+pub(crate) fn pixel(image: &Image, x: u32, y: u32) -> Result<[f64; 4], ChartError> {
+    let (width, height) = (image.width, image.height);
+    let place = || ChartError::Broken(format!("pixel ({x}, {y}) of a picture of {width} x {height}"));
+    let index = (x < width).then_some(y as usize * width as usize + x as usize);
+    let found = index.and_then(|i| image.pixels.get(i)).ok_or_else(place)?;
+    Ok(found.map(f64::from))
+}
+
+/// The greatest of some sizes; NaN counts as infinite, so that no gate can hold for it.
+pub(crate) fn worst(sizes: impl IntoIterator<Item = f64>) -> f64 {
+    sizes.into_iter().map(|v| if v.is_nan() { f64::INFINITY } else { v.abs() }).fold(0.0, f64::max)
+}
+
+/// Runs regimes at the smallest scale. All gates must hold but those named: regime and a part of the gate's sentence,
+/// open issues that must still show.
+///
+/// # Panics
+/// If a gate that should hold does not, or a known issue has gone.
+#[cfg(test)]
+pub(crate) fn assert_regimes(regimes: &[super::Regime], open: &[(&str, &str)]) {
+    let folder = tempfile::tempdir().unwrap();
+    let say = |line: &str| println!("{line}");
+    let context = crate::Context { scale: crate::Scale::Small, folder: folder.path(), say: &say };
+    let mut unexpected = Vec::new();
+    for regime in regimes {
+        let start = std::time::Instant::now();
+        let outcome = (regime.run)(&context).unwrap_or_else(|e| panic!("{}: {e}", regime.id));
+        println!("{} {} ({} ms): {}", regime.id, regime.title, start.elapsed().as_millis(), outcome.note);
+        for p in &outcome.curve {
+            println!("    {}: x {}, measured {}, expected {:?}", p.series, p.x, p.measured, p.expected);
+        }
+        assert!(!outcome.curve.is_empty() && !outcome.gates.is_empty(), "{} measured nothing", regime.id);
+        for gate in &outcome.gates {
+            println!("    {}: {} (limit {}, {:?})", gate.what, gate.value, gate.limit, gate.side);
+            let is_open = open.iter().any(|(id, part)| *id == regime.id && gate.what.contains(part));
+            if gate.holds() == is_open {
+                unexpected.push(format!("{}: {} = {}", regime.id, gate.what, gate.value));
+            }
+        }
+    }
+    assert!(unexpected.is_empty(), "gates that do not stand where they should: {unexpected:#?}");
+}
