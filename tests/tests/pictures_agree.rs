@@ -30,8 +30,8 @@ const SHADED: &str = r#""shading": {}"#;
 /// Most pixels that may lie on silhouettes, as a share of the picture.
 const SILHOUETTE_SHARE: f64 = 0.02;
 /// What a uniform brick may cost: it is integrated as one chord, so that a ray may end behind the opacity at which its
-/// cells would have ended it; that is 0.0005 of opacity.
-const ONE_CHORD: f64 = 0.1275;
+/// cells would have ended it; that is 0.0003 of opacity.
+const ONE_CHORD: f64 = 0.0765;
 
 const BLUE: [f64; 3] = [0.1, 0.3, 0.9];
 const GOLD: [f64; 3] = [1.0, 0.75, 0.2];

@@ -1,6 +1,6 @@
 //! The CPU ray caster against the reference integrator: every mode, field and regime, with bounds in grey levels.
 //!
-//! Early ray termination alone may cost 0.1275/255 ([`TERMINATION_OPACITY`]); bounds leave little beside it.
+//! Early ray termination alone may cost 0.0765/255 ([`TERMINATION_OPACITY`]); bounds leave little beside it.
 
 #![allow(clippy::print_stderr, reason = "tests show the errors they measure")]
 

@@ -68,11 +68,11 @@ pub fn render_gpu(
     Ok((image, FrameStats { backend: "gpu", ..walk.into_stats() }))
 }
 
-/// [`render_gpu`] on `device`; should that be lost, once more on what `reopen` gives: the renderer is built anew and its
+/// A frame on `device`; should that be lost, once more on what `reopen` gives: the renderer is built anew and its
 /// memory filled again. The statistics tell of the loss, and what the lost device had done is not in them.
 ///
 /// # Errors
-/// As [`render_gpu`]; the loss itself where the second device cannot be opened, or is lost, too.
+/// As any frame; the loss itself where the second device cannot be opened, or is lost, too.
 pub fn render_gpu_surviving(
     device: &GpuDevice,
     reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,

@@ -373,16 +373,3 @@ fn corner_rays(context: &Context<'_>) -> Result<Outcome, ChartError> {
     );
     Ok(Outcome { curve, gates, note })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::views::tests::outcome;
-    use super::*;
-
-    #[test]
-    fn bricks_leave_no_trace() {
-        for id in ["S13", "S21", "S26", "S27"] {
-            assert!(outcome(REGIMES, id).pass(), "{id}");
-        }
-    }
-}

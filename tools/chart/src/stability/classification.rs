@@ -278,13 +278,3 @@ fn spike_exactly() -> [f64; 2] {
     }
     [red, 1.0 - transmittance]
 }
-
-#[cfg(test)]
-mod tests {
-    use crate::stability::parallel::assert_regimes;
-
-    #[test]
-    fn classification_comes_after_interpolation_and_misses_nothing() {
-        assert_regimes(super::REGIMES, &[]);
-    }
-}

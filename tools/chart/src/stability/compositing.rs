@@ -302,13 +302,3 @@ fn accumulation(context: &Context<'_>) -> Result<Outcome, ChartError> {
                 have grown too large. The default gathers in double precision, cell by cell.";
     Ok(Outcome { curve, gates, note: note.into() })
 }
-
-#[cfg(test)]
-mod tests {
-    use crate::stability::parallel::assert_regimes;
-
-    #[test]
-    fn regimes_have_their_gates() {
-        assert_regimes(super::REGIMES, &[("S08", "signed mean where every pixel loses the most")]);
-    }
-}

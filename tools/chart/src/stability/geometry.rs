@@ -345,16 +345,3 @@ fn degenerate(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let sizes = ODD_SIZES.map(|[x, y, z]| format!("{x} x {y} x {z}")).join(", ");
     Ok(Outcome { curve, gates, note: format!("Sizes: {sizes}; bricks of 16.") })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::views::tests::outcome;
-    use super::*;
-
-    #[test]
-    fn odd_rays_and_grids_are_drawn_right() {
-        for id in ["S24", "S25", "S36", "S37"] {
-            assert!(outcome(REGIMES, id).pass(), "{id}");
-        }
-    }
-}

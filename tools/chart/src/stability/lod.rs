@@ -383,24 +383,3 @@ fn pixels_lost(view: &FarView) -> Result<f64, ChartError> {
         all => Ok(pairs().filter(|(_, coarse)| coarse[3] == 0.0).count() as f64 / all as f64),
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::views::tests::outcome;
-    use super::*;
-
-    #[test]
-    fn levels_mix_without_a_trace() {
-        for id in ["S14", "S15"] {
-            assert!(outcome(REGIMES, id).pass(), "{id}");
-        }
-    }
-
-    /// What shows a little of a lot is drawn: there the last gate of S16 and the first of S17 fail.
-    #[test]
-    fn averages_keep_what_theory_says() {
-        assert!(outcome(REGIMES, "S16").gates[0].holds());
-        assert!(outcome(REGIMES, "S17").gates[1].holds());
-        assert!(outcome(REGIMES, "S18").pass());
-    }
-}

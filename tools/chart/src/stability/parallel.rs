@@ -66,33 +66,3 @@ pub(crate) fn pixel(image: &Image, x: u32, y: u32) -> Result<[f64; 4], ChartErro
 pub(crate) fn worst(sizes: impl IntoIterator<Item = f64>) -> f64 {
     sizes.into_iter().map(|v| if v.is_nan() { f64::INFINITY } else { v.abs() }).fold(0.0, f64::max)
 }
-
-/// Runs regimes at the smallest scale. All gates must hold but those named: regime and a part of the gate's sentence,
-/// open issues that must still show.
-///
-/// # Panics
-/// If a gate that should hold does not, or a known issue has gone.
-#[cfg(test)]
-pub(crate) fn assert_regimes(regimes: &[super::Regime], open: &[(&str, &str)]) {
-    let folder = tempfile::tempdir().unwrap();
-    let say = |line: &str| println!("{line}");
-    let context = crate::Context { scale: crate::Scale::Small, folder: folder.path(), say: &say };
-    let mut unexpected = Vec::new();
-    for regime in regimes {
-        let start = std::time::Instant::now();
-        let outcome = (regime.run)(&context).unwrap_or_else(|e| panic!("{}: {e}", regime.id));
-        println!("{} {} ({} ms): {}", regime.id, regime.title, start.elapsed().as_millis(), outcome.note);
-        for p in &outcome.curve {
-            println!("    {}: x {}, measured {}, expected {:?}", p.series, p.x, p.measured, p.expected);
-        }
-        assert!(!outcome.curve.is_empty() && !outcome.gates.is_empty(), "{} measured nothing", regime.id);
-        for gate in &outcome.gates {
-            println!("    {}: {} (limit {}, {:?})", gate.what, gate.value, gate.limit, gate.side);
-            let is_open = open.iter().any(|(id, part)| *id == regime.id && gate.what.contains(part));
-            if gate.holds() == is_open {
-                unexpected.push(format!("{}: {} = {}", regime.id, gate.what, gate.value));
-            }
-        }
-    }
-    assert!(unexpected.is_empty(), "gates that do not stand where they should: {unexpected:#?}");
-}

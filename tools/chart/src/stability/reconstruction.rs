@@ -284,13 +284,3 @@ fn in_cell_middle(k: DVec3) -> DVec3 {
     }
     gradient
 }
-
-#[cfg(test)]
-mod tests {
-    use crate::stability::parallel::assert_regimes;
-
-    #[test]
-    fn filters_and_operators_have_their_known_errors() {
-        assert_regimes(super::REGIMES, &[]);
-    }
-}

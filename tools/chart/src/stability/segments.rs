@@ -217,13 +217,3 @@ fn unequal_spacings(context: &Context<'_>) -> Result<Outcome, ChartError> {
     );
     Ok(Outcome { curve, gates, note })
 }
-
-#[cfg(test)]
-mod tests {
-    use crate::stability::parallel::assert_regimes;
-
-    #[test]
-    fn segments_of_any_length_make_one_picture() {
-        assert_regimes(super::REGIMES, &[]);
-    }
-}

@@ -387,22 +387,3 @@ fn coded_share(shape: BrickShape, voxels: &[u8], choice: CodecChoice, inexact: &
     *inexact += if back == voxels { 0.0 } else { 1.0 };
     Ok(payload.len() as f64 / voxels.len() as f64)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::views::tests::outcome;
-    use super::*;
-
-    #[test]
-    fn values_survive() {
-        for id in ["S23", "S38", "S45"] {
-            assert!(outcome(REGIMES, id).pass(), "{id}");
-        }
-    }
-
-    /// The first gate does not hold for the smallest bricks: 2 bytes more than 125.
-    #[test]
-    fn runs_come_back() {
-        assert!(outcome(REGIMES, "S46").gates[1..].iter().all(Gate::holds));
-    }
-}

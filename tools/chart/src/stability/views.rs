@@ -70,28 +70,3 @@ pub fn fractions(volume: &Volume, unit_distance: f64, points: &[Point]) -> Strin
 pub fn automatic(options: RenderOptions<'static>) -> RenderOptions<'static> {
     RenderOptions { level: LevelChoice::Auto, ..options }
 }
-
-#[cfg(test)]
-pub mod tests {
-    use super::super::{Outcome, Regime};
-    use crate::context::{Context, Scale};
-
-    /// Runs a regime at the smallest sizes and prints what it found.
-    pub fn outcome(regimes: &[Regime], id: &str) -> Outcome {
-        let regime = regimes.iter().find(|r| r.id == id).expect("the regime is of this module");
-        let folder = tempfile::tempdir().expect("tests need a temporary folder");
-        let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
-        let start = std::time::Instant::now();
-        let outcome = (regime.run)(&context).unwrap_or_else(|e| panic!("{id}: {e}"));
-        println!("{id} {}: {:.2} s", regime.title, start.elapsed().as_secs_f64());
-        for p in &outcome.curve {
-            println!("    {} x {}: {} (expected {:?})", p.series, p.x, p.measured, p.expected);
-        }
-        for gate in &outcome.gates {
-            println!("  {} {gate:?}", if gate.holds() { "holds" } else { "FAILS" });
-        }
-        println!("  {}", outcome.note);
-        assert!(!outcome.curve.is_empty() && !outcome.gates.is_empty(), "{id} measures something");
-        outcome
-    }
-}

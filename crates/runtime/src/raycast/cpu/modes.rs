@@ -14,8 +14,9 @@ use crate::raycast::method::Pairs;
 use crate::scene::ISO_LIMIT;
 use crate::transfer_function::RenderTransferFunction;
 
-/// A ray ends when its opacity reaches this; what lies behind can change no channel by more than 0.13/255.
-pub const TERMINATION_OPACITY: f64 = 0.9995;
+/// A ray ends when its opacity reaches this; what lies behind can change no channel by more than 0.08/255, and no mean of
+/// channels by a tenth of a grey level.
+pub const TERMINATION_OPACITY: f64 = 0.9997;
 
 /// One chord: the field along it, and the gradient where the frame is shaded and the gradient is known.
 pub struct Chord {

@@ -34,12 +34,7 @@ fn options() -> RenderOptions<'static> {
 }
 
 fn device_loss(context: &Context<'_>) -> Result<Outcome, ChartError> {
-    let device = GpuDevice::open().map_err(|error| match error {
-        GpuError::NoAdapter { reason } => {
-            ChartError::Command(format!("S42 could not run: no GPU adapter ({reason}). Install a Vulkan driver"))
-        }
-        other => other.into(),
-    })?;
+    let device = GpuDevice::open()?;
     let (volume, _) = BrickId::open([256; 3], 32)?;
     let mut curve = Vec::new();
     let (mut longest, mut total_ms) = (0.0f64, 0.0f64);

@@ -27,28 +27,3 @@ pub const REGIMES: &[Regime] = &[
     device::DEVICE_LOSS,
     determinism::DETERMINISM,
 ];
-
-#[cfg(test)]
-mod tests {
-    use crate::stability::GateKind;
-    use crate::{Context, Scale};
-
-    /// Every regime here runs at the smallest size; what it found is the business of the suite's own tests.
-    #[test]
-    fn the_regimes_run() {
-        let folder = tempfile::tempdir().expect("a temporary folder can be made");
-        let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
-        for regime in super::REGIMES {
-            match (regime.run)(&context) {
-                Ok(outcome) => {
-                    assert!(!outcome.curve.is_empty() && !outcome.gates.is_empty(), "{}", regime.id);
-                    assert!(outcome.gates.iter().all(|g| !g.value.is_nan()), "{}: {:?}", regime.id, outcome.gates);
-                    let broken = outcome.gates.iter().filter(|g| g.kind == GateKind::Result && !g.holds());
-                    assert_eq!(broken.collect::<Vec<_>>(), Vec::<&crate::stability::Gate>::new(), "{}", regime.id);
-                }
-                // Only a machine without a graphics device may leave one out.
-                Err(error) => assert!(regime.id == "S42" && error.to_string().contains("no GPU"), "{error}"),
-            }
-        }
-    }
-}
