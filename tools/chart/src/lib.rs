@@ -15,10 +15,14 @@
 //! Nothing here is needed to build or to render: it calls the crates as any other program does. Everything random is
 //! seeded ([`random`]).
 
+pub mod chart;
 pub mod context;
 pub mod fixtures;
 pub mod measure;
+pub mod methods;
+pub mod points;
 pub mod random;
+pub mod scenes;
 pub mod stability;
 pub mod volume;
 
