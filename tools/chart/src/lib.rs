@@ -22,6 +22,8 @@ pub mod measure;
 pub mod methods;
 pub mod points;
 pub mod random;
+pub mod record;
+pub mod report;
 pub mod scenes;
 pub mod stability;
 pub mod volume;

@@ -4,6 +4,7 @@
 //! error). Results go to standard output, messages and progress to standard error.
 
 mod build;
+mod chart;
 mod demo;
 mod extract;
 mod failure;
@@ -42,6 +43,8 @@ enum Command {
     Render(render::Arguments),
     /// Build and render a real and a synthetic volume, to see that everything works
     Demo(demo::Arguments),
+    /// Measure speed against accuracy, or where methods fail, and write a report
+    Chart(chart::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -54,6 +57,7 @@ fn main() -> ExitCode {
         Command::Extract(arguments) => extract::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Chart(arguments) => chart::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
