@@ -91,9 +91,13 @@ pub const CPU: &str = "cpu";
 
 /// Marks the Pareto front of (`cpu_ms`, `linf`) among the CPU points of one scene and transfer function.
 ///
-/// Of points that are equal in both, the first is marked. A GPU's points have no processor time to compare: never marked.
+/// Of points that are equal in both, the first is marked. Never marked: a GPU's points, which have no processor time to
+/// compare, and repetitions of the default (the same picture by the same work, from bricks of another codec, say), whose
+/// warm cost differs by noise alone.
 pub fn mark_front(points: &mut [Point]) {
-    let mut order: Vec<usize> = (0..points.len()).filter(|&i| points[i].backend == CPU).collect();
+    let default = points.iter().find(|p| p.default).cloned();
+    let competes = |p: &Point| p.backend == CPU && !default.as_ref().is_some_and(|d| repeats(p, d));
+    let mut order: Vec<usize> = (0..points.len()).filter(|&i| competes(&points[i])).collect();
     order.sort_by(|&a, &b| {
         let key = |i: usize| (points[i].cpu_ms, points[i].linf);
         key(a).0.total_cmp(&key(b).0).then(key(a).1.total_cmp(&key(b).1))
@@ -106,6 +110,13 @@ pub fn mark_front(points: &mut [Point]) {
             points[i].pareto = true;
         }
     }
+}
+
+/// Whether a point that is not the default's does the default's work and makes its picture.
+fn repeats(point: &Point, default: &Point) -> bool {
+    let work = |p: &Point| (p.samples, p.cells);
+    let errors = |p: &Point| [p.linf, p.p999, p.rmse, p.bias];
+    !point.default && work(point) == work(default) && errors(point) == errors(default)
 }
 
 /// The points as a JSON array, one object a point.
@@ -185,6 +196,13 @@ pub(crate) mod tests {
         mark_front(&mut points);
         let marked: Vec<usize> = (0..points.len()).filter(|&i| points[i].pareto).collect();
         assert_eq!(marked, [0, 1, 3, 6]);
+
+        let mut again = vec![point("default", 2.0, 0.1), point("codec", 1.9, 0.1), point("faster", 1.0, 0.1)];
+        again[2].samples = 9;
+        mark_front(&mut again[..2]);
+        assert!(again[0].pareto && !again[1].pareto, "a repetition of the default does not beat it");
+        mark_front(&mut again);
+        assert!(!again[0].pareto && again[2].pareto);
     }
 
     #[test]

@@ -182,7 +182,7 @@ pub const SCENES: &[SceneSpec] = &[
     },
     SceneSpec {
         name: "carp",
-        about: "real computed tomography: a box out of the scan of a carp (M. Scheuring, University of Erlangen)",
+        about: "real computed tomography: a box from the scan of a carp (M. Scheuring, University of Erlangen)",
         load: carp,
         values: Values { ramp: [0.2, 0.9], hat: [0.3, 0.08], step: 0.4, spike: 0.45, alpha: 0.15 },
     },

@@ -118,7 +118,7 @@ fn speed_against_accuracy(points: &[Point]) -> String {
     for of_scene in points.chunk_by(|a, b| a.scene == b.scene) {
         let name = &of_scene[0].scene;
         html += &format!("<h3 id=\"scene-{0}\">{0}</h3>\n", escape(name));
-        html += &scene(name).map_or_else(String::new, |spec| paragraph(&format!("{}.", spec.about)));
+        html += &scene(name).map_or_else(String::new, |spec| paragraph(&format!("This is {}.", spec.about)));
         let looks = of_scene.chunk_by(|a, b| a.transfer_function == b.transfer_function);
         html += &html::grid(&looks.map(cost_error_figure).collect::<Vec<_>>());
     }
