@@ -92,7 +92,8 @@ fn gather_light(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
 
 // A part of the chord by Gauss pairs, as many as the transfer function's variation asks for.
 fn gather_part(view: CellView, u0: f32, u1: f32, ray: LocalRay, state: ptr<function, RayState>) {
-    let pairs = max(pairs_between(view, u0, u1), shaded_pairs(view.gradient, u0, u1, ray));
+    let shaded_wish = shaded_pairs(view.gradient, u0, u1, ray, depth_between(view, u0, u1));
+    let pairs = max(pairs_between(view, u0, u1), shaded_wish);
     let width = (u1 - u0) / f32(pairs);
     work += pairs;
     for (var i = 0u; i < pairs; i += 1u) {

@@ -46,12 +46,13 @@ const FLAG_HOLES: u32 = 16u;
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
 const KNOT_LIMIT: u32 = 8u;
-const PAIR_LIMIT: u32 = 32u;
+const PAIR_LIMIT: u32 = 64u;
 const GAUSS_OFFSET: f32 = 0.21132487;
 const GAUSS_DISTANCE: f32 = 0.5773503;
 const PAIR_VARIATION: f32 = 0.006;
 const PAIR_VARIATION_DEPTH: f32 = 0.07;
 const PAIR_NORMAL_CHANGE: f32 = 0.1;
+const PAIR_NORMAL_DEPTH: f32 = 0.3;
 const MIN_WEIGHT: f32 = 1e-20;
 const ISO_LIMIT: u32 = 32u;
 

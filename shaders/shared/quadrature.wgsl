@@ -36,6 +36,17 @@ fn pair_count(change: f32, tau: f32) -> u32 {
     return u32(clamp(ceil(wanted), 1.0, f32(PAIR_LIMIT)));
 }
 
+// Number of Gauss pairs for an interval in which the normal turns this far (a length), of optical depth tau.
+fn shaded_pair_count(turn: f32, tau: f32) -> u32 {
+    let wanted = turn * (1.0 / PAIR_NORMAL_CHANGE) + turn * tau * (1.0 / PAIR_NORMAL_DEPTH);
+    return u32(clamp(ceil(wanted), 1.0, f32(PAIR_LIMIT)));
+}
+
+// Optical depth between two parameters of a chord, as if all of it were as in the middle.
+fn depth_between(view: CellView, u0: f32, u1: f32) -> f32 {
+    return extinction(classify(value_at(view, 0.5 * (u0 + u1))).a) * view.extent * (u1 - u0);
+}
+
 // Number of Gauss pairs between two splits, from the values there and in the middle.
 fn pairs_between(view: CellView, u0: f32, u1: f32) -> u32 {
     let first = value_at(view, u0);
@@ -45,5 +56,5 @@ fn pairs_between(view: CellView, u0: f32, u1: f32) -> u32 {
     if (change == 0.0) {
         return 1u;
     }
-    return pair_count(change, extinction(classify(middle).a) * view.extent * (u1 - u0));
+    return pair_count(change, depth_between(view, u0, u1));
 }

@@ -98,14 +98,14 @@ fn normal_at(gradient: ChordGradient, u: f32, ray: LocalRay) -> vec3<f32> {
     return g / max(length(g), TINY);
 }
 
-// Gauss pairs that shading wants between two parameters of a chord: by how far the normal turns.
-fn shaded_pairs(gradient: ChordGradient, u0: f32, u1: f32, ray: LocalRay) -> u32 {
+// Gauss pairs that shading wants between two parameters of a chord of optical depth tau: by how far the normal turns.
+fn shaded_pairs(gradient: ChordGradient, u0: f32, u1: f32, ray: LocalRay, tau: f32) -> u32 {
     if (gradient.present == 0u) {
         return 1u;
     }
     let middle = normal_at(gradient, 0.5 * (u0 + u1), ray);
     let turn = distance(normal_at(gradient, u0, ray), middle) + distance(middle, normal_at(gradient, u1, ray));
-    return u32(clamp(ceil(turn / PAIR_NORMAL_CHANGE), 1.0, f32(PAIR_LIMIT)));
+    return shaded_pair_count(turn, tau);
 }
 
 // A colour after shading at u of the chord.

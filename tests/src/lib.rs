@@ -6,6 +6,7 @@
 //! - [`forge`]: containers with one thing wrong and all checksums right;
 //! - [`oracle`]: ranges and interpolation straight from the definitions, sharing no code with the crates;
 //! - [`pictures`]: containers of small volumes, their pictures, and distances between these;
+//! - [`stability`]: one regime of the stability suite, at its smallest size;
 //! - [`fuzz_bodies`]: what a fuzz target does with its bytes, callable from libFuzzer and from a seeded test.
 //!
 //! All randomness is seeded ([`Random`]). A test that cannot run on this machine says so by [`skipped`].
@@ -18,6 +19,8 @@ pub mod fuzz_bodies;
 pub mod oracle;
 #[cfg(feature = "pictures")]
 pub mod pictures;
+#[cfg(feature = "pictures")]
+pub mod stability;
 
 /// A small generator with a fixed sequence per seed (splitmix64; Steele, Lea, Flood 2014).
 #[derive(Debug, Clone)]

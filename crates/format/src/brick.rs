@@ -5,6 +5,8 @@
 //! taps lie one voxel away, reach -2 to core+1. So the apron is 2 voxels on every side. Outside the grid the apron
 //! repeats the nearest voxel, which is the model's clamping of indices.
 
+use crate::BrickKey;
+
 /// Voxels of apron on every side of a brick.
 pub const APRON: usize = 2;
 
@@ -23,6 +25,8 @@ pub struct BrickLayout {
 impl BrickLayout {
     /// The default: 64 voxels, 20 % apron.
     pub const DEFAULT: Self = Self { core: 64 };
+    /// The last of [`CORE_SIZES`].
+    pub const LARGEST: Self = Self { core: CORE_SIZES[CORE_SIZES.len() - 1] };
 
     /// A layout with this core edge, if it is one of [`CORE_SIZES`].
     #[must_use]
@@ -40,6 +44,12 @@ impl BrickLayout {
     #[must_use]
     pub fn stored(self) -> usize {
         self.core() + 2 * APRON
+    }
+
+    /// Most voxels along an axis that brick keys can name: 2^23 with a core of 16, 2^26 with one of 128.
+    #[must_use]
+    pub const fn voxels_limit(self) -> u64 {
+        BrickKey::AXIS_LIMIT as u64 * self.core as u64
     }
 
     /// Bricks needed for this many voxels along an axis.

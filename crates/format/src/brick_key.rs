@@ -1,7 +1,7 @@
 //! Names of bricks: level of detail and position, packed into 64 bits.
 //!
 //! Bit layout of a key, from the top: 1 zero bit, 6 bits LOD, then 19 bits each of z, y, x.
-//! 19 bits allow 524,288 bricks along an axis; with bricks of 16 that is [`crate::Dims::LIMIT`] voxels.
+//! 19 bits allow 524,288 bricks along an axis: [`crate::BrickLayout::voxels_limit`] voxels.
 
 /// Level of detail: 0 is the source grid, greater is coarser.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -10,7 +10,7 @@ pub struct Lod(pub u8);
 impl Lod {
     /// The source grid.
     pub const FINEST: Self = Self(0);
-    /// Most levels a container may have; 2^23 voxels need 20 halvings with bricks of 16, on each axis in turn 60.
+    /// Most levels a container may have; 524,288 bricks need 19 halvings, on each axis in turn 57.
     pub const LIMIT: usize = 64;
 }
 

@@ -281,12 +281,29 @@ mod tests {
         assert!(matches!(bad(&[]), PyramidError::Unfinished { .. }));
     }
 
+    #[test]
+    fn each_brick_size_addresses_as_many_voxels_as_its_keys_can_name() {
+        for core in crate::brick::CORE_SIZES {
+            let layout = BrickLayout::new(core).expect("it is one of the sizes");
+            let along = |n: u64| Pyramid::new(Dims([n, 1, 1]), layout, &[[2, 1, 1]; 19]);
+            let most = layout.voxels_limit();
+            assert!(along(most).is_ok_and(|p| p.level_at(Lod(0)).bricks[0] == BrickKey::AXIS_LIMIT), "core {core}");
+            let refused = along(most + 1).unwrap_err();
+            match refused {
+                PyramidError::TooManyBricks { .. } => assert!(most < Dims::LIMIT, "core {core}"),
+                PyramidError::Dims { .. } => assert_eq!(most, Dims::LIMIT, "core {core}"),
+                other => panic!("core {core}: {other}"),
+            }
+        }
+    }
+
     /// 2^57 bricks of 80 bytes are more than 2^64 bytes: sizes computed from such a header would wrap.
     #[test]
     fn more_bricks_than_any_table_can_name_are_refused() {
         let layout = BrickLayout::new(16).expect("16 is a core");
         let halvings = [[2; 3]; 19];
-        let refused = Pyramid::new(Dims([Dims::LIMIT; 3]), layout, &halvings).unwrap_err();
+        let most = Dims([layout.voxels_limit(); 3]);
+        let refused = Pyramid::new(most, layout, &halvings).unwrap_err();
         assert!(matches!(refused, PyramidError::BrickCount { .. }), "{refused}");
         let largest_useful = Pyramid::new(Dims([65_536; 3]), BrickLayout::DEFAULT, &halvings[..10]);
         assert!(largest_useful.is_ok_and(|p| p.brick_count() > 1_000_000_000));

@@ -7,6 +7,8 @@
 use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
+use crate::BrickLayout;
+
 /// Half a voxel: the distance from a voxel's sample point to the face of the cell it owns.
 pub const HALF_VOXEL: f64 = 0.5;
 
@@ -16,8 +18,9 @@ pub const HALF_VOXEL: f64 = 0.5;
 pub struct Dims(pub [u64; 3]);
 
 impl Dims {
-    /// Most voxels along one axis: what a [`crate::BrickKey`] can address with bricks of 16.
-    pub const LIMIT: u64 = 1 << 23;
+    /// Most voxels along one axis: what a [`crate::BrickKey`] can address with the largest bricks. Smaller bricks address
+    /// fewer ([`crate::BrickLayout::voxels_limit`]); a pyramid of them refuses the rest.
+    pub const LIMIT: u64 = BrickLayout::LARGEST.voxels_limit();
 
     /// Number of voxels, or `None` where it does not fit 64 bits.
     #[must_use]

@@ -36,6 +36,7 @@ use crate::streamer::classify::Classifier;
 use crate::streamer::priority::FrontToBack;
 use crate::streamer::{OnMissing, Room, StreamError, Streamer};
 use caster::{CpuCaster, PassReport, RayCaster};
+pub use gpu::render_gpu_surviving;
 
 /// Most passes of one band. Each pass but the last answers at least one brick that a ray waits for.
 pub const PASS_LIMIT: u64 = 10_000_000;
@@ -175,7 +176,7 @@ pub fn render(
     let (image, mut stats) = pool.install(|| match options.backend {
         Backend::Auto => render_auto(container, scene, options, start),
         Backend::Cpu => render_cpu(container, scene, options, start),
-        Backend::Gpu => gpu::render_gpu(&GpuDevice::open()?, container, scene, options, start),
+        Backend::Gpu => render_gpu_surviving(&GpuDevice::open()?, &GpuDevice::open, container, scene, options, start),
         Backend::Reference => render_from_reference(container, scene, options),
     })?;
     [stats.image_width, stats.image_height] = scene.image_size;
@@ -255,8 +256,9 @@ pub fn plan_host(
     HostPlan::new(options.host_memory_bytes, &demand)
 }
 
-/// Level of detail as the ray casters take it.
-fn lod_choice(options: &RenderOptions<'_>) -> LodChoice {
+/// Level of detail as the ray casters and the streamer take it.
+#[must_use]
+pub fn lod_choice(options: &RenderOptions<'_>) -> LodChoice {
     match options.level {
         LevelChoice::Auto => CpuQuality::default().lod,
         LevelChoice::Fixed(lod) => LodChoice::Fixed(lod),
@@ -272,7 +274,7 @@ pub fn streamer_for(
     plan: HostPlan,
 ) -> Streamer {
     let (descriptor, map) = (container.descriptor(), value_map(container));
-    let classifier = Classifier::new(scene, descriptor.voxel_type, map, options.skipping);
+    let classifier = Classifier::new(scene, descriptor.voxel_type, map, options.skipping, lod_choice(options));
     let order = FrontToBack::new(&scene.camera, &descriptor.geometry);
     Streamer::new(container.clone(), map, classifier, order, plan)
 }
@@ -288,7 +290,7 @@ fn render_auto(
     let why = match device {
         None => "no graphics device is there".to_string(),
         Some(Ok(device)) if device.is_software() => format!("{} is a processor", device.name()),
-        Some(Ok(device)) => match gpu::render_gpu(&device, container, scene, options, start) {
+        Some(Ok(device)) => match render_gpu_surviving(&device, &GpuDevice::open, container, scene, options, start) {
             Err(error @ (RenderError::Gpu(_) | RenderError::Budget(_))) => error.to_string(),
             other => return other,
         },
@@ -490,7 +492,9 @@ impl<'a> FrameWalk<'a> {
                 break;
             }
             let keys: Vec<BrickKey> = pyramid.keys_of(lod).collect();
-            let room = Room { bricks: caster.room(), deadline: None };
+            // A level that there is no time for is kept as far as it came.
+            let deadline = is_optional.then(|| self.start + time);
+            let room = Room { bricks: caster.room(), deadline };
             let fetched = self.streamer.fetch_to_keep(&keys, room)?;
             caster.update(&self.streamer.view(OnMissing::Wait), &fetched)?;
         }
@@ -512,6 +516,7 @@ impl<'a> FrameWalk<'a> {
         self.stats.gpu_bytes = totals.gpu_bytes;
         self.stats.gpu_page_ins = totals.gpu_page_ins;
         self.stats.gpu_anomalies = totals.gpu_anomalies;
+        self.stats.gpu_dispatch_ms_max = totals.gpu_dispatch_ms_max;
         self.stats.adapter = totals.adapter;
         self.stats.upload_ms = milliseconds(totals.upload_time);
     }

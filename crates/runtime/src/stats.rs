@@ -98,6 +98,10 @@ pub struct FrameStats {
     pub gpu_page_ins: u64,
     /// Times a loop on the graphics device hit its limit: a ray is not exact there.
     pub gpu_anomalies: u64,
+    /// The slowest piece of work handed to the graphics device.
+    pub gpu_dispatch_ms_max: f64,
+    /// What the driver said when the graphics device was lost and another one drew the picture; null if none was lost.
+    pub gpu_lost_because: Option<String>,
     /// Rays of the picture.
     pub rays: u64,
     /// Rays that ended before they left the volume, because nothing behind could be seen.

@@ -92,6 +92,47 @@ fn levels_chosen_by_distance_converge_too() {
     }
 }
 
+/// S16, S18: seen from afar, averages of a checkerboard are clear, and no level but the finest shows it.
+#[test]
+fn what_vanishes_in_coarser_levels_is_drawn_from_finer_ones() {
+    let check = |p: [f64; 3]| if p.iter().sum::<f64>() as i64 % 2 == 0 { 1.0 } else { -1.0 };
+    // A ball that coarser levels do show, in the middle of clear space; the checkerboard in one corner.
+    let ball = |p: [f64; 3]| if p.iter().map(|x| (x - 44.0) * (x - 44.0)).sum::<f64>() < 150.0 { 1.0 } else { 0.0 };
+    let volume =
+        Volume::new([64, 64, 64], VoxelType::F32, move |p| if p[0] < 16.0 && p[1] < 32.0 { check(p) } else { ball(p) });
+    let container = open(&container_bytes(&volume, 16));
+    let gold = [1.0, 0.8, 0.2];
+    let tf = points(1.0, &[(-1.0, gold, 0.3), (-0.2, gold, 0.0), (0.2, gold, 0.0), (1.0, gold, 0.3)]);
+    let camera = r#""eye": [900, -700, 500], "target": [31, 31, 31], "up": [0, 0, 1], "fov_y": 4.7"#;
+    let scene = scene(
+        &volume,
+        &format!(r#"{{"camera": {{{camera}}}, "image": {{"width": 40, "height": 36}}, "transfer_function": {tf}}}"#),
+    );
+    let opacity = |image: &Image| image.pixels.iter().map(|p| f64::from(p[3])).sum::<f64>() / image.pixels.len() as f64;
+    let (exact, _) = render(&container, &scene, &FINEST).unwrap();
+    let at_level = |level| render(&container, &scene, &RenderOptions { level, ..FINEST }).unwrap();
+    let lost = opacity(&exact) - opacity(&at_level(LevelChoice::Fixed(Lod(1))).0);
+    assert!(lost > 0.02, "the checkerboard is gone where a level is forced: {lost}");
+    let (image, stats) = at_level(LevelChoice::Auto);
+    assert!((opacity(&image) - opacity(&exact)).abs() < 0.1 * lost, "{} {}", opacity(&image), opacity(&exact));
+    let levels: Vec<u64> = stats.bricks_by_level.iter().map(|level| level.page_ins).collect();
+    assert!(levels[0] >= 8 && levels[1..].iter().any(|&n| n > 0), "both fine and coarse bricks are drawn: {levels:?}");
+    let no_skipping = RenderOptions { skipping: Skipping::Off, level: LevelChoice::Auto, ..FINEST };
+    assert_eq!(render(&container, &scene, &no_skipping).unwrap().0, image);
+    let late = RenderOptions { time_budget_ms: Some(0), level: LevelChoice::Auto, ..FINEST };
+    assert!(!render(&container, &scene, &late).unwrap().1.converged);
+    let on_gpu =
+        RenderOptions { backend: Backend::Gpu, gpu_memory_bytes: 64 << 20, level: LevelChoice::Auto, ..FINEST };
+    match render(&container, &scene, &on_gpu) {
+        Ok((from_gpu, _)) => assert!(difference(&from_gpu, &image) < 0.05, "{}", difference(&from_gpu, &image)),
+        Err(error) => {
+            let is_required = std::env::var_os("SUPERVOL_REQUIRE_GPU").is_some_and(|v| v == "1");
+            assert!(!is_required, "SUPERVOL_REQUIRE_GPU=1, but {error}");
+            eprintln!("SKIPPED: no GPU adapter ({error})");
+        }
+    }
+}
+
 #[test]
 fn skipping_bands_and_slow_sources_change_nothing() {
     let volume = volume();

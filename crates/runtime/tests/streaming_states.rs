@@ -111,8 +111,10 @@ fn states_and_cache_agree_under_random_wishes_and_faults() {
         let container = Arc::new(Container::from_source(faulty).unwrap());
         let iso = scene_with(&volume, 0.0, r#", "mode": "iso", "iso": [{"value": 500, "color": [1, 1, 1]}]"#);
         let scenes = [scene_from(&volume, 30.0), scene_from(&volume, 60.0), scene_from(&volume, 500.0), iso];
-        let classifier =
-            |s: &ResolvedScene| Classifier::new(s, descriptor.voxel_type, value_map(&container), Skipping::On);
+        let classifier = |s: &ResolvedScene| {
+            let lod = LodChoice::Fixed(Lod(0));
+            Classifier::new(s, descriptor.voxel_type, value_map(&container), Skipping::On, lod)
+        };
         let state_limit = [10, 30, 1 << 20][run as usize % 3];
         let plan = HostPlan { state_limit, ..plan(&container, &scenes[0], 1 + run) };
         let mut streamer = streamer_for(&container, &scenes[0], &RenderOptions::default(), plan);

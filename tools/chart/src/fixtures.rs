@@ -50,3 +50,65 @@ pub fn sphere(edge: u64) -> Computed {
 pub fn point(voxel: [u64; 3]) -> DVec3 {
     DVec3::from_array(voxel.map(|v| v as f64))
 }
+
+/// STEP: 0 in the lower half along x, 1 in the upper.
+#[must_use]
+pub fn step(edge: u64) -> Computed {
+    Computed::new([edge; 3], VoxelType::F32, move |[x, _, _]| if x < edge / 2 { 0.0 } else { 1.0 })
+}
+
+/// What is one voxel wide: SHEET, LINE, POINT.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Thin {
+    /// One voxel along x.
+    Sheet,
+    /// One voxel along x and y.
+    Line,
+    /// One voxel.
+    Point,
+}
+
+impl Thin {
+    /// All three.
+    pub const ALL: [Self; 3] = [Self::Sheet, Self::Line, Self::Point];
+
+    /// For tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sheet => "sheet",
+            Self::Line => "line",
+            Self::Point => "point",
+        }
+    }
+
+    /// Axes along which it is one voxel wide.
+    #[must_use]
+    pub fn thin_axes(self) -> usize {
+        match self {
+            Self::Sheet => 1,
+            Self::Line => 2,
+            Self::Point => 3,
+        }
+    }
+}
+
+/// SHEET, LINE, POINT: 1 at index `edge / 2 + 1` of the thin axes, 0 elsewhere.
+#[must_use]
+pub fn thin(edge: u64, thin: Thin) -> Computed {
+    let (axes, at) = (thin.thin_axes(), edge / 2 + 1);
+    Computed::new([edge; 3], VoxelType::F32, move |v| if v[..axes].iter().all(|&i| i == at) { 1.0 } else { 0.0 })
+}
+
+/// CHECK: +1 and -1 in turn along every axis.
+#[must_use]
+pub fn check(edge: u64) -> Computed {
+    Computed::new([edge; 3], VoxelType::F32, |[x, y, z]| if (x + y + z).is_multiple_of(2) { 1.0 } else { -1.0 })
+}
+
+/// Smooth waves about ten voxels long, all three axes different, 0 to 1: for whatever needs a field without symmetry.
+#[must_use]
+pub fn waves_at(p: DVec3) -> f64 {
+    let wave = (p.x * 0.61).sin() + (p.y * 0.47 + 1.0).sin() + (p.z * 0.71 + p.x * 0.2).cos();
+    0.5 + wave / 6.0
+}

@@ -6,7 +6,8 @@
 //! - `supervol bench --peers`: the same pictures by other programs ([`peers`]).
 //!
 //! In the order of the data path:
-//! - [`fixtures`], [`virtual_volume`]: volumes computed from coordinates; the second kind is never stored anywhere;
+//! - [`fixtures`], [`ricker`], [`virtual_volume`]: volumes computed from coordinates; the second kind is never stored anywhere;
+//! - [`resident`]: a container's bricks in memory, and views that no streamer would hand out;
 //! - [`volume`]: a volume built into a container, its scenes and its pictures;
 //! - [`measure`]: the distance between two pictures;
 //! - [`chart`], [`stability`], [`peers`]: what is run;
@@ -24,8 +25,11 @@ pub mod points;
 pub mod random;
 pub mod record;
 pub mod report;
+pub mod resident;
+pub mod ricker;
 pub mod scenes;
 pub mod stability;
+pub mod virtual_volume;
 pub mod volume;
 
 pub use context::{ChartError, Context, Scale};

@@ -98,7 +98,7 @@ pub enum CodecError {
 pub enum CodecChoice {
     /// Whatever is smallest, brick by brick.
     Smallest,
-    /// This codec for every brick that is not uniform.
+    /// This codec for every brick that is not uniform; raw where it would make a brick larger.
     Only(Codec),
 }
 
@@ -114,8 +114,8 @@ pub fn encode(choice: CodecChoice, shape: BrickShape, voxels: &[u8]) -> Result<(
     match choice {
         CodecChoice::Only(Codec::Uniform) => panic!("a uniform brick has no payload to encode"),
         CodecChoice::Only(Codec::Raw) => Ok((Codec::Raw, voxels.to_vec())),
-        CodecChoice::Only(Codec::Rle) => Ok((Codec::Rle, rle::encode(shape, voxels))),
-        CodecChoice::Only(Codec::Zstd) => Ok((Codec::Zstd, zstd::encode(shape, voxels)?)),
+        CodecChoice::Only(Codec::Rle) => Ok(unless_larger(Codec::Rle, rle::encode(shape, voxels), voxels)),
+        CodecChoice::Only(Codec::Zstd) => Ok(unless_larger(Codec::Zstd, zstd::encode(shape, voxels)?, voxels)),
         CodecChoice::Smallest => {
             // Ties go to the codec that decodes faster: raw before rle before zstd.
             let mut best = (Codec::Zstd, zstd::encode(shape, voxels)?);
@@ -128,6 +128,11 @@ pub fn encode(choice: CodecChoice, shape: BrickShape, voxels: &[u8]) -> Result<(
             Ok(best)
         }
     }
+}
+
+/// The payload, or the voxels as they are where it is larger: no brick ever expands.
+fn unless_larger(codec: Codec, payload: Vec<u8>, voxels: &[u8]) -> (Codec, Vec<u8>) {
+    if payload.len() > voxels.len() { (Codec::Raw, voxels.to_vec()) } else { (codec, payload) }
 }
 
 /// Decodes a payload into `out`, which must have exactly the brick's bytes.

@@ -52,6 +52,8 @@ pub struct CasterTotals {
     pub gpu_page_ins: u64,
     /// Times a loop on a graphics device hit its limit: a ray is not exact there.
     pub gpu_anomalies: u64,
+    /// The slowest piece of work handed to a graphics device, milliseconds.
+    pub gpu_dispatch_ms_max: f64,
     /// Name of the graphics adapter.
     pub adapter: Option<String>,
     /// Wall time of copying bricks to the graphics device.

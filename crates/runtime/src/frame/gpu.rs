@@ -15,7 +15,9 @@ use super::{
 };
 use crate::image::Image;
 use crate::raycast::cpu::Counters;
-use crate::raycast::gpu::{GpuDevice, GpuOptions, GpuRenderer, GpuVolume, Insertion, PageEntry, VoxelStorage};
+use crate::raycast::gpu::{
+    GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuVolume, Insertion, PageEntry, VoxelStorage,
+};
 use crate::raycast::volume::{BrickView, Resident};
 use crate::scene::ResolvedScene;
 use crate::stats::FrameStats;
@@ -66,6 +68,28 @@ pub fn render_gpu(
     Ok((image, FrameStats { backend: "gpu", ..walk.into_stats() }))
 }
 
+/// [`render_gpu`] on `device`; should that be lost, once more on what `reopen` gives: the renderer is built anew and its
+/// memory filled again. The statistics tell of the loss, and what the lost device had done is not in them.
+///
+/// # Errors
+/// As [`render_gpu`]; the loss itself where the second device cannot be opened, or is lost, too.
+pub fn render_gpu_surviving(
+    device: &GpuDevice,
+    reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions<'_>,
+    start: Instant,
+) -> Result<(Image, FrameStats), RenderError> {
+    let lost = match render_gpu(device, container, scene, options, start) {
+        Err(RenderError::Gpu(GpuError::DeviceLost { message })) => message,
+        other => return other,
+    };
+    let Ok(second) = reopen() else { return Err(GpuError::DeviceLost { message: lost }.into()) };
+    let (image, stats) = render_gpu(&second, container, scene, options, start)?;
+    Ok((image, FrameStats { gpu_lost_because: Some(lost), ..stats }))
+}
+
 /// How bricks of this type are decoded: see [`crate::raycast::volume::Voxels`].
 fn storage(voxel_type: VoxelType) -> VoxelStorage {
     match voxel_type.bytes() {
@@ -88,6 +112,7 @@ impl GpuCaster {
     fn answer(&mut self, view: &HostView<'_>, key: BrickKey) {
         match view.lookup(key) {
             Resident::Nothing => self.renderer.set_state(key, PageEntry::Nothing),
+            Resident::Vanished => self.renderer.set_state(key, PageEntry::Vanished),
             Resident::Uniform(value) => self.renderer.set_state(key, PageEntry::Uniform(value)),
             Resident::UseParent => self.renderer.set_state(key, PageEntry::Failed),
             Resident::Brick(_) | Resident::Missing => {}
@@ -106,7 +131,9 @@ impl GpuCaster {
             }
             match view.lookup(key) {
                 Resident::Brick(_) | Resident::Missing => self.renderer.set_state(key, PageEntry::Failed),
-                Resident::Nothing | Resident::Uniform(_) | Resident::UseParent => self.answer(view, key),
+                Resident::Nothing | Resident::Vanished | Resident::Uniform(_) | Resident::UseParent => {
+                    self.answer(view, key);
+                }
             }
         }
         Ok(())
@@ -160,6 +187,7 @@ impl RayCaster for GpuCaster {
             gpu_bytes: stats.planned_bytes,
             gpu_page_ins: stats.insertions,
             gpu_anomalies: stats.anomalies,
+            gpu_dispatch_ms_max: stats.dispatch_ms_max,
             adapter: Some(stats.adapter),
             upload_time: Duration::from_secs_f64(stats.upload_ms / 1e3),
         }

@@ -401,7 +401,7 @@ shared_struct! {
 }
 
 /// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 11] {
+fn borrowed_constants() -> [(&'static str, &'static str, String); 12] {
     let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
     [
         ("APRON", "i32", apron.to_string()),
@@ -412,7 +412,8 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 11] {
         ("GAUSS_DISTANCE", "f32", format!("{:?}", quadrature::GAUSS_DISTANCE)),
         ("PAIR_VARIATION", "f32", format!("{:?}", quadrature::PAIR_VARIATION)),
         ("PAIR_VARIATION_DEPTH", "f32", format!("{:?}", quadrature::PAIR_VARIATION_DEPTH)),
-        ("PAIR_NORMAL_CHANGE", "f32", format!("{:?}", crate::raycast::cpu::PAIR_NORMAL_CHANGE)),
+        ("PAIR_NORMAL_CHANGE", "f32", format!("{:?}", quadrature::PAIR_NORMAL_CHANGE)),
+        ("PAIR_NORMAL_DEPTH", "f32", format!("{:?}", quadrature::PAIR_NORMAL_DEPTH)),
         ("MIN_WEIGHT", "f32", format!("{:?}", quadrature::MIN_WEIGHT)),
         ("ISO_LIMIT", "u32", format!("{}u", crate::scene::ISO_LIMIT)),
     ]

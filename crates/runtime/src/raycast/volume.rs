@@ -191,6 +191,9 @@ pub enum Resident<'a> {
     /// The brick contributes nothing: it is absent, or invisible under the transfer function. For every mode but `dvr`
     /// only truly absent bricks may be answered so.
     Nothing,
+    /// Averaging has left nothing visible of what is visible beneath: the ray goes on in the brick's children. Where the
+    /// brick stands in for a child, it contributes nothing.
+    Vanished,
     /// The brick has failed: its parent stands in.
     UseParent,
     /// The brick is not resident: the ray waits for it.

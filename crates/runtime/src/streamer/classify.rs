@@ -4,11 +4,15 @@
 //! function is transparent is *invisible*: its macro cells are so too, and leaving it out changes no picture. In `iso`, a
 //! ray must know on which side of the iso values it is: a brick without holes whose range holds no iso value is answered
 //! as uniform, with a value on its side. `mip`, `minip` and `mean` must see every present value.
+//!
+//! A coarser level holds averages: what is visible in level 0 may have no visible value left there. Where the level is
+//! chosen brick by brick, such a brick has *vanished*, and is refused: its children are drawn instead.
 
-use supervol_format::VoxelType;
 use supervol_format::container::toc::BrickEntry;
+use supervol_format::{ValueRange, VoxelType};
 
 use super::state::Emptiness;
+use crate::lod::LodChoice;
 use crate::raycast::cpu::Skipping;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{Mode, ResolvedScene};
@@ -31,6 +35,9 @@ pub struct Classifier {
     voxel_type: VoxelType,
     map: ValueMap,
     visibility: Visibility,
+    skipping: Skipping,
+    /// Whether bricks whose visible values have vanished are refused.
+    refuses_vanished: bool,
 }
 
 #[derive(Debug)]
@@ -46,15 +53,23 @@ enum Visibility {
 impl Classifier {
     /// Classification for a scene over a container with this voxel type and value map.
     #[must_use]
-    pub fn new(scene: &ResolvedScene, voxel_type: VoxelType, map: ValueMap, skipping: Skipping) -> Self {
-        let visibility = match (skipping, scene.mode) {
-            (Skipping::On, Mode::Dvr) => {
+    pub fn new(
+        scene: &ResolvedScene,
+        voxel_type: VoxelType,
+        map: ValueMap,
+        skipping: Skipping,
+        lod: LodChoice,
+    ) -> Self {
+        let visibility = match scene.mode {
+            Mode::Dvr => {
                 Visibility::Classified(Box::new(RenderTransferFunction::new(&scene.transfer_function, map.shift)))
             }
-            (Skipping::On, Mode::Iso) => Visibility::Iso(scene.iso.iter().map(|i| map.from_data(i.value)).collect()),
-            _ => Visibility::All,
+            Mode::Iso => Visibility::Iso(scene.iso.iter().map(|i| map.from_data(i.value)).collect()),
+            Mode::Mip | Mode::Minip | Mode::Mean | Mode::Slice => Visibility::All,
         };
-        Self { voxel_type, map, visibility }
+        // Who asks for a level gets it.
+        let refuses_vanished = matches!(lod, LodChoice::Auto { .. });
+        Self { voxel_type, map, visibility, skipping, refuses_vanished }
     }
 
     /// What must be done for the brick of this entry.
@@ -63,15 +78,32 @@ impl Classifier {
         if entry.absent {
             return Class::Nothing(Emptiness::Absent);
         }
-        let ends = [entry.range.min, entry.range.max].map(|v| self.map.from_container(self.voxel_type, v));
-        let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        let (low, high) = self.render_range(entry.range);
+        let is_invisible = !self.is_visible((low, high));
+        // Whether macro cells are skipped or not: the picture is the same.
+        if self.refuses_vanished && is_invisible && self.is_visible(self.render_range(entry.range_beneath)) {
+            return Class::Nothing(Emptiness::Vanished);
+        }
+        let is_left_out = is_invisible && self.skipping == Skipping::On;
         match &self.visibility {
-            Visibility::Classified(function) if !function.is_visible(low, high) => Class::Nothing(Emptiness::Invisible),
-            Visibility::Iso(values) if !entry.has_holes && !values.iter().any(|v| (low..=high).contains(v)) => {
-                Class::Uniform(low)
-            }
+            Visibility::Classified(_) if is_left_out => Class::Nothing(Emptiness::Invisible),
+            Visibility::Iso(_) if is_left_out && !entry.has_holes => Class::Uniform(low),
             _ if entry.uniform => Class::Uniform(low),
             _ => Class::Load,
+        }
+    }
+
+    /// Least and greatest render value of a range of container values.
+    fn render_range(&self, range: ValueRange) -> (f32, f32) {
+        let ends = [range.min, range.max].map(|v| self.map.from_container(self.voxel_type, v));
+        (ends[0].min(ends[1]), ends[0].max(ends[1]))
+    }
+
+    fn is_visible(&self, (low, high): (f32, f32)) -> bool {
+        match &self.visibility {
+            Visibility::All => true,
+            Visibility::Classified(function) => function.is_visible(low, high),
+            Visibility::Iso(values) => values.iter().any(|v| (low..=high).contains(v)),
         }
     }
 }
@@ -81,7 +113,7 @@ mod tests {
     use super::*;
     use crate::scene::{DataKind, Scene, VolumeFacts};
     use supervol_format::codec::Codec;
-    use supervol_format::{Dims, Geometry, ValueRange};
+    use supervol_format::{Dims, Geometry};
 
     fn classifier(json: &str, skipping: Skipping) -> Classifier {
         let value_range = ValueRange { min: 0.0, max: 255.0 };
@@ -95,7 +127,7 @@ mod tests {
         };
         let scene = Scene::from_json(json).unwrap().resolve(&facts).unwrap();
         let map = ValueMap::for_container(VoxelType::U8, -1.0, 255.0, None, value_range);
-        Classifier::new(&scene, VoxelType::U8, map, skipping)
+        Classifier::new(&scene, VoxelType::U8, map, skipping, LodChoice::Auto { voxel_pixels: 1.0 })
     }
 
     fn entry(min: f64, max: f64) -> BrickEntry {
@@ -138,5 +170,26 @@ mod tests {
             let absent = entry(f64::INFINITY, f64::NEG_INFINITY);
             assert_eq!(all.classify(&absent), Class::Nothing(Emptiness::Absent), "{mode}");
         }
+    }
+
+    /// S16, S18: averaging left nothing visible of what is visible beneath.
+    #[test]
+    fn bricks_whose_visible_values_have_vanished_are_refused_where_the_level_is_free() {
+        let points = r#"{"transfer_function": {"points": [{"value": 200, "color": [1,1,1], "alpha": 0},
+            {"value": 255, "color": [1,1,1], "alpha": 1}]}}"#;
+        let vanished = BrickEntry { range_beneath: ValueRange { min: 0.0, max: 255.0 }, ..entry(60.0, 250.0) };
+        for skipping in [Skipping::On, Skipping::Off] {
+            let free = classifier(points, skipping);
+            assert_eq!(free.classify(&vanished), Class::Nothing(Emptiness::Vanished));
+            let uniform = BrickEntry { uniform: true, ..vanished };
+            assert_eq!(free.classify(&uniform), Class::Nothing(Emptiness::Vanished));
+            let visible = BrickEntry { range: ValueRange { min: 50.0, max: 250.0 }, ..vanished };
+            assert_eq!(free.classify(&visible), Class::Load);
+            let fixed = Classifier { refuses_vanished: false, ..free };
+            assert_ne!(fixed.classify(&vanished), Class::Nothing(Emptiness::Vanished));
+        }
+        let iso = classifier(r#"{"mode": "iso", "iso": [{"value": 100, "color": [1,1,1]}]}"#, Skipping::On);
+        let vanished = BrickEntry { range_beneath: ValueRange { min: 0.0, max: 255.0 }, ..entry(156.0, 250.0) };
+        assert_eq!(iso.classify(&vanished), Class::Nothing(Emptiness::Vanished));
     }
 }

@@ -38,7 +38,10 @@ use classify::{Class, Classifier};
 use decode::Encoded;
 use io::{IoCounters, RecordRequest};
 use priority::{FrontToBack, Rank, Ranked};
-use state::{BrickState, StateTable};
+use state::{BrickState, Emptiness, StateTable};
+
+/// Bricks of the first batch that is read under a deadline, while it is not known how long they take.
+const FIRST_BATCH: usize = 8;
 
 /// Why the streamer cannot go on.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -398,20 +401,28 @@ impl Streamer {
         decoded_bytes(shape.voxel_type, shape.voxels() as u64, cells as u64)
     }
 
-    /// Reads and decodes bricks for which there is room, in batches of bounded size.
+    /// Reads and decodes bricks for which there is room, in batches of bounded size. With a deadline the first batch is
+    /// small, and each next one as large as the last one's speed says will be done in time, but at most twice as large.
     fn load(&mut self, mut due: &[Load], victims: &mut Victims, deadline: Option<Instant>) {
+        let mut most = if deadline.is_some() { FIRST_BATCH } else { usize::MAX };
         while !due.is_empty() {
             let mut in_flight = 0;
             let fits = |load: &&Load| {
                 in_flight += record_in_flight(load.entry.record_bytes());
                 in_flight <= self.plan.in_flight_bytes
             };
-            let count = due.iter().take_while(fits).count().max(1);
+            let count = due.iter().take(most).take_while(fits).count().max(1);
             let (batch, rest) = due.split_at(count);
+            let start = Instant::now();
             self.load_batch(batch, victims);
             due = rest;
-            if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
-                return;
+            if let Some(deadline) = deadline {
+                let left = deadline.saturating_duration_since(Instant::now()).as_secs_f64();
+                if left == 0.0 {
+                    return;
+                }
+                let in_time = left / start.elapsed().as_secs_f64().max(1e-9) * count as f64;
+                most = (in_time as usize).clamp(1, 2 * count);
             }
         }
     }
@@ -515,6 +526,7 @@ impl BrickView for HostView<'_> {
             return Resident::Brick(brick);
         }
         match (self.states.state(key), self.on_missing) {
+            (BrickState::Nothing(Emptiness::Vanished), _) => Resident::Vanished,
             (BrickState::Nothing(_), _) => Resident::Nothing,
             (BrickState::Uniform(value), _) => Resident::Uniform(value),
             (BrickState::Failed { .. }, _) | (_, OnMissing::UseParent) => Resident::UseParent,

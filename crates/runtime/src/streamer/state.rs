@@ -34,6 +34,8 @@ pub enum Emptiness {
     Absent,
     /// Its values are invisible under the current transfer function or iso values.
     Invisible,
+    /// The same, but finer bricks beneath it hold visible values: averaging made them vanish. Rays go on in its children.
+    Vanished,
 }
 
 /// State of one brick.

@@ -217,6 +217,7 @@ impl BrickView for TestVolume {
     fn lookup(&self, key: BrickKey) -> Resident<'_> {
         match self.states.get(&key) {
             Some(PageEntry::Nothing) => Resident::Nothing,
+            Some(PageEntry::Vanished) => Resident::Vanished,
             Some(PageEntry::Uniform(value)) => Resident::Uniform(*value),
             Some(PageEntry::Failed) => Resident::UseParent,
             Some(PageEntry::Missing) | None => self.bricks.get(&key).map_or(Resident::Missing, Resident::Brick),

@@ -3,7 +3,8 @@
 //! A [`Sampling`] cuts each ray at equal distances and treats every interval by one rule. Everything around it (bricks,
 //! streaming, skipping, camera, clipping, scene) is the pipeline that users get, so that a difference in the picture or in
 //! the time is the method's own. Interval j of a ray covers `[(j - 1 + offset) h, (j + offset) h]` from the ray's entry into
-//! the clipped volume, cut to the ray's segment; h is the step.
+//! the clipped volume, cut to the ray's segment; h is the step. Jittered rays begin with a whole interval, and each of their
+//! intervals is sampled at a place that is random: so every place is sampled with the weight that it has.
 
 pub mod gradient;
 pub mod preintegration;
@@ -50,13 +51,14 @@ impl Default for Sampling {
     }
 }
 
-/// Length of a ray's first interval, as a share of the step.
+/// Where intervals begin, or where in them samples lie.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Offset {
-    /// The same for all rays, in (0, 1].
+    /// Length of every ray's first interval, as a share of the step, in (0, 1].
     Fixed(f64),
-    /// Different from pixel to pixel (interleaved gradient noise, Jimenez 2014) and from frame to frame (multiples of the
-    /// golden ratio): the error becomes noise without a pattern, and its mean over frames goes to zero.
+    /// Whole intervals, each sampled at the same share of its length, whatever the rule. The share differs from pixel to
+    /// pixel (interleaved gradient noise, Jimenez 2014) and from frame to frame (multiples of the golden ratio): the error
+    /// becomes noise without a pattern, and its mean over frames goes to zero.
     Jittered {
         /// Number of the frame.
         frame: u32,

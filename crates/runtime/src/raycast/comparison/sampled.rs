@@ -52,6 +52,8 @@ pub(crate) struct SampledRay<'a> {
     segment: Segment,
     /// Length of the first interval, as a share of the step; in (0, 1].
     offset: f64,
+    /// Where in an interval its sample lies, from 0 to 1.
+    place: f64,
 }
 
 /// Interleaved gradient noise (Jimenez 2014), in [0, 1): neighbouring pixels differ much, as in blue noise.
@@ -65,11 +67,15 @@ const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
 impl<'a> SampledRay<'a> {
     /// The ray of a pixel, over its segment.
     pub(crate) fn new(tables: &'a Tables, segment: Segment, pixel: [u32; 2]) -> Self {
-        let offset = match tables.sampling.offset {
-            Offset::Fixed(share) => share.clamp(f64::EPSILON, 1.0),
-            Offset::Jittered { frame } => 1.0 - (gradient_noise(pixel) + f64::from(frame) * GOLDEN_RATIO).fract(),
+        let place = match tables.sampling.rule {
+            Rule::LeftRiemann => 0.0,
+            _ => 0.5,
         };
-        Self { tables, segment, offset }
+        let (offset, place) = match tables.sampling.offset {
+            Offset::Fixed(share) => (share.clamp(f64::EPSILON, 1.0), place),
+            Offset::Jittered { frame } => (1.0, (gradient_noise(pixel) + f64::from(frame) * GOLDEN_RATIO).fract()),
+        };
+        Self { tables, segment, offset, place }
     }
 
     /// t at which interval j ends, not cut to the segment.
@@ -85,10 +91,7 @@ impl<'a> SampledRay<'a> {
 
     /// Where an interval is sampled.
     fn sample_at(&self, [a, b]: [f64; 2]) -> f64 {
-        match self.tables.sampling.rule {
-            Rule::LeftRiemann => a,
-            _ => 0.5 * (a + b),
-        }
+        a + self.place * (b - a)
     }
 
     /// The first interval whose `place` is not before t; `place` grows from interval to interval.

@@ -84,9 +84,8 @@ pub(crate) fn cast_ray<V: BrickView + ?Sized, I: Integrator>(
     state.waiting = None;
     let mut last_used = None;
     while state.t < state.t_end && !is_done(frame, state) {
-        let (wanted, exit) = brick_at(frame, &axis_ray, state.t);
+        let (key, resident, exit) = resident_at(view, frame, &axis_ray, state.t, &mut feedback.counters);
         let exit = exit.min(state.t_end);
-        let (key, resident) = resident_or_parent(view, frame, wanted, &mut feedback.counters);
         if !matches!(resident, Resident::Missing) && last_used != Some(key) {
             feedback.uses.insert(key);
             last_used = Some(key);
@@ -113,7 +112,7 @@ pub(crate) fn cast_ray<V: BrickView + ?Sized, I: Integrator>(
                 let t = [state.t, exit];
                 integrator.gather_uniform(frame, &setup, value, t, state, &mut feedback.counters);
             }
-            Resident::Nothing | Resident::UseParent => state.iso.known = 0,
+            Resident::Nothing | Resident::Vanished | Resident::UseParent => state.iso.known = 0,
         }
         state.t = exit;
     }
@@ -132,10 +131,29 @@ pub(crate) fn is_done(frame: &CpuFrame, state: &RayState) -> bool {
     }
 }
 
-/// The brick that t lies in at the level that is fine enough there, and the t at which the ray leaves it.
-fn brick_at(frame: &CpuFrame, ray: &AxisRay, t: f64) -> (BrickKey, f64) {
-    let core = frame.pyramid.layout().core();
+/// What is resident at t, at the level that is fine enough there; and the t at which the ray leaves it.
+fn resident_at<'v, V: BrickView + ?Sized>(
+    view: &'v V,
+    frame: &CpuFrame,
+    ray: &AxisRay,
+    t: f64,
+    counters: &mut Counters,
+) -> (BrickKey, Resident<'v>, f64) {
     let mut lod = frame.first_lod;
+    loop {
+        let (wanted, exit) = brick_at(frame, ray, t, lod);
+        let (key, resident) = resident_or_parent(view, frame, wanted, counters);
+        let goes_on_beneath = matches!(resident, Resident::Vanished) && key == wanted && wanted.lod() > Lod::FINEST;
+        if !goes_on_beneath {
+            return (key, resident, exit);
+        }
+        lod = Lod(wanted.lod().0 - 1);
+    }
+}
+
+/// The brick that t lies in at the level that is fine enough there, from `lod` on, and the t at which the ray leaves it.
+fn brick_at(frame: &CpuFrame, ray: &AxisRay, t: f64, mut lod: Lod) -> (BrickKey, f64) {
+    let core = frame.pyramid.layout().core();
     loop {
         let level = frame.pyramid.level_at(lod);
         let bricks = CellBox { low: [0; 3], high: level.bricks.map(|n| i64::from(n) - 1) };

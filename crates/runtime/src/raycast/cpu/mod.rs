@@ -303,20 +303,6 @@ impl CpuFrame {
     }
 }
 
-/// Change of the normal's direction, as a length, that one Gauss pair may bridge.
-pub(crate) const PAIR_NORMAL_CHANGE: f32 = 0.1;
-
-impl CpuFrame {
-    /// Gauss pairs that shading wants between two parameters of a chord: by how far the normal turns.
-    pub(crate) fn shaded_pairs(&self, chord: &modes::Chord, setup: &modes::ShadeSetup<'_>, u: [cell::Real; 2]) -> u32 {
-        let Some(gradient) = &chord.gradient else { return 1 };
-        let normal = |u: cell::Real| (setup.world_from_level_gradient * gradient.at(u)).normalize_or_zero();
-        let [a, m, b] = [u[0], 0.5 * (u[0] + u[1]), u[1]].map(normal);
-        let turn = a.distance(m) + m.distance(b);
-        ((turn / PAIR_NORMAL_CHANGE).ceil() as u32).clamp(1, quadrature::PAIR_LIMIT)
-    }
-}
-
 /// How much work a frame may save, and how.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CpuQuality {

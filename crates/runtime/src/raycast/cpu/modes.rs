@@ -6,12 +6,13 @@ use glam::Vec3;
 
 use super::cell::{Cell, Real, cubic_at, cubic_extremes, cubic_mean, monotone_intervals, monotone_root};
 use super::quadrature::{
-    GAUSS_OFFSET, KNOT_LIMIT, PAIR_LIMIT, integrate_pair, opacity_of, pairs_between, splits_of_chord,
+    GAUSS_OFFSET, KNOT_LIMIT, PAIR_LIMIT, integrate_pair, opacity_of, pairs_between, shaded_pair_count, splits_of_chord,
 };
 use super::shade::{ChordGradient, Lighting, shade};
 use super::{Counters, CpuFrame, RayState};
 use crate::raycast::method::Pairs;
 use crate::scene::ISO_LIMIT;
+use crate::transfer_function::RenderTransferFunction;
 
 /// A ray ends when its opacity reaches this; what lies behind can change no channel by more than 0.13/255.
 pub const TERMINATION_OPACITY: f64 = 0.9995;
@@ -119,13 +120,7 @@ fn gather_part(
 ) -> u64 {
     let tf = &frame.transfer_function;
     let pairs = match frame.pairs {
-        Pairs::Adaptive { density } => {
-            let mut wanted = pairs_between(tf, &chord.cubic, [begin, end], chord.h);
-            if setup.lighting.is_some() && chord.gradient.is_some() {
-                wanted = wanted.max(frame.shaded_pairs(chord, setup, [begin, end]));
-            }
-            denser(wanted, density)
-        }
+        Pairs::Adaptive { density } => denser(wanted_pairs(tf, setup, chord, [begin, end]), density),
         Pairs::Fixed(pairs) => pairs.clamp(1, PAIR_LIMIT),
     };
     let step = (end - begin) / Real::from(pairs);
@@ -144,6 +139,18 @@ fn gather_part(
         composite(state, c, opacity);
     }
     u64::from(2 * pairs)
+}
+
+/// Gauss pairs that the transfer function, and the normal where the chord is shaded, want between two splits.
+#[inline]
+fn wanted_pairs(tf: &RenderTransferFunction, setup: &ShadeSetup<'_>, chord: &Chord, u: [Real; 2]) -> u32 {
+    let plain = pairs_between(tf, &chord.cubic, u, chord.h);
+    let (Some(_), Some(gradient)) = (setup.lighting, &chord.gradient) else { return plain };
+    let middle = 0.5 * (u[0] + u[1]);
+    let normal = |u: Real| (setup.world_from_level_gradient * gradient.at(u)).normalize_or_zero();
+    let [a, m, b] = [u[0], middle, u[1]].map(normal);
+    let tau = tf.extinction(tf.classify(chord.value(middle))[3]) * (chord.h * (u[1] - u[0])) as f32;
+    plain.max(shaded_pair_count(a.distance(m) + m.distance(b), tau))
 }
 
 /// That many pairs times the density; not touched where the density is 1.

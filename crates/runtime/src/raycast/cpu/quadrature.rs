@@ -13,11 +13,15 @@ pub const GAUSS_DISTANCE: f32 = 0.577_350_3;
 /// A chord is split at the transfer function's knots if at most this many lie in its cell's range.
 pub const KNOT_LIMIT: usize = 8;
 /// Most Gauss pairs between two splits.
-pub const PAIR_LIMIT: u32 = 32;
+pub const PAIR_LIMIT: u32 = 64;
 /// Change of opacity and colour that one Gauss pair may bridge; the error falls with the fourth power of their number.
 pub(crate) const PAIR_VARIATION: f32 = 0.006;
 /// Product of that change and of the optical depth that one Gauss pair may bridge.
 pub(crate) const PAIR_VARIATION_DEPTH: f32 = 0.07;
+/// Change of the normal's direction, as a length, that one Gauss pair may bridge.
+pub(crate) const PAIR_NORMAL_CHANGE: f32 = 0.1;
+/// Product of that change and of the optical depth that one Gauss pair may bridge.
+pub(crate) const PAIR_NORMAL_DEPTH: f32 = 0.3;
 /// Least weight of the farther Gauss point, where the exponential underflows.
 pub(crate) const MIN_WEIGHT: f32 = 1e-20;
 
@@ -62,6 +66,14 @@ pub fn integrate_pair(kappa: [f32; 2], color: [[f32; 3]; 2], h: f32) -> ([f32; 3
 pub fn pair_count(variation: f32, tau: f32) -> u32 {
     let wanted = (variation * (1.0 / PAIR_VARIATION)).sqrt().sqrt() + variation * tau * (1.0 / PAIR_VARIATION_DEPTH);
     // `as` saturates, and maps NaN to 0.
+    (wanted.ceil() as u32).clamp(1, PAIR_LIMIT)
+}
+
+/// Number of Gauss pairs for an interval in which the normal turns this far (a length), of optical depth `tau`.
+#[inline]
+#[must_use]
+pub fn shaded_pair_count(turn: f32, tau: f32) -> u32 {
+    let wanted = turn * (1.0 / PAIR_NORMAL_CHANGE) + turn * tau * (1.0 / PAIR_NORMAL_DEPTH);
     (wanted.ceil() as u32).clamp(1, PAIR_LIMIT)
 }
 

@@ -24,6 +24,8 @@ use crate::transfer_function::RenderTransferFunction;
 const CHUNK_RAYS: u64 = 1 << 20;
 /// Rays of one dispatch: 256 tiles of 8 x 8.
 const PIECE_RAYS: u32 = 1 << 14;
+/// The same on software adapters, which are hundreds of times slower: 16 tiles keep two cores busy.
+const SOFTWARE_PIECE_RAYS: u32 = 1 << 10;
 /// Most bytes read back at once.
 const READ_BACK_LIMIT: u64 = 4 << 20;
 /// Dispatches slower than this get less work, milliseconds.
@@ -33,6 +35,7 @@ const FAST_DISPATCH_MS: f64 = 25.0;
 /// Loop iterations that a ray may spend in the first dispatch.
 const FIRST_WORK_LIMIT: u32 = 2048;
 /// Least loop iterations that a ray may spend in a dispatch: the costliest cell does not need many more.
+/// Software adapters begin with it.
 const LEAST_WORK_LIMIT: u32 = 256;
 /// Most loop iterations that a ray may spend in a dispatch.
 const WORK_LIMIT: u32 = 1 << 16;
@@ -152,7 +155,7 @@ impl Caster {
             chunks: Vec::new(),
             pieces: Vec::new(),
             grid,
-            work_limit: FIRST_WORK_LIMIT,
+            work_limit: if gpu.is_software() { LEAST_WORK_LIMIT } else { FIRST_WORK_LIMIT },
         };
         caster.make_rays(volume, scene)?;
         Ok(caster)
@@ -175,6 +178,7 @@ impl Caster {
                 _ => 0.0,
             },
         };
+        let most = if self.gpu.is_software() { SOFTWARE_PIECE_RAYS } else { PIECE_RAYS };
         let places = self.grid.places();
         let mut first_place = 0;
         while first_place < places {
@@ -186,8 +190,8 @@ impl Caster {
             let bindings = self.pipelines.bind_chunk(&self.gpu, &self.job, &gpu_rays, &states)?;
             let chunk = self.chunks.len();
             self.chunks.push(Chunk { states, bindings, first_place, rays });
-            for first_ray in (0..rays).step_by(PIECE_RAYS as usize) {
-                let piece_rays = PIECE_RAYS.min(rays - first_ray);
+            for first_ray in (0..rays).step_by(most as usize) {
+                let piece_rays = most.min(rays - first_ray);
                 let piece = Piece { chunk, first_ray, rays: piece_rays, interrupted: piece_rays, waiting: 0 };
                 self.pieces.push(piece);
             }

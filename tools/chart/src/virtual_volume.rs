@@ -1,0 +1,405 @@
+//! BRICKID: a container of any size of which nothing is stored; every byte is computed when it is read.
+//!
+//! [`BrickId`] is a [`ByteSource`], so that the container's reader, the streamer, the cache and the ray casters run on it
+//! unchanged, up to 65,536^3 voxels and coordinates beyond 2^24. Voxels are `u8` ([`value`]): twice a number that names
+//! the brick, plus one in every other macro cell, so that no brick that is larger than a macro cell is uniform:
+//!
+//! ```text
+//! number = (57 (x mod 5 + 5 (y mod 5) + 25 (z mod 5)) + 31 LOD) mod 125,   x, y, z: the brick's place in its level
+//! value  = 2 number + (sum of voxel / 8, rounded down, over the axes) mod 2
+//! ```
+//!
+//! Bricks of one level have one number exactly where their places are congruent modulo 5 on every axis: a brick in the
+//! place of a neighbour shows, and so does one that is wrong by a power of two (an overflow, a lost bit), because no
+//! power of two is divisible by 5. Levels of one place differ by 31.
+//!
+//! It is a true container brick by brick ([`supervol_format::container::validate::check_brick`] holds): aprons hold the
+//! neighbours' voxels, ranges are exact. Coarser voxels are *not* averages of finer ones, since they name their own
+//! brick; the stated errors are the width of all values at and beneath a brick, which bounds any distance between levels.
+//! Payloads are raw and records lie at a fixed stride, each at `number of its TOC entry * stride`.
+//!
+//! The numbering makes pages of the table of contents cheap although each entry has the checksum of its record: bricks
+//! with congruent places and the same borders have the same record, so that few are ever sealed. Those are remembered:
+//! at most 8^3 places per level.
+
+use std::collections::HashMap;
+use std::io;
+use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use supervol_format::brick::{APRON, MACRO_CELL};
+use supervol_format::codec::{Codec, CodecChoice};
+use supervol_format::container::header::{self, Descriptor, Sections};
+use supervol_format::container::manifest::{AxisName, Manifest, Source};
+use supervol_format::container::reader::RECORDS_START;
+use supervol_format::container::toc::{self, BrickEntry, ENTRIES_PER_PAGE, ENTRY_BYTES};
+use supervol_format::container::validate::seal_brick;
+use supervol_format::container::{ContainerError, checksum};
+use supervol_format::macro_cells::MACRO_CELL_BYTES;
+use supervol_format::voxel_type::Absence;
+use supervol_format::{
+    BrickIndex, BrickKey, BrickLayout, ByteSource, Container, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType,
+};
+
+use crate::context::ChartError;
+use crate::volume::Volume;
+
+/// Bricks along an axis after which the numbers repeat; odd, so that no power of two is a multiple of it.
+pub const PERIOD: u32 = 5;
+
+/// Numbers of bricks of one level.
+const NUMBERS: u32 = PERIOD.pow(3);
+
+/// The number of a brick, below 125: see the module.
+#[must_use]
+pub fn number(key: BrickKey) -> u32 {
+    let [x, y, z] = key.brick().0.map(|i| i % PERIOD);
+    (57 * (x + PERIOD * (y + PERIOD * z)) + 31 * u32::from(key.lod().0)) % NUMBERS
+}
+
+/// The value of a voxel, in voxels of its level, in bricks with this core.
+#[must_use]
+pub fn value(core: u64, lod: Lod, voxel: [u64; 3]) -> u8 {
+    let brick = BrickKey::new(lod, BrickIndex(voxel.map(|v| (v / core) as u32)));
+    // At most 2 * 124 + 1.
+    (2 * number(brick)) as u8 + cell_parity(voxel)
+}
+
+fn cell_parity(voxel: [u64; 3]) -> u8 {
+    (voxel.iter().map(|v| v / MACRO_CELL as u64).sum::<u64>() % 2) as u8
+}
+
+/// A brick as it stands in the file, without its payload.
+struct Sealed {
+    /// With offset 0.
+    entry: BrickEntry,
+    macro_cells: Vec<u8>,
+}
+
+/// See the module.
+pub struct BrickId {
+    descriptor: Descriptor,
+    sections: Sections,
+    manifest: Vec<u8>,
+    /// Bytes from one record to the next.
+    stride: u64,
+    sealed: Mutex<HashMap<BrickKey, Arc<Sealed>>>,
+    beneath: Mutex<HashMap<BrickKey, ValueRange>>,
+    reads: AtomicU64,
+    records: AtomicU64,
+}
+
+impl BrickId {
+    /// The volume with these dims, in bricks with this core; every level halves all axes that exceed one brick.
+    ///
+    /// # Errors
+    /// If dims or core are out of a container's limits.
+    pub fn new(dims: [u64; 3], core: u32, geometry: Geometry) -> Result<Self, ChartError> {
+        let layout = BrickLayout::new(core).ok_or_else(|| ChartError::Broken(format!("no bricks have core {core}")))?;
+        let pyramid = Pyramid::new(Dims(dims), layout, &halvings(dims, layout)).map_err(ContainerError::from)?;
+        let descriptor = Descriptor {
+            voxel_type: VoxelType::U8,
+            pyramid,
+            geometry,
+            scale: 1.0,
+            offset: 0.0,
+            absence: Absence { nodata: None },
+        };
+        let cells = (layout.core() / MACRO_CELL).pow(3) * MACRO_CELL_BYTES;
+        let stride = (layout.stored().pow(3) + cells) as u64;
+        let mut source = Self {
+            descriptor,
+            sections: Sections::default(),
+            manifest: Vec::new(),
+            stride,
+            sealed: Mutex::default(),
+            beneath: Mutex::default(),
+            reads: AtomicU64::new(0),
+            records: AtomicU64::new(0),
+        };
+        source.manifest = serde_json::to_vec(&source.describe()).map_err(|e| ChartError::Broken(e.to_string()))?;
+        source.sections = source.lay_out();
+        Ok(source)
+    }
+
+    /// The same, open as a volume, and the source behind it.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn open(dims: [u64; 3], core: u32) -> Result<(Volume, Arc<Self>), ChartError> {
+        let source = Arc::new(Self::new(dims, core, Geometry::IDENTITY)?);
+        let container = Container::from_source(source.clone())?;
+        Ok((Volume::of(&format!("BRICKID {}", Dims(dims)), Arc::new(container)), source))
+    }
+
+    fn lay_out(&self) -> Sections {
+        let bricks = self.descriptor.pyramid.brick_count();
+        let toc_offset = RECORDS_START + bricks * self.stride;
+        let toc_bytes = toc::pages_for(bricks) * toc::PAGE_BYTES as u64;
+        Sections {
+            toc_offset,
+            toc_bytes,
+            manifest_offset: toc_offset + toc_bytes,
+            manifest_bytes: self.manifest.len() as u64,
+            manifest_checksum: checksum(&self.manifest),
+        }
+    }
+
+    fn describe(&self) -> Manifest {
+        let finest = self.places(Lod::FINEST).map(|key| self.range(key)).fold(ValueRange::EMPTY, ValueRange::union);
+        let errors = (0..self.descriptor.pyramid.levels().len())
+            .map(|lod| self.places(Lod(lod as u8)).map(|key| self.error(key)).fold(0.0, f64::max));
+        Manifest {
+            tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
+            parameters: [("lod_axes".into(), "xyz".into())].into(),
+            source: Source::computed("brickid"),
+            axes: ["x", "y", "z"].map(|name| AxisName { name: name.into(), unit: String::new() }),
+            unit: String::new(),
+            value_range: Some(finest),
+            present_voxels: self.descriptor.dims().voxels().unwrap_or(u64::MAX),
+            histogram: Vec::new(),
+            percentiles: Vec::new(),
+            level_errors: errors.collect(),
+            survey: None,
+            notes: vec!["Computed on read; coarser voxels are no averages: each names its own brick.".into()],
+        }
+    }
+
+    /// One brick of a level for each record that occurs in it.
+    fn places(&self, lod: Lod) -> impl Iterator<Item = BrickKey> {
+        let along = self.descriptor.pyramid.level_at(lod).bricks.map(|n| {
+            let mut places: Vec<u32> = (0..n.min(PERIOD + 1)).chain(n.saturating_sub(2)..n).collect();
+            places.sort_unstable();
+            places.dedup();
+            places
+        });
+        let [nx, ny, nz] = [0, 1, 2].map(|a| along[a].len());
+        (0..nx * ny * nz).map(move |i| {
+            let place = [along[0][i % nx], along[1][i / nx % ny], along[2][i / nx / ny]];
+            BrickKey::new(lod, BrickIndex(place))
+        })
+    }
+
+    /// The brick of [`Self::places`] that has the same record. Bricks at the lower border, at the upper one, and beside
+    /// the upper one (a last brick of one voxel is narrower than the apron) stand for themselves.
+    fn representative(&self, key: BrickKey) -> BrickKey {
+        let bricks = self.descriptor.pyramid.level_at(key.lod()).bricks;
+        let place = std::array::from_fn(|a| {
+            let i = key.brick().0[a];
+            if i == 0 || i + 2 >= bricks[a] { i } else { 1 + (i - 1) % PERIOD }
+        });
+        BrickKey::new(key.lod(), BrickIndex(place))
+    }
+
+    /// Range of what interpolation reaches in a brick: of its core and one voxel around.
+    fn range(&self, key: BrickKey) -> ValueRange {
+        let pyramid = &self.descriptor.pyramid;
+        let dims = pyramid.level_at(key.lod()).dims.0;
+        let core = pyramid.core_box(key);
+        // Values change only at borders of macro cells: two of a core's cells, and the voxel on either side, are all.
+        let along: [Vec<u64>; 3] = std::array::from_fn(|a| {
+            let (start, end) = (core.start[a], core.end[a]);
+            let second = (start + MACRO_CELL as u64).min(end - 1);
+            vec![start.saturating_sub(1), start, second, end.min(dims[a] - 1)]
+        });
+        let mut range = ValueRange::EMPTY;
+        for (&x, &y, &z) in along[2]
+            .iter()
+            .flat_map(|z| along[1].iter().map(move |y| (y, z)))
+            .flat_map(|(y, z)| along[0].iter().map(move |x| (x, y, z)))
+        {
+            range.include(f64::from(value(pyramid.layout().core() as u64, key.lod(), [x, y, z])));
+        }
+        range
+    }
+
+    /// Range of a brick and of all finer ones beneath. It is that of its representative: the children of bricks with
+    /// one representative have the same representatives, for twice congruent numbers are congruent.
+    fn range_beneath(&self, key: BrickKey) -> ValueRange {
+        let key = self.representative(key);
+        if let Some(&range) = lock(&self.beneath).get(&key) {
+            return range;
+        }
+        // At most as deep as there are levels.
+        let children = self.descriptor.pyramid.children(key).map(|child| self.range_beneath(child));
+        let range = children.fold(self.range(key), ValueRange::union);
+        lock(&self.beneath).insert(key, range);
+        range
+    }
+
+    fn error(&self, key: BrickKey) -> f64 {
+        if key.lod() == Lod::FINEST { 0.0 } else { self.range_beneath(key).width() }
+    }
+
+    /// Stored voxels of a brick: its core and apron, the grid's border repeated outside.
+    fn voxels(&self, key: BrickKey) -> Vec<u8> {
+        let pyramid = &self.descriptor.pyramid;
+        let (core, dims) = (pyramid.core_box(key), pyramid.level_at(key.lod()).dims.0);
+        let [nx, ny, nz] = pyramid.stored_extent(key);
+        let along: [Vec<u64>; 3] = std::array::from_fn(|a| {
+            let at = |i: usize| (core.start[a] + i as u64).saturating_sub(APRON as u64).min(dims[a] - 1);
+            (0..[nx, ny, nz][a]).map(at).collect()
+        });
+        let edge = pyramid.layout().core() as u64;
+        // Rows in one brick and one macro cell across x are the same: each is computed once.
+        let mut rows: HashMap<[u64; 3], Vec<u8>> = HashMap::new();
+        let mut out = Vec::with_capacity(nx * ny * nz);
+        for &z in &along[2] {
+            for &y in &along[1] {
+                let parity = (y / MACRO_CELL as u64 + z / MACRO_CELL as u64) % 2;
+                let row = rows
+                    .entry([y / edge, z / edge, parity])
+                    .or_insert_with(|| along[0].iter().map(|&x| value(edge, key.lod(), [x, y, z])).collect());
+                out.extend_from_slice(row);
+            }
+        }
+        out
+    }
+
+    fn sealed(&self, key: BrickKey) -> io::Result<Arc<Sealed>> {
+        let key = self.representative(key);
+        if let Some(sealed) = lock(&self.sealed).get(&key) {
+            return Ok(sealed.clone());
+        }
+        let pyramid = &self.descriptor.pyramid;
+        let shape =
+            supervol_format::codec::BrickShape { voxel_type: VoxelType::U8, extent: pyramid.stored_extent(key) };
+        let children = pyramid.children(key).map(|child| self.range_beneath(child));
+        let children = children.fold(ValueRange::EMPTY, ValueRange::union);
+        let raw = CodecChoice::Only(Codec::Raw);
+        let brick = seal_brick(key, shape, &self.voxels(key), self.descriptor.absence, raw, children, self.error(key))
+            .map_err(io::Error::other)?;
+        let mut entry = brick.entry;
+        if entry.codec != Codec::Uniform {
+            entry.checksum = checksum(&brick.record);
+        }
+        let macro_cells = brick.record[entry.payload_bytes as usize..].to_vec();
+        let sealed = Arc::new(Sealed { entry, macro_cells });
+        lock(&self.sealed).insert(key, sealed.clone());
+        Ok(sealed)
+    }
+
+    /// Bytes of the file that hold the record of a brick: what must fail so that the brick does.
+    ///
+    /// # Panics
+    /// If the key names no brick.
+    #[must_use]
+    pub fn record_bytes_of(&self, key: BrickKey) -> Range<u64> {
+        let start = RECORDS_START + self.descriptor.pyramid.entry(key) * self.stride;
+        start..start + self.stride
+    }
+
+    /// Reads so far.
+    #[must_use]
+    pub fn reads(&self) -> u64 {
+        self.reads.load(Ordering::Relaxed)
+    }
+
+    /// Brick records computed so far, those that a merged read touches included.
+    #[must_use]
+    pub fn records(&self) -> u64 {
+        self.records.load(Ordering::Relaxed)
+    }
+
+    /// Bytes of the section that begins at `start`, as far as they lie in `wanted`.
+    fn copy(wanted: u64, out: &mut [u8], start: u64, bytes: &[u8]) {
+        let (begin, end) = (wanted.max(start), (wanted + out.len() as u64).min(start + bytes.len() as u64));
+        if begin < end {
+            out[(begin - wanted) as usize..(end - wanted) as usize]
+                .copy_from_slice(&bytes[(begin - start) as usize..(end - start) as usize]);
+        }
+    }
+
+    /// Numbers of the parts of `part_bytes` each, from `start` on, that a read touches.
+    fn parts(offset: u64, bytes: u64, start: u64, part_bytes: u64, count: u64) -> Range<u64> {
+        let first = offset.saturating_sub(start) / part_bytes;
+        let last = (offset + bytes).saturating_sub(start).div_ceil(part_bytes);
+        first.min(count)..last.min(count)
+    }
+
+    fn record(&self, number: u64) -> io::Result<Vec<u8>> {
+        let key = self.key(number)?;
+        let sealed = self.sealed(key)?;
+        if sealed.entry.codec == Codec::Uniform {
+            return Ok(Vec::new());
+        }
+        self.records.fetch_add(1, Ordering::Relaxed);
+        let mut record = self.voxels(key);
+        record.extend_from_slice(&sealed.macro_cells);
+        Ok(record)
+    }
+
+    fn toc_page(&self, page: u64) -> io::Result<Vec<u8>> {
+        let count = self.descriptor.pyramid.brick_count();
+        let per_page = ENTRIES_PER_PAGE as u64;
+        let mut entries = Vec::with_capacity(ENTRIES_PER_PAGE * ENTRY_BYTES);
+        for number in page * per_page..((page + 1) * per_page).min(count) {
+            let mut entry = self.sealed(self.key(number)?)?.entry;
+            if entry.codec != Codec::Uniform {
+                entry.offset = RECORDS_START + number * self.stride;
+            }
+            entries.extend_from_slice(&entry.encode());
+        }
+        Ok(toc::encode_page(&entries))
+    }
+
+    fn key(&self, number: u64) -> io::Result<BrickKey> {
+        self.descriptor.pyramid.key(number).ok_or_else(|| io::Error::other(format!("there is no entry {number}")))
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Factors of levels 1, 2, ...: every axis that exceeds one brick is halved.
+#[must_use]
+pub fn halvings(dims: [u64; 3], layout: BrickLayout) -> Vec<[u32; 3]> {
+    let mut dims = dims;
+    let mut out = Vec::new();
+    while dims.iter().any(|&n| layout.bricks_along(n) > 1) {
+        let factors = dims.map(|n| if layout.bricks_along(n) > 1 { 2 } else { 1 });
+        dims = std::array::from_fn(|a| dims[a].div_ceil(u64::from(factors[a])));
+        out.push(factors);
+    }
+    out
+}
+
+impl ByteSource for BrickId {
+    fn len(&self) -> io::Result<u64> {
+        Ok(self.sections.manifest_offset + self.sections.manifest_bytes + header::PAGE_BYTES as u64)
+    }
+
+    fn read_exact_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
+        self.reads.fetch_add(1, Ordering::Relaxed);
+        let (bytes, s) = (buffer.len() as u64, self.sections);
+        if offset.checked_add(bytes).is_none_or(|end| end > self.len().unwrap_or(0)) {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        buffer.fill(0);
+        if offset < RECORDS_START {
+            Self::copy(offset, buffer, 0, &header::encode(&self.descriptor, Sections::default()));
+        }
+        if offset < s.toc_offset {
+            let count = self.descriptor.pyramid.brick_count();
+            let end = bytes.min(s.toc_offset - offset);
+            for number in Self::parts(offset, end, RECORDS_START, self.stride, count) {
+                Self::copy(offset, buffer, RECORDS_START + number * self.stride, &self.record(number)?);
+            }
+        }
+        let page_bytes = toc::PAGE_BYTES as u64;
+        for page in Self::parts(offset, bytes, s.toc_offset, page_bytes, s.toc_bytes / page_bytes) {
+            Self::copy(offset, buffer, s.toc_offset + page * page_bytes, &self.toc_page(page)?);
+        }
+        Self::copy(offset, buffer, s.manifest_offset, &self.manifest);
+        let footer_offset = s.manifest_offset + s.manifest_bytes;
+        if offset + bytes > footer_offset {
+            Self::copy(offset, buffer, footer_offset, &header::encode(&self.descriptor, s));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;
