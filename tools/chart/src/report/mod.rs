@@ -118,7 +118,7 @@ fn speed_against_accuracy(points: &[Point]) -> String {
     for of_scene in points.chunk_by(|a, b| a.scene == b.scene) {
         let name = &of_scene[0].scene;
         html += &format!("<h3 id=\"scene-{0}\">{0}</h3>\n", escape(name));
-        html += &scene(name).map_or_else(String::new, |spec| paragraph(&format!("This is {}.", spec.about)));
+        html += &scene(name).map_or_else(String::new, |spec| paragraph(&format!("Shown: {}.", spec.about)));
         let looks = of_scene.chunk_by(|a, b| a.transfer_function == b.transfer_function);
         html += &html::grid(&looks.map(cost_error_figure).collect::<Vec<_>>());
     }
@@ -129,7 +129,7 @@ fn cost_error_figure(points: &[Point]) -> String {
     let first = &points[0];
     figure(
         &format!("{}, {}: error against cost", first.scene, first.transfer_function),
-        &cost_error_plot(points).svg(),
+        &cost_error_plot(points).html(),
         "Further left is faster, further down is more accurate; the black staircase joins the methods that no other beats in \
          both (the Pareto front), and below the dashed line errors cannot be seen.",
     )

@@ -76,23 +76,17 @@ const fn loose(color: RGBColor, mark: Mark) -> Look {
     Look { color, mark, joined: false }
 }
 
-/// Looks for names that are no family, in turn.
-const OTHERS: [Look; 7] = [
-    joined(ORANGE, Mark::Square),
-    joined(GREEN, Mark::Triangle),
-    joined(PURPLE, Mark::Diamond),
-    joined(SKY, Mark::Circle),
-    joined(VERMILLION, Mark::Cross),
-    joined(BLACK, Mark::Square),
-    joined(YELLOW, Mark::Triangle),
-];
+/// Colours and shapes for names that are no family: 35 looks before the first comes again.
+const OTHER_COLORS: [RGBColor; 7] = [ORANGE, GREEN, PURPLE, SKY, VERMILLION, BLACK, YELLOW];
+const OTHER_MARKS: [Mark; 5] = [Mark::Square, Mark::Triangle, Mark::Diamond, Mark::Circle, Mark::Cross];
 
 /// How a family is drawn; `default` as the default's family; other names by their place in the figure.
 #[must_use]
 pub fn look(name: &str, place: usize) -> Look {
     let family = if name == "default" { FAMILIES[0].0 } else { name };
     let found = FAMILIES.iter().find(|(known, _)| *known == family);
-    found.map_or(OTHERS[place % OTHERS.len()], |(_, look)| Look { joined: true, ..*look })
+    let other = joined(OTHER_COLORS[place % OTHER_COLORS.len()], OTHER_MARKS[place % OTHER_MARKS.len()]);
+    found.map_or(other, |(_, look)| Look { joined: true, ..*look })
 }
 
 /// A mark as a small SVG, for legends outside of figures.

@@ -74,14 +74,14 @@ impl Axis {
         let values: Vec<f64> = values.filter(|v| v.is_finite()).collect();
         let positive: Vec<f64> = values.iter().copied().filter(|v| *v > 0.0).collect();
         let [least, greatest] = extremes(&positive).unwrap_or(EMPTY);
-        let is_wide = values.iter().all(|v| *v >= 0.0) && greatest / least > LOGARITHMIC_RATIO;
+        let is_wide = !positive.is_empty() && values.iter().all(|v| *v >= 0.0) && greatest / least > LOGARITHMIC_RATIO;
         if scaling == Scaling::Logarithmic || is_wide {
             let least = least.max(greatest * 10f64.powf(-MOST_DECADES));
             return Self { range: [least / 1.7, greatest * 1.7], is_logarithmic: true };
         }
         let [least, greatest] = extremes(&values).unwrap_or(EMPTY);
         let margin = if greatest > least { 0.06 * (greatest - least) } else { 0.1 * greatest.abs().max(1.0) };
-        let reaches_zero = least >= 0.0 && greatest > least && least <= 2.0 * (greatest - least);
+        let reaches_zero = least == 0.0 || (least > 0.0 && least <= 2.0 * (greatest - least));
         let low = if reaches_zero { 0.0 } else { least - margin };
         Self { range: [low, greatest + margin], is_logarithmic: false }
     }
@@ -151,12 +151,14 @@ fn extremes(values: &[f64]) -> Option<[f64; 2]> {
 }
 
 impl Plot {
-    /// The plot, and its legend below it where it has one.
+    /// The plot with the label of its vertical axis above it, where long ones have room, and its legend below it where it
+    /// has one.
     #[must_use]
     pub fn html(&self) -> String {
         let named = self.series.iter().filter(|s| self.has_legend && !s.name.is_empty());
         let items: Vec<(&str, Look)> = named.map(|s| (s.name.as_str(), s.look)).collect();
-        self.svg() + &palette::legend(&items)
+        let label = format!("<div class=\"axis\">↑ {}</div>", super::html::escape(&self.y_label));
+        label + &self.svg() + &palette::legend(&items)
     }
 
     /// The plot as an SVG element.
@@ -177,7 +179,7 @@ impl Plot {
         let failed = |e: DrawingError| e.to_string();
         let area = SVGBackend::with_string(svg, SIZE).into_drawing_area();
         let mut builder = ChartBuilder::on(&area);
-        builder.margin(8).margin_right(18).x_label_area_size(46).y_label_area_size(64);
+        builder.margin(8).margin_right(18).x_label_area_size(46).y_label_area_size(52);
         let mut chart = builder.build_cartesian_2d(axes[0], axes[1]).map_err(failed)?;
         chart
             .configure_mesh()
@@ -189,7 +191,6 @@ impl Plot {
             .label_style(("sans-serif", 13))
             .axis_desc_style(("sans-serif", 14))
             .x_desc(&self.x_label)
-            .y_desc(&self.y_label)
             .draw()
             .map_err(failed)?;
         let at = |&(a, b): &(f64, f64)| (axes[0].place(a), axes[1].place(b));
@@ -306,9 +307,13 @@ mod tests {
 
     #[test]
     fn plots_scale_with_the_page_and_their_text_is_escaped() {
-        let svg = plot(&[(1.0, 0.1), (2.0, 0.0), (30.0, 1e-4), (f64::NAN, 1.0)]).svg();
-        assert!(svg.starts_with("<svg viewBox"), "{}", &svg[..80]);
-        assert!(svg.contains("error &lt;share&gt;") && svg.contains("default") && !svg.contains("NaN"));
+        let plot = plot(&[(1.0, 0.1), (2.0, 0.0), (30.0, 1e-4), (f64::NAN, 1.0)]);
+        assert!(plot.svg().starts_with("<svg viewBox"), "{}", &plot.svg()[..80]);
+        let html = plot.html();
+        for part in ["error &lt;share&gt;", "a &amp; b", "cost, ms", "default"] {
+            assert!(html.contains(part), "no {part}");
+        }
+        assert!(!html.contains("NaN"));
     }
 
     #[test]
@@ -329,6 +334,8 @@ mod tests {
         assert_eq!(short.ticks(), [2.0, 5.0, 10.0, 20.0, 50.0]);
         let linear = Axis::of([-1.0, 5.0].into_iter(), Scaling::Automatic);
         assert_eq!(linear.ticks(), [0.0, 2.0, 4.0]);
+        let zeros = Axis::of([0.0, 0.0].into_iter(), Scaling::Automatic);
+        assert!(!zeros.is_logarithmic && zeros.range[0] == 0.0 && zeros.range[1] > 0.0);
         assert_eq!((tick(1e-6), tick(2e-7), tick(0.5)), ("10⁻⁶".into(), "2·10⁻⁷".into(), "0.5".into()));
     }
 

@@ -43,7 +43,8 @@ fn overview(records: &[RegimeRecord]) -> String {
     let count =
         format!("<p><b>{passed}</b> of {} regimes pass, <b>{}</b> fail{which}.</p>\n", records.len(), failed.len());
     let row = |r: &RegimeRecord| {
-        let first = r.gates.first();
+        // What failed is what a reader wants to see first.
+        let first = r.gates.iter().find(|g| !g.pass).or(r.gates.first());
         let value = first.map_or_else(|| "\u{2013}".into(), |g| number_or_dash(g.value));
         vec![
             format!("<a href=\"#{0}\">{0}</a>", escape(&r.id)),
@@ -80,7 +81,7 @@ fn regime(record: &RegimeRecord) -> String {
         &title,
         &curve,
         "Further right is deeper into the failure; lines are measured, dashed grey lines are what must come out, where that \
-         is known.",
+         is known; on an axis of powers of ten, 0 lies at the lower edge.",
     );
     let note = if record.note.is_empty() { String::new() } else { paragraph(&record.note) };
     format!("<div id=\"{id}\">{drawn}{}<ul>{gates}</ul>{note}</div>", paragraph(&record.recipe))
