@@ -6,7 +6,8 @@
 //! - `supervol bench --peers`: the same pictures by other programs ([`peers`]).
 //!
 //! In the order of the data path:
-//! - [`fixtures`], [`ricker`], [`virtual_volume`]: volumes computed from coordinates; the second kind is never stored anywhere;
+//! - [`fixtures`], [`ricker`], [`virtual_volume`]: volumes computed from coordinates; the last
+//!   kind is never stored anywhere;
 //! - [`resident`]: a container's bricks in memory, and views that no streamer would hand out;
 //! - [`volume`]: a volume built into a container, its scenes and its pictures;
 //! - [`measure`]: the distance between two pictures; [`convergence`]: how fast rules come to the exact one;
@@ -16,14 +17,20 @@
 //! Nothing here is needed to build or to render: it calls the crates as any other program does. Everything random is
 //! seeded ([`random`]).
 
+pub mod chart;
 pub mod context;
 pub mod convergence;
 pub mod fixtures;
 pub mod measure;
+pub mod methods;
 pub mod peers;
+pub mod points;
 pub mod random;
+pub mod record;
+pub mod report;
 pub mod resident;
 pub mod ricker;
+pub mod scenes;
 pub mod stability;
 pub mod virtual_volume;
 pub mod volume;

@@ -5,6 +5,7 @@
 
 mod bench;
 mod build;
+mod chart;
 mod demo;
 mod extract;
 mod failure;
@@ -45,6 +46,8 @@ enum Command {
     Bench(bench::Arguments),
     /// Build and render a real and a synthetic volume, to see that everything works
     Demo(demo::Arguments),
+    /// Measure speed against accuracy, or where methods fail, and write a report
+    Chart(chart::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -58,6 +61,7 @@ fn main() -> ExitCode {
         Command::Render(arguments) => render::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Chart(arguments) => chart::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

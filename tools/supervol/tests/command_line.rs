@@ -202,3 +202,59 @@ fn bench_goes_on_without_the_peer_and_says_why_it_is_missing() {
     assert!(json["rows"].as_array().is_some_and(|rows| rows.iter().all(|row| row["program"] == "Supervol")));
     assert!(folder.expect(2, &["bench", "--quick", "--scene", "teapot"]).contains("teapot"));
 }
+
+#[test]
+fn a_chart_is_written_as_a_page_and_as_points() {
+    let folder = Folder::new();
+    folder.expect(0, &["chart", "--quick", "--scene", "marschner-lobb", "-o", "report"]);
+    let read = |name: &str| std::fs::read_to_string(folder.0.path().join("report").join(name)).expect("chart wrote it");
+    let points = json(&read("points.json"));
+    let points = points.as_array().expect("an array of points");
+    for key in [
+        "scene",
+        "transfer_function",
+        "method",
+        "parameters",
+        "cpu_ms",
+        "wall_ms",
+        "samples",
+        "bytes_read",
+        "linf",
+        "p999",
+        "rmse",
+        "psnr_db",
+        "bias",
+        "pareto",
+        "default",
+    ] {
+        assert!(points.iter().all(|point| point.get(key).is_some()), "a point has no {key}");
+    }
+    let csv = read("points.csv");
+    assert_eq!(csv.lines().count(), points.len() + 1);
+    let page = read("report.html");
+    assert!(page.contains("<svg") && page.contains("supervol chart --quick --scene marschner-lobb"));
+    let files = std::fs::read_dir(folder.path("report")).expect("the folder can be listed").count();
+    assert_eq!(files, 3, "containers and unfinished files are removed");
+    assert!(folder.expect(2, &["chart", "--scene", "no-such", "-o", "report"]).contains("marschner-lobb"));
+}
+
+#[test]
+fn stability_is_written_as_a_page_and_as_regimes() {
+    let folder = Folder::new();
+    let unknown = folder.expect(2, &["chart", "--stability", "--only", "S99", "-o", "report"]);
+    let known = unknown.rsplit("there are ").next().expect("the known ones are listed");
+    // One that exists already; S06 as soon as it does.
+    let Some(id) = known.split([',', ' ', '\n']).filter(|id| id.starts_with('S')).min_by_key(|id| *id != "S06") else {
+        panic!("no regime exists: {unknown}");
+    };
+    folder.expect(0, &["chart", "--stability", "--only", id, "--quick", "-o", "report"]);
+    let read = |name: &str| std::fs::read_to_string(folder.0.path().join("report").join(name)).expect("chart wrote it");
+    let regimes = json(&read("stability.json"));
+    for key in ["id", "title", "curve", "gate", "value", "pass", "note"] {
+        assert!(regimes[0].get(key).is_some(), "a regime has no {key}");
+    }
+    for key in ["x", "measured", "expected"] {
+        assert!(regimes[0]["curve"][0].get(key).is_some(), "a point of a curve has no {key}");
+    }
+    assert!(regimes[0]["id"] == *id && read("stability.html").contains(id));
+}

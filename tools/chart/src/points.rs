@@ -1,0 +1,229 @@
+//! The points of the chart: one method on one scene, its cost and its distance from the exact picture; as JSON and CSV.
+//!
+//! The names of the fields are a contract with whoever reads `points.json`: none is renamed, new ones may come. Numbers
+//! that are not finite (PSNR of equal pictures) are null in JSON and empty in CSV.
+
+use serde::{Deserialize, Serialize};
+
+/// One method with its parameters, on one scene with one transfer function.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Point {
+    /// Name of the scene.
+    pub scene: String,
+    /// Name of the transfer function: `smooth`, `spike shaded`, ...
+    pub transfer_function: String,
+    /// Family of the method.
+    pub method: String,
+    /// What distinguishes it within its family.
+    pub parameters: String,
+    /// Who cast the rays: `cpu`, or the name of the graphics adapter.
+    pub backend: String,
+    /// Processor milliseconds of one warm picture: median.
+    pub cpu_ms: f64,
+    /// Greatest minus least of the same, ms.
+    pub cpu_ms_spread: f64,
+    /// Wall milliseconds of one warm picture: median.
+    pub wall_ms: f64,
+    /// Warm pictures that were timed.
+    pub repeats: usize,
+    /// Processor milliseconds of the first picture: opening, reading and decoding of bricks, tables, rays.
+    pub cold_cpu_ms: f64,
+    /// Values classified, in one picture.
+    pub samples: u64,
+    /// Trilinear cells crossed, in one picture; 0 for methods that do not go cell by cell.
+    pub cells: u64,
+    /// Bytes of bricks that the first picture read.
+    pub bytes_read: u64,
+    /// Bricks that the first picture read.
+    pub bricks_read: u64,
+    /// Most bytes of bricks in host memory at once.
+    pub brick_memory_bytes: u64,
+    /// Most memory that the process had resident since it began: all points before this one included.
+    pub peak_rss_bytes: u64,
+    /// Greatest difference of any channel of any pixel, share of full scale.
+    pub linf: f64,
+    /// 99.9th percentile of the differences.
+    pub p999: f64,
+    /// Root of the mean square.
+    pub rmse: f64,
+    /// `-20 log10(rmse)`; null for equal pictures.
+    pub psnr_db: Option<f64>,
+    /// Mean signed difference: picture minus exact picture.
+    pub bias: f64,
+    /// FLIP, mean over all pixels: 0 (same) to 1.
+    pub flip: f64,
+    /// Whether no CPU method of this scene and transfer function is both cheaper (`cpu_ms`) and nearer (`linf`).
+    pub pareto: bool,
+    /// Whether this is what users get.
+    pub default: bool,
+}
+
+/// The columns of `points.csv`, in order: the keys of `points.json`.
+pub const COLUMNS: [&str; 24] = [
+    "scene",
+    "transfer_function",
+    "method",
+    "parameters",
+    "backend",
+    "cpu_ms",
+    "cpu_ms_spread",
+    "wall_ms",
+    "repeats",
+    "cold_cpu_ms",
+    "samples",
+    "cells",
+    "bytes_read",
+    "bricks_read",
+    "brick_memory_bytes",
+    "peak_rss_bytes",
+    "linf",
+    "p999",
+    "rmse",
+    "psnr_db",
+    "bias",
+    "flip",
+    "pareto",
+    "default",
+];
+
+/// Backend of points whose processor time is comparable.
+pub const CPU: &str = "cpu";
+
+/// Marks the Pareto front of (`cpu_ms`, `linf`) among the CPU points of one scene and transfer function.
+///
+/// Of points that are equal in both, the first is marked. Never marked: a GPU's points, which have no processor time to
+/// compare, and repetitions of the default (the same picture by the same work, from bricks of another codec, say), whose
+/// warm cost differs by noise alone.
+pub fn mark_front(points: &mut [Point]) {
+    let default = points.iter().find(|p| p.default).cloned();
+    let competes = |p: &Point| p.backend == CPU && !default.as_ref().is_some_and(|d| repeats(p, d));
+    let mut order: Vec<usize> = (0..points.len()).filter(|&i| competes(&points[i])).collect();
+    order.sort_by(|&a, &b| {
+        let key = |i: usize| (points[i].cpu_ms, points[i].linf);
+        key(a).0.total_cmp(&key(b).0).then(key(a).1.total_cmp(&key(b).1))
+    });
+    points.iter_mut().for_each(|p| p.pareto = false);
+    let mut nearest = f64::INFINITY;
+    for i in order {
+        if points[i].linf < nearest {
+            nearest = points[i].linf;
+            points[i].pareto = true;
+        }
+    }
+}
+
+/// Whether a point that is not the default's does the default's work and makes its picture.
+fn repeats(point: &Point, default: &Point) -> bool {
+    let work = |p: &Point| (p.samples, p.cells);
+    let errors = |p: &Point| [p.linf, p.p999, p.rmse, p.bias];
+    !point.default && work(point) == work(default) && errors(point) == errors(default)
+}
+
+/// The points as a JSON array, one object a point.
+///
+/// # Panics
+/// Never: every field is a number, a text or a truth value.
+#[must_use]
+pub fn to_json(points: &[Point]) -> String {
+    serde_json::to_string_pretty(points).expect("points hold nothing that JSON cannot") + "\n"
+}
+
+/// The points as CSV (RFC 4180) with a line of [`COLUMNS`] on top.
+///
+/// # Panics
+/// Never: see [`to_json`].
+#[must_use]
+pub fn to_csv(points: &[Point]) -> String {
+    let mut text = COLUMNS.join(",") + "\r\n";
+    for point in points {
+        let object = serde_json::to_value(point).expect("points hold nothing that JSON cannot");
+        let cells = COLUMNS.map(|column| match &object[column] {
+            serde_json::Value::Null => String::new(),
+            serde_json::Value::String(s) => quoted(s),
+            other => other.to_string(),
+        });
+        text += &cells.join(",");
+        text += "\r\n";
+    }
+    text
+}
+
+/// A CSV field: in quotes where it holds a separator, a quote or a line end.
+fn quoted(field: &str) -> String {
+    if field.contains([',', '"', '\n', '\r']) { format!("\"{}\"", field.replace('"', "\"\"")) } else { field.into() }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) fn point(method: &str, cpu_ms: f64, linf: f64) -> Point {
+        Point {
+            scene: "thin".into(),
+            transfer_function: "spike".into(),
+            method: method.into(),
+            parameters: "step 1, \"fine\"".into(),
+            backend: CPU.into(),
+            cpu_ms,
+            cpu_ms_spread: 0.1,
+            wall_ms: cpu_ms / 2.0,
+            repeats: 3,
+            cold_cpu_ms: cpu_ms * 2.0,
+            samples: 10,
+            cells: 0,
+            bytes_read: 5,
+            bricks_read: 1,
+            brick_memory_bytes: 7,
+            peak_rss_bytes: 9,
+            linf,
+            p999: linf,
+            rmse: linf / 3.0,
+            psnr_db: (linf > 0.0).then_some(40.0),
+            bias: 0.0,
+            flip: 0.0,
+            pareto: false,
+            default: method == "default",
+        }
+    }
+
+    #[test]
+    fn the_front_holds_what_nothing_beats_in_both() {
+        let values = [(4.0, 0.1), (1.0, 0.5), (2.0, 0.5), (3.0, 0.2), (3.0, 0.3), (9.0, 0.1), (10.0, 0.0), (1.0, 0.6)];
+        let mut points: Vec<Point> = values.iter().map(|&(cost, error)| point("m", cost, error)).collect();
+        let mut gpu = point("gpu", 0.1, 0.0);
+        gpu.backend = "llvmpipe".into();
+        points.push(gpu);
+        mark_front(&mut points);
+        let marked: Vec<usize> = (0..points.len()).filter(|&i| points[i].pareto).collect();
+        assert_eq!(marked, [0, 1, 3, 6]);
+
+        let mut again = vec![point("default", 2.0, 0.1), point("codec", 1.9, 0.1), point("faster", 1.0, 0.1)];
+        again[2].samples = 9;
+        mark_front(&mut again[..2]);
+        assert!(again[0].pareto && !again[1].pareto, "a repetition of the default does not beat it");
+        mark_front(&mut again);
+        assert!(!again[0].pareto && again[2].pareto);
+    }
+
+    #[test]
+    fn json_has_the_promised_keys_and_null_for_infinity() {
+        let exact = serde_json::from_str::<serde_json::Value>(&to_json(&[point("default", 1.0, 0.0)])).unwrap();
+        let object = exact[0].as_object().unwrap();
+        let mut keys: Vec<&str> = object.keys().map(String::as_str).collect();
+        let mut columns = COLUMNS.to_vec();
+        keys.sort_unstable();
+        columns.sort_unstable();
+        assert_eq!(keys, columns);
+        assert!(object["psnr_db"].is_null() && object["default"] == true);
+    }
+
+    #[test]
+    fn csv_quotes_what_needs_it_and_has_a_cell_for_each_column() {
+        let text = to_csv(&[point("plain", 1.5, 0.0)]);
+        let lines: Vec<&str> = text.split("\r\n").collect();
+        assert_eq!(lines[0].split(',').count(), COLUMNS.len());
+        assert!(lines[1].starts_with("thin,spike,plain,\"step 1, \"\"fine\"\"\",cpu,1.5,"), "{}", lines[1]);
+        assert!(lines[1].contains(",0.0,,0.0,"), "an infinite PSNR is an empty cell: {}", lines[1]);
+        assert_eq!(lines.len(), 3);
+    }
+}

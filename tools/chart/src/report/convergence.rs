@@ -1,0 +1,115 @@
+//! How fast methods converge: one plot for each field and transfer function, measured orders beside the expected.
+
+use super::html::{escape, figure, grid, number_or_dash, paragraph, table};
+use super::palette;
+use super::plots::{Plot, Scaling, Series};
+
+/// One rule on one field with one transfer function.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConvergenceRow {
+    /// The field along the ray.
+    pub field: String,
+    /// Shape of the transfer function.
+    pub transfer_function: String,
+    /// The method of integration.
+    pub rule: String,
+    /// Order that was measured: error falls as samples to the minus this.
+    pub order: Option<f64>,
+    /// Order that theory expects.
+    pub expected_order: Option<f64>,
+    /// Samples per voxel at which the error is below half a grey level.
+    pub samples_per_voxel_needed: Option<f64>,
+    /// Samples per voxel and error.
+    pub curve: Vec<(f64, f64)>,
+}
+
+/// The section of the report.
+pub(super) fn section(rows: &[ConvergenceRow]) -> String {
+    if rows.is_empty() {
+        return paragraph("Orders of convergence were not measured in this run.");
+    }
+    let same =
+        |a: &ConvergenceRow, b: &ConvergenceRow| (&a.field, &a.transfer_function) == (&b.field, &b.transfer_function);
+    let figures: Vec<String> = rows.chunk_by(same).map(convergence_figure).collect();
+    let cells = |row: &ConvergenceRow| {
+        vec![
+            escape(&row.field),
+            escape(&row.transfer_function),
+            escape(&row.rule),
+            number_or_dash(row.order),
+            number_or_dash(row.expected_order),
+            number_or_dash(row.samples_per_voxel_needed),
+        ]
+    };
+    let headings = [
+        "field",
+        "transfer function",
+        "rule",
+        "order measured",
+        "order expected",
+        "samples per voxel for half a grey level",
+    ];
+    paragraph(
+        "The order says how quickly error falls as samples are added: at order 2, twice the samples make a quarter of the \
+         error.",
+    ) + &table(&headings, &rows.iter().map(cells).collect::<Vec<_>>())
+        + &grid(&figures)
+}
+
+fn convergence_figure(rows: &[ConvergenceRow]) -> String {
+    let series = rows.iter().enumerate().map(|(i, row)| Series {
+        name: row.rule.clone(),
+        look: palette::look(&row.rule, i),
+        points: row.curve.clone(),
+    });
+    let plot = Plot {
+        x_label: "samples per voxel".into(),
+        y_label: "largest error, share of full scale".into(),
+        scaling: [Scaling::Logarithmic; 2],
+        series: series.collect(),
+        guides: rows.iter().filter_map(guide).collect(),
+        front: Vec::new(),
+        limit: Some((super::INVISIBLE, "half a grey level".into())),
+        ringed: None,
+        has_legend: true,
+    };
+    figure(
+        &format!("{}, {}: error against samples", rows[0].field, rows[0].transfer_function),
+        &plot.html(),
+        "Steeper is better; a dashed grey line falls from a method's first point at the order that theory expects of it.",
+    )
+}
+
+/// From the first point that is not exact, at the expected order.
+fn guide(row: &ConvergenceRow) -> Option<Vec<(f64, f64)>> {
+    let order = row.expected_order?;
+    let &(x0, y0) = row.curve.iter().find(|(x, y)| *x > 0.0 && *y > 0.0)?;
+    let least = row.curve.iter().map(|p| p.1).filter(|y| *y > 0.0).fold(f64::INFINITY, f64::min);
+    let line = row.curve.iter().filter(|p| p.0 >= x0).map(|&(x, _)| (x, y0 * (x / x0).powf(-order)));
+    // Below the plot's own points a line would lie along its lower edge.
+    Some(line.take_while(|p| p.1 >= 0.5 * least).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn orders_are_tabled_and_guides_have_the_expected_slope() {
+        let row = ConvergenceRow {
+            field: "waves".into(),
+            transfer_function: "smooth".into(),
+            rule: "midpoint samples".into(),
+            order: Some(1.98),
+            expected_order: Some(2.0),
+            samples_per_voxel_needed: None,
+            curve: vec![(1.0, 1e-2), (2.0, 2.6e-3), (4.0, 6e-4)],
+        };
+        let line = guide(&row).unwrap();
+        assert_eq!(line.len(), 3);
+        assert!((line[2].1 - 1e-2 / 16.0).abs() < 1e-12);
+        let html = section(&[row]);
+        assert!(html.contains("1.98") && html.contains("<svg") && html.contains("error against samples"));
+        assert!(section(&[]).contains("not measured"));
+    }
+}

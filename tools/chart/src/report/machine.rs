@@ -1,0 +1,87 @@
+//! Where and when something was measured.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Facts that stand in every report.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Circumstances {
+    /// Model name of the processor.
+    pub processor: String,
+    /// Processors that threads may run on.
+    pub processors: usize,
+    /// Memory of the machine in GiB; `None` where the system does not tell.
+    pub memory_gib: Option<f64>,
+    /// Operating system.
+    pub system: String,
+    /// Version of Supervol and how it was compiled.
+    pub version: String,
+    /// Date, `2026-01-31`, UTC.
+    pub date: String,
+    /// The command line that was given.
+    pub command: String,
+}
+
+impl Circumstances {
+    /// Here and now.
+    #[must_use]
+    pub fn now(command: &str) -> Self {
+        let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
+        let cpu = field(&read("/proc/cpuinfo"), "model name", ':');
+        let memory = field(&read("/proc/meminfo"), "MemTotal", ':');
+        let kibibytes = memory.and_then(|m| m.strip_suffix(" kB").and_then(|n| n.trim().parse::<f64>().ok()));
+        let system = field(&read("/etc/os-release"), "PRETTY_NAME", '=').map(|name| name.trim_matches('"').to_string());
+        let profile = if cfg!(debug_assertions) { "development build: slower than a release" } else { "release build" };
+        let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
+        Self {
+            processor: cpu.unwrap_or_else(|| "unknown processor".into()),
+            processors: std::thread::available_parallelism().map_or(1, usize::from),
+            memory_gib: kibibytes.map(|k| k / f64::from(1 << 20)),
+            system: system.unwrap_or_else(|| std::env::consts::OS.into()) + ", " + std::env::consts::ARCH,
+            version: format!("Supervol {}, {profile}", env!("CARGO_PKG_VERSION")),
+            date: date_of(seconds),
+            command: command.into(),
+        }
+    }
+}
+
+/// The value of the first line `name <separator> value`.
+fn field(text: &str, name: &str, separator: char) -> Option<String> {
+    let value = |line: &str| {
+        let (key, value) = line.split_once(separator)?;
+        (key.trim() == name).then(|| value.trim().to_string())
+    };
+    text.lines().find_map(value)
+}
+
+/// The civil date of a number of seconds since 1970 (Hinnant 2021, "chrono-compatible low-level date algorithms").
+fn date_of(seconds: u64) -> String {
+    let days = seconds / 86_400 + 719_468;
+    let (era, day_of_era) = (days / 146_097, days % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted_month = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
+    let month = if shifted_month < 10 { shifted_month + 3 } else { shifted_month - 9 };
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    format!("{year:04}-{month:02}-{day:02}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_are_civil() {
+        assert_eq!(date_of(0), "1970-01-01");
+        assert_eq!(date_of(951_782_400), "2000-02-29");
+        assert_eq!(date_of(1_798_761_599), "2026-12-31");
+    }
+
+    #[test]
+    fn fields_are_found_by_name() {
+        assert_eq!(field("a: 1\nmodel name\t: X Y\n", "model name", ':').as_deref(), Some("X Y"));
+        assert_eq!(field("a: 1", "b", ':'), None);
+        let here = Circumstances::now("supervol chart");
+        assert!(here.processors > 0 && here.command == "supervol chart");
+    }
+}

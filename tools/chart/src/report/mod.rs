@@ -1,0 +1,212 @@
+//! The report: one page of HTML for the chart, one for the stability suite, made of the same parts.
+//!
+//! Pages are for readers who do not know the code: every figure has a title, units, and one sentence on how to read it.
+//! Nothing is computed here but what a table or a figure shows of the points it is given.
+
+pub mod convergence;
+pub mod findings;
+pub mod html;
+pub mod machine;
+pub mod palette;
+pub mod pictures;
+pub mod plots;
+pub mod stability;
+
+pub use convergence::ConvergenceRow;
+pub use html::figure;
+pub use machine::Circumstances;
+pub use stability::stability_page;
+
+use crate::chart::Chart;
+use crate::points::Point;
+use crate::record::RegimeRecord;
+use crate::scenes::{SceneSpec, scene};
+use html::{Section, escape, paragraph};
+use palette::FAMILIES;
+use plots::{Plot, Scaling, Series};
+
+/// Half a grey level of 8-bit pictures: what cannot be seen.
+pub const INVISIBLE: f64 = 0.5 / 255.0;
+
+/// What a report is made of.
+pub struct Report<'a> {
+    /// What was measured.
+    pub chart: &'a Chart,
+    /// How fast methods converge; may be empty.
+    pub convergence: &'a [ConvergenceRow],
+    /// The stability suite, where it has been run.
+    pub stability: Option<&'a [RegimeRecord]>,
+    /// Where and when.
+    pub here: &'a Circumstances,
+}
+
+/// `report.html`.
+#[must_use]
+pub fn chart_page(report: &Report<'_>) -> String {
+    let chart = report.chart;
+    let mut sections = vec![
+        Section::new("reading", "How to read this report", reading(chart)),
+        Section::new("findings", "What was found", findings::findings(&chart.points)),
+        Section::new("speed", "Speed against accuracy", speed_against_accuracy(&chart.points)),
+        Section::new("convergence", "Convergence", convergence::section(report.convergence)),
+        Section::new("pictures", "Pictures and their errors", chart.pictures.iter().map(pictures::row).collect()),
+        Section::new("storage", "What is read: codecs and storage", findings::storage(&chart.points)),
+        Section::new("stability", "Where methods fail", stability::section(report.stability)),
+        Section::new("points", "All points", findings::all_points(&chart.points)),
+        Section::new("notes", "What was not measured", notes(chart)),
+    ];
+    sections.push(html::circumstances(report.here));
+    let summary = paragraph(
+        "Volume rendering turns a volume into a picture by following a ray through it for every pixel. Ways of doing so \
+         differ in how long they take and in how far their picture is from the exact one. This report measures both.",
+    );
+    html::page("Supervol: speed against accuracy", &summary, &sections)
+}
+
+fn reading(chart: &Chart) -> String {
+    let [width, height] = chart.image_size;
+    let mut names: Vec<&str> = chart.points.iter().map(|p| p.scene.as_str()).collect();
+    names.dedup();
+    let scenes: Vec<String> = names.iter().filter_map(|n| scene(n)).map(describe).collect();
+    let facts = [
+        format!(
+            "A point is one method on one scene with one transfer function: {} points in all, pictures of {width} × {height} \
+             pixels, volumes of at most {} voxels along an edge. A transfer function says which values are seen, in which \
+             colour, how opaque.",
+            chart.points.len(),
+            chart.edge
+        ),
+        "Error is the distance from the exact picture, which a brute-force integrator computes in double precision from the \
+         same trilinear field. It is given as a share of full scale: 1/255 is one grey level of an 8-bit picture, and below \
+         half a grey level (the dashed line) nobody can see it. Methods that reconstruct the field in another way (nearest, \
+         splines) or store it in other numbers are measured against the same picture: their distance says how different \
+         they are."
+            .into(),
+        "Cost is the processor time of the whole process for one picture, all threads together, once the bricks are in \
+         memory: the median of at least three pictures. Error and cost are those of the same picture. The cost of reading \
+         is in its own section."
+            .into(),
+        "The default is what users get without a GPU. Methods of comparison run through the same pipeline (the same \
+         bricks, the same skipping of empty space); only what happens inside a visible region differs."
+            .into(),
+    ];
+    let shapes = "Transfer functions: smooth is one long ramp, hat a triangle some tenths of the value range wide, step a \
+                  surface (nothing below a value, opaque above), spike a triangle two of 256 grey values wide: a thin shell. \
+                  Shaded means lit by the default light.";
+    let list = format!("<ul>{}</ul>", scenes.concat());
+    facts.map(|f| paragraph(&f)).concat() + &paragraph(shapes) + &paragraph("Scenes:") + &list
+}
+
+fn describe(spec: &SceneSpec) -> String {
+    format!("<li><b>{}</b>: {}</li>", escape(spec.name), escape(spec.about))
+}
+
+fn notes(chart: &Chart) -> String {
+    let standing = [
+        "A requested error (--max-error) is recorded by the renderer and steers nothing yet, so there are no points for it.",
+        "There is no lossy codec yet: the error of every codec is that of the storage it encodes.",
+        "A GPU's processor time is that of starting it and of waiting for it, so GPU points are never on a Pareto front; \
+         an adapter whose name holds \"llvmpipe\" is the processor itself.",
+    ];
+    let all = standing.iter().map(ToString::to_string).chain(chart.notes.iter().cloned());
+    format!("<ul class=\"notes\">{}</ul>", all.map(|n| format!("<li>{}</li>", escape(&n))).collect::<String>())
+}
+
+/// One plot for each scene and transfer function.
+fn speed_against_accuracy(points: &[Point]) -> String {
+    let mut html = legend(points);
+    for of_scene in points.chunk_by(|a, b| a.scene == b.scene) {
+        let name = &of_scene[0].scene;
+        html += &format!("<h3 id=\"scene-{0}\">{0}</h3>\n", escape(name));
+        html += &scene(name).map_or_else(String::new, |spec| paragraph(&format!("Shown: {}.", spec.about)));
+        let looks = of_scene.chunk_by(|a, b| a.transfer_function == b.transfer_function);
+        html += &html::grid(&looks.map(cost_error_figure).collect::<Vec<_>>());
+    }
+    html
+}
+
+fn cost_error_figure(points: &[Point]) -> String {
+    let first = &points[0];
+    figure(
+        &format!("{}, {}: error against cost", first.scene, first.transfer_function),
+        &cost_error_plot(points).html(),
+        "Further left is faster, further down is more accurate; the black staircase joins the methods that no other beats in \
+         both (the Pareto front), and below the dashed line errors cannot be seen.",
+    )
+}
+
+fn cost_error_plot(points: &[Point]) -> Plot {
+    let at = |p: &Point| (p.cpu_ms, p.linf);
+    let series = FAMILIES.iter().map(|(family, look)| Series {
+        name: (*family).into(),
+        look: *look,
+        points: in_order_of_cost(points, family).into_iter().map(at).collect(),
+    });
+    let mut front: Vec<(f64, f64)> = points.iter().filter(|p| p.pareto).map(at).collect();
+    front.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let default = points.iter().find(|p| p.default);
+    Plot {
+        x_label: "processor time of one picture, ms".into(),
+        y_label: "largest error, share of full scale".into(),
+        scaling: [Scaling::Logarithmic; 2],
+        series: series.filter(|s| !s.points.is_empty()).collect(),
+        guides: Vec::new(),
+        front,
+        limit: Some((INVISIBLE, "half a grey level".into())),
+        ringed: default.map(|p| (p.cpu_ms, p.linf, "default".into())),
+        has_legend: false,
+    }
+}
+
+/// The points of a family as a line joins them: by samples, which grow with every parameter that is swept.
+fn in_order_of_cost<'a>(points: &'a [Point], family: &str) -> Vec<&'a Point> {
+    let mut of_family: Vec<&Point> = points.iter().filter(|p| p.method == family).collect();
+    of_family.sort_by_key(|p| p.samples);
+    of_family
+}
+
+/// Marks and names of the families that have points.
+fn legend(points: &[Point]) -> String {
+    let is_shown = |family: &str| points.iter().any(|p| p.method == family);
+    let shown: Vec<_> = FAMILIES.iter().copied().filter(|(family, _)| is_shown(family)).collect();
+    paragraph("Marks mean the same in every figure; lines join one method at different parameters.")
+        + &palette::legend(&shown)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chart::PictureRow;
+    use crate::points::tests::point;
+    use supervol_runtime::image::Image;
+
+    #[test]
+    fn the_page_is_whole_and_fetches_nothing() {
+        let image = Image { width: 4, height: 3, pixels: vec![[0.5, 0.2, 0.1, 1.0]; 12] };
+        let mut points = vec![point("cells, adaptive", 2.0, 1e-3), point("midpoint samples", 9.0, 1e-2)];
+        points[0].default = true;
+        points[0].pareto = true;
+        let chart = Chart {
+            points,
+            pictures: vec![PictureRow {
+                scene: "thin".into(),
+                transfer_function: "spike".into(),
+                exact: image.clone(),
+                pictures: vec![("midpoint samples".into(), "step 1 voxel".into(), image)],
+            }],
+            notes: vec!["scene f3 is <left out>".into()],
+            image_size: [4, 3],
+            edge: 8,
+        };
+        let here = Circumstances::now("supervol chart --quick");
+        let page = chart_page(&Report { chart: &chart, convergence: &[], stability: None, here: &here });
+        for part in ["<svg", "data:image/png;base64,", "&lt;left out&gt;", "supervol chart --quick", "--max-error"] {
+            assert!(page.contains(part), "no {part}");
+        }
+        for foreign in ["<script", "http://", "https://", "src=\"/", "url("] {
+            assert!(!page.contains(foreign), "{foreign}");
+        }
+        assert_eq!(page.matches("<section").count(), page.matches("</section>").count());
+        assert_eq!(page.matches("<figure>").count(), page.matches("</figure>").count());
+    }
+}

@@ -1,0 +1,188 @@
+//! `supervol chart`: speed against accuracy, and where methods fail, measured on this machine and written as a report.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use supervol_chart::record::{self, RegimeRecord};
+use supervol_chart::report::{Circumstances, Report, chart_page, stability_page};
+use supervol_chart::scenes::{self, SceneSpec};
+use supervol_chart::stability::{self, Regime};
+use supervol_chart::{ChartError, Context, Scale, chart, points};
+use supervol_preprocess::Existing;
+use supervol_preprocess::output::OutputFile;
+
+use crate::failure::{Failure, with_output};
+
+/// Name of the file that the stability suite leaves for the next report.
+const STABILITY: &str = "stability.json";
+
+/// What to measure, how much of it, and where to write.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Smaller volumes and pictures, fewer transfer functions: minutes instead of tens of minutes
+    #[arg(long)]
+    quick: bool,
+    /// Measure this scene only; may be given several times
+    #[arg(long, value_name = "NAME", conflicts_with = "stability")]
+    scene: Vec<String>,
+    /// Measure where methods fail instead, and hold the default to its promises
+    #[arg(long)]
+    stability: bool,
+    /// Measure this regime only, S01 to S46; may be given several times
+    #[arg(long, value_name = "ID", requires = "stability")]
+    only: Vec<String>,
+    /// Folder for report.html, points.csv and points.json, or stability.html and stability.json; made if it is not there
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let scenes = chosen_scenes(&arguments.scene)?;
+    let regimes = chosen_regimes(&arguments.only)?;
+    let folder = &arguments.output;
+    let cannot_write = |e| Failure::Machine(format!("cannot write {}: {e}", folder.display()));
+    std::fs::create_dir_all(folder).map_err(cannot_write)?;
+    let containers = tempfile::Builder::new().prefix(".supervol-").tempdir_in(folder).map_err(cannot_write)?;
+    let context = Context {
+        scale: if arguments.quick { Scale::Small } else { Scale::Full },
+        folder: containers.path(),
+        say: &announce,
+    };
+    let here = Circumstances::now(&arguments.command_line());
+    if arguments.stability {
+        run_stability(&context, &regimes, &here, folder)
+    } else {
+        run_chart(&context, &scenes, &here, folder)
+    }
+}
+
+fn run_chart(context: &Context<'_>, scenes: &[&SceneSpec], here: &Circumstances, folder: &Path) -> Result<(), Failure> {
+    let chart = chart::run(context, scenes).map_err(failure)?;
+    let stability = recorded_stability(folder)?;
+    let page = chart_page(&Report { chart: &chart, convergence: &[], stability: stability.as_deref(), here });
+    write_whole(&folder.join("points.json"), &points::to_json(&chart.points))?;
+    write_whole(&folder.join("points.csv"), &points::to_csv(&chart.points))?;
+    write_whole(&folder.join("report.html"), &page)?;
+    let defaults = chart.points.iter().filter(|p| p.default);
+    let worst = defaults.clone().map(|p| p.linf).fold(0.0, f64::max);
+    let on_front = defaults.clone().filter(|p| p.pareto).count();
+    let mut out = std::io::stdout().lock();
+    writeln!(
+        out,
+        "{}: {} points; the default is on the Pareto front of {on_front} of {} pictures, its largest error is {:.3} of 255 \
+         grey levels",
+        folder.join("report.html").display(),
+        chart.points.len(),
+        defaults.count(),
+        worst * 255.0
+    )
+    .map_err(with_output)?;
+    chart.notes.iter().try_for_each(|note| writeln!(out, "note: {note}")).map_err(with_output)
+}
+
+/// What an earlier `--stability` left in this folder.
+fn recorded_stability(folder: &Path) -> Result<Option<Vec<RegimeRecord>>, Failure> {
+    let path = folder.join(STABILITY);
+    match std::fs::read_to_string(&path) {
+        Ok(text) => {
+            let records = serde_json::from_str(&text);
+            records.map(Some).map_err(|e| Failure::Data(format!("{}: no record of regimes: {e}", path.display())))
+        }
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(e) => Err(Failure::Machine(format!("cannot read {}: {e}", path.display()))),
+    }
+}
+
+fn run_stability(
+    context: &Context<'_>,
+    regimes: &[&'static Regime],
+    here: &Circumstances,
+    folder: &Path,
+) -> Result<(), Failure> {
+    let records = record::run(context, regimes);
+    write_whole(&folder.join(STABILITY), &record::to_json(&records))?;
+    write_whole(&folder.join("stability.html"), &stability_page(&records, here))?;
+    print_records(&records).map_err(with_output)
+}
+
+fn print_records(records: &[RegimeRecord]) -> std::io::Result<()> {
+    let mut out = std::io::stdout().lock();
+    let text = |value: Option<f64>| value.map_or_else(|| "-".into(), |v| format!("{v:.3e}"));
+    for record in records {
+        let verdict = if record.pass { "PASS" } else { "FAIL" };
+        let (id, title) = (&record.id, &record.title);
+        writeln!(out, "{verdict} {id}  {:>10} of {:>10}  {title}", text(record.value), text(record.gate))?;
+        for gate in record.gates.iter().filter(|gate| !gate.pass) {
+            let side = if gate.side == "at_most" { "at most" } else { "at least" };
+            writeln!(out, "          {}: {}, promised {side} {}", gate.what, text(gate.value), text(gate.limit))?;
+        }
+    }
+    let passed = records.iter().filter(|record| record.pass).count();
+    writeln!(out, "{passed} of {} regimes pass, {} fail", records.len(), records.len() - passed)
+}
+
+/// The scenes of these names; all without names.
+fn chosen_scenes(names: &[String]) -> Result<Vec<&'static SceneSpec>, Failure> {
+    if names.is_empty() {
+        return Ok(scenes::SCENES.iter().collect());
+    }
+    let known = || scenes::SCENES.iter().map(|s| s.name).collect::<Vec<_>>().join(", ");
+    let find = |name: &String| {
+        let found = scenes::scene(name);
+        found.ok_or_else(|| Failure::Command(format!("--scene {name}: no such scene; there are {}", known())))
+    };
+    names.iter().map(find).collect()
+}
+
+/// The regimes of these ids; all without ids.
+fn chosen_regimes(ids: &[String]) -> Result<Vec<&'static Regime>, Failure> {
+    let all = stability::regimes();
+    if let Some(unknown) = ids.iter().find(|id| !all.iter().any(|regime| regime.id == id.as_str())) {
+        let known = all.iter().map(|regime| regime.id).collect::<Vec<_>>().join(", ");
+        let waiting = stability::WAITING.iter().find(|(id, _)| id == unknown);
+        let why = waiting.map_or_else(String::new, |(_, what)| format!(" yet (it waits for: {what})"));
+        return Err(Failure::Command(format!("--only {unknown}: no such regime{why}; there are {known}")));
+    }
+    Ok(all.into_iter().filter(|regime| ids.is_empty() || ids.iter().any(|id| id == regime.id)).collect())
+}
+
+impl Arguments {
+    /// The command as a person would type it again; the folder by its own name, which says nothing of this machine.
+    fn command_line(&self) -> String {
+        let mut words = vec!["supervol chart".to_string()];
+        words.extend(self.quick.then(|| "--quick".into()));
+        words.extend(self.scene.iter().map(|name| format!("--scene {name}")));
+        words.extend(self.stability.then(|| "--stability".into()));
+        words.extend(self.only.iter().map(|id| format!("--only {id}")));
+        let name = self.output.file_name().unwrap_or(self.output.as_os_str());
+        words.push(format!("-o {}", name.to_string_lossy()));
+        words.join(" ")
+    }
+}
+
+/// Writes a file that appears only when it is whole.
+fn write_whole(path: &Path, text: &str) -> Result<(), Failure> {
+    let unfinished = OutputFile::begin(path, Existing::Replace)?;
+    let written = unfinished.file().write_all(text.as_bytes());
+    written.map_err(|e| Failure::Machine(format!("cannot write {}: {e}", path.display())))?;
+    unfinished.publish()?;
+    Ok(())
+}
+
+/// One line of progress.
+fn announce(line: &str) {
+    // Progress that cannot be written is progress that nobody reads.
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// Whose fault a failed measurement is.
+fn failure(error: ChartError) -> Failure {
+    match error {
+        ChartError::Build(error) => error.into(),
+        ChartError::Source(error) => supervol_preprocess::BuildError::from(error).into(),
+        ChartError::Command(message) => Failure::Command(message),
+        other => Failure::Machine(other.to_string()),
+    }
+}
