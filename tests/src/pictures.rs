@@ -4,17 +4,17 @@
 //! levels of 255. Pixels at which the right picture itself jumps (silhouettes) are found by [`stable_pixels`].
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use glam::DVec3;
-use supervol_format::container::manifest::Source;
-use supervol_format::{Container, Dims, Lod, VoxelBox};
+use supervol_chart::volume::Volume;
+use supervol_chart::{Context, Scale};
+use supervol_format::{Dims, Lod, VoxelBox};
+use supervol_preprocess::BuildOptions;
 use supervol_preprocess::source::{SourceError, SourceInfo, VolumeSource};
-use supervol_preprocess::{BuildOptions, build};
-use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions, render, volume_facts};
+use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::raycast::gpu::GpuDevice;
-use supervol_runtime::scene::{ResolvedScene, Scene, VolumeFacts};
+use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
 
 use crate::skipped;
@@ -90,13 +90,16 @@ pub fn gpu_name() -> Option<String> {
 
 /// A volume built into a container, in a folder that goes when this goes.
 pub struct Subject {
-    /// For messages and tables.
-    pub name: String,
-    /// The container, open.
-    pub container: Arc<Container>,
-    /// What scenes are resolved for.
-    pub facts: VolumeFacts,
+    volume: Volume,
     _folder: tempfile::TempDir,
+}
+
+impl std::ops::Deref for Subject {
+    type Target = Volume;
+
+    fn deref(&self) -> &Volume {
+        &self.volume
+    }
 }
 
 impl Subject {
@@ -107,39 +110,15 @@ impl Subject {
     #[must_use]
     pub fn new(name: &str, source: &dyn VolumeSource, options: &BuildOptions) -> Self {
         let folder = tempfile::tempdir().expect("tests need a temporary folder");
-        let path = folder.path().join("out.svol");
-        let format = source.info().format.to_owned();
-        let origin = Source { name: name.into(), format, bytes: 0, xxh3_64: String::new() };
-        build(source, origin, &path, options, &|_| ()).unwrap_or_else(|e| panic!("{name}: {e}"));
-        let container = Container::open(&path).unwrap_or_else(|e| panic!("{name}: {e}"));
-        let facts = volume_facts(&container);
-        Self { name: name.into(), container: Arc::new(container), facts, _folder: folder }
-    }
-
-    /// The data value at this fraction of the value range.
-    #[must_use]
-    pub fn value(&self, fraction: f64) -> f64 {
-        let range = self.facts.value_range;
-        range.min + fraction * (range.max - range.min)
+        let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
+        let volume = Volume::build(&context, name, source, options).unwrap_or_else(|e| panic!("{name}: {e}"));
+        Self { volume, _folder: folder }
     }
 
     /// World position of a point of index space.
     #[must_use]
     pub fn world(&self, index: [f64; 3]) -> [f64; 3] {
-        self.facts.geometry.world_from_index().transform_point3(index.into()).to_array()
-    }
-
-    /// Index coordinates of the middle.
-    #[must_use]
-    pub fn middle(&self) -> [f64; 3] {
-        self.facts.dims.0.map(|n| (n as f64 - 1.0) / 2.0)
-    }
-
-    /// Half of the world diagonal.
-    #[must_use]
-    pub fn radius(&self) -> f64 {
-        let extent = DVec3::from_array(self.facts.dims.0.map(|n| n as f64));
-        0.5 * (self.facts.geometry.linear() * extent).length()
+        self.volume.world(index).to_array()
     }
 
     /// A perspective camera from outside that sees the whole volume, slightly askew.
@@ -167,9 +146,7 @@ impl Subject {
     /// If they make none.
     #[must_use]
     pub fn scene(&self, members: &[&str]) -> ResolvedScene {
-        let json = format!("{{{}}}", members.join(", "));
-        let scene = Scene::from_json(&json).unwrap_or_else(|e| panic!("{json}: {e}"));
-        scene.resolve(&self.facts).unwrap_or_else(|e| panic!("{json}: {e}"))
+        self.volume.scene(members).unwrap_or_else(|e| panic!("{members:?}: {e}"))
     }
 
     /// The picture, which must converge without a failed brick and without a loop that hit its limit.
@@ -178,11 +155,8 @@ impl Subject {
     /// If it does not.
     #[must_use]
     pub fn render(&self, scene: &ResolvedScene, options: &RenderOptions<'_>) -> (Image, FrameStats) {
-        let rendered = render(&self.container, scene, options);
-        let (image, stats) = rendered.unwrap_or_else(|e| panic!("{}, {:?}: {e}", self.name, options.backend));
-        let is_whole = stats.converged && stats.bricks_failed == 0 && stats.gpu_anomalies == 0;
-        assert!(is_whole && stats.reference_capped_pieces == 0, "{}: {stats:#?}", self.name);
-        (image, stats)
+        let rendered = self.volume.render(scene, options);
+        rendered.unwrap_or_else(|e| panic!("{}, {:?}: {e}", self.name, options.backend))
     }
 
     /// The picture of level 0 by one backend.

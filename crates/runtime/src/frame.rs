@@ -265,6 +265,15 @@ pub fn lod_choice(options: &RenderOptions<'_>) -> LodChoice {
     }
 }
 
+/// What all rays of the CPU ray caster share in a frame.
+#[must_use]
+pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderOptions<'_>) -> CpuFrame {
+    let descriptor = container.descriptor();
+    let value_range = volume_facts(container).value_range;
+    let quality = CpuQuality { lod: lod_choice(options), skipping: options.skipping, method: options.method };
+    CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, value_map(container), value_range, quality)
+}
+
 /// A streamer with an empty cache for frames of this scene.
 #[must_use]
 pub fn streamer_for(
@@ -322,11 +331,7 @@ pub fn render_cpu_with(
     plan: HostPlan,
     start: Instant,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let descriptor = container.descriptor();
-    let value_range = volume_facts(container).value_range;
-    let quality = CpuQuality { lod: lod_choice(options), skipping: options.skipping, method: options.method };
-    let map = value_map(container);
-    let frame = CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, map, value_range, quality);
+    let frame = cpu_frame(container, scene, options);
     let mut streamer = streamer_for(container, scene, options, plan);
     let mut walk = FrameWalk::new(&mut streamer, plan, options, start);
     let image = walk.run(&mut CpuCaster::new(frame), scene.image_size)?;

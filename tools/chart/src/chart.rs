@@ -13,13 +13,10 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 use supervol_format::codec::CodecChoice;
 use supervol_runtime::frame::caster::CpuCaster;
-use supervol_runtime::frame::{
-    Backend, FrameWalk, LevelChoice, RenderOptions, plan_host, streamer_for, value_map, volume_facts,
-};
+use supervol_runtime::frame::{Backend, FrameWalk, RenderOptions, cpu_frame, plan_host, streamer_for};
 use supervol_runtime::image::Image;
-use supervol_runtime::lod::LodChoice;
 use supervol_runtime::process;
-use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, RayState};
+use supervol_runtime::raycast::cpu::RayState;
 use supervol_runtime::raycast::gpu::GpuDevice;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
@@ -250,17 +247,7 @@ fn time_cpu(
     let container = &volume.container;
     let plan = plan_host(container, scene, options, size_of::<RayState>() as u64, Bands::Allowed)
         .map_err(supervol_runtime::frame::RenderError::from)?;
-    let default = CpuQuality::default();
-    let lod = match options.level {
-        LevelChoice::Auto => default.lod,
-        LevelChoice::Fixed(lod) => LodChoice::Fixed(lod.min(container.pyramid().coarsest())),
-    };
-    let quality = CpuQuality { lod, skipping: options.skipping, method: options.method };
-    let descriptor = container.descriptor();
-    let range = volume_facts(container).value_range;
-    let map = value_map(container);
-    let frame = CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, map, range, quality);
-    let mut caster = CpuCaster::new(frame);
+    let mut caster = CpuCaster::new(cpu_frame(container, scene, options));
     let mut streamer = streamer_for(container, scene, options, plan);
     // The first picture fetches the bricks.
     FrameWalk::new(&mut streamer, plan, options, Instant::now()).run(&mut caster, scene.image_size)?;

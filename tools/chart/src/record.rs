@@ -54,9 +54,9 @@ pub struct RegimeRecord {
     pub y_label: String,
     /// The curve into the failure.
     pub curve: Vec<RecordedPoint>,
-    /// Limit of the first gate.
+    /// Limit of the first gate that fails, or of the first one.
     pub gate: Option<f64>,
-    /// Value of the first gate.
+    /// Value of that gate.
     pub value: Option<f64>,
     /// Whether every gate holds.
     pub pass: bool,
@@ -78,6 +78,7 @@ impl RegimeRecord {
             Err(error) => nothing(format!("It could not be measured: {error}")),
         };
         let gates: Vec<RecordedGate> = outcome.gates.iter().map(recorded).collect();
+        let quoted = gates.iter().find(|g| !g.pass).or(gates.first());
         let point = |p: &crate::stability::CurvePoint| RecordedPoint {
             x: finite(p.x),
             measured: finite(p.measured),
@@ -91,8 +92,8 @@ impl RegimeRecord {
             x_label: regime.x_label.into(),
             y_label: regime.y_label.into(),
             curve: outcome.curve.iter().map(point).collect(),
-            gate: gates.first().and_then(|g| g.limit),
-            value: gates.first().and_then(|g| g.value),
+            gate: quoted.and_then(|g| g.limit),
+            value: quoted.and_then(|g| g.value),
             pass: outcome.pass(),
             note: outcome.note.clone(),
             gates,
@@ -168,7 +169,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn json_has_the_promised_keys_and_quotes_the_first_gate() {
+    fn json_has_the_promised_keys_and_quotes_the_gate_that_decides() {
         let record = RegimeRecord::new(&REGIME, &Ok(outcome()), 0.5);
         let text = to_json(std::slice::from_ref(&record));
         let value: serde_json::Value = serde_json::from_str(&text).unwrap();
@@ -178,8 +179,11 @@ pub(crate) mod tests {
         for key in ["x", "measured", "expected", "series"] {
             assert!(value[0]["curve"][0].get(key).is_some(), "no {key}");
         }
-        assert_eq!((value[0]["gate"].as_f64(), value[0]["value"].as_f64()), (Some(1e-4), Some(2e-5)));
+        assert_eq!((value[0]["gate"].as_f64(), value[0]["value"].as_f64()), (Some(2.0), None));
         assert!(value[0]["pass"] == false && value[0]["gates"][1]["value"].is_null(), "NaN holds no gate");
+        let passing = Outcome { gates: outcome().gates[..1].to_vec(), ..outcome() };
+        let passing = RegimeRecord::new(&REGIME, &Ok(passing), 0.5);
+        assert_eq!((passing.gate, passing.value, passing.pass), (Some(1e-4), Some(2e-5), true));
         assert_eq!(serde_json::from_str::<Vec<RegimeRecord>>(&text).unwrap(), [record]);
     }
 

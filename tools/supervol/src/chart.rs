@@ -8,7 +8,7 @@ use supervol_chart::record::{self, RegimeRecord};
 use supervol_chart::report::{Circumstances, Report, chart_page, stability_page};
 use supervol_chart::scenes::{self, SceneSpec};
 use supervol_chart::stability::{self, Regime};
-use supervol_chart::{ChartError, Context, Scale, chart, points};
+use supervol_chart::{ChartError, Context, Scale, chart, convergence, points};
 use supervol_preprocess::Existing;
 use supervol_preprocess::output::OutputFile;
 
@@ -61,7 +61,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 fn run_chart(context: &Context<'_>, scenes: &[&SceneSpec], here: &Circumstances, folder: &Path) -> Result<(), Failure> {
     let chart = chart::run(context, scenes).map_err(failure)?;
     let stability = recorded_stability(folder)?;
-    let page = chart_page(&Report { chart: &chart, convergence: &[], stability: stability.as_deref(), here });
+    let convergence = convergence::table(context).map_err(failure)?;
+    let page = chart_page(&Report { chart: &chart, convergence: &convergence, stability: stability.as_deref(), here });
     write_whole(&folder.join("points.json"), &points::to_json(&chart.points))?;
     write_whole(&folder.join("points.csv"), &points::to_csv(&chart.points))?;
     write_whole(&folder.join("report.html"), &page)?;

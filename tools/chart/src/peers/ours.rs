@@ -4,16 +4,12 @@
 
 use std::time::Instant;
 
-use supervol_format::Lod;
 use supervol_runtime::frame::caster::CpuCaster;
-use supervol_runtime::frame::{
-    Backend, FrameWalk, RenderError, RenderOptions, plan_host, streamer_for, value_map, volume_facts,
-};
+use supervol_runtime::frame::{Backend, FrameWalk, RenderError, RenderOptions, cpu_frame, plan_host, streamer_for};
 use supervol_runtime::image::Image;
-use supervol_runtime::lod::LodChoice;
 use supervol_runtime::process;
 use supervol_runtime::raycast::comparison::{Rule, Sampling};
-use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, RayState};
+use supervol_runtime::raycast::cpu::RayState;
 use supervol_runtime::raycast::method::Method;
 use supervol_runtime::streamer::budget::Bands;
 
@@ -83,16 +79,13 @@ pub fn draw(case: &Case<'_>, sampler: Sampler, sizes: Sizes, threads: usize) -> 
 fn timed_pictures(case: &Case<'_>, options: &RenderOptions<'_>, sizes: Sizes) -> Result<(Cost, Image), ChartError> {
     let container = &case.built.volume.container;
     let scene = case.scene(sizes.image)?;
-    let descriptor = container.descriptor();
     let plan = plan_host(container, &scene, options, size_of::<RayState>() as u64, Bands::Allowed)
         .map_err(RenderError::from)?;
     let mut streamer = streamer_for(container, &scene, options, plan);
-    let quality = CpuQuality { lod: LodChoice::Fixed(Lod::FINEST), skipping: options.skipping, method: options.method };
-    let (map, value_range) = (value_map(container), volume_facts(container).value_range);
     let mut one = || -> Result<(f64, f64, Image), ChartError> {
         let (wall, cpu) = (Instant::now(), process::cpu_time());
         // Tables of the transfer function are made for each picture, as a viewer would while it is edited.
-        let frame = CpuFrame::new(&scene, &descriptor.pyramid, &descriptor.geometry, map, value_range, quality);
+        let frame = cpu_frame(container, &scene, options);
         let mut walk = FrameWalk::new(&mut streamer, plan, options, wall);
         let image = walk.run(&mut CpuCaster::new(frame), scene.image_size)?;
         let cpu_ms = process::cpu_time().saturating_sub(cpu).as_secs_f64() * 1e3;

@@ -3,63 +3,47 @@
 use super::html::{escape, figure, grid, number_or_dash, paragraph, table};
 use super::palette;
 use super::plots::{Plot, Scaling, Series};
-
-/// One rule on one field with one transfer function.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ConvergenceRow {
-    /// The field along the ray.
-    pub field: String,
-    /// Shape of the transfer function.
-    pub transfer_function: String,
-    /// The method of integration.
-    pub rule: String,
-    /// Order that was measured: error falls as samples to the minus this.
-    pub order: Option<f64>,
-    /// Order that theory expects.
-    pub expected_order: Option<f64>,
-    /// Samples per voxel at which the error is below half a grey level.
-    pub samples_per_voxel_needed: Option<f64>,
-    /// Samples per voxel and error.
-    pub curve: Vec<(f64, f64)>,
-}
+use crate::convergence::OrderRow;
 
 /// The section of the report.
-pub(super) fn section(rows: &[ConvergenceRow]) -> String {
+pub(super) fn section(rows: &[OrderRow]) -> String {
     if rows.is_empty() {
         return paragraph("Orders of convergence were not measured in this run.");
     }
-    let same =
-        |a: &ConvergenceRow, b: &ConvergenceRow| (&a.field, &a.transfer_function) == (&b.field, &b.transfer_function);
+    let same = |a: &OrderRow, b: &OrderRow| (a.field, a.transfer_function) == (b.field, b.transfer_function);
     let figures: Vec<String> = rows.chunk_by(same).map(convergence_figure).collect();
-    let cells = |row: &ConvergenceRow| {
+    let cells = |row: &OrderRow| {
         vec![
-            escape(&row.field),
-            escape(&row.transfer_function),
-            escape(&row.rule),
-            number_or_dash(row.order),
+            escape(row.field),
+            escape(row.transfer_function),
+            escape(row.rule),
+            format!("{} \u{b1} {}", number_or_dash(Some(row.order)), number_or_dash(Some(row.order_spread))),
             number_or_dash(row.expected_order),
             number_or_dash(row.samples_per_voxel_needed),
+            number_or_dash(row.expected_samples),
         ]
     };
     let headings = [
         "field",
         "transfer function",
         "rule",
-        "order measured",
-        "order expected",
+        "order measured, \u{b1} spread from one set of 24 rays to the next",
+        "order computed independently",
         "samples per voxel for half a grey level",
+        "the same, computed independently",
     ];
     paragraph(
         "The order says how quickly error falls as samples are added: at order 2, twice the samples make a quarter of the \
-         error.",
+         error. A dash under samples means: more than were tried, or not known. The independent computation is of one set of \
+         24 rays, and orders over steps and narrow hats differ from set to set.",
     ) + &table(&headings, &rows.iter().map(cells).collect::<Vec<_>>())
         + &grid(&figures)
 }
 
-fn convergence_figure(rows: &[ConvergenceRow]) -> String {
+fn convergence_figure(rows: &[OrderRow]) -> String {
     let series = rows.iter().enumerate().map(|(i, row)| Series {
-        name: row.rule.clone(),
-        look: palette::look(&row.rule, i),
+        name: row.rule.to_owned(),
+        look: palette::look(row.rule, i),
         points: row.curve.clone(),
     });
     let plot = Plot {
@@ -81,7 +65,7 @@ fn convergence_figure(rows: &[ConvergenceRow]) -> String {
 }
 
 /// From the first point that is not exact, at the expected order.
-fn guide(row: &ConvergenceRow) -> Option<Vec<(f64, f64)>> {
+fn guide(row: &OrderRow) -> Option<Vec<(f64, f64)>> {
     let order = row.expected_order?;
     let &(x0, y0) = row.curve.iter().find(|(x, y)| *x > 0.0 && *y > 0.0)?;
     let least = row.curve.iter().map(|p| p.1).filter(|y| *y > 0.0).fold(f64::INFINITY, f64::min);
@@ -96,13 +80,15 @@ mod tests {
 
     #[test]
     fn orders_are_tabled_and_guides_have_the_expected_slope() {
-        let row = ConvergenceRow {
-            field: "waves".into(),
-            transfer_function: "smooth".into(),
-            rule: "midpoint samples".into(),
-            order: Some(1.98),
+        let row = OrderRow {
+            field: "waves",
+            transfer_function: "smooth",
+            rule: "midpoint samples",
+            order: 1.98,
+            order_spread: 0.02,
             expected_order: Some(2.0),
             samples_per_voxel_needed: None,
+            expected_samples: None,
             curve: vec![(1.0, 1e-2), (2.0, 2.6e-3), (4.0, 6e-4)],
         };
         let line = guide(&row).unwrap();

@@ -74,7 +74,9 @@ pub fn table(headings: &[&str], rows: &[Vec<String>]) -> String {
     for row in rows {
         html.push_str("<tr>");
         for cell in row {
-            let is_number = cell.starts_with(|c: char| c.is_ascii_digit() || ['-', '+', '\u{2013}'].contains(&c));
+            let begins = cell.starts_with(|c: char| c.is_ascii_digit() || ['-', '+', '\u{2013}'].contains(&c));
+            // A number, its spread or its unit; not a sentence that begins with one.
+            let is_number = begins && cell.split_whitespace().count() <= 3;
             let _ = write!(html, "<td{}>{cell}</td>", if is_number { " class=\"n\"" } else { "" });
         }
         html.push_str("</tr>\n");

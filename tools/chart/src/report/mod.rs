@@ -12,12 +12,12 @@ pub mod pictures;
 pub mod plots;
 pub mod stability;
 
-pub use convergence::ConvergenceRow;
 pub use html::figure;
 pub use machine::Circumstances;
 pub use stability::stability_page;
 
 use crate::chart::Chart;
+use crate::convergence::OrderRow;
 use crate::points::Point;
 use crate::record::RegimeRecord;
 use crate::scenes::{SceneSpec, scene};
@@ -33,7 +33,7 @@ pub struct Report<'a> {
     /// What was measured.
     pub chart: &'a Chart,
     /// How fast methods converge; may be empty.
-    pub convergence: &'a [ConvergenceRow],
+    pub convergence: &'a [OrderRow],
     /// The stability suite, where it has been run.
     pub stability: Option<&'a [RegimeRecord]>,
     /// Where and when.

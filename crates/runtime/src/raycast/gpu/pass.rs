@@ -24,8 +24,8 @@ use crate::transfer_function::RenderTransferFunction;
 const CHUNK_RAYS: u64 = 1 << 20;
 /// Rays of one dispatch: 256 tiles of 8 x 8.
 const PIECE_RAYS: u32 = 1 << 14;
-/// The same on software adapters, which are hundreds of times slower: 16 tiles keep two cores busy.
-const SOFTWARE_PIECE_RAYS: u32 = 1 << 10;
+/// The same on software adapters, which are hundreds of times slower: 4 tiles keep two cores busy.
+const SOFTWARE_PIECE_RAYS: u32 = 1 << 8;
 /// Most bytes read back at once.
 const READ_BACK_LIMIT: u64 = 4 << 20;
 /// Dispatches slower than this get less work, milliseconds.

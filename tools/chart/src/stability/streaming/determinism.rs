@@ -129,8 +129,12 @@ fn gpu_differences(context: &Context<'_>, size: (u32, u32), curve: &mut Vec<Curv
         ..finest(Backend::Gpu)
     };
     let (whole, stats) = render(&volume.container, &view, &options(1, 64 << 20))?;
-    // What rays and tables take, and a tenth of what the bricks take.
-    let few = stats.gpu_bytes.min(64 << 20) / 4;
+    // What rays, tables and the fewest bricks take, and a tenth of what all bricks take.
+    let least = match render(&volume.container, &view, &options(1, 1)) {
+        Err(RenderError::Gpu(GpuError::Budget { needed, .. })) => needed,
+        other => return Err(ChartError::Broken(format!("a picture in 1 byte of GPU memory: {:?}", other.err()))),
+    };
+    let few = least + stats.gpu_bytes.saturating_sub(least) / 10;
     let mut worst = 0.0f64;
     // Every picture on a software adapter compiles the shaders first: the smallest run takes one of each kind only.
     let all = [(1, 64 << 20), (1, few), (2, 64 << 20), (2, few), (8, 64 << 20), (8, few)];

@@ -59,7 +59,7 @@ fn device_loss(context: &Context<'_>) -> Result<Outcome, ChartError> {
          each of a picture's first passes: a new one was opened, the renderer built anew and its memory filled again from \
          the container; the statistics carry the driver's message ({}). The time of a dispatch is wall time, the wait \
          for its result included. Its work follows the times measured before, but not below 256 iterations of each ray \
-         of a piece (1024 rays on a software adapter): an adapter that takes longer for those fails the first gate.",
+         of a piece (256 rays on a software adapter): an adapter that takes longer for those fails the first gate.",
         device.name(),
         lost.cases,
         lost.message

@@ -10,11 +10,10 @@ use supervol_format::{Container, Lod};
 use supervol_runtime::frame::RenderError;
 use supervol_runtime::frame::caster::{CpuCaster, PassReport, RayCaster};
 use supervol_runtime::frame::{
-    Backend, FrameWalk, LevelChoice, Progress, RenderOptions, lod_choice, plan_host, streamer_for, value_map,
-    volume_facts,
+    Backend, FrameWalk, LevelChoice, Progress, RenderOptions, cpu_frame, lod_choice, plan_host, streamer_for, value_map,
 };
 use supervol_runtime::image::Image;
-use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, RayState};
+use supervol_runtime::raycast::cpu::RayState;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::budget::{Bands, HostPlan};
@@ -107,11 +106,7 @@ impl Session {
 
     /// The ray caster of a scene.
     pub fn caster(&self, scene: &ResolvedScene) -> CpuCaster {
-        let descriptor = self.container.descriptor();
-        let quality = CpuQuality { lod: lod_choice(&self.settings.options()), ..CpuQuality::default() };
-        let range = volume_facts(&self.container).value_range;
-        let map = value_map(&self.container);
-        CpuCaster::new(CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, map, range, quality))
+        CpuCaster::new(cpu_frame(&self.container, scene, &self.settings.options()))
     }
 
     /// The session's camera and transfer function become those of a scene.
