@@ -32,7 +32,8 @@ fn integrate_pair(kappa: vec2<f32>, near_color: vec3<f32>, far_color: vec3<f32>,
 
 // Number of Gauss pairs for an interval over which the transfer function varies this much, of optical depth tau.
 fn pair_count(change: f32, tau: f32) -> u32 {
-    let wanted = sqrt(sqrt(change * (1.0 / PAIR_VARIATION))) + change * tau * (1.0 / PAIR_VARIATION_DEPTH);
+    let root = sqrt(sqrt(change * (1.0 / PAIR_VARIATION)));
+    let wanted = root + change * (PAIRS_PER_VARIATION + tau * (1.0 / PAIR_VARIATION_DEPTH));
     return u32(clamp(ceil(wanted), 1.0, f32(PAIR_LIMIT)));
 }
 

@@ -401,7 +401,7 @@ shared_struct! {
 }
 
 /// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 12] {
+fn borrowed_constants() -> [(&'static str, &'static str, String); 13] {
     let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
     [
         ("APRON", "i32", apron.to_string()),
@@ -411,6 +411,7 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 12] {
         ("GAUSS_OFFSET", "f32", format!("{:?}", quadrature::GAUSS_OFFSET as f32)),
         ("GAUSS_DISTANCE", "f32", format!("{:?}", quadrature::GAUSS_DISTANCE)),
         ("PAIR_VARIATION", "f32", format!("{:?}", quadrature::PAIR_VARIATION)),
+        ("PAIRS_PER_VARIATION", "f32", format!("{:?}", quadrature::PAIRS_PER_VARIATION)),
         ("PAIR_VARIATION_DEPTH", "f32", format!("{:?}", quadrature::PAIR_VARIATION_DEPTH)),
         ("PAIR_NORMAL_CHANGE", "f32", format!("{:?}", quadrature::PAIR_NORMAL_CHANGE)),
         ("PAIR_NORMAL_DEPTH", "f32", format!("{:?}", quadrature::PAIR_NORMAL_DEPTH)),

@@ -24,7 +24,7 @@ fn data_uri(image: &Image) -> Result<String, png::EncodingError> {
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(bytes)))
 }
 
-/// Grey: the greatest difference of any channel of a pixel, times [`AMPLIFICATION`].
+/// Grey: the greatest difference of any channel of a pixel, amplified.
 ///
 /// # Panics
 /// If the pictures differ in size.

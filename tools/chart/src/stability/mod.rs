@@ -1,7 +1,7 @@
 //! The stability suite: every regime in which a method breaks, with a recipe, a curve into the failure, and a gate.
 //!
-//! A [`Regime`] is one row of the list of regimes (S01 to S46). The report runs them at [`Scale::Full`], the tests at
-//! [`Scale::Small`]: the same code, fewer and smaller cases. A gate is a number that the project has promised; it is
+//! A [`Regime`] is one row of the list of regimes (S01 to S46). The report runs them at `Scale::Full`, the tests at
+//! `Scale::Small`: the same code, fewer and smaller cases. A gate is a number that the project has promised; it is
 //! never loosened to pass: a regime that fails is reported failing and has its place in `tests/tests/known_issues.rs`.
 
 mod borders;

@@ -16,10 +16,12 @@ pub const KNOT_LIMIT: usize = 8;
 pub const PAIR_LIMIT: u32 = 64;
 /// Change of opacity and colour that one Gauss pair may bridge; the error falls with the fourth power of their number.
 pub(crate) const PAIR_VARIATION: f32 = 0.006;
+/// More pairs per change: extinction is not linear in opacity, so that steep pieces need more than the fourth root says.
+pub(crate) const PAIRS_PER_VARIATION: f32 = 1.3;
 /// Product of that change and of the optical depth that one Gauss pair may bridge.
 pub(crate) const PAIR_VARIATION_DEPTH: f32 = 0.07;
 /// Change of the normal's direction, as a length, that one Gauss pair may bridge.
-pub(crate) const PAIR_NORMAL_CHANGE: f32 = 0.1;
+pub(crate) const PAIR_NORMAL_CHANGE: f32 = 0.085;
 /// Product of that change and of the optical depth that one Gauss pair may bridge.
 pub(crate) const PAIR_NORMAL_DEPTH: f32 = 0.3;
 /// Least weight of the farther Gauss point, where the exponential underflows.
@@ -64,7 +66,8 @@ pub fn integrate_pair(kappa: [f32; 2], color: [[f32; 3]; 2], h: f32) -> ([f32; 3
 #[inline]
 #[must_use]
 pub fn pair_count(variation: f32, tau: f32) -> u32 {
-    let wanted = (variation * (1.0 / PAIR_VARIATION)).sqrt().sqrt() + variation * tau * (1.0 / PAIR_VARIATION_DEPTH);
+    let root = (variation * (1.0 / PAIR_VARIATION)).sqrt().sqrt();
+    let wanted = root + variation * (PAIRS_PER_VARIATION + tau * (1.0 / PAIR_VARIATION_DEPTH));
     // `as` saturates, and maps NaN to 0.
     (wanted.ceil() as u32).clamp(1, PAIR_LIMIT)
 }

@@ -1,7 +1,7 @@
 //! The regimes of streaming: memory that is too small, sources that fail, volumes that are too large, frames too fast.
 //!
 //! Nearly all run on [`crate::virtual_volume`], so that the container is as large as the regime asks and every byte is
-//! accounted for. [`session`] keeps a streamer over several frames, as a viewer does; [`sources`] counts, delays and
+//! accounted for. `session` keeps a streamer over several frames, as a viewer does; `sources` counts, delays and
 //! damages what is read.
 
 mod cache;
