@@ -51,7 +51,7 @@ pub fn build_options(core: u32) -> BuildOptions {
 }
 
 impl Volume {
-    /// Builds `FOLDER/NAME.svol` (spaces become dashes) and opens it.
+    /// Builds `FOLDER/NAME.svol` (spaces and slashes become dashes) and opens it.
     ///
     /// # Errors
     /// If the build fails.
@@ -61,7 +61,7 @@ impl Volume {
         source: &dyn VolumeSource,
         options: &BuildOptions,
     ) -> Result<Self, ChartError> {
-        let path = context.folder.join(format!("{}.svol", name.replace(' ', "-")));
+        let path = context.folder.join(format!("{}.svol", name.replace([' ', '/'], "-")));
         let origin = Source { format: source.info().format.into(), ..Source::computed(name) };
         build(source, origin, &path, options, &|_| ())?;
         Self::open(name, &path)

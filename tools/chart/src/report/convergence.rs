@@ -1,6 +1,6 @@
 //! How fast methods converge: one plot for each field and transfer function, measured orders beside the expected.
 
-use super::html::{escape, figure, grid, number_or_dash, paragraph, table};
+use super::html::{escape, figure, grid, number, number_or_dash, paragraph, table};
 use super::palette;
 use super::plots::{Plot, Scaling, Series};
 use crate::convergence::OrderRow;
@@ -17,7 +17,7 @@ pub(super) fn section(rows: &[OrderRow]) -> String {
             escape(row.field),
             escape(row.transfer_function),
             escape(row.rule),
-            format!("{} \u{b1} {}", number_or_dash(Some(row.order)), number_or_dash(Some(row.order_spread))),
+            order(row),
             number_or_dash(row.expected_order),
             number_or_dash(row.samples_per_voxel_needed),
             number_or_dash(row.expected_samples),
@@ -40,6 +40,14 @@ pub(super) fn section(rows: &[OrderRow]) -> String {
         + &grid(&figures)
 }
 
+/// The order and its spread, where it has one.
+fn order(row: &OrderRow) -> String {
+    if row.order_spread == 0.0 {
+        return number(row.order);
+    }
+    format!("{} \u{b1} {}", number(row.order), number(row.order_spread))
+}
+
 fn convergence_figure(rows: &[OrderRow]) -> String {
     let series = rows.iter().enumerate().map(|(i, row)| Series {
         name: row.rule.to_owned(),
@@ -60,7 +68,7 @@ fn convergence_figure(rows: &[OrderRow]) -> String {
     figure(
         &format!("{}, {}: error against samples", rows[0].field, rows[0].transfer_function),
         &plot.html(),
-        "Steeper is better; a dashed grey line falls from a method's first point at the order that theory expects of it.",
+        "Steeper is better; a dashed grey line falls from a method's first point at the order computed independently.",
     )
 }
 

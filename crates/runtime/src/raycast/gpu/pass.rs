@@ -28,10 +28,11 @@ const PIECE_RAYS: u32 = 1 << 14;
 const SOFTWARE_PIECE_RAYS: u32 = 1 << 8;
 /// Most bytes read back at once.
 const READ_BACK_LIMIT: u64 = 4 << 20;
-/// Dispatches slower than this get less work, milliseconds.
-const SLOW_DISPATCH_MS: f64 = 100.0;
+/// Dispatches slower than this get less work, milliseconds: half of what a display can wait, because the next one may be
+/// twice as slow.
+const SLOW_DISPATCH_MS: f64 = 50.0;
 /// Dispatches faster than this get more.
-const FAST_DISPATCH_MS: f64 = 25.0;
+const FAST_DISPATCH_MS: f64 = 15.0;
 /// Loop iterations that a ray may spend in the first dispatch.
 const FIRST_WORK_LIMIT: u32 = 2048;
 /// Least loop iterations that a ray may spend in a dispatch: the costliest cell does not need many more.
