@@ -23,7 +23,7 @@ use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::budget::Bands;
 
 use crate::context::{ChartError, Context};
-use crate::measure::{distance, flip};
+use crate::measure::{Spread, distance, flip};
 use crate::methods::{CELLS, MethodSpec, methods};
 use crate::points::{CPU, Point, mark_front};
 use crate::scenes::{Grid, Loaded, Look, SceneSpec, Shading, Shape, Storage};
@@ -279,7 +279,7 @@ fn time_gpu(
 
 fn point(row: &PictureRow, method: &MethodSpec, image: &Image, cost: &Cost) -> Point {
     let error = distance(image, &row.exact);
-    let [least, cpu_ms, greatest] = least_median_greatest(&cost.cpu_ms);
+    let cpu = Spread::of(&cost.cpu_ms);
     let cold = &cost.cold;
     Point {
         scene: row.scene.clone(),
@@ -287,9 +287,9 @@ fn point(row: &PictureRow, method: &MethodSpec, image: &Image, cost: &Cost) -> P
         method: method.method.into(),
         parameters: method.parameters.clone(),
         backend: cold.adapter.clone().unwrap_or_else(|| CPU.into()),
-        cpu_ms,
-        cpu_ms_spread: greatest - least,
-        wall_ms: least_median_greatest(&cost.wall_ms)[1],
+        cpu_ms: cpu.median_ms,
+        cpu_ms_spread: cpu.greatest_ms - cpu.least_ms,
+        wall_ms: Spread::of(&cost.wall_ms).median_ms,
         repeats: cost.cpu_ms.len(),
         cold_cpu_ms: cold.cpu_ms,
         samples: cold.samples,
@@ -307,13 +307,6 @@ fn point(row: &PictureRow, method: &MethodSpec, image: &Image, cost: &Cost) -> P
         pareto: false,
         default: method.is_default,
     }
-}
-
-fn least_median_greatest(values: &[f64]) -> [f64; 3] {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let n = sorted.len();
-    [sorted[0], sorted[n / 2], sorted[n - 1]]
 }
 
 fn milliseconds(time: Duration) -> f64 {

@@ -1,10 +1,44 @@
-//! The distance between two pictures, on linear premultiplied RGBA before the background.
+//! The distance between two pictures, on linear premultiplied RGBA before the background; the spread of repeated times.
 //!
 //! All but FLIP are shares of full scale: 1/255 is a grey level. FLIP (Andersson et al. 2020, "FLIP: A Difference
 //! Evaluator for Alternating Images") is for pictures that people look at: over black, 8 bit, 0 (same) to 1.
 
 use serde::Serialize;
 use supervol_runtime::image::Image;
+
+/// Grey levels of full scale: those of an 8-bit channel.
+pub const GREY_LEVELS: f64 = 255.0;
+/// What pictures that should be the same may differ by, grey levels.
+pub const HALF_A_LEVEL: f64 = 0.5;
+/// The same as a share of full scale: what cannot be seen in 8-bit pictures.
+pub const INVISIBLE: f64 = HALF_A_LEVEL / GREY_LEVELS;
+
+/// Median and extremes of repeated measurements, milliseconds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// Median.
+    pub median_ms: f64,
+    /// Fastest.
+    pub least_ms: f64,
+    /// Slowest.
+    pub greatest_ms: f64,
+}
+
+impl Spread {
+    /// Of at least one measurement.
+    ///
+    /// # Panics
+    /// If there is none.
+    #[must_use]
+    pub fn of(measured: &[f64]) -> Self {
+        assert!(!measured.is_empty(), "a median of nothing");
+        let mut sorted = measured.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let n = sorted.len();
+        let median_ms = 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]);
+        Self { median_ms, least_ms: sorted[0], greatest_ms: sorted[n - 1] }
+    }
+}
 
 /// How far a picture is from the exact one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

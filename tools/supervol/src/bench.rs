@@ -6,10 +6,11 @@ use std::path::PathBuf;
 
 use clap::Args;
 use supervol_chart::peers::{self, Options, PeerOptions, report, vtk};
-use supervol_chart::{ChartError, Context, Scale};
+use supervol_chart::{Context, Scale};
 
 use crate::demo::CARP;
 use crate::failure::{Failure, with_output};
+use crate::progress::announce;
 
 /// What to measure, and against whom.
 ///
@@ -58,11 +59,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         only: arguments.scene.clone(),
     };
     let scale = if arguments.quick { Scale::Small } else { Scale::Full };
-    let context = Context { scale, folder: folder.path(), say: &say };
-    let comparison = peers::compare(&context, &options).map_err(with_chart)?;
+    let context = Context { scale, folder: folder.path(), say: &announce };
+    let comparison = peers::compare(&context, &options)?;
     let command = command_line();
     if let Some(output) = &arguments.output {
-        report::write(&comparison, &command, output).map_err(with_chart)?;
+        report::write(&comparison, &command, output)?;
     }
     write!(std::io::stdout(), "{}", report::markdown(&comparison, &command)).map_err(with_output)
 }
@@ -79,19 +80,4 @@ fn cached_environment() -> Option<PathBuf> {
 fn command_line() -> String {
     let arguments = std::env::args().skip(1);
     ["supervol".to_string()].into_iter().chain(arguments).collect::<Vec<_>>().join(" ")
-}
-
-#[allow(clippy::print_stderr, reason = "progress of a command that takes minutes goes to standard error")]
-fn say(line: &str) {
-    eprintln!("{line}");
-}
-
-fn with_chart(error: ChartError) -> Failure {
-    let message = error.to_string();
-    match error {
-        ChartError::Build(error) => error.into(),
-        ChartError::Command(_) => Failure::Command(message),
-        ChartError::Source(_) | ChartError::Container(_) => Failure::Data(message),
-        _ => Failure::Machine(message),
-    }
 }

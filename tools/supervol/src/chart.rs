@@ -8,11 +8,12 @@ use supervol_chart::record::{self, RegimeRecord};
 use supervol_chart::report::{Circumstances, Report, chart_page, stability_page};
 use supervol_chart::scenes::{self, SceneSpec};
 use supervol_chart::stability::{self, Regime};
-use supervol_chart::{ChartError, Context, Scale, chart, convergence, points};
+use supervol_chart::{Context, Scale, chart, convergence, points};
 use supervol_preprocess::Existing;
 use supervol_preprocess::output::OutputFile;
 
 use crate::failure::{Failure, with_output};
+use crate::progress::announce;
 
 /// Name of the file that the stability suite leaves for the next report.
 const STABILITY: &str = "stability.json";
@@ -59,9 +60,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 fn run_chart(context: &Context<'_>, scenes: &[&SceneSpec], here: &Circumstances, folder: &Path) -> Result<(), Failure> {
-    let chart = chart::run(context, scenes).map_err(failure)?;
+    let chart = chart::run(context, scenes)?;
     let stability = recorded_stability(folder)?;
-    let convergence = convergence::table(context).map_err(failure)?;
+    let convergence = convergence::table(context)?;
     let page = chart_page(&Report { chart: &chart, convergence: &convergence, stability: stability.as_deref(), here });
     write_whole(&folder.join("points.json"), &points::to_json(&chart.points))?;
     write_whole(&folder.join("points.csv"), &points::to_csv(&chart.points))?;
@@ -170,20 +171,4 @@ fn write_whole(path: &Path, text: &str) -> Result<(), Failure> {
     written.map_err(|e| Failure::Machine(format!("cannot write {}: {e}", path.display())))?;
     unfinished.publish()?;
     Ok(())
-}
-
-/// One line of progress.
-fn announce(line: &str) {
-    // Progress that cannot be written is progress that nobody reads.
-    let _ = writeln!(std::io::stderr(), "{line}");
-}
-
-/// Whose fault a failed measurement is.
-fn failure(error: ChartError) -> Failure {
-    match error {
-        ChartError::Build(error) => error.into(),
-        ChartError::Source(error) => supervol_preprocess::BuildError::from(error).into(),
-        ChartError::Command(message) => Failure::Command(message),
-        other => Failure::Machine(other.to_string()),
-    }
 }

@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::process::ExitCode;
 
+use supervol_chart::ChartError;
 use supervol_format::container::ContainerError;
 use supervol_preprocess::BuildError;
 
@@ -53,6 +54,20 @@ impl From<BuildError> for Failure {
             Self::Machine(message)
         } else {
             Self::Data(message)
+        }
+    }
+}
+
+impl From<ChartError> for Failure {
+    fn from(error: ChartError) -> Self {
+        match error {
+            ChartError::Build(error) => error.into(),
+            ChartError::Source(error) => BuildError::from(error).into(),
+            ChartError::Command(message) => Self::Command(message),
+            ChartError::Container(error) if !matches!(error, ContainerError::Io { .. }) => {
+                Self::Data(error.to_string())
+            }
+            other => Self::Machine(other.to_string()),
         }
     }
 }

@@ -77,6 +77,12 @@ impl Reporter {
     }
 }
 
+/// One line of progress on standard error.
+pub fn announce(line: &str) {
+    // Progress that cannot be written is progress that nobody reads.
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
 fn bar(template: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
     bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));

@@ -19,10 +19,8 @@ use serde::Serialize;
 use supervol_runtime::transfer_function::{ControlPoint, TransferFunction, TransferFunctionError};
 
 use crate::context::{ChartError, Context};
-use crate::measure::order_of;
+use crate::measure::{INVISIBLE, order_of};
 
-/// Error that a picture may have: half a grey level.
-pub const TOLERATED: f64 = 0.5 / 255.0;
 /// By how much a measured order may miss the known one.
 pub const ORDER_TOLERANCE: f64 = 0.15;
 
@@ -59,7 +57,7 @@ impl OrderRow {
     ) -> Result<Self, ChartError> {
         let no_order = || ChartError::Broken(format!("no order of {rule} on {field}, {transfer_function}: {curve:?}"));
         let order = order_of(&curve).ok_or_else(no_order)?;
-        let first_good = curve.iter().rposition(|p| p.1 >= TOLERATED).map_or(0, |last_bad| last_bad + 1);
+        let first_good = curve.iter().rposition(|p| p.1 >= INVISIBLE).map_or(0, |last_bad| last_bad + 1);
         let samples_per_voxel_needed = curve.get(first_good).map(|p| p.0);
         Ok(Self {
             field,

@@ -27,13 +27,11 @@ use serde::Serialize;
 use supervol_runtime::image::Image;
 
 use crate::context::{ChartError, Context};
-use crate::measure::distance_of;
+pub use crate::measure::Spread;
+use crate::measure::{GREY_LEVELS, distance_of};
 use cases::Case;
 use ours::Sampler;
 use vtk::Peer;
-
-/// Grey levels of an 8-bit channel.
-const GREY_LEVELS: f64 = 255.0;
 
 /// What is compared, with whom.
 #[derive(Debug, Clone)]
@@ -55,33 +53,6 @@ pub struct PeerOptions {
     pub python: PathBuf,
     /// Folder of the environment; made where it is not there.
     pub environment: PathBuf,
-}
-
-/// Median and extremes of repeated measurements, milliseconds.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Spread {
-    /// Median.
-    pub median_ms: f64,
-    /// Fastest.
-    pub least_ms: f64,
-    /// Slowest.
-    pub greatest_ms: f64,
-}
-
-impl Spread {
-    /// Of at least one measurement.
-    ///
-    /// # Panics
-    /// If there is none.
-    #[must_use]
-    pub fn of(measured: &[f64]) -> Self {
-        assert!(!measured.is_empty(), "a median of nothing");
-        let mut sorted = measured.to_vec();
-        sorted.sort_by(f64::total_cmp);
-        let n = sorted.len();
-        let median_ms = 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]);
-        Self { median_ms, least_ms: sorted[0], greatest_ms: sorted[n - 1] }
-    }
 }
 
 /// Cost of one picture.

@@ -4,6 +4,7 @@ use super::html::{escape, figure, grid, number, number_or_dash, paragraph, table
 use super::palette;
 use super::plots::{Plot, Scaling, Series};
 use crate::convergence::OrderRow;
+use crate::measure::INVISIBLE;
 
 /// The section of the report.
 pub(super) fn section(rows: &[OrderRow]) -> String {
@@ -61,7 +62,7 @@ fn convergence_figure(rows: &[OrderRow]) -> String {
         series: series.collect(),
         guides: rows.iter().filter_map(guide).collect(),
         front: Vec::new(),
-        limit: Some((super::INVISIBLE, "half a grey level".into())),
+        limit: Some((INVISIBLE, "half a grey level".into())),
         ringed: None,
         has_legend: true,
     };

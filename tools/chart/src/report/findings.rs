@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use super::INVISIBLE;
 use super::html::{bytes, details, escape, number, number_or_dash, paragraph, table};
+use crate::measure::INVISIBLE;
 use crate::methods::CELLS;
 use crate::points::{CPU, Point};
 

@@ -18,15 +18,13 @@ pub use stability::stability_page;
 
 use crate::chart::Chart;
 use crate::convergence::OrderRow;
+use crate::measure::INVISIBLE;
 use crate::points::Point;
 use crate::record::RegimeRecord;
 use crate::scenes::{SceneSpec, scene};
 use html::{Section, escape, paragraph};
 use palette::FAMILIES;
 use plots::{Plot, Scaling, Series};
-
-/// Half a grey level of 8-bit pictures: what cannot be seen.
-pub const INVISIBLE: f64 = 0.5 / 255.0;
 
 /// What a report is made of.
 pub struct Report<'a> {

@@ -9,7 +9,7 @@ use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::raycast::comparison::{Classification, Rule, Sampling};
 
 use super::parallel::{
-    GREY_LEVELS, HALF_LEVEL, NEVER, by_samples, default_unterminated, fixed_pairs, looking_along, pixel, worst,
+    GREY_LEVELS, HALF_A_LEVEL, NEVER, by_samples, default_unterminated, fixed_pairs, looking_along, pixel, worst,
 };
 use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
@@ -80,10 +80,10 @@ fn order_of_classification(context: &Context<'_>) -> Result<Outcome, ChartError>
         shares.push(shift / (0.5 * step_voxels));
     }
     let gates = vec![
-        Gate::at_most("default, off the edge pixels, grey levels", greatest[0], HALF_LEVEL),
+        Gate::at_most("default, off the edge pixels, grey levels", greatest[0], HALF_A_LEVEL),
         Gate::at_most("default, edge along the ray, voxels from where it is", default_shift.abs(), 1e-3),
         Gate::at_most("post-classification, edge along the ray, halves of a step from where it is", worst(shares), 1.0),
-        Gate::at_most("post-classification, off the edge pixels, grey levels", greatest[1], HALF_LEVEL),
+        Gate::at_most("post-classification, off the edge pixels, grey levels", greatest[1], HALF_A_LEVEL),
     ];
     let note = format!(
         "Pre-classification, a method of comparison, interpolates colours instead of values: the edge becomes a ramp \
@@ -170,7 +170,7 @@ fn bent_segments(context: &Context<'_>) -> Result<Outcome, ChartError> {
     // finest steps.
     let order = order_of(&errors[errors.len() - 3..]).unwrap_or(f64::NAN);
     let gates = vec![
-        Gate::at_most("default, distance from the reference, grey levels", GREY_LEVELS * default.linf, HALF_LEVEL),
+        Gate::at_most("default, distance from the reference, grey levels", GREY_LEVELS * default.linf, HALF_A_LEVEL),
         Gate::at_least("pre-integration, order of the root mean square error over the three finest steps", order, 1.7),
     ];
     let note = "The default takes no steps: it cuts the cubic of each cell where it crosses a control point of the \
@@ -231,7 +231,7 @@ fn narrow_spikes(context: &Context<'_>) -> Result<Outcome, ChartError> {
         curve.push(CurvePoint::new(&series("default"), 64.0, default.red, None));
         let order = order_of(&errors[..3]).unwrap_or(f64::NAN);
         gates.extend([
-            Gate::at_most(series("default, red, grey levels"), default.red, HALF_LEVEL),
+            Gate::at_most(series("default, red, grey levels"), default.red, HALF_A_LEVEL),
             Gate::at_most(series("default, the spike is hit: opacity / exact - 1"), default.opacity, 2e-3),
             Gate::at_least(series("default, order over 1, 2, 4 pairs"), order, 1.7),
             Gate::at_most(series("pre-integration, the spike is hit: opacity / exact - 1"), table.opacity, 2e-3),

@@ -13,7 +13,7 @@ use supervol_runtime::raycast::cpu::TERMINATION_OPACITY;
 use supervol_runtime::raycast::method::CellRule;
 
 use super::parallel::{
-    GREY_LEVELS, HALF_LEVEL, NEVER, by_cells, by_samples, default_unterminated, looking_along, pixel, worst,
+    GREY_LEVELS, HALF_A_LEVEL, NEVER, by_cells, by_samples, default_unterminated, looking_along, pixel, worst,
 };
 use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
@@ -203,7 +203,7 @@ fn early_termination(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let beyond = worst(curve.iter().map(|p| (p.measured - p.expected.unwrap_or(f64::NAN)).max(0.0)));
     let wedge = GREY_LEVELS * wedge_bias(&volume, &options)?;
     let gates = vec![
-        Gate::at_most("default, most that a pixel loses, grey levels", default_loss, HALF_LEVEL),
+        Gate::at_most("default, most that a pixel loses, grey levels", default_loss, HALF_A_LEVEL),
         Gate::at_most("default, signed mean where every pixel loses the most, grey levels", default_loss.abs(), 0.1),
         Gate::at_most("default, signed mean where the thickness varies, grey levels", wedge.abs(), 0.1),
         Gate::at_most("any limit, loss beyond its bound (1 - limit) 255, grey levels", beyond, 1e-3),

@@ -9,12 +9,9 @@ use supervol_runtime::raycast::comparison::Sampling;
 use supervol_runtime::raycast::method::{CellRule, Method, Pairs};
 
 use crate::context::ChartError;
+pub(crate) use crate::measure::{GREY_LEVELS, HALF_A_LEVEL};
 use crate::volume::{Volume, finest};
 
-/// Grey levels of full scale.
-pub(crate) const GREY_LEVELS: f64 = 255.0;
-/// Half a grey level, the tolerance of most gates, in grey levels.
-pub(crate) const HALF_LEVEL: f64 = 0.5;
 /// A termination opacity that no ray reaches: what is looked at is not what ending rays early costs.
 pub(crate) const NEVER: f64 = 2.0;
 

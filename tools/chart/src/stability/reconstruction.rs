@@ -15,7 +15,7 @@ use supervol_runtime::raycast::comparison::reconstruction::{
 use supervol_runtime::raycast::comparison::{GradientOperator, Reconstruction, Sampling};
 use supervol_runtime::raycast::cpu::cell::trilinear;
 
-use super::parallel::{GREY_LEVELS, HALF_LEVEL, NEVER, by_samples, worst};
+use super::parallel::{GREY_LEVELS, HALF_A_LEVEL, NEVER, by_samples, worst};
 use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
@@ -193,13 +193,13 @@ fn byte_fractions(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let gates = vec![Gate::at_most(
         "default, distance from the reference under every hat, grey levels",
         worst(from_reference),
-        HALF_LEVEL,
+        HALF_A_LEVEL,
     )];
     let byte_line: Vec<(f64, f64)> =
         curve.iter().filter(|p| p.series == "fractions of 8 bit").map(|p| (p.x, p.measured)).collect();
     let visible = byte_line
         .iter()
-        .find(|p| p.1 > HALF_LEVEL)
+        .find(|p| p.1 > HALF_A_LEVEL)
         .map_or("none of these hats".into(), |p| format!("hats {} of the range wide and narrower", p.0));
     let moved: Vec<String> = byte_line.iter().map(|(width, moved)| format!("{moved:.2} under {width}")).collect();
     let note = format!(

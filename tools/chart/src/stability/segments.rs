@@ -10,7 +10,7 @@ use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::raycast::comparison::{Offset, Rule, Sampling};
 
-use super::parallel::{GREY_LEVELS, HALF_LEVEL, NEVER, by_samples, worst};
+use super::parallel::{GREY_LEVELS, HALF_A_LEVEL, NEVER, by_samples, worst};
 use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
@@ -114,11 +114,11 @@ fn varying_segments(context: &Context<'_>) -> Result<Outcome, ChartError> {
         wrong.push(GREY_LEVELS * distance(&cut.picture(0.0, plane, &default)?, &exact).linf);
     }
     let gates = vec![
-        Gate::at_most("default, greatest difference between offsets, grey levels", greatest("default"), HALF_LEVEL),
+        Gate::at_most("default, greatest difference between offsets, grey levels", greatest("default"), HALF_A_LEVEL),
         Gate::at_most(
             "default, distance from the reference with the plane anywhere, grey levels",
             worst(wrong),
-            HALF_LEVEL,
+            HALF_A_LEVEL,
         ),
     ];
     let note = format!(
@@ -206,7 +206,7 @@ fn unequal_spacings(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let gates = vec![Gate::at_most(
         "default, greatest difference between spacings, grey levels",
         greatest("default"),
-        HALF_LEVEL,
+        HALF_A_LEVEL,
     )];
     let note = format!(
         "The transfer function's unit distance is 1 in the world in all three. Sampled once per smallest spacing, \

@@ -4,13 +4,12 @@ use glam::DVec3;
 use supervol_runtime::frame::{LevelChoice, RenderOptions};
 use supervol_runtime::image::Image;
 
-use crate::measure::distance;
+pub use crate::measure::HALF_A_LEVEL;
+use crate::measure::{GREY_LEVELS, distance};
 use crate::volume::{Point, Volume, transfer_function};
 
 /// One grey level of 255, as a share of full scale.
-pub const GREY_LEVEL: f64 = 1.0 / 255.0;
-/// What pictures that should be the same may differ by, grey levels.
-pub const HALF_A_LEVEL: f64 = 0.5;
+pub const GREY_LEVEL: f64 = 1.0 / GREY_LEVELS;
 
 /// `"shading"`: the defaults.
 pub const SHADED: &str = r#""shading": {}"#;

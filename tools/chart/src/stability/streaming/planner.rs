@@ -97,7 +97,7 @@ fn plan_view(context: &Context<'_>, dims: [u64; 3], view: View, size: (u32, u32)
             warm.push(planning_ms(&mut session, &scene(f64::from(step))?, &source)?);
         }
     }
-    Ok([median(cold), median(warm), bricks as f64])
+    Ok([median(&cold), median(&warm), bricks as f64])
 }
 
 fn planner_cost(context: &Context<'_>) -> Result<Outcome, ChartError> {
@@ -199,7 +199,7 @@ fn fly_through(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let stale = session.streamer.states().total(StateKind::Queued);
     let slowest = times.iter().copied().fold(0.0, f64::max);
     let gates = vec![
-        Gate::at_most("slowest frame (medians)", slowest / median(times.clone()), 2.0).speed(),
+        Gate::at_most("slowest frame (medians)", slowest / median(&times), 2.0).speed(),
         Gate::at_most("reading and decoding in any frame (ms)", worst_streaming, budget_ms as f64).speed(),
         Gate::at_least(
             "requests cancelled because no view wants them any more",

@@ -22,6 +22,7 @@ use supervol_runtime::streamer::priority::FrontToBack;
 use supervol_runtime::streamer::{Fetched, OnMissing, StreamError, Streamer};
 
 use crate::context::ChartError;
+use crate::measure::Spread;
 use crate::volume::{HOST_MEMORY_BYTES, Point, Volume, transfer_function};
 
 /// What the frames of a session have in common.
@@ -229,12 +230,10 @@ pub fn linf(a: &Image, b: &Image) -> f64 {
     crate::measure::distance(a, b).linf
 }
 
-/// The middle of some numbers.
+/// The middle of some times.
 ///
 /// # Panics
 /// If there are none.
-pub fn median(mut numbers: Vec<f64>) -> f64 {
-    assert!(!numbers.is_empty(), "the median of no numbers");
-    numbers.sort_by(f64::total_cmp);
-    numbers[numbers.len() / 2]
+pub fn median(numbers: &[f64]) -> f64 {
+    Spread::of(numbers).median_ms
 }
