@@ -22,8 +22,10 @@ struct TwinResult {
     light: vec4<f32>,
     pair: vec4<f32>,
     shaded: vec4<f32>,
-    // Root in the first monotone interval, visibility, knots.
+    // Root in the first monotone interval (2 where there is none), visibility, first knot and number of knots.
     search: vec4<f32>,
+    // Gauss pairs for a variation and for a turning normal.
+    counts: vec4<f32>,
 }
 
 @group(2) @binding(0) var<storage, read> twin_cases: array<TwinCase>;
@@ -41,6 +43,8 @@ fn test_twins(@builtin(global_invocation_id) id: vec3<u32>) {
     let cubic = cubic_of_cell(c.low, c.high, a, c.b_u.xyz);
     let intervals = monotone_intervals(cubic);
     let knots = knots_in(value, value + u);
+    let knot_count = knots.y - knots.x;
+    let root = monotone_root(cubic, intervals.x, intervals.y, value);
     var result: TwinResult;
     result.cubic = cubic;
     result.intervals = intervals;
@@ -51,10 +55,14 @@ fn test_twins(@builtin(global_invocation_id) id: vec3<u32>) {
     // A corner layer serves as a gradient, the chord as a line of sight.
     result.shaded = vec4<f32>(shade(c.near.rgb, c.low.xyz, normalize(a - c.b_u.xyz)), 0.0);
     result.search = vec4<f32>(
-        monotone_root(cubic, intervals.x, intervals.y, value),
+        min(root, 2.0),
         f32(is_visible(value, value + u)),
-        f32(knots.x),
-        f32(knots.y),
+        f32(select(0u, knots.x, knot_count > 0u)),
+        f32(knot_count),
     );
+    // Squared: small variations are most frequent.
+    let pairs = pair_count(c.near.x * c.near.x, 8.0 * c.near.y);
+    let shaded_pairs = shaded_pair_count(2.0 * c.far.x, 8.0 * c.far.y);
+    result.counts = vec4<f32>(f32(pairs), f32(shaded_pairs), 0.0, 0.0);
     twin_results[id.x] = result;
 }

@@ -1,4 +1,4 @@
-// Twin of raycast/cpu/cell.rs: the field along a chord of a trilinear cell.
+// Twin of raycast/scalar/cell.rs: the field along a chord of a trilinear cell.
 //
 // s(u) = c.x + c.y u + c.z u^2 + c.w u^3, u from 0 to 1. Corner c of a cell has the offsets (c & 1, c >> 1 & 1, c >> 2);
 // `low` holds the corners with z = 0, `high` those with z = 1. All interpolation is written with differences, so that

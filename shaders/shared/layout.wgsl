@@ -42,7 +42,7 @@ const FLAG_SHADED: u32 = 4u;
 const FLAG_SKIPPING: u32 = 8u;
 // Flag: voxels can be absent at all.
 const FLAG_HOLES: u32 = 16u;
-// Explained where Rust defines them: format/src/brick.rs, raycast/cpu/quadrature.rs, raycast/cpu/mod.rs, scene.rs.
+// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, scene.rs.
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
 const KNOT_LIMIT: u32 = 8u;

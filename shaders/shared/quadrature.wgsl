@@ -1,4 +1,4 @@
-// Twin of raycast/cpu/quadrature.rs: emission and absorption along a chord.
+// Twin of raycast/scalar/quadrature.rs: emission and absorption along a chord.
 //
 // Between the values at which the transfer function bends or steps, kappa and colour are smooth in u, so that a
 // two-point Gauss rule is of fourth order. `extent` is a world length, kappa extinction per world length. The constants

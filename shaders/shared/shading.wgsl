@@ -1,4 +1,4 @@
-// Twin of raycast/cpu/shade.rs: gradients of a cell, and two-sided Blinn-Phong (RENDERING-MODEL, section 5).
+// Twin of raycast/scalar/shade.rs: gradients of a cell, and two-sided Blinn-Phong (RENDERING-MODEL, section 5).
 //
 // The gradient is taken by central differences at the eight corners, from the 32 voxels around the cell, and
 // interpolated: the same number as differences of the interpolant one voxel apart. Vectors are in world space.

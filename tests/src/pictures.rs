@@ -57,18 +57,15 @@ impl VolumeSource for SubBox {
     }
 }
 
-/// A file of the developers' data folder: `$SUPERVOL_DATA`, or `shared/data` beside the workspace. Says so where it is
-/// missing.
+/// A file of `tests/data`, which every clone has.
+///
+/// # Panics
+/// If it is not there.
 #[must_use]
-pub fn data_file(name: &str) -> Option<PathBuf> {
-    let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let beside = ["../../shared/data", "../../../shared/data"].map(|p| manifest.join(p));
-    let folders = std::env::var_os("SUPERVOL_DATA").map(PathBuf::from).into_iter().chain(beside);
-    let found = folders.map(|folder| folder.join(name)).find(|path| path.exists());
-    if found.is_none() {
-        skipped(&format!("{name} is not in the data folder (set SUPERVOL_DATA)"));
-    }
-    found
+pub fn stored_file(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("data").join(name);
+    assert!(path.exists(), "{} is part of the repository, but is not there", path.display());
+    path
 }
 
 /// Name of the GPU adapter, or `None` with a loud word where there is none.
@@ -172,27 +169,13 @@ pub fn finest(backend: Backend) -> RenderOptions<'static> {
     RenderOptions { backend, level: LevelChoice::Fixed(Lod(0)), threads: Some(2), ..RenderOptions::default() }
 }
 
-/// The greatest difference of a channel, in grey levels of 255, over the pixels that `judged` keeps.
+/// The greatest difference of a channel, in grey levels of 255; infinite where a pixel is not finite.
 ///
 /// # Panics
-/// If the pictures differ in size or hold something else than finite numbers.
-#[must_use]
-pub fn distance_where(a: &Image, b: &Image, judged: impl Fn(usize) -> bool) -> f64 {
-    assert_eq!((a.width, a.height), (b.width, b.height), "sizes of two pictures to compare");
-    let mut greatest = 0.0f64;
-    for (i, (p, q)) in a.pixels.iter().zip(&b.pixels).enumerate() {
-        assert!(p.iter().chain(q).all(|v| v.is_finite()), "pixel {i}: {p:?} and {q:?}");
-        if judged(i) {
-            (0..4).for_each(|c| greatest = greatest.max(255.0 * f64::from((p[c] - q[c]).abs())));
-        }
-    }
-    greatest
-}
-
-/// The greatest difference of a channel, in grey levels of 255.
+/// If the pictures differ in size.
 #[must_use]
 pub fn distance(a: &Image, b: &Image) -> f64 {
-    distance_where(a, b, |_| true)
+    a.distance(b)
 }
 
 /// The mean of all channels' differences, signs dropped, in grey levels of 255.
@@ -221,6 +204,7 @@ pub fn stable_pixels(subject: &Subject, scene: &ResolvedScene, exact: &Image) ->
         let image = subject.finest(&moved, Backend::Reference);
         for (i, stable) in stable.iter_mut().enumerate() {
             let (p, q) = (image.pixels[i], exact.pixels[i]);
+            assert!(p.iter().all(|v| v.is_finite()), "pixel {i} of the reference: {p:?}");
             *stable &= (0..4).all(|c| f64::from((p[c] - q[c]).abs()) * 255.0 <= BOUND);
         }
     }

@@ -16,6 +16,9 @@ pub fn measured(id: &str) -> Option<Outcome> {
     match (regime.run)(&context) {
         Ok(outcome) => {
             assert!(!outcome.curve.is_empty() && !outcome.gates.is_empty(), "{id} measures nothing");
+            // Where a regime keeps the greatest of what it measured, NaN would be lost.
+            let unknown = outcome.curve.iter().find(|point| point.measured.is_nan());
+            assert!(unknown.is_none(), "{id}: no number was measured: {unknown:?}");
             Some(outcome)
         }
         Err(error @ (ChartError::Gpu(_) | ChartError::Render(RenderError::Gpu(_)))) => {

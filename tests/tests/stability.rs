@@ -92,8 +92,13 @@ fn s14_mixed_levels() {
 }
 
 #[test]
-fn s15_level_seams() {
-    holds("S15");
+fn s16_averages_and_transfer_functions() {
+    holds("S16");
+}
+
+#[test]
+fn s17_amplitude_collapse() {
+    holds("S17");
 }
 
 #[test]

@@ -61,6 +61,33 @@ pub struct Camera {
     pub height: u32,
 }
 
+/// The rays of a camera, one per pixel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PixelRays {
+    camera: Camera,
+    /// Half the picture's width and height: world length, at distance 1 for perspective cameras.
+    half_size: [f64; 2],
+}
+
+impl PixelRays {
+    /// The ray through the centre of pixel (x, y); row 0 is on top.
+    #[inline]
+    #[must_use]
+    pub fn ray(&self, x: u32, y: u32) -> Ray {
+        let camera = &self.camera;
+        let [nx, ny] = camera.ndc(x, y);
+        let offset = nx * self.half_size[0] * camera.right + ny * self.half_size[1] * camera.up;
+        match camera.projection {
+            Projection::Perspective { .. } => {
+                Ray { origin: camera.eye, direction: (camera.forward + offset).normalize(), t_min: 0.0 }
+            }
+            Projection::Orthographic { .. } => {
+                Ray { origin: camera.eye + offset, direction: camera.forward, t_min: f64::NEG_INFINITY }
+            }
+        }
+    }
+}
+
 /// Sine of the least angle between the forward axis and `up` that still tells right from left.
 const MIN_UP_SINE: f64 = 1e-9;
 
@@ -104,20 +131,18 @@ impl Camera {
     /// The ray through the centre of pixel (x, y); row 0 is on top.
     #[must_use]
     pub fn ray(&self, x: u32, y: u32) -> Ray {
-        let [nx, ny] = self.ndc(x, y);
+        self.rays().ray(x, y)
+    }
+
+    /// All rays: what they share is computed once.
+    #[must_use]
+    pub fn rays(&self) -> PixelRays {
+        let half_height = match self.projection {
+            Projection::Perspective { fov_y } => (fov_y.to_radians() / 2.0).tan(),
+            Projection::Orthographic { height } => height / 2.0,
+        };
         let aspect = f64::from(self.width) / f64::from(self.height);
-        match self.projection {
-            Projection::Perspective { fov_y } => {
-                let slope = (fov_y.to_radians() / 2.0).tan();
-                let direction = self.forward + nx * slope * aspect * self.right + ny * slope * self.up;
-                Ray { origin: self.eye, direction: direction.normalize(), t_min: 0.0 }
-            }
-            Projection::Orthographic { height } => {
-                let half = height / 2.0;
-                let origin = self.eye + nx * half * aspect * self.right + ny * half * self.up;
-                Ray { origin, direction: self.forward, t_min: f64::NEG_INFINITY }
-            }
-        }
+        PixelRays { camera: *self, half_size: [half_height * aspect, half_height] }
     }
 
     /// World height of one pixel: at distance 1 for perspective, anywhere for orthographic cameras.

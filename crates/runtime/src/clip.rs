@@ -4,7 +4,7 @@
 //! leave one segment or nothing. Everything is `f64`; t is a world length. Zero components of a direction, negative
 //! zero included, and components so small that a crossing overflows, are legal.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{Dims, Geometry};
 
@@ -37,15 +37,36 @@ pub struct IndexRay {
     pub direction: [f64; 3],
 }
 
+/// From world space to the index space of a grid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ToIndex {
+    index_from_world: DMat3,
+    origin: DVec3,
+}
+
+impl ToIndex {
+    /// Into this grid.
+    #[must_use]
+    pub fn new(geometry: &Geometry) -> Self {
+        Self { index_from_world: geometry.linear().inverse(), origin: DVec3::from_array(geometry.origin) }
+    }
+
+    /// The ray in index space.
+    #[inline]
+    #[must_use]
+    pub fn ray(&self, ray: &Ray) -> IndexRay {
+        IndexRay {
+            origin: (self.index_from_world * (ray.origin - self.origin)).to_array(),
+            direction: (self.index_from_world * ray.direction).to_array(),
+        }
+    }
+}
+
 impl IndexRay {
     /// The ray in the index space of a grid.
     #[must_use]
     pub fn new(ray: &Ray, geometry: &Geometry) -> Self {
-        let inverse = geometry.linear().inverse();
-        Self {
-            origin: (inverse * (ray.origin - DVec3::from_array(geometry.origin))).to_array(),
-            direction: (inverse * ray.direction).to_array(),
-        }
+        ToIndex::new(geometry).ray(ray)
     }
 
     /// The index point at t.

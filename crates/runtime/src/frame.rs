@@ -10,6 +10,7 @@
 //! converged. Time is looked at between passes and between batches of reads: a frame ends at most one of these late.
 
 pub mod caster;
+pub mod check;
 mod gpu;
 pub mod reference;
 
@@ -22,11 +23,11 @@ use supervol_format::container::toc;
 use supervol_format::{BrickKey, Container, Lod, ValueRange};
 
 use crate::image::Image;
-use crate::lod::LodChoice;
+use crate::lod::by_error::{DataScale, LevelsByError};
+use crate::lod::{LodChoice, LodRule};
 use crate::process;
-use crate::raycast::cpu::{CpuFrame, CpuQuality, RayState, Skipping};
+use crate::raycast::cpu::{Caster, CpuFrame, CpuQuality, RayState, Skipping};
 use crate::raycast::gpu::{GpuDevice, GpuError, may_have_hardware};
-use crate::raycast::method::Method;
 use crate::raycast::reference::render_reference_counted;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{DataKind, Mode, ResolvedScene, VolumeFacts};
@@ -62,7 +63,8 @@ pub enum Backend {
 /// Which level bricks are taken from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LevelChoice {
-    /// The coarsest level whose voxels are not larger than a pixel, brick by brick.
+    /// The coarsest level that keeps the picture within the error asked for, and whose voxels are not larger than a pixel,
+    /// brick by brick ([`crate::lod::by_error`]).
     #[default]
     Auto,
     /// This level everywhere; the coarsest where there is no such level.
@@ -85,7 +87,7 @@ pub struct Progress {
 }
 
 /// How a frame is made.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub struct RenderOptions<'a> {
     /// Who casts the rays.
     pub backend: Backend,
@@ -99,11 +101,12 @@ pub struct RenderOptions<'a> {
     pub threads: Option<usize>,
     /// Whether what cannot be seen is left out; the picture is the same.
     pub skipping: Skipping,
-    /// How rays are integrated; anything but the default is for the CPU backend only.
-    pub method: Method,
+    /// Who casts rays on the CPU; anything but the default is for that backend only.
+    pub caster: Caster,
     /// Milliseconds after which the picture is completed from what is there; `None`: it converges.
     pub time_budget_ms: Option<u64>,
-    /// Error asked for; recorded in the statistics only.
+    /// Error of the picture that is aimed for, a share of full scale: chooses levels where they are chosen automatically.
+    /// From 1 on any picture will do, and voxels are as large as a pixel.
     pub max_error: f64,
     /// Called after each pass.
     pub progress: Option<&'a (dyn Fn(Progress) + Sync)>,
@@ -118,7 +121,7 @@ impl Default for RenderOptions<'_> {
             gpu_memory_bytes: 256 << 20,
             threads: None,
             skipping: Skipping::On,
-            method: Method::default(),
+            caster: Caster::DEFAULT,
             time_budget_ms: None,
             max_error: 0.5 / 255.0,
             progress: None,
@@ -141,6 +144,11 @@ pub enum RenderError {
          give more memory or choose a coarser level"
     )]
     ReferenceTooLarge { level: u8, needed_bytes: u64, budget_bytes: u64 },
+    #[error(
+        "the check of level {level} needs {needed_bytes} bytes for the reference integrator, but the host budget is \
+         {budget_bytes}; give more memory, or draw and check a coarser level (finest that fits: {finest_that_fits:?})"
+    )]
+    CheckTooLarge { level: u8, needed_bytes: u64, budget_bytes: u64, finest_that_fits: Option<u8> },
     #[error(transparent)]
     Gpu(#[from] GpuError),
     #[error("methods of comparison are for the cpu backend and mode dvr; found backend {backend:?} and mode {mode}")]
@@ -166,12 +174,10 @@ pub fn render(
     scene: &ResolvedScene,
     options: &RenderOptions<'_>,
 ) -> Result<(Image, FrameStats), RenderError> {
-    if options.method != Method::DEFAULT && (options.backend != Backend::Cpu || scene.mode != Mode::Dvr) {
+    if !options.caster.is_default() && (options.backend != Backend::Cpu || scene.mode != Mode::Dvr) {
         return Err(RenderError::Method { backend: options.backend, mode: mode_name(scene.mode) });
     }
-    let threads = options.threads.unwrap_or_else(rayon::current_num_threads).max(1);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|e| RenderError::Threads { threads, message: e.to_string() })?;
+    let (threads, pool) = thread_pool(options.threads)?;
     let (start, cpu_start) = (Instant::now(), process::cpu_time());
     let (image, mut stats) = pool.install(|| match options.backend {
         Backend::Auto => render_auto(container, scene, options, start),
@@ -193,6 +199,13 @@ pub fn render(
     stats.cpu_ms = milliseconds(process::cpu_time().saturating_sub(cpu_start));
     stats.peak_rss_bytes = process::peak_resident_bytes();
     Ok((image, stats))
+}
+
+/// Threads for a frame: `None` is one per processor.
+fn thread_pool(threads: Option<usize>) -> Result<(usize, rayon::ThreadPool), RenderError> {
+    let threads = threads.unwrap_or_else(rayon::current_num_threads).max(1);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    Ok((threads, pool.map_err(|e| RenderError::Threads { threads, message: e.to_string() })?))
 }
 
 /// What a scene must know of a container to be resolved.
@@ -270,7 +283,8 @@ pub fn lod_choice(options: &RenderOptions<'_>) -> LodChoice {
 pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderOptions<'_>) -> CpuFrame {
     let descriptor = container.descriptor();
     let value_range = volume_facts(container).value_range;
-    let quality = CpuQuality { lod: lod_choice(options), skipping: options.skipping, method: options.method };
+    let caster = options.caster.clone().with_max_error(options.max_error);
+    let quality = CpuQuality { lod: lod_choice(options), skipping: options.skipping, caster };
     CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, value_map(container), value_range, quality)
 }
 
@@ -282,10 +296,29 @@ pub fn streamer_for(
     options: &RenderOptions<'_>,
     plan: HostPlan,
 ) -> Streamer {
-    let (descriptor, map) = (container.descriptor(), value_map(container));
-    let classifier = Classifier::new(scene, descriptor.voxel_type, map, options.skipping, lod_choice(options));
-    let order = FrontToBack::new(&scene.camera, &descriptor.geometry);
-    Streamer::new(container.clone(), map, classifier, order, plan)
+    let order = FrontToBack::new(&scene.camera, &container.descriptor().geometry);
+    let classifier = classifier_for(container, scene, options);
+    Streamer::new(container.clone(), value_map(container), classifier, order, plan)
+}
+
+/// What the table of contents decides about bricks, for frames of this scene.
+#[must_use]
+pub fn classifier_for(container: &Container, scene: &ResolvedScene, options: &RenderOptions<'_>) -> Classifier {
+    let descriptor = container.descriptor();
+    let classifier = Classifier::new(scene, descriptor.voxel_type, value_map(container), options.skipping);
+    // Who asks for a level gets it.
+    if let LevelChoice::Fixed(_) = options.level {
+        return classifier;
+    }
+    let data = DataScale {
+        pyramid: &descriptor.pyramid,
+        geometry: &descriptor.geometry,
+        scale: descriptor.scale,
+        offset: descriptor.offset,
+        value_range: volume_facts(container).value_range,
+    };
+    let lod = LodRule::new(lod_choice(options), &scene.camera, &descriptor.geometry);
+    classifier.with_levels(LevelsByError::new(scene, &data, lod, options.max_error))
 }
 
 /// A hardware GPU, or the CPU and the reason why not the GPU. Errors that both share are errors.
@@ -343,10 +376,7 @@ fn render_from_reference(
     scene: &ResolvedScene,
     options: &RenderOptions<'_>,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let lod = match options.level {
-        LevelChoice::Auto => Lod::FINEST,
-        LevelChoice::Fixed(lod) => lod.min(container.pyramid().coarsest()),
-    };
+    let lod = check::level_to_check(container, options.level);
     let volume = reference::load_level(container, lod, scene, options.host_memory_bytes)?;
     let start = Instant::now();
     let picture = render_reference_counted(&volume, &reference::scene_of_level(container, lod, scene));
@@ -508,14 +538,14 @@ impl<'a> FrameWalk<'a> {
 
     fn gather_stats(&mut self, caster: &dyn RayCaster) {
         self.stats.gather_streamer(self.streamer);
-        if !self.stats.converged {
-            self.stats.error_bound = self.stats.error_bound.max(self.streamer.counters().kept_error);
-        }
         let totals = caster.totals();
         self.stats.rays = totals.rays;
         self.stats.rays_terminated_early = totals.rays_terminated_early;
         self.stats.samples = totals.samples;
         self.stats.cells = totals.cells;
+        self.stats.cells_refined = totals.cells_refined;
+        self.stats.cells_exact = totals.cells_exact;
+        self.stats.instructions = totals.instructions;
         self.stats.macro_cells = totals.macro_cells;
         self.stats.macro_cells_skipped = totals.macro_cells_skipped;
         self.stats.gpu_bytes = totals.gpu_bytes;

@@ -6,6 +6,16 @@
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+/// Grey levels of full scale: those of an 8-bit channel.
+pub const GREY_LEVELS: f64 = 255.0;
+
+/// The greatest of some sizes, signs dropped; 0 of none. What is no number counts as infinite: `f64::max` would drop it,
+/// and every bound would hold for a picture full of NaN.
+#[must_use]
+pub fn greatest(sizes: impl IntoIterator<Item = f64>) -> f64 {
+    sizes.into_iter().map(|v| if v.is_nan() { f64::INFINITY } else { v.abs() }).fold(0.0, f64::max)
+}
+
 /// A picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image {
@@ -87,6 +97,35 @@ impl Image {
             }
         }
         Self { width, height, pixels }
+    }
+
+    /// Whether every channel of every pixel is a finite number.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.pixels.as_flattened().iter().all(|v| v.is_finite())
+    }
+
+    /// Greatest difference of a channel, grey levels of 255; infinite where either picture holds what is not finite.
+    ///
+    /// # Panics
+    /// If the pictures differ in size.
+    #[must_use]
+    pub fn distance(&self, other: &Self) -> f64 {
+        self.distance_where(other, |_| true)
+    }
+
+    /// As [`Image::distance`], over the pixels (by index) that `is_judged` keeps; what is not finite counts everywhere.
+    ///
+    /// # Panics
+    /// If the pictures differ in size.
+    #[must_use]
+    pub fn distance_where(&self, other: &Self, is_judged: impl Fn(usize) -> bool) -> f64 {
+        assert_eq!((self.width, self.height), (other.width, other.height), "sizes of two pictures to compare");
+        if !self.is_finite() || !other.is_finite() {
+            return f64::INFINITY;
+        }
+        let judged = self.pixels.iter().zip(&other.pixels).enumerate().filter(|&(i, _)| is_judged(i));
+        greatest(judged.flat_map(|(_, (p, q))| [0, 1, 2, 3].map(|c| GREY_LEVELS * f64::from((p[c] - q[c]).abs()))))
     }
 
     /// 8-bit RGB over a background: `round(255 * clamp(C + (1 - A) * background, 0, 1))`.
@@ -229,6 +268,28 @@ mod tests {
         assert!(matches!(image().write(Path::new("a.jpg"), [0.0; 3]), Err(ImageError::Format { .. })));
         let missing = Path::new("no/such/folder/a.png");
         assert!(matches!(image().write(missing, [0.0; 3]), Err(ImageError::Io { .. })));
+    }
+
+    #[test]
+    fn no_bound_holds_for_what_is_no_number() {
+        assert_eq!(greatest([0.5, -2.0]), 2.0);
+        assert_eq!(greatest([]), 0.0);
+        for position in 0..3 {
+            let mut sizes = [0.5, -2.0, 0.0];
+            sizes[position] = f64::NAN;
+            assert_eq!(greatest(sizes), f64::INFINITY, "{sizes:?}");
+        }
+        let exact = image();
+        let mut other = exact.clone();
+        other.pixels[4][1] += 1.0 / 255.0;
+        assert!((exact.distance(&other) - 1.0).abs() < 1e-5);
+        assert_eq!(exact.distance_where(&other, |i| i != 4), 0.0);
+        for wrong in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            other.pixels[4][1] = wrong;
+            assert_eq!(exact.distance(&other), f64::INFINITY);
+            assert_eq!(other.distance(&other.clone()), f64::INFINITY, "two pictures of nothing are not the same");
+            assert_eq!(other.distance_where(&exact, |i| i != 4), f64::INFINITY, "a pixel that is not judged is drawn");
+        }
     }
 
     #[test]

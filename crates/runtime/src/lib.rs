@@ -8,7 +8,7 @@
 //! - [`scene`], [`preset`]: the scene file, and what it means for a given volume;
 //! - [`camera`], [`clip`]: pixels to rays, rays to segments;
 //! - [`transfer_function`]: values to colour and opacity;
-//! - [`lod`]: how fine a brick must be;
+//! - [`lod`]: how fine a brick must be, by its size on screen and by its error;
 //! - [`raycast`]: the reference integrator and the CPU ray caster;
 //! - [`streamer`], [`cache`]: which bricks are wanted, reading and decoding them, where they are kept;
 //! - [`frame`]: the walk of one frame; the only module that knows all the others;

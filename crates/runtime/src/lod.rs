@@ -1,7 +1,11 @@
 //! How fine a brick must be: pure rules, no state.
 //!
-//! A brick of a level is fine enough when one of its voxels, at the brick's point nearest to the eye, covers at most
-//! the tolerated number of pixels. The rule looks at whole bricks, so that all rays of a picture agree about a brick.
+//! Two questions decide, and both are asked about whole bricks, so that all rays of a picture agree about a brick.
+//! [`LodRule`]: does one of its voxels, at the brick's point nearest to the eye, cover at most the tolerated number of
+//! pixels? The camera alone answers; larger voxels are never drawn. [`by_error`]: is the picture right where the brick is
+//! drawn? The table of contents and the transfer function answer; a brick that is too coarse gives way to its children.
+
+pub mod by_error;
 
 use glam::{DMat3, DVec3};
 use supervol_format::space::HALF_VOXEL;
@@ -54,6 +58,20 @@ impl LodRule {
             LodChoice::Fixed(lod) => return key.lod() <= lod,
             LodChoice::Auto { voxel_pixels } => voxel_pixels,
         };
+        let (voxel_world, pixel_world) = self.sizes(pyramid, key);
+        voxel_world <= voxel_pixels * pixel_world
+    }
+
+    /// Pixels that the longest edge of one of the brick's voxels covers where the brick is nearest to the eye; infinite
+    /// where the eye lies in the brick.
+    #[must_use]
+    pub fn voxel_pixels(&self, pyramid: &Pyramid, key: BrickKey) -> f64 {
+        let (voxel_world, pixel_world) = self.sizes(pyramid, key);
+        voxel_world / pixel_world
+    }
+
+    /// World length of the longest edge of one of the brick's voxels, and of a pixel where the brick is nearest to the eye.
+    fn sizes(&self, pyramid: &Pyramid, key: BrickKey) -> (f64, f64) {
         let scale = pyramid.level_at(key.lod()).scale;
         let m = &self.world_from_index;
         let voxel_edges = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
@@ -62,7 +80,7 @@ impl LodRule {
             Projection::Perspective { .. } => self.pixel_height * self.distance(pyramid, key),
             Projection::Orthographic { .. } => self.pixel_height,
         };
-        voxel_world <= voxel_pixels * pixel_world
+        (voxel_world, pixel_world)
     }
 
     /// World distance from the eye to the brick; exact where the grid's axes are orthogonal.

@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use supervol_format::Lod;
 
+use crate::frame::check::ErrorMeasured;
 use crate::scene::Mode;
 use crate::streamer::Streamer;
 use crate::streamer::state::{Failure, StateKind};
@@ -24,6 +25,8 @@ pub struct FrameStats {
     pub backend: &'static str,
     /// Why backend `auto` did not take a graphics device; null if it did, or was not asked.
     pub no_gpu_because: Option<String>,
+    /// Instructions that packets of rays were cast with; null where no packets were.
+    pub instructions: Option<&'static str>,
     /// Name of the graphics adapter; null without one.
     pub adapter: Option<String>,
     /// Threads that cast and decoded.
@@ -110,9 +113,13 @@ pub struct FrameStats {
     pub samples: u64,
     /// Trilinear cells crossed.
     pub cells: u64,
-    /// Macro cells walked cell by cell.
+    /// Cells of packets that one rule did not settle, and that were cut into parts.
+    pub cells_refined: u64,
+    /// Cells of packets that parts did not settle, and that were integrated by roots.
+    pub cells_exact: u64,
+    /// Macro cells walked cell by cell; rays in packets are not counted.
     pub macro_cells: u64,
-    /// Macro cells skipped.
+    /// Macro cells skipped; leaps of rays in packets.
     pub macro_cells_skipped: u64,
     /// Times a ray took a coarser brick than it wanted.
     pub fallbacks: u64,
@@ -122,12 +129,21 @@ pub struct FrameStats {
     pub bricks_failed: u64,
     /// The first failures.
     pub failures: Vec<Failure>,
-    /// The error asked for, data units or whatever the caller uses; recorded only.
+    /// The error asked for, a share of full scale. Where levels are chosen automatically it bounds what the choice of
+    /// levels does to the picture, if `bricks_without_bound` is 0.
     pub max_error_requested: f64,
-    /// Bound on |drawn level - level 0| over all bricks drawn, data units.
+    /// Bound on |drawn level - level 0| over all bricks that rays met and drew, data units: how far values are off, whether
+    /// they can be seen or not. Beside holes it holds where both levels are present. On a graphics device, bricks of one
+    /// value that no ray had to wait for are not in it.
     pub error_bound: f64,
+    /// Bricks drawn from coarser levels although nothing bounds what that does to the picture: because their voxels are
+    /// small against a pixel (`lod::by_error`, rule 3), because they stand in for finer ones, or because the level was asked
+    /// for. On a graphics device, bricks of one value are not counted.
+    pub bricks_without_bound: u64,
     /// Pieces of rays at which the reference integrator did not stand still.
     pub reference_capped_pieces: u64,
+    /// Distance from the exact picture where that was measured; null where nobody asked.
+    pub error_measured: Option<ErrorMeasured>,
 }
 
 /// Bricks of one level.
@@ -141,6 +157,8 @@ pub struct LevelStats {
     pub uniform: u64,
     /// Bricks known to show nothing.
     pub nothing: u64,
+    /// Bricks that would change the picture too much, so that finer ones are drawn.
+    pub too_coarse: u64,
     /// Bricks that failed.
     pub failed: u64,
     /// Bricks that came into the host cache.
@@ -178,6 +196,7 @@ impl FrameStats {
                     resident: states.count(lod, StateKind::InHost),
                     uniform: states.count(lod, StateKind::Uniform),
                     nothing: states.count(lod, StateKind::Nothing),
+                    too_coarse: states.count(lod, StateKind::TooCoarse),
                     failed: states.count(lod, StateKind::Failed),
                     page_ins: states.page_ins(lod),
                     bytes_read: counters.record_bytes[level],
@@ -203,5 +222,6 @@ impl FrameStats {
         self.bricks_failed = states.total(StateKind::Failed);
         self.failures = states.failures().to_vec();
         self.error_bound = counters.error_bound;
+        self.bricks_without_bound = counters.drawn_without_bound;
     }
 }

@@ -4,8 +4,11 @@
 //! in `f32` and in render values, with tables for the questions a ray caster asks millions of times.
 //! Colours are display-referred, channels in [0, 1]. `alpha` is the opacity gathered over the unit distance.
 
+pub mod intervals;
+pub mod pieces;
 pub mod render;
 
+pub use intervals::Intervals;
 pub use render::RenderTransferFunction;
 
 /// Opacities above this have the extinction of this one: an opaque alpha of 1 would need an infinite extinction.

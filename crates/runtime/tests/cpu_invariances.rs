@@ -6,11 +6,11 @@ mod support;
 
 use std::sync::Mutex;
 
-use supervol_format::{BrickKey, Lod, VoxelType};
+use supervol_format::{BrickKey, Lod, ValueRange, VoxelType};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{Skipping, cast_pass};
 use supervol_runtime::raycast::volume::{BrickView, Resident};
-use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::scene::{Mode, ResolvedScene};
 use support::{Bricked, Trickle, Volume, marschner_lobb, noise, points, scene};
 
 fn volumes() -> Vec<Volume> {
@@ -45,32 +45,103 @@ fn scenes(volume: &Volume) -> Vec<ResolvedScene> {
 
 const FINEST: LodChoice = LodChoice::Fixed(Lod(0));
 
-/// S21.
+/// Whether a trilinear cell whose corners span `low` to `high` (data values) can show anything, straight from the model.
+fn can_show(scene: &ResolvedScene, low: f64, high: f64) -> bool {
+    let tf = &scene.transfer_function;
+    let ends = || tf.classify(low).1 > 0.0 || tf.classify(high).1 > 0.0;
+    let between = || tf.points().iter().any(|p| low <= p.value && p.value <= high && p.alpha > 0.0);
+    match scene.mode {
+        Mode::Dvr => ends() || between(),
+        Mode::Iso => scene.iso.iter().any(|surface| low <= surface.value && surface.value <= high),
+        Mode::Mip | Mode::Minip | Mode::Mean | Mode::Slice => true,
+    }
+}
+
+/// The same bricks, but with the best ranges that macro cells can have: by brute force over the trilinear cells that
+/// each meets, of those that show anything; none where no cell does.
+fn with_best_ranges(volume: &Volume, scene: &ResolvedScene, core: u32) -> Bricked {
+    let mut bricked = Bricked::new(volume, core);
+    for key in bricked.pyramid.keys_of(Lod(0)) {
+        let (start, cells) = (bricked.pyramid.core_box(key).start, bricked.pyramid.macro_cells(key));
+        let best = (0..cells.iter().product::<usize>()).map(|i| {
+            let index = [i % cells[0], i / cells[0] % cells[1], i / (cells[0] * cells[1])];
+            let first: [i64; 3] = std::array::from_fn(|a| start[a] as i64 + 8 * index[a] as i64 - 1);
+            let mut range = ValueRange::EMPTY;
+            for n in 0..729 {
+                let cell = [n % 9, n / 9 % 9, n / 81];
+                let corner = |c: i64| [0, 1, 2].map(|a| first[a] + cell[a] + (c >> a & 1));
+                let corners: [f64; 8] = std::array::from_fn(|c| volume.clamped(corner(c as i64)));
+                let (low, high) = corners.iter().fold((f64::MAX, f64::MIN), |(l, h), &v| (l.min(v), h.max(v)));
+                if corners.iter().all(|v| !v.is_nan()) && can_show(scene, low, high) {
+                    range.include(low);
+                    range.include(high);
+                }
+            }
+            if range.is_empty() {
+                return [f32::INFINITY, f32::NEG_INFINITY];
+            }
+            [range.min, range.max].map(|v| bricked.map.from_container(volume.voxel_type, v))
+        });
+        let best: Vec<[f32; 2]> = best.collect();
+        bricked.bricks.get_mut(&key).expect("every key has its brick").macro_ranges = best;
+    }
+    bricked
+}
+
+/// S21. At least four fifths of what the best ranges would let the same rays skip.
 #[test]
 fn skipping_changes_no_bit_and_skips() {
-    for volume in volumes() {
-        let bricked = Bricked::new(&volume, 32);
-        for (i, scene) in scenes(&volume).iter().enumerate() {
+    let (mut could_in_all, mut whole_in_all) = (0, 0);
+    for (v, volume) in volumes().iter().enumerate() {
+        let bricked = Bricked::new(volume, 32);
+        for (i, scene) in scenes(volume).iter().enumerate() {
             let (on, counters) = bricked.render_with(scene, FINEST, Skipping::On);
             let (off, all) = bricked.render_with(scene, FINEST, Skipping::Off);
-            assert_eq!(on, off, "scene {i}");
+            assert_eq!(on, off, "volume {v}, scene {i}");
             assert_eq!(all.macro_cells_skipped, 0);
-            eprintln!("scene {i}: {} of {} macro cells skipped", counters.macro_cells_skipped, all.macro_cells);
+            let best = with_best_ranges(volume, scene, 32).render_with(scene, FINEST, Skipping::On).1;
+            // Packets leap over macro cells and count cells; single rays look at every macro cell.
+            let (skipped, could, whole) = if all.macro_cells == 0 {
+                (all.cells - counters.cells, all.cells - best.cells, all.cells)
+            } else {
+                let tiled = counters.macro_cells_skipped + counters.macro_cells;
+                assert_eq!(tiled, all.macro_cells, "volume {v}, scene {i}: the ray is tiled");
+                (counters.macro_cells_skipped, best.macro_cells_skipped, all.macro_cells)
+            };
+            eprintln!("volume {v}, scene {i}: {skipped} of {whole} skipped, {could} could be");
+            assert!(skipped * 5 >= could * 4, "volume {v}, scene {i}: {skipped} of {could} are skipped");
+            could_in_all += could;
+            whole_in_all += whole;
         }
     }
+    assert!(could_in_all * 5 > whole_in_all, "where little can be skipped, skipping it shows little");
+}
+
+/// Grey levels by which a picture may depend on the size of bricks: a quarter of what packets aim at. They compute positions
+/// in `f32` from where a ray enters a brick, and refine by what is in front of a brick (docs/decisions/006-packets.md).
+fn tolerance(scene: &ResolvedScene) -> f64 {
+    let by_packets = scene.mode == Mode::Dvr && scene.shading.is_none();
+    if by_packets { 0.125 } else { 0.0 }
 }
 
 /// S27.
 #[test]
-fn brick_size_changes_no_bit() {
+fn brick_size_changes_nothing_that_shows() {
+    let mut worst = 0.0f64;
     for volume in volumes() {
         for (i, scene) in scenes(&volume).iter().enumerate() {
             let first = Bricked::new(&volume, 16).render(scene);
             for core in [32, 64, 128] {
-                assert_eq!(Bricked::new(&volume, core).render(scene), first, "scene {i}, bricks of {core}");
+                let other = Bricked::new(&volume, core).render(scene);
+                let difference = support::difference(&other, &first);
+                worst = worst.max(difference);
+                eprintln!("scene {i}, bricks of {core}: {difference}/255");
+                assert!(difference <= tolerance(scene), "scene {i}, bricks of {core}: {difference}/255");
             }
         }
     }
+    assert!(worst > 0.0, "pictures by packets were among them");
+    eprintln!("sizes of bricks change pictures by at most {worst}/255");
 }
 
 /// S44.
@@ -109,8 +180,7 @@ fn waiting_changes_no_bit() {
         let mut passes = 0;
         loop {
             let feedback = cast_pass(&view, &frame, &mut states);
-            let waiting = states.iter().filter(|s| s.waiting.is_some()).count() as u64;
-            assert_eq!(feedback.misses.iter().map(|m| m.rays).sum::<u64>(), waiting);
+            assert_eq!(feedback.misses.iter().map(|m| m.rays).sum::<u64>(), states.waiting());
             if feedback.is_converged() {
                 break;
             }
@@ -119,7 +189,7 @@ fn waiting_changes_no_bit() {
             passes += 1;
             assert!(passes < 1000, "no progress");
         }
-        assert!(states.iter().all(|s| s.finished));
+        assert!(states.is_finished());
         assert_eq!(frame.image(&states), whole, "{capacity} bricks, {passes} passes");
     }
 }

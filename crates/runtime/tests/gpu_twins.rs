@@ -5,24 +5,27 @@ mod gpu_support;
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
+use gpu_support::compute::{Resource, run};
 use gpu_support::{F32, Random, TestVolume, gpu, marschner_lobb};
 use supervol_format::Geometry;
 use supervol_runtime::gpu::layout::SlotGrid;
 use supervol_runtime::gpu::{scene_tables, shaders};
+use supervol_runtime::image::greatest;
 use supervol_runtime::raycast::cpu::Skipping;
-use supervol_runtime::raycast::cpu::cell::{
+use supervol_runtime::raycast::scalar::cell::{
     cubic_extremes, cubic_mean, cubic_of_cell, monotone_intervals, monotone_root, trilinear,
 };
-use supervol_runtime::raycast::cpu::quadrature::{integrate_pair, opacity_of};
-use supervol_runtime::raycast::cpu::shade::{Lighting, shade};
-use supervol_runtime::raycast::gpu::GpuDevice;
+use supervol_runtime::raycast::scalar::quadrature::{
+    PAIR_LIMIT, integrate_pair, opacity_of, pair_count, shaded_pair_count,
+};
+use supervol_runtime::raycast::scalar::shade::{Lighting, shade};
 use supervol_runtime::transfer_function::RenderTransferFunction;
 use supervol_runtime::transfer_function::render::absorbance;
 
 const SEED: u64 = 20_261_120;
 const CASES: usize = 4096;
-/// Beyond this the shader says "never".
-const NEVER: f32 = 1e38;
+/// What stands for a root that is not there; in [0, 1] all roots are.
+const NO_ROOT: f32 = 2.0;
 
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -46,6 +49,8 @@ struct Outcome {
     pair: [f32; 4],
     shaded: [f32; 4],
     search: [f32; 4],
+    /// Numbers of Gauss pairs; checked by [`check_counts`].
+    counts: [f32; 4],
 }
 
 /// The same through the Rust functions.
@@ -62,7 +67,7 @@ fn outcome(case: &Case, tf: &RenderTransferFunction, lighting: &Lighting) -> Out
     let to_eye = Vec3::from_array(std::array::from_fn(|i| case.a_value[i] - case.b_u[i])).normalize();
     let shaded = shade(lighting, colors[0], Vec3::new(case.low[0], case.low[1], case.low[2]), to_eye);
     let knots = tf.knots_in(value, value + u);
-    let first = tf.knots.iter().position(|k| knots.first() == Some(k)).map_or(f32::NAN, |i| i as f32);
+    let first = tf.knots.iter().position(|k| knots.first() == Some(k)).unwrap_or(0);
     let mut intervals = [1.0; 4];
     ends.iter().enumerate().for_each(|(i, &e)| intervals[i] = e as f32);
     Outcome {
@@ -74,11 +79,37 @@ fn outcome(case: &Case, tf: &RenderTransferFunction, lighting: &Lighting) -> Out
         pair: [pair[0], pair[1], pair[2], opacity],
         shaded: [shaded[0], shaded[1], shaded[2], 0.0],
         search: [
-            monotone_root(&cubic, ends[0], ends[1], f64::from(value)).map_or(f32::MAX, |r| r as f32),
+            monotone_root(&cubic, ends[0], ends[1], f64::from(value)).map_or(NO_ROOT, |r| r as f32),
             f32::from(u8::from(tf.is_visible(value, value + u))),
-            first,
-            first + knots.len() as f32,
+            first as f32,
+            knots.len() as f32,
         ],
+        counts: [0.0; 4],
+    }
+}
+
+/// Numbers of Gauss pairs: where what is wanted is next to a whole number, rounding may decide for either.
+fn check_counts(cases: &[Case], found: &[Outcome]) {
+    const ROUNDING: f32 = 1e-5;
+    let between = |found: f32, count: &dyn Fn(f32) -> u32, what: &str| {
+        let [least, most] = [1.0 - ROUNDING, 1.0 + ROUNDING].map(|factor| count(factor) as f32);
+        assert!(least <= found && found <= most, "{what}: {found}, not {least} to {most}");
+        usize::from(least < most)
+    };
+    let mut undecided = 0;
+    for (case, found) in cases.iter().zip(found) {
+        // From next to nothing to more than the limit of pairs lets through.
+        let (change, tau) = (case.near[0] * case.near[0], 8.0 * case.near[1]);
+        undecided += between(found.counts[0], &|f| pair_count(f * change, f * tau), "pair_count");
+        let (turn, tau) = (2.0 * case.far[0], 8.0 * case.far[1]);
+        undecided += between(found.counts[1], &|f| shaded_pair_count(f * turn, f * tau), "shaded_pair_count");
+    }
+    println!("counts: {undecided} of {} next to a whole number", 2 * cases.len());
+    assert!(undecided * 50 < cases.len(), "rounding decides too often: {undecided}");
+    for i in 0..2 {
+        let most = PAIR_LIMIT as f32;
+        let all = found.iter().map(|f| f.counts[i]);
+        assert!(all.clone().any(|n| n == 1.0) && all.clone().any(|n| n == most) && all.clone().any(|n| n == 5.0));
     }
 }
 
@@ -101,54 +132,6 @@ fn cases() -> Vec<Case> {
         .collect()
 }
 
-fn run(gpu: &GpuDevice, buffers: &[(u32, &[u8], wgpu::BufferUsages)], cases: &[Case]) -> Vec<Outcome> {
-    let device = &gpu.device;
-    let make = |bytes: &[u8], usage| {
-        let buffer = gpu.buffer("twins", bytes.len() as u64, usage).expect("a buffer");
-        gpu.queue.write_buffer(&buffer, 0, bytes);
-        buffer
-    };
-    let source = wgpu::ShaderSource::Wgsl(shaders::TEST_TWINS.source().into());
-    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: None, source });
-    let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: None,
-        layout: None,
-        module: &module,
-        entry_point: Some("test_twins"),
-        compilation_options: wgpu::PipelineCompilationOptions::default(),
-        cache: None,
-    });
-    let storage = wgpu::BufferUsages::STORAGE;
-    let tables: Vec<_> = buffers.iter().map(|&(binding, bytes, usage)| (binding, make(bytes, usage))).collect();
-    let inputs = make(bytemuck::cast_slice(cases), storage);
-    let bytes = (cases.len() * size_of::<Outcome>()) as u64;
-    let outputs = gpu.buffer("outcomes", bytes, storage).expect("a buffer");
-    let read_back = gpu.read_buffer("outcomes", bytes).expect("a buffer");
-    let bind = |group: u32, buffers: &[(u32, &wgpu::Buffer)]| {
-        let entries: Vec<_> = buffers
-            .iter()
-            .map(|(binding, b)| wgpu::BindGroupEntry { binding: *binding, resource: b.as_entire_binding() })
-            .collect();
-        let layout = pipeline.get_bind_group_layout(group);
-        device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries })
-    };
-    let group_0 = bind(0, &tables.iter().map(|(binding, buffer)| (*binding, buffer)).collect::<Vec<_>>());
-    let group_1 = bind(1, &[]);
-    let group_2 = bind(2, &[(0, &inputs), (1, &outputs)]);
-    let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-    {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        pass.set_pipeline(&pipeline);
-        pass.set_bind_group(0, &group_0, &[]);
-        pass.set_bind_group(1, &group_1, &[]);
-        pass.set_bind_group(2, &group_2, &[]);
-        pass.dispatch_workgroups(cases.len().div_ceil(64) as u32, 1, 1);
-    }
-    encoder.copy_buffer_to_buffer(&outputs, 0, &read_back, 0, bytes);
-    gpu.queue.submit([encoder.finish()]);
-    gpu.read(&read_back, bytes, bytemuck::pod_collect_to_vec).expect("outcomes")
-}
-
 #[test]
 fn shader_functions_equal_their_twins() {
     let Some(gpu) = gpu() else { return };
@@ -167,38 +150,26 @@ fn shader_functions_equal_their_twins() {
     let config = scene_tables::config(&volume.gpu_volume(), &scene, &tf, Skipping::On, grids).expect("a configuration");
     let tables = scene_tables::tables(&volume.gpu_volume(), &scene).expect("tables");
     let (points, index) = (scene_tables::points(&tf), scene_tables::transfer_index(&tf));
-    let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
-    let buffers = [
-        (0, bytemuck::bytes_of(&config), uniform),
-        (1, bytemuck::bytes_of(&tables), uniform),
-        (3, bytemuck::cast_slice(&points), storage),
-        (4, bytemuck::cast_slice(&index), storage),
+    let group_0 = [
+        (0, Resource::Uniform(bytemuck::bytes_of(&config))),
+        (1, Resource::Uniform(bytemuck::bytes_of(&tables))),
+        (3, Resource::Storage(bytemuck::cast_slice(&points))),
+        (4, Resource::Storage(bytemuck::cast_slice(&index))),
     ];
     let cases = cases();
-    let found = run(&gpu, &buffers, &cases);
+    let found: Vec<Outcome> = run(&gpu, shaders::TEST_TWINS, &group_0, &cases);
+    check_counts(&cases, &found);
 
     let names = ["cubic", "intervals", "field", "rgba", "light", "pair", "shaded", "search"];
     // Roots and turning points are ill-conditioned where the cubic is flat.
     let tolerances = [2e-6, 2e-3, 2e-6, 2e-6, 4e-6, 4e-6, 2e-5, 2e-3];
-    let mut greatest = [0.0f32; 8];
-    for (case, found) in cases.iter().zip(&found) {
-        let expected = outcome(case, &tf, &lighting);
-        let (found, expected): ([[f32; 4]; 8], [[f32; 4]; 8]) = (bytemuck::cast(*found), bytemuck::cast(expected));
-        for i in 0..8 {
-            for c in 0..4 {
-                let (f, e) = (found[i][c], expected[i][c]);
-                // Where no knot is found, the first one's number means nothing.
-                let is_void = e.is_nan() || (f > NEVER && e > NEVER);
-                if !is_void {
-                    greatest[i] = greatest[i].max((f - e).abs());
-                }
-            }
-        }
-    }
-    for i in 0..8 {
-        println!("{}: {:e}", names[i], greatest[i]);
-    }
-    for i in 0..8 {
-        assert!(greatest[i] <= tolerances[i], "{}: {} exceeds {}", names[i], greatest[i], tolerances[i]);
+    let expected: Vec<Outcome> = cases.iter().map(|case| outcome(case, &tf, &lighting)).collect();
+    let numbers = |outcomes: &[Outcome]| -> Vec<[[f32; 4]; 9]> { bytemuck::pod_collect_to_vec(outcomes) };
+    let (found, expected) = (numbers(&found), numbers(&expected));
+    for (i, (name, tolerance)) in names.into_iter().zip(tolerances).enumerate() {
+        let pairs = found.iter().zip(&expected).flat_map(|(f, e)| (0..4).map(move |c| [f[i][c], e[i][c]]));
+        let worst = greatest(pairs.map(|[f, e]| f64::from(f) - f64::from(e)));
+        println!("{name}: {worst:e}");
+        assert!(worst <= tolerance, "{name}: {worst} exceeds {tolerance}");
     }
 }

@@ -3,7 +3,7 @@
 mod support;
 
 use supervol_format::VoxelType;
-use supervol_runtime::raycast::reference::render_reference;
+use supervol_runtime::raycast::reference::{ReferenceCaster, render_reference};
 use support::{Volume, points, reference, scene};
 
 /// One ray along +x through the middle of the volume, orthographic.
@@ -148,4 +148,29 @@ fn iso_sphere() {
     let pixel = shaded.pixels[32 * 65 + 32 + 12].map(f64::from);
     let cosine = (1.0 - (12.0 * 32.0 / 65.0 / 9.0f64).powi(2)).sqrt();
     assert_close(pixel[0], 0.5 * (0.5 * (0.3 + 0.7 * cosine) + 0.2 * cosine.powi(32)), 5e-3);
+}
+
+/// Pixels asked for one by one are those of the whole picture, also where a pixel has several rays.
+#[test]
+fn single_pixels_are_those_of_the_picture() {
+    let volume = Volume::new([9, 8, 7], VoxelType::F32, support::noise);
+    for samples in [1, 4] {
+        let json = format!(
+            r#"{{"camera": {{"eye": [30, -20, 18], "target": [4, 3.5, 3], "up": [0, 0, 1], "fov_y": 20}},
+                "image": {{"width": 12, "height": 9}}, "samples_per_pixel": {samples}, "transfer_function": {}}}"#,
+            points(1.0, &[(-1.0, [0.2, 0.4, 0.9], 0.0), (1.0, [1.0, 0.7, 0.1], 0.6)])
+        );
+        let scene = scene(&volume, &json);
+        let whole = reference(&volume, &scene);
+        let asked: Vec<[u32; 2]> = (0..9).flat_map(|y| (0..12).map(move |x| [x, y])).rev().collect();
+        let reference_volume = volume.reference();
+        let caster = ReferenceCaster::new(&reference_volume, &scene);
+        let found = caster.pixels(&asked, &|| ());
+        assert_eq!(caster.capped_pieces(), 0);
+        assert!(whole.pixels.iter().filter(|p| p[3] > 0.1).count() > 20, "the volume is hardly seen");
+        for ([x, y], pixel) in asked.iter().zip(&found) {
+            let expected = whole.pixels[(y * 12 + x) as usize];
+            (0..4).for_each(|c| assert_close(f64::from(pixel[c]), f64::from(expected[c]), 1e-6));
+        }
+    }
 }

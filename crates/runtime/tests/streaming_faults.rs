@@ -14,7 +14,7 @@ use supervol_runtime::frame::{LevelChoice, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
-use support::{Volume, noise, points, scene};
+use support::{Volume, difference, noise, points, scene};
 
 const CACHE_BRICKS: u64 = 5;
 
@@ -28,9 +28,13 @@ fn volume() -> Volume {
 }
 
 fn the_scene(volume: &Volume) -> ResolvedScene {
-    let tf = points(16.0, &[(0.0, [0.1, 0.2, 0.9], 0.02), (255.0, [0.9, 0.8, 0.1], 0.6)]);
     let camera = r#""eye": [120, -90, 80], "target": [23, 21, 15], "up": [0, 0, 1], "fov_y": 28"#;
-    let image = r#""image": {"width": 36, "height": 30}"#;
+    scene_seen_from(volume, camera, [36, 30])
+}
+
+fn scene_seen_from(volume: &Volume, camera: &str, [width, height]: [u32; 2]) -> ResolvedScene {
+    let tf = points(16.0, &[(0.0, [0.1, 0.2, 0.9], 0.02), (255.0, [0.9, 0.8, 0.1], 0.6)]);
+    let image = format!(r#""image": {{"width": {width}, "height": {height}}}"#);
     scene(volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "transfer_function": {tf}}}"#))
 }
 
@@ -82,6 +86,44 @@ fn a_brick_that_always_fails_is_drawn_from_its_parent_and_costs_no_other() {
         let changed = image.pixels.iter().zip(&expected.pixels).filter(|(a, b)| a != b).count();
         assert!(changed * 2 < image.pixels.len(), "{changed} pixels changed: only those that see the brick");
     }
+}
+
+/// A brick that is too coarse to be drawn is still better than nothing: it stands in for a child that has failed, or that
+/// there is no time for.
+#[test]
+fn bricks_that_are_too_coarse_stand_in_for_their_children() {
+    let volume = volume();
+    let bytes = container_bytes(&volume, 16);
+    let far = r#""eye": [360, -270, 240], "target": [23, 21, 15], "up": [0, 0, 1], "fov_y": 9.5"#;
+    let scene = scene_seen_from(&volume, far, [18, 15]);
+    let draw = |level, time_budget_ms, bad: Option<Range<u64>>, bricks| {
+        let rule = move |_, read: Range<u64>| {
+            let is_bad = bad.as_ref().is_some_and(|bad| overlaps(&read, bad));
+            if is_bad { Fault::Error } else { Fault::None }
+        };
+        let container = Arc::new(Container::from_source(Faulty::new(bytes.clone(), rule)).unwrap());
+        let options = RenderOptions { level, time_budget_ms, ..options() };
+        render_planned(&container, &scene, &options, plan(&container, &scene, bricks), 2).unwrap()
+    };
+    // Seen from here a pixel is larger than a voxel of level 1, but any error can be seen.
+    let (_, stats) = draw(LevelChoice::Auto, None, None, CACHE_BRICKS);
+    let too_coarse: u64 = stats.bricks_by_level.iter().map(|level| level.too_coarse).sum();
+    assert!(too_coarse > 0 && stats.error_bound == 0.0 && stats.bricks_without_bound == 0, "{stats:#?}");
+    assert!(stats.bricks_by_level[1..].iter().all(|level| level.page_ins == 0), "{stats:#?}");
+
+    let bad = record(&bytes, key(0, [1, 0, 1]));
+    for bricks in [1, CACHE_BRICKS, 100] {
+        let (expected, _) = draw(LevelChoice::Fixed(Lod(0)), None, Some(bad.clone()), bricks);
+        let (image, stats) = draw(LevelChoice::Auto, None, Some(bad.clone()), bricks);
+        assert!(stats.converged && stats.bricks_failed == 1 && stats.fallbacks > 0, "{stats:#?}");
+        assert!(image == expected && stats.error_bound > 0.0, "{bricks} bricks");
+        assert_eq!(stats.bricks_without_bound, 1, "the one that stands in");
+    }
+    let (expected, _) = draw(LevelChoice::Fixed(Lod(0)), Some(0), None, CACHE_BRICKS);
+    let (image, stats) = draw(LevelChoice::Auto, Some(0), None, CACHE_BRICKS);
+    assert!(!stats.converged && stats.error_bound > 0.0, "{stats:#?}");
+    // The same brick, entered and left where the bricks end that it stands in for.
+    assert!(difference(&image, &expected) < 0.5, "{}/255", difference(&image, &expected));
 }
 
 #[test]

@@ -218,7 +218,7 @@ fn measure(stored: &mut Stored<'_>, members: &[&str], method: &MethodSpec) -> Re
     let options = RenderOptions {
         level: method.level,
         skipping: method.skipping,
-        method: method.integration,
+        caster: method.integration.caster(),
         host_memory_bytes: HOST_MEMORY_BYTES,
         ..finest(method.backend)
     };

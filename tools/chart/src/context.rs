@@ -1,6 +1,8 @@
 //! What every measurement is handed: how big it may be, where it may write, whom it tells how far it is.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use supervol_format::container::ContainerError;
 use supervol_preprocess::BuildError;
@@ -60,6 +62,32 @@ impl Context<'_> {
         match self.scale {
             Scale::Full => full,
             Scale::Small => small,
+        }
+    }
+}
+
+/// Least time between two lines of one [`Pace`].
+const PACE: Duration = Duration::from_secs(2);
+
+/// Progress of something that may be over at once: says nothing in the beginning, and then a line every now and then.
+pub struct Pace<'a> {
+    say: &'a (dyn Fn(&str) + Sync),
+    last: Mutex<Instant>,
+}
+
+impl<'a> Pace<'a> {
+    /// The clock starts now.
+    #[must_use]
+    pub fn new(say: &'a (dyn Fn(&str) + Sync)) -> Self {
+        Self { say, last: Mutex::new(Instant::now()) }
+    }
+
+    /// Says a line if nothing was said for two seconds.
+    pub fn tell(&self, line: impl FnOnce() -> String) {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        if last.elapsed() >= PACE {
+            *last = Instant::now();
+            (self.say)(&line());
         }
     }
 }

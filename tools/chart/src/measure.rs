@@ -4,10 +4,9 @@
 //! Evaluator for Alternating Images") is for pictures that people look at: over black, 8 bit, 0 (same) to 1.
 
 use serde::Serialize;
+pub use supervol_runtime::image::GREY_LEVELS;
 use supervol_runtime::image::Image;
 
-/// Grey levels of full scale: those of an 8-bit channel.
-pub const GREY_LEVELS: f64 = 255.0;
 /// What pictures that should be the same may differ by, grey levels.
 pub const HALF_A_LEVEL: f64 = 0.5;
 /// The same as a share of full scale: what cannot be seen in 8-bit pictures.

@@ -11,12 +11,10 @@
 use supervol_format::Lod;
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_runtime::frame::{Backend, LevelChoice};
-use supervol_runtime::raycast::comparison::{
-    Accumulation, Classification, GradientOperator, Offset, Reconstruction, Rule, Sampling,
-};
-use supervol_runtime::raycast::cpu::Skipping;
-use supervol_runtime::raycast::method::{CellRule, Method, Pairs};
+use supervol_runtime::raycast::cpu::{Caster, Skipping};
+use supervol_runtime::raycast::scalar::{CellRule, Pairs};
 
+use crate::comparison::{Accumulation, Classification, GradientOperator, Offset, Reconstruction, Rule, Sampling};
 use crate::scenes::{Look, Shading, Shape, Storage};
 
 /// On which looks of a scene a method is measured.
@@ -28,6 +26,32 @@ pub enum On {
     Shaded,
     /// `smooth` and `smooth shaded`.
     Smooth,
+}
+
+/// How rays are integrated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Integrated {
+    /// Cell by cell, in packets where there are any.
+    Default,
+    /// Cell by cell, ray by ray.
+    Cells(CellRule),
+    /// Sample by sample, for comparison.
+    Sampled(Sampling),
+}
+
+impl Integrated {
+    /// What users get.
+    pub const DEFAULT: Self = Self::Default;
+
+    /// Who casts the rays.
+    #[must_use]
+    pub fn caster(self) -> Caster {
+        match self {
+            Self::Default => Caster::DEFAULT,
+            Self::Cells(rule) => Caster::Cells(rule),
+            Self::Sampled(sampling) => sampling.caster(),
+        }
+    }
 }
 
 /// One method with its parameters.
@@ -42,7 +66,7 @@ pub struct MethodSpec {
     /// Who casts the rays.
     pub backend: Backend,
     /// How they are integrated.
-    pub integration: Method,
+    pub integration: Integrated,
     /// From which level.
     pub level: LevelChoice,
     /// Whether what cannot be seen is left out.
@@ -64,7 +88,7 @@ impl MethodSpec {
             parameters: "density 1".into(),
             on: On::Every,
             backend: Backend::Cpu,
-            integration: Method::DEFAULT,
+            integration: Integrated::DEFAULT,
             level: LevelChoice::Auto,
             skipping: Skipping::On,
             storage: Storage::Float,
@@ -78,7 +102,7 @@ impl MethodSpec {
     }
 
     fn sampled(method: &'static str, parameters: impl Into<String>, sampling: Sampling) -> Self {
-        Self { integration: Method::Sampled(sampling), ..Self::variant(method, parameters) }
+        Self { integration: Integrated::Sampled(sampling), ..Self::variant(method, parameters) }
     }
 
     fn on(self, on: On) -> Self {
@@ -113,7 +137,7 @@ pub fn methods() -> Vec<MethodSpec> {
 }
 
 fn cells() -> Vec<MethodSpec> {
-    let rule = |pairs| Method::Cells(CellRule { pairs, ..CellRule::DEFAULT });
+    let rule = |pairs| Integrated::Cells(CellRule { pairs, ..CellRule::DEFAULT });
     let adaptive = [0.25, 0.5, 2.0, 4.0].map(|density| MethodSpec {
         integration: rule(Pairs::Adaptive { density }),
         ..MethodSpec::variant(CELLS, format!("density {density}"))
@@ -195,7 +219,7 @@ fn termination() -> Vec<MethodSpec> {
     let named = limits.map(|limit| (limit, format!("at opacity {limit}")));
     let rules = named.into_iter().chain([(f64::INFINITY, "never".into())]);
     let spec = |(termination_opacity, name): (f64, String)| MethodSpec {
-        integration: Method::Cells(CellRule { termination_opacity, ..CellRule::DEFAULT }),
+        integration: Integrated::Cells(CellRule { termination_opacity, ..CellRule::DEFAULT }),
         ..MethodSpec::variant("early ray termination", name)
     };
     rules.map(spec).collect()
@@ -244,13 +268,13 @@ mod tests {
         }
         let defaults: Vec<_> = all.iter().filter(|m| m.is_default).collect();
         assert_eq!(defaults.len(), 1);
-        assert_eq!(defaults[0].integration, Method::DEFAULT);
+        assert_eq!(defaults[0].integration, Integrated::DEFAULT);
     }
 
     #[test]
     fn methods_of_comparison_run_on_the_cpu() {
         for m in methods() {
-            assert!(m.integration == Method::DEFAULT || m.backend == Backend::Cpu, "{} {}", m.method, m.parameters);
+            assert!(m.integration == Integrated::DEFAULT || m.backend == Backend::Cpu, "{} {}", m.method, m.parameters);
         }
     }
 }

@@ -12,7 +12,7 @@ use supervol_format::{BrickKey, Container, Lod};
 use supervol_runtime::frame::{value_map, volume_facts};
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
-use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, RayState, Skipping, cast_pass};
+use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, Rays, Skipping, cast_pass};
 use supervol_runtime::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap};
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::streamer::classify::{Class, Classifier};
@@ -54,7 +54,11 @@ impl ResidentBricks {
     ) -> Result<Image, ChartError> {
         let frame = self.frame(scene, quality);
         let states = cast(view, &frame)?;
-        Ok(frame.image(&states))
+        let image = frame.image(&states);
+        if !image.is_finite() {
+            return Err(ChartError::Broken("a pixel is no number".into()));
+        }
+        Ok(image)
     }
 
     /// The frame of a scene over these bricks.
@@ -78,7 +82,7 @@ impl ResidentBricks {
 ///
 /// # Errors
 /// If a ray waits.
-pub fn cast<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame) -> Result<Vec<RayState>, ChartError> {
+pub fn cast<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame) -> Result<Rays, ChartError> {
     let mut states = frame.begin();
     let feedback = cast_pass(view, frame, &mut states);
     match feedback.misses.first() {
@@ -129,10 +133,9 @@ impl<'a> Classified<'a> {
     /// If the table of contents cannot be read.
     pub fn new(all: &'a ResidentBricks, scene: &ResolvedScene, skipping: Skipping) -> Result<Self, ChartError> {
         let container = &all.container;
+        let classifier = Classifier::new(scene, container.descriptor().voxel_type, all.map, skipping);
         // These views draw one level, whatever it shows.
-        let lod = LodChoice::Fixed(Lod::FINEST);
-        let classifier = Classifier::new(scene, container.descriptor().voxel_type, all.map, skipping, lod);
-        let class = |&key: &BrickKey| Ok((key, classifier.classify(&container.entry(key)?)));
+        let class = |&key: &BrickKey| Ok((key, classifier.classify_drawn(&container.entry(key)?)));
         Ok(Self { all, classes: all.bricks.keys().map(class).collect::<Result<_, ChartError>>()? })
     }
 }
@@ -143,7 +146,7 @@ impl BrickView for Classified<'_> {
             None => Resident::Missing,
             Some(Class::Nothing(_)) => Resident::Nothing,
             Some(&Class::Uniform(value)) => Resident::Uniform(value),
-            Some(Class::Load) => self.all.lookup(key),
+            Some(Class::Load | Class::TooCoarse) => self.all.lookup(key),
         }
     }
 }

@@ -16,8 +16,8 @@ use supervol_preprocess::source::nifti::NiftiSource;
 use supervol_preprocess::source::segy::{SegyOptions, SegySource};
 use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::source::synthetic::Synthetic;
-use supervol_runtime::raycast::comparison::reconstruction::bspline_coefficients;
 
+use crate::comparison::reconstruction::bspline_coefficients;
 use crate::context::{ChartError, Context};
 use crate::fixtures;
 use crate::volume::Point;

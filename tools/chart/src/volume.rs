@@ -134,16 +134,20 @@ impl Volume {
     /// The picture and what it cost; it must have converged without a failed brick.
     ///
     /// # Errors
-    /// If it cannot be made, or did not converge.
+    /// If it cannot be made, did not converge, or holds what is no number.
     pub fn render(
         &self,
         scene: &ResolvedScene,
         options: &RenderOptions<'_>,
     ) -> Result<(Image, FrameStats), ChartError> {
         let (image, stats) = render(&self.container, scene, options)?;
-        let is_whole = stats.converged && stats.bricks_failed == 0 && stats.gpu_anomalies == 0;
+        // A NaN in a picture would pass for no difference in many a measure.
+        let is_whole = stats.converged && stats.bricks_failed == 0 && stats.gpu_anomalies == 0 && image.is_finite();
         if !is_whole || stats.reference_capped_pieces > 0 {
-            return Err(ChartError::Broken(format!("a picture of {} did not converge: {stats:?}", self.name)));
+            return Err(ChartError::Broken(format!(
+                "a picture of {} did not converge to numbers: {stats:?}",
+                self.name
+            )));
         }
         Ok((image, stats))
     }

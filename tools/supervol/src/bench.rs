@@ -1,71 +1,232 @@
-//! `supervol bench`: what the same pictures cost here, and in other programs.
+//! `supervol bench`: what pictures cost here, and in other programs; what frames cost while the camera moves.
 
 use std::io::Write;
 use std::num::NonZero;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use clap::Args;
-use supervol_chart::peers::{self, Options, PeerOptions, report, vtk};
-use supervol_chart::{Context, Scale};
+use clap::{Args, ValueEnum};
+use supervol_chart::ledger::{self, Ledger};
+use supervol_chart::paths::{self, CameraPath};
+use supervol_chart::peers::cases::{Looks, Subject};
+use supervol_chart::peers::{self, Options, PeerOptions, Run, SameSampling, Sizes, report, vtk};
+use supervol_chart::{ChartError, Context, Scale};
+use supervol_format::Container;
+use supervol_preprocess::{BuildOptions, Existing};
 
+use crate::build::SourceArguments;
 use crate::demo::CARP;
-use crate::failure::{Failure, with_output};
-use crate::progress::announce;
+use crate::failure::{Failure, with_container, with_output};
+use crate::progress::{Reporter, announce};
+use crate::quantity;
+use crate::render::default_scene;
+
+/// Size of the program's own default picture: that of `--volume`.
+const DEFAULT_PICTURE: [u32; 2] = [800, 600];
 
 /// What to measure, and against whom.
 ///
-/// Without --peers Supervol's own pictures are measured: cost, and distance from the reference. Benches of single parts
-/// (codecs, builds, pictures) are run by `cargo bench -p supervol-benches`.
+/// Without --peers and --path Supervol's own pictures are measured: cost, and distance from the reference. Benches of
+/// single parts (codecs, builds, pictures) are run by `cargo bench -p supervol-benches`.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Draw everything with VTK's CPU ray caster, too; it is installed into a private Python environment the first time
     #[arg(long)]
     peers: bool,
+    /// Measure frames along a camera path instead: orbit, dolly, or a file (see benches/paths)
+    #[arg(long, value_name = "NAME|FILE.json", conflicts_with = "peers")]
+    path: Option<String>,
     /// Small volumes and pictures: seconds instead of minutes
     #[arg(long)]
     quick: bool,
     /// Only this scene; may be given several times
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", conflicts_with = "volume")]
     scene: Vec<String>,
-    /// Write peers.json, peers.md and the pictures into this folder
+    /// Which pictures of a scene
+    #[arg(long, value_enum, default_value = "both", conflicts_with = "volume")]
+    shading: ShadingName,
+    /// This volume instead of scenes, in the picture that `render` makes without a scene file: a container, or any file
+    /// that `build` reads
+    #[arg(long, value_name = "FILE")]
+    volume: Option<PathBuf>,
+    /// Pixels of a picture [default: 1024x768; 800x600 with --volume; 160x120 with --quick]
+    #[arg(long, value_name = "WxH", value_parser = quantity::image_size)]
+    size: Option<[u32; 2]>,
+    /// Voxels along an edge of the synthetic volumes [default: 256 or 512, by scene]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..=4096), conflicts_with = "volume")]
+    edge: Option<u64>,
+    /// Pixels at which errors are measured, drawn at random with a fixed seed [default: 1000; 300 with --quick]
+    #[arg(long, value_name = "N", conflicts_with = "path")]
+    pixels: Option<NonZero<usize>>,
+    /// Pictures that are timed after the first, fewer where they take over a minute [default: 5; 3 with --quick]
+    #[arg(long, value_name = "N", conflicts_with = "path")]
+    repeats: Option<NonZero<usize>>,
+    /// Let Supervol sample as VTK does, too
+    #[arg(long, requires = "peers")]
+    same_sampling: bool,
+    /// Most memory for Supervol's bricks, rays and pictures
+    #[arg(long, default_value = "2GiB", value_parser = quantity::bytes)]
+    host_memory: u64,
+    /// Write tables, numbers (JSON) and pictures into this folder
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Threads of either program; all processors by default
-    #[arg(long)]
-    threads: Option<NonZero<usize>>,
+    /// Append the numbers to this .csv file, or to DIR/MACHINE/DATE.csv
+    #[arg(long, value_name = "FILE.csv|DIR")]
+    record: Option<PathBuf>,
+    /// Threads of either program
+    #[arg(long, default_value = "1")]
+    threads: NonZero<usize>,
     /// The Python that makes the environment
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
     python: PathBuf,
     /// Folder of the environment; by default in the user's cache
     #[arg(long, value_name = "DIR")]
     environment: Option<PathBuf>,
+    // Last: what follows in the help would stand under its headings.
+    #[command(flatten)]
+    source: SourceArguments,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum ShadingName {
+    Both,
+    Unshaded,
+    Shaded,
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let folder = tempfile::tempdir().map_err(with_output)?;
-    let peer = match (arguments.peers, arguments.environment.clone().or_else(cached_environment)) {
-        (false, _) => None,
-        (true, Some(environment)) => Some(PeerOptions { python: arguments.python.clone(), environment }),
-        (true, None) => {
-            let message = "--peers: the user's cache folder is not known; name a folder with --environment DIR";
-            return Err(Failure::Command(message.into()));
-        }
-    };
-    let options = Options {
-        peer,
-        threads: arguments.threads.map_or_else(rayon::current_num_threads, NonZero::get),
-        carp_nifti_gz: CARP,
-        only: arguments.scene.clone(),
-    };
     let scale = if arguments.quick { Scale::Small } else { Scale::Full };
     let context = Context { scale, folder: folder.path(), say: &announce };
-    let comparison = peers::compare(&context, &options)?;
-    let command = command_line();
-    if let Some(output) = &arguments.output {
-        report::write(&comparison, &command, output)?;
+    match &arguments.path {
+        Some(path) => arguments.along(&context, path),
+        None => arguments.compare(&context),
     }
-    write!(std::io::stdout(), "{}", report::markdown(&comparison, &command)).map_err(with_output)
+}
+
+impl Arguments {
+    fn compare(&self, context: &Context<'_>) -> Result<(), Failure> {
+        let peer = match (self.peers, self.environment.clone().or_else(cached_environment)) {
+            (false, _) => None,
+            (true, Some(environment)) => Some(PeerOptions { python: self.python.clone(), environment }),
+            (true, None) => {
+                let message = "--peers: the user's cache folder is not known; name a folder with --environment DIR";
+                return Err(Failure::Command(message.into()));
+            }
+        };
+        let options = Options {
+            peer,
+            carp_nifti_gz: CARP,
+            subject: self.subject(context)?,
+            looks: self.looks(),
+            edge: self.edge,
+            run: Run {
+                threads: self.threads.get(),
+                same_sampling: if self.same_sampling { SameSampling::Yes } else { SameSampling::No },
+                sizes: self.sizes(context.scale),
+            },
+        };
+        let ledger = self.record.as_deref().map(Ledger::open).transpose()?;
+        let comparison = peers::compare(context, &options)?;
+        let command = command_line();
+        if let Some(output) = &self.output {
+            report::write(&comparison, &command, output)?;
+        }
+        keep(ledger.as_ref(), &ledger::of_comparison(&comparison))?;
+        write!(std::io::stdout(), "{}", report::markdown(&comparison, &command)).map_err(with_output)
+    }
+
+    fn along(&self, context: &Context<'_>, path: &str) -> Result<(), Failure> {
+        let path = camera_path(path)?;
+        let sizes = self.sizes(context.scale);
+        let options = paths::Options {
+            subject: self.subject(context)?,
+            looks: self.looks(),
+            edge: self.edge,
+            carp_nifti_gz: CARP,
+            threads: self.threads.get(),
+            image: sizes.image,
+            host_memory_bytes: sizes.host_memory_bytes,
+        };
+        let ledger = self.record.as_deref().map(Ledger::open).transpose()?;
+        let rides = paths::run(context, &path, &options)?;
+        let command = command_line();
+        if let Some(output) = &self.output {
+            paths::write(&path, &rides, &command, output)?;
+        }
+        keep(ledger.as_ref(), &ledger::of_rides(&path.name, &rides, options.threads, options.image))?;
+        write!(std::io::stdout(), "{}", paths::markdown(&path, &rides, &options, &command)).map_err(with_output)
+    }
+
+    fn looks(&self) -> Looks {
+        match self.shading {
+            ShadingName::Both => Looks::Both,
+            ShadingName::Unshaded => Looks::Unshaded,
+            ShadingName::Shaded => Looks::Shaded,
+        }
+    }
+
+    fn sizes(&self, scale: Scale) -> Sizes {
+        let default = Sizes::of(scale);
+        let image = match (self.size, &self.volume, scale) {
+            (Some(size), _, _) => size,
+            (None, Some(_), Scale::Full) => DEFAULT_PICTURE,
+            (None, _, _) => default.image,
+        };
+        Sizes {
+            image,
+            repeats: self.repeats.map_or(default.repeats, NonZero::get),
+            error_pixels: self.pixels.map_or(default.error_pixels, NonZero::get),
+            host_memory_bytes: self.host_memory,
+            ..default
+        }
+    }
+
+    fn subject(&self, context: &Context<'_>) -> Result<Subject, Failure> {
+        let is_container = |file: &Path| file.extension().is_some_and(|e| e == "svol");
+        if self.source.is_raw() && self.volume.as_deref().is_none_or(is_container) {
+            return Err(Failure::command(
+                "--dims and --dtype say what a raw file does not; expected one with --volume",
+            ));
+        }
+        let Some(file) = &self.volume else { return Ok(Subject::Scenes(self.scene.clone())) };
+        let path = if is_container(file) { file.clone() } else { self.built(file, context.folder)? };
+        let container = Container::open(&path).map_err(|e| with_container(&path, e))?;
+        Ok(Subject::Own { container: path, scene: Box::new(default_scene(&container)) })
+    }
+
+    /// A container of a volume file, in this folder.
+    fn built(&self, file: &Path, folder: &Path) -> Result<PathBuf, Failure> {
+        let (source, origin) = self.source.open(file, folder)?;
+        let name = file.file_stem().map_or("volume".into(), |stem| stem.to_string_lossy());
+        let path = folder.join(format!("{name}.svol"));
+        announce(&format!("building {name}, {}", source.info().dims));
+        let options = BuildOptions { existing: Existing::Replace, ..BuildOptions::default() };
+        let reporter = Reporter::over_bytes(false);
+        let built = supervol_preprocess::build(source.as_ref(), origin, &path, &options, &|p| reporter.show(p));
+        reporter.finish();
+        built?;
+        Ok(path)
+    }
+}
+
+/// Appends to the record, if there is one.
+fn keep(ledger: Option<&Ledger>, entries: &[ledger::Entry]) -> Result<(), ChartError> {
+    let Some(ledger) = ledger else { return Ok(()) };
+    ledger.append(&recorded_command(std::env::args().skip(1)), entries)?;
+    announce(&format!("{} lines appended to {}", entries.len(), ledger.file.display()));
+    Ok(())
+}
+
+/// A path that comes with the program, or one from a file.
+fn camera_path(name: &str) -> Result<CameraPath, Failure> {
+    if let Some((_, text)) = paths::BUILT_IN.iter().find(|(known, _)| *known == name) {
+        return Ok(CameraPath::from_json(text)?);
+    }
+    let known = paths::BUILT_IN.map(|(known, _)| known).join(", ");
+    let text = std::fs::read_to_string(name)
+        .map_err(|e| Failure::Command(format!("--path {name}: expected {known} or a file; cannot read it: {e}")))?;
+    CameraPath::from_json(&text).map_err(|e| Failure::Command(format!("{name}: {e}")))
 }
 
 /// Where environments are kept unless somebody says otherwise: nothing but time is lost when the folder is deleted.
@@ -76,8 +237,44 @@ fn cached_environment() -> Option<PathBuf> {
     Some(cache.join("supervol").join("peers").join(format!("{}-{}", package.name, package.version)))
 }
 
+/// Options that say where files of this machine lie, and nothing about what is measured.
+const PLACES: [&str; 5] = ["-o", "--output", "--record", "--environment", "--python"];
+
+/// A command as records keep it: without places on this machine, files by their names.
+fn recorded_command(arguments: impl Iterator<Item = String>) -> String {
+    let mut words = vec!["supervol".to_string()];
+    let mut arguments = arguments;
+    while let Some(word) = arguments.next() {
+        if PLACES.contains(&word.as_str()) {
+            arguments.next();
+            continue;
+        }
+        // The same with the value in one word: `--output=out`, `-oout`.
+        if word.starts_with("-o") || PLACES.iter().any(|option| word.starts_with(&format!("{option}="))) {
+            continue;
+        }
+        let (option, value) = word.split_once('=').map_or((None, word.as_str()), |(o, v)| (Some(o), v));
+        let name = Path::new(value).file_name().map_or(value.into(), |name| name.to_string_lossy());
+        words.push(option.map_or(name.to_string(), |option| format!("{option}={name}")));
+    }
+    words.join(" ")
+}
+
 /// This command as it was given.
 fn command_line() -> String {
     let arguments = std::env::args().skip(1);
     ["supervol".to_string()].into_iter().chain(arguments).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recorded_commands_name_no_places() {
+        let of = |text: &str| recorded_command(text.split(' ').map(String::from));
+        let given = "bench --peers -o /home/me/out --record=/r --volume /data/ct.raw --dims 5,6,7 --python python3 --quick -oout";
+        assert_eq!(of(given), "supervol bench --peers --volume ct.raw --dims 5,6,7 --quick");
+        assert_eq!(of("bench --volume=/data/ct.svol --size 80x60"), "supervol bench --volume=ct.svol --size 80x60");
+    }
 }

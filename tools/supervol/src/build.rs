@@ -2,7 +2,7 @@
 
 use std::io::Write;
 use std::num::NonZero;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use supervol_format::codec::{Codec, CodecChoice};
@@ -30,6 +30,13 @@ pub struct Arguments {
     #[command(flatten)]
     output: OutputArguments,
     #[command(flatten)]
+    source: SourceArguments,
+}
+
+/// What a volume file may not say about itself.
+#[derive(Debug, Args)]
+pub struct SourceArguments {
+    #[command(flatten)]
     raw: RawArguments,
     #[command(flatten)]
     segy: SegyArguments,
@@ -47,8 +54,8 @@ pub struct OutputArguments {
     /// How bricks are coded; auto takes what is smallest, brick by brick
     #[arg(long, default_value = "auto", value_enum)]
     codec: CodecName,
-    /// Largest error of a voxel, in data units or percent of the range; all codecs of this version are lossless
-    #[arg(long, value_name = "E|P%", value_parser = quantity::error_bound)]
+    /// Largest error of a voxel: only 0, which always holds, since every codec of this version is lossless
+    #[arg(long, value_name = "E|P%", value_parser = lossless)]
     max_error: Option<ErrorBound>,
     /// Axes that coarser levels halve
     #[arg(long, default_value = "auto", value_enum)]
@@ -135,6 +142,18 @@ fn brick_layout(text: &str) -> Result<BrickLayout, String> {
     text.parse().ok().and_then(BrickLayout::new).ok_or_else(|| format!("'{text}': expected 16, 32, 64 or 128"))
 }
 
+/// An error of 0. No codec trades accuracy for size: a bound above 0 would promise a smaller file and change nothing.
+fn lossless(text: &str) -> Result<ErrorBound, String> {
+    match quantity::error_bound(text)? {
+        exact @ (ErrorBound::Absolute(0.0) | ErrorBound::Percent(0.0)) => Ok(exact),
+        _ => Err(
+            "every codec of this version (raw, rle, zstd) is lossless, so that an error would not make the container \
+                  smaller; leave --max-error out, or give 0"
+                .into(),
+        ),
+    }
+}
+
 impl OutputArguments {
     /// What `--force` says about an output that exists.
     pub fn existing(&self) -> Existing {
@@ -203,8 +222,20 @@ impl OutputArguments {
     }
 }
 
-impl Arguments {
-    fn open_options(&self) -> Result<OpenOptions, Failure> {
+impl SourceArguments {
+    /// Whether they describe a headerless file.
+    pub fn is_raw(&self) -> bool {
+        self.raw.dims.is_some()
+    }
+
+    /// Opens a volume file of any format that is read; compressed voxels are decoded into a file in `folder`.
+    pub fn open(&self, input: &Path, folder: &Path) -> Result<(Box<dyn VolumeSource>, Source), Failure> {
+        let source = open(input, &self.open_options(folder)).map_err(supervol_preprocess::BuildError::from)?;
+        let origin = supervol_preprocess::identify(input, source.info().format)?;
+        Ok((source, origin))
+    }
+
+    fn open_options(&self, folder: &Path) -> OpenOptions {
         use supervol_preprocess::source::Endian;
         let raw = match (self.raw.dims, self.raw.dtype) {
             (Some(dims), Some(dtype)) => Some(RawOptions {
@@ -230,16 +261,14 @@ impl Arguments {
                 EndianName::Little => Endian::Little,
             }),
         };
-        // Decoded copies of compressed inputs go where the output goes: that disk has room for a volume.
-        let folder = folder_of(&self.output.output);
-        Ok(OpenOptions { raw, segy, spool: SpoolFolder::at(folder) })
+        OpenOptions { raw, segy, spool: SpoolFolder::at(folder) }
     }
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let options = arguments.open_options()?;
-    let source = open(&arguments.input, &options).map_err(supervol_preprocess::BuildError::from)?;
-    let origin = supervol_preprocess::identify(&arguments.input, source.info().format)?;
+    // Decoded copies of compressed inputs go where the output goes: that disk has room for a volume.
+    let folder = folder_of(&arguments.output.output);
+    let (source, origin) = arguments.source.open(&arguments.input, folder)?;
     arguments.output.build(source.as_ref(), origin)
 }

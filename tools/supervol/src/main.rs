@@ -43,7 +43,7 @@ enum Command {
     /// Make a picture of a container
     Render(render::Arguments),
     /// Measure pictures: cost, distance from the reference, and the same by other programs
-    Bench(bench::Arguments),
+    Bench(Box<bench::Arguments>),
     /// Build and render a real and a synthetic volume, to see that everything works
     Demo(demo::Arguments),
     /// Measure speed against accuracy, or where methods fail, and write a report

@@ -43,6 +43,11 @@ impl Reporter {
         bar("{wide_bar} {pos}/{len} rows {msg}")
     }
 
+    /// A bar over rays that are cast again.
+    pub fn over_rays() -> ProgressBar {
+        bar("check {wide_bar} {pos}/{len} pixels {eta} left")
+    }
+
     /// Shows where a build is.
     pub fn show(&self, progress: Progress) {
         match self {

@@ -63,6 +63,13 @@ pub fn dims(text: &str) -> Result<Dims, String> {
     if dims.is_valid() { Ok(dims) } else { Err(format!("'{text}': expected 1 to {} voxels on each axis", Dims::LIMIT)) }
 }
 
+/// Pixels of a picture: `1024x768`.
+pub fn image_size(text: &str) -> Result<[u32; 2], String> {
+    let number = |t: &str| t.trim().parse::<u32>().ok().filter(|n| (1..=1 << 15).contains(n));
+    let size = text.split_once('x').and_then(|(width, height)| Some([number(width)?, number(height)?]));
+    size.ok_or_else(|| format!("'{text}': expected WIDTHxHEIGHT, 1 to 32768 pixels each"))
+}
+
 /// `X,Y,Z`.
 pub fn triple(text: &str) -> Result<[f64; 3], String> {
     list(text, "numbers")
@@ -161,5 +168,7 @@ mod tests {
         assert_eq!(error_bound("1%"), Ok(ErrorBound::Percent(1.0)));
         assert!(error_bound("-1").is_err());
         assert!(dims("10,0,3").is_err() && dims("1,2").is_err());
+        assert_eq!(image_size("1024x768"), Ok([1024, 768]));
+        assert!(image_size("1024").is_err() && image_size("0x4").is_err() && image_size("4x-3").is_err());
     }
 }

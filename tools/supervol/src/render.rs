@@ -4,19 +4,26 @@ use std::io::Write;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use supervol_format::{Container, Lod};
+use supervol_runtime::frame::check::{self, CheckProgress};
 use supervol_runtime::frame::{self, Backend, LevelChoice, Progress, RenderError, RenderOptions};
 use supervol_runtime::image::ImageError;
-use supervol_runtime::raycast::cpu::Skipping;
-use supervol_runtime::raycast::method::Method;
+use supervol_runtime::raycast::cpu::simd::InstructionSet;
+use supervol_runtime::raycast::cpu::{Caster, PacketRule, Skipping};
 use supervol_runtime::scene::{DataKind, Scene, ShadingSpec};
 use supervol_runtime::stats::FrameStats;
 
 use crate::failure::{Failure, with_container, with_output};
 use crate::progress::Reporter;
 use crate::quantity::{self, ErrorBound, show_bytes};
+
+/// Rays of `--check` without a number.
+const CHECK_RAYS: &str = "1000";
+/// A check that takes no longer than this shows no progress.
+const QUIET: Duration = Duration::from_secs(1);
 
 /// What to show, how, and within what memory.
 #[derive(Debug, Args)]
@@ -32,9 +39,15 @@ pub struct Arguments {
     /// Who casts the rays
     #[arg(long, value_enum, default_value = "auto")]
     backend: BackendName,
-    /// Error of the picture that is aimed for, as a share of full scale
+    /// Largest error of any channel of any pixel that is aimed for, as a share of full scale: it sets how finely the CPU
+    /// backend integrates (0.05/255 to 16/255; unshaded dvr), and with --level auto, coarser levels are drawn only where it
+    /// allows them; 1 goes by the size of a pixel alone
     #[arg(long, value_name = "E", default_value = "0.5/255", value_parser = quantity::error_bound)]
     max_error: ErrorBound,
+    /// Instructions for packets of rays (CPU backend, unshaded dvr): avx512, avx2 or portable; by default the best that the
+    /// processor has
+    #[arg(long, value_name = "SET")]
+    instructions: Option<InstructionSet>,
     /// Complete the picture from what is there after this time; without it, it converges
     #[arg(long, value_name = "MS", value_parser = quantity::milliseconds)]
     time_budget: Option<u64>,
@@ -44,7 +57,7 @@ pub struct Arguments {
     /// Most host memory to use for bricks, rays and the picture
     #[arg(long, default_value = "512MiB", value_parser = quantity::bytes)]
     host_memory: u64,
-    /// Level of detail: auto (as fine as a pixel needs, brick by brick), or 0 for full resolution, 1, 2, ...
+    /// Level of detail: auto (as fine as --max-error and a pixel need, brick by brick), or 0 for full resolution, 1, 2, ...
     #[arg(long, default_value = "auto", value_parser = level)]
     level: LevelChoice,
     /// Leave out what cannot be seen; the picture is the same either way
@@ -56,6 +69,10 @@ pub struct Arguments {
     /// Write what happened, as JSON
     #[arg(long, value_name = "STATS.json")]
     stats: Option<PathBuf>,
+    /// Cast N rays of the picture again (1000 if no number is given) by the reference integrator, and say how far the
+    /// picture is from it; with --level auto from the exact picture of level 0. The level must fit --host-memory
+    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = CHECK_RAYS)]
+    check: Option<NonZero<u64>>,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -101,7 +118,7 @@ impl Arguments {
                 SkippingName::Off => Skipping::Off,
             },
             time_budget_ms: self.time_budget,
-            method: Method::DEFAULT,
+            caster: Caster::Packets(PacketRule { instructions: self.instructions, ..PacketRule::DEFAULT }),
             max_error,
             progress: Some(progress),
         })
@@ -129,7 +146,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         bar.set_position(u64::from(progress.rows_finished));
         bar.set_message(format!("{} read, {} rays wait", show_bytes(progress.bytes_read), progress.rays_waiting));
     };
-    let result = picture(&container, &scene, &arguments.output, &arguments.options(&on_progress)?);
+    let options = arguments.options(&on_progress)?;
+    let result = picture(&container, &scene, &arguments.output, &options, arguments.check);
     bar.finish_and_clear();
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
     if let Some(file) = &arguments.stats {
@@ -141,7 +159,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// A picture for somebody who asked for none in particular: shaded, but for amplitudes, whose layers have no surfaces.
-fn default_scene(container: &Container) -> Scene {
+pub fn default_scene(container: &Container) -> Scene {
     let seismic = frame::volume_facts(container).kind == DataKind::Seismic;
     Scene { shading: (!seismic).then(ShadingSpec::default), ..Scene::default() }
 }
@@ -152,26 +170,58 @@ fn read_scene(file: &Path) -> Result<Scene, Failure> {
     Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())))
 }
 
-/// Renders and writes one picture: what `render` and `demo` share.
+/// Renders and writes one picture, and casts `check` of its rays again: what `render` and `demo` share.
 pub fn picture(
     container: &Arc<Container>,
     scene: &Scene,
     output: &Path,
     options: &RenderOptions<'_>,
+    check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
     supervol_runtime::image::ImageFormat::from_path(output).map_err(Failure::command)?;
     let resolved = scene.resolve(&frame::volume_facts(container)).map_err(Failure::command)?;
-    let (image, stats) = frame::render(container, &resolved, options).map_err(with_render)?;
+    if check.is_some() {
+        check::check_fits(container, &resolved, options).map_err(with_render)?;
+    }
+    let (image, mut stats) = frame::render(container, &resolved, options).map_err(with_render)?;
     image.write(output, resolved.background).map_err(|error| match error {
         ImageError::Io { .. } => Failure::Machine(error.to_string()),
         other => Failure::Command(other.to_string()),
     })?;
+    if let Some(rays) = check {
+        let start = Instant::now();
+        let bar = Reporter::over_rays();
+        let progress = |CheckProgress { pixels_done, pixels }: CheckProgress| {
+            if start.elapsed() > QUIET {
+                bar.set_length(pixels);
+                bar.set_position(pixels_done);
+            }
+        };
+        let measured = check::measure_error(container, &resolved, options, &image, rays.get(), &progress);
+        bar.finish_and_clear();
+        stats.error_measured = Some(measured.map_err(|error| match with_render(error) {
+            // The picture went round what cannot be read; the reference does not.
+            Failure::Data(message) => Failure::Data(format!("--check: {message}")),
+            other => other,
+        })?);
+    }
     Ok(stats)
 }
 
 fn with_render(error: RenderError) -> Failure {
     let message = error.to_string();
     match error {
+        RenderError::CheckTooLarge { level, needed_bytes, budget_bytes, finest_that_fits } => {
+            let or_coarser = finest_that_fits
+                .map_or(String::new(), |fits| format!(", or draw and check a coarser level with --level {fits}"));
+            Failure::Command(format!(
+                "--check: level {level} needs {} for the reference integrator, but --host-memory is {}; give \
+                 --host-memory {}MiB{or_coarser}",
+                show_bytes(needed_bytes),
+                show_bytes(budget_bytes),
+                needed_bytes.div_ceil(1 << 20),
+            ))
+        }
         RenderError::Budget(_) | RenderError::ReferenceTooLarge { .. } => Failure::Command(message),
         RenderError::Container(_) => Failure::Data(message),
         _ => Failure::Machine(message),
@@ -193,6 +243,22 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
         show_bytes(stats.peak_rss_bytes),
         if stats.converged { "" } else { ", not converged" },
     )?;
+    if let Some(measured) = &stats.error_measured {
+        writeln!(
+            out,
+            "error against the exact picture of level {}, {} rays cast again, of 255 grey levels: largest {:.4}, 99.9th \
+             percentile {:.4}, mean {:+.5}{}",
+            measured.level,
+            measured.rays,
+            measured.largest_grey_levels,
+            measured.p999_grey_levels,
+            measured.mean_grey_levels,
+            match measured.capped_pieces {
+                0 => String::new(),
+                pieces => format!("; the reference did not converge on {pieces} pieces of rays"),
+            },
+        )?;
+    }
     for failure in &stats.failures {
         writeln!(out, "not readable, drawn from its parent: {}: {}", failure.brick, failure.reason)?;
     }

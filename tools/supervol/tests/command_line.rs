@@ -152,8 +152,101 @@ fn pictures_are_written_in_three_formats_with_statistics() {
     };
     let (found, expected) = (pixels(&npy), pixels(&reference));
     assert!(expected.iter().any(|v| *v > 0.1), "the vessels are in the picture");
+    assert!(found.iter().chain(&expected).all(|v| v.is_finite()), "a channel is no number");
     let worst = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(worst <= 0.5 / 255.0, "{worst}");
+}
+
+/// A scene over 48^3 voxels whose mode and image members are given.
+fn check_scene(members: &str) -> String {
+    format!(
+        r#"{{"camera": {{"eye": [150, 30, 80], "target": [24, 24, 24], "up": [0, 0, 1], "fov_y": 30}}, {members},
+            "transfer_function": {{"points": [{{"value": 40, "color": [0.2, 0.4, 1], "alpha": 0}},
+                                              {{"value": 255, "color": [1, 0.6, 0.2], "alpha": 0.4}}]}}}}"#
+    )
+}
+
+#[test]
+fn a_check_says_how_far_the_picture_is_from_the_exact_one() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "marschner-lobb", "--dims", "48,48,48", "-o", "v.svol", "--brick", "16"]);
+    std::fs::write(folder.path("s.json"), check_scene(r#""image": {"width": 40, "height": 30}"#)).expect("room");
+    let render = ["render", "v.svol", "--scene", "s.json", "-o", "p.png", "--stats", "t.json"];
+    let check_by = |backend: &str, more: &[&str]| -> (String, serde_json::Value) {
+        let printed = folder.expect(0, &[&render[..], &["--backend", backend], more].concat());
+        let stats = json(&std::fs::read_to_string(folder.path("t.json")).expect("render wrote it"));
+        (printed, stats["error_measured"].clone())
+    };
+    let check = |more: &[&str]| check_by("cpu", more);
+    let number = |measured: &serde_json::Value, key: &str| measured[key].as_f64().unwrap_or_else(|| panic!("no {key}"));
+
+    let (printed, measured) = check(&["--level", "0"]);
+    assert!(measured.is_null() && !printed.contains("error"), "nobody asked: {printed}");
+
+    let (printed, measured) = check(&["--level", "0", "--check"]);
+    assert_eq!((number(&measured, "rays"), number(&measured, "level")), (1000.0, 0.0));
+    let [largest, p999, mean] =
+        ["largest_grey_levels", "p999_grey_levels", "mean_grey_levels"].map(|key| number(&measured, key));
+    assert!(largest <= 0.5 && largest > 0.0, "{measured}");
+    assert!(p999 <= largest && mean.abs() <= p999, "{measured}");
+    for part in ["1000 rays", "level 0", "255 grey levels", "largest", "99.9th percentile", "mean"] {
+        assert!(printed.contains(part), "'{part}' is not in {printed}");
+    }
+    let figure = format!("largest {largest:.4}, 99.9th percentile {p999:.4}");
+    assert!(printed.contains(&figure), "'{figure}' is not in {printed}");
+    assert_eq!(check(&["--level", "0", "--check"]).1["largest_grey_levels"], measured["largest_grey_levels"]);
+
+    // More rays than pixels: every pixel, once.
+    assert_eq!(number(&check(&["--check", "5000", "--level", "0"]).1, "rays"), 1200.0);
+    // The picture of level 1 is exact for level 1 ...
+    let (_, of_level) = check(&["--level", "1", "--check", "200"]);
+    assert_eq!((number(&of_level, "rays"), number(&of_level, "level")), (200.0, 1.0));
+    assert!(number(&of_level, "largest_grey_levels") <= 0.5, "{of_level}");
+    // ... but levels chosen automatically stand in for level 0.
+    std::fs::write(folder.path("s.json"), check_scene(r#""image": {"width": 8, "height": 6}"#)).expect("room");
+    let (printed, automatic) = check(&["--check"]);
+    assert_eq!((number(&automatic, "rays"), number(&automatic, "level")), (48.0, 0.0));
+    assert!(number(&automatic, "largest_grey_levels") > 2.0, "levels of few voxels: {printed}");
+
+    // Four rays make a pixel.
+    let averaged = r#""image": {"width": 40, "height": 30}, "samples_per_pixel": 4"#;
+    std::fs::write(folder.path("s.json"), check_scene(averaged)).expect("room");
+    let (_, averaged) = check(&["--level", "0", "--check", "100"]);
+    assert_eq!((number(&averaged, "rays"), number(&averaged, "pixels")), (100.0, 25.0));
+    assert!(number(&averaged, "largest_grey_levels") <= 0.5, "{averaged}");
+    // The reference is the reference.
+    let exact = check_by("reference", &["--level", "0", "--check"]).1;
+    assert_eq!(number(&exact, "largest_grey_levels"), 0.0);
+}
+
+#[test]
+fn a_check_that_does_not_fit_says_what_to_do_before_anything_is_drawn() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "marschner-lobb", "--dims", "128,128,128", "-o", "v.svol", "--brick", "16"]);
+    let scene = check_scene(r#""image": {"width": 40, "height": 30}"#);
+    std::fs::write(folder.path("s.json"), scene).expect("room");
+    // 8 bytes for each of 128^3 voxels are 16 MiB.
+    let render = ["render", "v.svol", "--scene", "s.json", "-o", "p.png", "--backend", "cpu", "--host-memory", "12MiB"];
+    folder.expect(0, &render);
+    std::fs::remove_file(folder.path("p.png")).expect("render wrote it");
+    let refused = folder.expect(2, &[&render[..], &["--check"]].concat());
+    for part in ["--check", "level 0", "--host-memory 17MiB", "--level 1"] {
+        assert!(refused.contains(part), "'{part}' is not in {refused}");
+    }
+    assert!(!Path::new(&folder.path("p.png")).exists(), "a picture was drawn");
+    folder.expect(0, &[&render[..], &["--check", "50", "--level", "1"]].concat());
+    folder.expect(0, &[&render[..9], &["17MiB", "--check", "50"]].concat());
+    // A picture goes round a brick that cannot be read; the reference does not.
+    let mut bytes = std::fs::read(folder.path("v.svol")).expect("synth wrote it");
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 0xff;
+    std::fs::write(folder.path("v.svol"), &bytes).expect("room");
+    folder.expect(0, &[&render[..9], &["17MiB", "--level", "0"]].concat());
+    let unreadable = folder.expect(1, &[&render[..9], &["17MiB", "--level", "0", "--check"]].concat());
+    assert!(unreadable.contains("--check") && unreadable.contains("brick"), "{unreadable}");
+    for wrong in ["0", "-1", "many"] {
+        folder.expect(2, &[&render[..], &["--check", wrong]].concat());
+    }
 }
 
 #[test]
@@ -170,7 +263,15 @@ fn exit_codes_say_whose_fault_it_is() {
         2,
         &["build", "noise.raw", "--dims", "10,10,10", "--dtype", "u8", "-o", "a.svol", "--codec", "wavelet"],
     );
-    folder.expect(0, &["build", "noise.raw", "--dims", "10,10,10", "--dtype", "u8", "-o", "a.svol"]);
+    let build = ["build", "noise.raw", "--dims", "10,10,10", "--dtype", "u8", "-o", "a.svol"];
+    for bound in ["0.5", "1%", "1e-300"] {
+        let refused = folder.expect(2, &[&build[..], &["--max-error", bound]].concat());
+        assert!(refused.contains("--max-error") && refused.contains("lossless"), "{refused}");
+        assert!(!Path::new(&folder.path("a.svol")).exists(), "--max-error {bound} wrote a container");
+    }
+    folder.expect(2, &["synth", "vessels", "--dims", "16,16,16", "-o", "b.svol", "--max-error", "1%"]);
+    folder.expect(0, &[&build[..], &["--max-error", "0"]].concat());
+    folder.expect(0, &[&build[..], &["--max-error", "0%", "--force"]].concat());
     let mut bytes = std::fs::read(folder.path("a.svol")).expect("build wrote it");
     bytes[100] ^= 1;
     std::fs::write(folder.path("bad.svol"), &bytes).expect("a temporary folder has room");
@@ -201,6 +302,61 @@ fn bench_goes_on_without_the_peer_and_says_why_it_is_missing() {
     assert_eq!(json["peer"]["measured"], false);
     assert!(json["rows"].as_array().is_some_and(|rows| rows.iter().all(|row| row["program"] == "Supervol")));
     assert!(folder.expect(2, &["bench", "--quick", "--scene", "teapot"]).contains("teapot"));
+}
+
+#[test]
+fn bench_draws_volumes_of_ones_own_and_keeps_records() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "marschner-lobb", "--dims", "24,20,16", "-o", "own.raw"]);
+    let shape = ["--dims", "24,20,16", "--dtype", "u8", "--spacing", "1,1,2"];
+    let bench = ["bench", "--volume", "own.raw", "--size", "40x30", "--pixels", "50", "--repeats", "1", "-o", "out"];
+    let page = folder.expect(0, &[&bench[..], &shape, &["--record", "records"]].concat());
+    assert!(page.contains("| own   | default | Supervol | default (cell by cell) | 24 x 20 x 16 |"), "{page}");
+    let row = &json(&std::fs::read_to_string(folder.path("out/peers.json")).expect("bench wrote it"))["rows"][0];
+    assert!(row["from_reference"]["linf"].as_f64().is_some_and(|error| error <= 0.5), "{row}");
+    assert_eq!((row["error_pixels"].as_u64(), row["cost"]["repeats"].as_u64()), (Some(50), Some(1)));
+    assert!(folder.0.path().join("out/own-default-supervol-default.png").exists());
+
+    let only = |name: &Path| {
+        let found: Vec<_> = std::fs::read_dir(name).expect("a folder").map(|e| e.expect("an entry").path()).collect();
+        assert_eq!(found.len(), 1, "{found:?}");
+        found[0].clone()
+    };
+    let record = only(&only(&folder.0.path().join("records")));
+    let lines = |path: &Path| std::fs::read_to_string(path).expect("a record").lines().count();
+    assert_eq!(lines(&record), 2);
+    let again = record.display().to_string();
+    folder.expect(0, &[&bench[..], &shape, &["--record", &again]].concat());
+    assert_eq!(lines(&record), 3);
+
+    assert!(folder.expect(2, &["bench", "--volume", "own.raw", "--scene", "vessels"]).contains("--scene"));
+    assert!(folder.expect(2, &["bench", "--size", "40"]).contains("WIDTHxHEIGHT"));
+    assert!(folder.expect(2, &[&["bench", "--quick"][..], &shape].concat()).contains("--volume"));
+    folder.expect(1, &["bench", "--volume", "own.raw"]);
+}
+
+#[test]
+fn bench_moves_along_camera_paths() {
+    let folder = Folder::new();
+    let small = ["--quick", "--scene", "vessels", "--edge", "32", "--size", "24x18", "--shading", "unshaded"];
+    let page = folder.expect(0, &[&["bench", "--path", "orbit", "-o", "out"][..], &small].concat());
+    assert!(page.contains("| vessels | unshaded | 32 x 32 x 32 |"), "{page}");
+    let json = json(&std::fs::read_to_string(folder.path("out/path-orbit.json")).expect("bench wrote it"));
+    let frames = json["rides"][0]["frames"].as_array().expect("frames");
+    assert_eq!(frames.len(), 60);
+    for key in ["ms", "cpu_ms", "page_ins"] {
+        assert!(frames.iter().all(|frame| frame.get(key).is_some()), "a frame has no {key}");
+    }
+    for name in ["00", "30", "59"] {
+        assert!(folder.0.path().join(format!("out/vessels-unshaded-orbit-{name}.png")).exists());
+    }
+    let one = r#"{"name": "one", "what": "Stands.", "fov_y": 30, "up": [0, 0, 1],
+                  "frames": [{"eye": [3, 0, 0], "target": [0, 0, 0]}]}"#;
+    std::fs::write(folder.path("one.json"), one).expect("a temporary folder has room");
+    folder.expect(0, &[&["bench", "--path", "one.json"][..], &small].concat());
+    assert!(folder.expect(2, &["bench", "--path", "nowhere"]).contains("orbit, dolly"));
+    std::fs::write(folder.path("two.json"), one.replace("eye", "I")).expect("a temporary folder has room");
+    assert!(folder.expect(2, &["bench", "--path", "two.json"]).contains("two.json"));
 }
 
 #[test]

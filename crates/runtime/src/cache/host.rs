@@ -202,6 +202,11 @@ impl<T> HostCache<T> {
         self.budget_bytes - self.bytes
     }
 
+    /// Keys of all bricks, in no order.
+    pub fn keys(&self) -> impl Iterator<Item = BrickKey> + '_ {
+        self.bricks.keys().copied()
+    }
+
     /// Bricks held.
     #[must_use]
     pub fn len(&self) -> usize {

@@ -15,7 +15,8 @@ use supervol_format::BrickKey;
 
 use super::RenderError;
 use crate::image::Image;
-use crate::raycast::cpu::{Counters, CpuFrame, RayState, cast_pass};
+use crate::raycast::cpu::simd::InstructionSet;
+use crate::raycast::cpu::{Counters, CpuFrame, Rays, cast_pass};
 use crate::streamer::{Fetched, HostView};
 
 /// What one pass tells the frame.
@@ -42,6 +43,12 @@ pub struct CasterTotals {
     pub samples: u64,
     /// Trilinear cells crossed.
     pub cells: u64,
+    /// Cells that were cut into parts.
+    pub cells_refined: u64,
+    /// Cells that were integrated by roots.
+    pub cells_exact: u64,
+    /// Instructions of packets.
+    pub instructions: Option<&'static str>,
     /// Macro cells walked cell by cell.
     pub macro_cells: u64,
     /// Macro cells skipped.
@@ -97,7 +104,7 @@ pub trait RayCaster {
 pub struct CpuCaster {
     frame: CpuFrame,
     band: CpuFrame,
-    states: Vec<RayState>,
+    states: Rays,
     counters: Counters,
     rays: u64,
     rays_terminated_early: u64,
@@ -108,7 +115,7 @@ impl CpuCaster {
     #[must_use]
     pub fn new(frame: CpuFrame) -> Self {
         let band = frame.clone();
-        Self { frame, band, states: Vec::new(), counters: Counters::default(), rays: 0, rays_terminated_early: 0 }
+        Self { frame, band, states: Rays::default(), counters: Counters::default(), rays: 0, rays_terminated_early: 0 }
     }
 }
 
@@ -119,10 +126,10 @@ impl RayCaster for CpuCaster {
 
     fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError> {
         // Two bands' rays never exist at once: the budget has room for one.
-        self.states = Vec::new();
+        self.states = Rays::default();
         self.band = self.frame.band(pixel_rows);
         self.states = self.band.begin();
-        self.rays += self.states.len() as u64;
+        self.rays += self.band.ray_count();
         Ok(())
     }
 
@@ -142,7 +149,7 @@ impl RayCaster for CpuCaster {
     }
 
     fn image(&mut self) -> Result<Image, RenderError> {
-        self.rays_terminated_early += self.states.iter().filter(|s| s.finished && s.t < s.t_end).count() as u64;
+        self.rays_terminated_early += self.states.terminated_early();
         Ok(self.band.image(&self.states))
     }
 
@@ -152,6 +159,9 @@ impl RayCaster for CpuCaster {
             rays_terminated_early: self.rays_terminated_early,
             samples: self.counters.samples,
             cells: self.counters.cells,
+            cells_refined: self.counters.cells_refined,
+            cells_exact: self.counters.cells_exact,
+            instructions: self.frame.instructions().map(InstructionSet::name),
             macro_cells: self.counters.macro_cells,
             macro_cells_skipped: self.counters.macro_cells_skipped,
             ..CasterTotals::default()

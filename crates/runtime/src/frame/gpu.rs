@@ -102,20 +102,26 @@ fn storage(voxel_type: VoxelType) -> VoxelStorage {
 impl GpuCaster {
     /// Copies a brick of the host cache to a slot, if there is one for it.
     fn insert(&mut self, view: &HostView<'_>, key: BrickKey) -> Result<(), RenderError> {
-        if let (Resident::Brick(brick), false) = (view.lookup(key), self.renderer.is_resident(key)) {
+        if let (Resident::Brick(brick), false) = (view.stand_in(key), self.renderer.is_resident(key)) {
+            if matches!(view.lookup(key), Resident::TooCoarse) {
+                self.renderer.set_state(key, PageEntry::TooCoarse);
+            }
             // A brick for which there is no slot is missed again in the next pass.
             let (Insertion::Placed { .. } | Insertion::NoRoom) = self.renderer.insert(brick)?;
         }
         Ok(())
     }
 
+    /// Says what a brick is that has no voxels to copy.
     fn answer(&mut self, view: &HostView<'_>, key: BrickKey) {
-        match view.lookup(key) {
+        if matches!(view.lookup(key), Resident::TooCoarse) {
+            self.renderer.set_state(key, PageEntry::TooCoarse);
+        }
+        match view.stand_in(key) {
             Resident::Nothing => self.renderer.set_state(key, PageEntry::Nothing),
-            Resident::Vanished => self.renderer.set_state(key, PageEntry::Vanished),
             Resident::Uniform(value) => self.renderer.set_state(key, PageEntry::Uniform(value)),
             Resident::UseParent => self.renderer.set_state(key, PageEntry::Failed),
-            Resident::Brick(_) | Resident::Missing => {}
+            Resident::Brick(_) | Resident::Missing | Resident::TooCoarse => {}
         }
     }
 
@@ -129,11 +135,9 @@ impl GpuCaster {
             if self.renderer.is_resident(key) {
                 continue;
             }
-            match view.lookup(key) {
-                Resident::Brick(_) | Resident::Missing => self.renderer.set_state(key, PageEntry::Failed),
-                Resident::Nothing | Resident::Vanished | Resident::Uniform(_) | Resident::UseParent => {
-                    self.answer(view, key);
-                }
+            self.answer(view, key);
+            if matches!(view.stand_in(key), Resident::Brick(_) | Resident::Missing) {
+                self.renderer.set_state(key, PageEntry::Failed);
             }
         }
         Ok(())
@@ -190,6 +194,7 @@ impl RayCaster for GpuCaster {
             gpu_dispatch_ms_max: stats.dispatch_ms_max,
             adapter: Some(stats.adapter),
             upload_time: Duration::from_secs_f64(stats.upload_ms / 1e3),
+            ..CasterTotals::default()
         }
     }
 }

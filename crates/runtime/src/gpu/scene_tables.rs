@@ -12,8 +12,8 @@ use super::layout::{
     MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
 };
 use super::rays::stride_world;
-use crate::raycast::cpu::shade::Lighting;
 use crate::raycast::cpu::{Skipping, TERMINATION_OPACITY};
+use crate::raycast::scalar::shade::Lighting;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{Mode, ResolvedScene};
 use crate::transfer_function::{ALPHA_LIMIT, RenderTransferFunction};

@@ -55,8 +55,12 @@ pub const GATHER_MISSES: ShaderModule = ShaderModule {
 /// For the tests: single functions on given numbers.
 pub const TEST_TWINS: ShaderModule = ShaderModule { name: "test_twins", shared: RAY, entry: file!("test_twins.wgsl") };
 
+/// For the tests: places on rays, bricks, pages and gradients.
+pub const TEST_PLACES: ShaderModule =
+    ShaderModule { name: "test_places", shared: RAY, entry: file!("test_places.wgsl") };
+
 /// Every module there is.
-pub const ALL: [ShaderModule; 3] = [RAYCAST, GATHER_MISSES, TEST_TWINS];
+pub const ALL: [ShaderModule; 4] = [RAYCAST, GATHER_MISSES, TEST_TWINS, TEST_PLACES];
 
 impl ShaderModule {
     /// The files joined.

@@ -72,6 +72,40 @@ pub fn render_reference_counted(volume: &ReferenceVolume, scene: &ResolvedScene)
     ReferencePicture { image, capped_pieces: frame.capped_pieces.into_inner() }
 }
 
+/// Single pixels of the picture of a scene.
+pub struct ReferenceCaster<'a> {
+    frame: Frame<'a>,
+}
+
+impl<'a> ReferenceCaster<'a> {
+    /// For the picture that [`render_reference`] makes.
+    #[must_use]
+    pub fn new(volume: &'a ReferenceVolume, scene: &'a ResolvedScene) -> Self {
+        Self { frame: Frame::new(volume, scene) }
+    }
+
+    /// Pixels (column, row) of the picture, each the mean of its rays: premultiplied RGBA before the background, the bits of
+    /// the whole picture. `each` is called after each of them.
+    #[must_use]
+    pub fn pixels(&self, pixels: &[[u32; 2]], each: &(dyn Fn() + Sync)) -> Vec<[f32; 4]> {
+        let pixel = |&[x, y]: &[u32; 2]| {
+            let n = self.frame.scene.subgrid;
+            let rays = (0..n).flat_map(|j| (0..n).map(move |i| (n * x + i, n * y + j)));
+            let pixels = rays.map(|(x, y)| self.frame.pixel(x, y).map(|v| v as f32)).collect();
+            let mean = Image { width: n, height: n, pixels }.downsampled(n).pixels[0];
+            each();
+            mean
+        };
+        pixels.par_iter().map(pixel).collect()
+    }
+
+    /// Intervals that still moved at the limit of halvings, so far.
+    #[must_use]
+    pub fn capped_pieces(&self) -> u64 {
+        self.frame.capped_pieces.load(Ordering::Relaxed)
+    }
+}
+
 impl ReferenceVolume {
     /// Value of a voxel, indices clamped to the grid.
     fn voxel(&self, index: [i64; 3]) -> f64 {

@@ -5,14 +5,14 @@
 //! ray must know on which side of the iso values it is: a brick without holes whose range holds no iso value is answered
 //! as uniform, with a value on its side. `mip`, `minip` and `mean` must see every present value.
 //!
-//! A coarser level holds averages: what is visible in level 0 may have no visible value left there. Where the level is
-//! chosen brick by brick, such a brick has *vanished*, and is refused: its children are drawn instead.
+//! A coarser level holds averages, and may not show what level 0 shows. Where levels are chosen brick by brick, a brick
+//! that would change the picture too much is *too coarse* ([`crate::lod::by_error`]): its children are drawn instead.
 
 use supervol_format::container::toc::BrickEntry;
-use supervol_format::{ValueRange, VoxelType};
+use supervol_format::{BrickKey, Lod, ValueRange, VoxelType};
 
 use super::state::Emptiness;
-use crate::lod::LodChoice;
+use crate::lod::by_error::{LevelsByError, Verdict};
 use crate::raycast::cpu::Skipping;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{Mode, ResolvedScene};
@@ -27,6 +27,8 @@ pub enum Class {
     Uniform(f32),
     /// It must be read and decoded.
     Load,
+    /// It must not be drawn while its children can be.
+    TooCoarse,
 }
 
 /// Classification of bricks for one scene.
@@ -36,8 +38,8 @@ pub struct Classifier {
     map: ValueMap,
     visibility: Visibility,
     skipping: Skipping,
-    /// Whether bricks whose visible values have vanished are refused.
-    refuses_vanished: bool,
+    /// Which bricks are too coarse; `None` where a level was asked for.
+    levels: Option<LevelsByError>,
 }
 
 #[derive(Debug)]
@@ -51,15 +53,9 @@ enum Visibility {
 }
 
 impl Classifier {
-    /// Classification for a scene over a container with this voxel type and value map.
+    /// Classification for a scene over a container with this voxel type and value map. No brick is too coarse.
     #[must_use]
-    pub fn new(
-        scene: &ResolvedScene,
-        voxel_type: VoxelType,
-        map: ValueMap,
-        skipping: Skipping,
-        lod: LodChoice,
-    ) -> Self {
+    pub fn new(scene: &ResolvedScene, voxel_type: VoxelType, map: ValueMap, skipping: Skipping) -> Self {
         let visibility = match scene.mode {
             Mode::Dvr => {
                 Visibility::Classified(Box::new(RenderTransferFunction::new(&scene.transfer_function, map.shift)))
@@ -67,24 +63,49 @@ impl Classifier {
             Mode::Iso => Visibility::Iso(scene.iso.iter().map(|i| map.from_data(i.value)).collect()),
             Mode::Mip | Mode::Minip | Mode::Mean | Mode::Slice => Visibility::All,
         };
-        // Who asks for a level gets it.
-        let refuses_vanished = matches!(lod, LodChoice::Auto { .. });
-        Self { voxel_type, map, visibility, skipping, refuses_vanished }
+        Self { voxel_type, map, visibility, skipping, levels: None }
     }
 
-    /// What must be done for the brick of this entry.
+    /// The same, refusing bricks that these rules call too coarse.
     #[must_use]
-    pub fn classify(&self, entry: &BrickEntry) -> Class {
+    pub fn with_levels(self, levels: LevelsByError) -> Self {
+        Self { levels: Some(levels), ..self }
+    }
+
+    /// What must be done for the brick of this entry. `may_have_holes` is asked at most once, whether a voxel of this
+    /// brick or of a brick beneath it may be absent.
+    #[must_use]
+    pub fn classify(&self, key: BrickKey, entry: &BrickEntry, may_have_holes: impl FnOnce() -> bool) -> Class {
+        let verdict = self.levels.as_ref().map_or(Verdict::Fine, |levels| levels.verdict(key, entry));
+        match verdict {
+            Verdict::TooCoarse => Class::TooCoarse,
+            Verdict::FineWithoutHoles if may_have_holes() => Class::TooCoarse,
+            Verdict::Fine | Verdict::FineWithoutHoles => self.classify_drawn(entry),
+        }
+    }
+
+    /// Whether drawing the brick keeps the picture within the error asked for, by a bound: always for level 0, never for
+    /// a level that was asked for, nor for a brick that a rule of thumb lets pass or that stands in for a child.
+    #[must_use]
+    pub fn has_bound(&self, key: BrickKey, entry: &BrickEntry, may_have_holes: impl FnOnce() -> bool) -> bool {
+        let verdict = self.levels.as_ref().map(|levels| levels.bounded_verdict(key, entry));
+        match verdict {
+            _ if key.lod() == Lod::FINEST => true,
+            None | Some(Verdict::TooCoarse) => false,
+            Some(Verdict::Fine) => true,
+            Some(Verdict::FineWithoutHoles) => !may_have_holes(),
+        }
+    }
+
+    /// What must be done for the brick of this entry where it is drawn, however coarse it is.
+    #[must_use]
+    pub fn classify_drawn(&self, entry: &BrickEntry) -> Class {
         if entry.absent {
             return Class::Nothing(Emptiness::Absent);
         }
         let (low, high) = self.render_range(entry.range);
-        let is_invisible = !self.is_visible((low, high));
         // Whether macro cells are skipped or not: the picture is the same.
-        if self.refuses_vanished && is_invisible && self.is_visible(self.render_range(entry.range_beneath)) {
-            return Class::Nothing(Emptiness::Vanished);
-        }
-        let is_left_out = is_invisible && self.skipping == Skipping::On;
+        let is_left_out = self.skipping == Skipping::On && !self.is_visible((low, high));
         match &self.visibility {
             Visibility::Classified(_) if is_left_out => Class::Nothing(Emptiness::Invisible),
             Visibility::Iso(_) if is_left_out && !entry.has_holes => Class::Uniform(low),
@@ -111,23 +132,29 @@ impl Classifier {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lod::by_error::DataScale;
+    use crate::lod::{LodChoice, LodRule};
     use crate::scene::{DataKind, Scene, VolumeFacts};
     use supervol_format::codec::Codec;
-    use supervol_format::{Dims, Geometry};
+    use supervol_format::{BrickIndex, BrickLayout, Dims, Geometry, Pyramid};
 
-    fn classifier(json: &str, skipping: Skipping) -> Classifier {
-        let value_range = ValueRange { min: 0.0, max: 255.0 };
+    const VALUES: ValueRange = ValueRange { min: 0.0, max: 255.0 };
+
+    fn scene(json: &str) -> ResolvedScene {
         let facts = VolumeFacts {
             dims: Dims([16; 3]),
             geometry: Geometry::IDENTITY,
-            value_range,
+            value_range: VALUES,
             percentiles: vec![],
             kind: DataKind::Generic,
             has_zero_centre: false,
         };
-        let scene = Scene::from_json(json).unwrap().resolve(&facts).unwrap();
-        let map = ValueMap::for_container(VoxelType::U8, -1.0, 255.0, None, value_range);
-        Classifier::new(&scene, VoxelType::U8, map, skipping, LodChoice::Auto { voxel_pixels: 1.0 })
+        Scene::from_json(json).unwrap().resolve(&facts).unwrap()
+    }
+
+    fn classifier(json: &str, skipping: Skipping) -> Classifier {
+        let map = ValueMap::for_container(VoxelType::U8, -1.0, 255.0, None, VALUES);
+        Classifier::new(&scene(json), VoxelType::U8, map, skipping)
     }
 
     fn entry(min: f64, max: f64) -> BrickEntry {
@@ -155,41 +182,59 @@ mod tests {
             {"value": 255, "color": [1,1,1], "alpha": 1}]}"#;
         let invisible = Class::Nothing(Emptiness::Invisible);
         let dvr = classifier(&format!("{{{points}}}"), Skipping::On);
-        assert_eq!(dvr.classify(&entry(60.0, 250.0)), invisible);
-        assert_eq!(dvr.classify(&entry(50.0, 250.0)), Class::Load);
-        assert_eq!(dvr.classify(&entry(60.0, 60.0)), invisible);
-        assert_eq!(dvr.classify(&entry(5.0, 5.0)), Class::Uniform(250.0));
-        assert_eq!(classifier(&format!("{{{points}}}"), Skipping::Off).classify(&entry(60.0, 250.0)), Class::Load);
+        assert_eq!(dvr.classify_drawn(&entry(60.0, 250.0)), invisible);
+        assert_eq!(dvr.classify_drawn(&entry(50.0, 250.0)), Class::Load);
+        assert_eq!(dvr.classify_drawn(&entry(60.0, 60.0)), invisible);
+        assert_eq!(dvr.classify_drawn(&entry(5.0, 5.0)), Class::Uniform(250.0));
+        assert_eq!(
+            classifier(&format!("{{{points}}}"), Skipping::Off).classify_drawn(&entry(60.0, 250.0)),
+            Class::Load
+        );
         let iso = classifier(r#"{"mode": "iso", "iso": [{"value": 100, "color": [1,1,1]}]}"#, Skipping::On);
-        assert_eq!(iso.classify(&entry(156.0, 250.0)), Class::Uniform(5.0));
-        assert_eq!(iso.classify(&entry(155.0, 250.0)), Class::Load);
-        assert_eq!(iso.classify(&BrickEntry { has_holes: true, ..entry(156.0, 250.0) }), Class::Load);
+        assert_eq!(iso.classify_drawn(&entry(156.0, 250.0)), Class::Uniform(5.0));
+        assert_eq!(iso.classify_drawn(&entry(155.0, 250.0)), Class::Load);
+        assert_eq!(iso.classify_drawn(&BrickEntry { has_holes: true, ..entry(156.0, 250.0) }), Class::Load);
         for mode in ["mip", "minip", "mean"] {
             let all = classifier(&format!("{{\"mode\": \"{mode}\", {points}}}"), Skipping::On);
-            assert_eq!(all.classify(&entry(60.0, 250.0)), Class::Load, "{mode}");
+            assert_eq!(all.classify_drawn(&entry(60.0, 250.0)), Class::Load, "{mode}");
             let absent = entry(f64::INFINITY, f64::NEG_INFINITY);
-            assert_eq!(all.classify(&absent), Class::Nothing(Emptiness::Absent), "{mode}");
+            assert_eq!(all.classify_drawn(&absent), Class::Nothing(Emptiness::Absent), "{mode}");
         }
     }
 
-    /// S16, S18: averaging left nothing visible of what is visible beneath.
+    /// Rules that are never asked about level 0, and refuse everything else whose error may be seen.
     #[test]
-    fn bricks_whose_visible_values_have_vanished_are_refused_where_the_level_is_free() {
-        let points = r#"{"transfer_function": {"points": [{"value": 200, "color": [1,1,1], "alpha": 0},
-            {"value": 255, "color": [1,1,1], "alpha": 1}]}}"#;
-        let vanished = BrickEntry { range_beneath: ValueRange { min: 0.0, max: 255.0 }, ..entry(60.0, 250.0) };
+    fn bricks_that_are_too_coarse_are_refused_whatever_else_they_are() {
+        let points = r#""transfer_function": {"points": [{"value": 200, "color": [1,1,1], "alpha": 0},
+            {"value": 255, "color": [1,1,1], "alpha": 1}]}"#;
+        let pyramid = Pyramid::new(Dims([32; 3]), BrickLayout::new(16).unwrap(), &[[2, 2, 2]]).unwrap();
+        let (fine, coarse) = (0, 1);
+        let key = |lod| BrickKey::new(Lod(lod), BrickIndex([0; 3]));
         for skipping in [Skipping::On, Skipping::Off] {
-            let free = classifier(points, skipping);
-            assert_eq!(free.classify(&vanished), Class::Nothing(Emptiness::Vanished));
-            let uniform = BrickEntry { uniform: true, ..vanished };
-            assert_eq!(free.classify(&uniform), Class::Nothing(Emptiness::Vanished));
-            let visible = BrickEntry { range: ValueRange { min: 50.0, max: 250.0 }, ..vanished };
-            assert_eq!(free.classify(&visible), Class::Load);
-            let fixed = Classifier { refuses_vanished: false, ..free };
-            assert_ne!(fixed.classify(&vanished), Class::Nothing(Emptiness::Vanished));
+            let scene = scene(&format!("{{{points}}}"));
+            let data = DataScale {
+                pyramid: &pyramid,
+                geometry: &Geometry::IDENTITY,
+                scale: -1.0,
+                offset: 255.0,
+                value_range: VALUES,
+            };
+            let lod = LodRule::new(LodChoice::Auto { voxel_pixels: 1.0 }, &scene.camera, &Geometry::IDENTITY);
+            let levels = LevelsByError::new(&scene, &data, lod, 0.5 / 255.0);
+            let automatic = classifier(&format!("{{{points}}}"), skipping).with_levels(levels);
+            let wrong = BrickEntry { error: 40.0, ..entry(0.0, 250.0) };
+            let class = |lod, entry: &BrickEntry, holes: bool| automatic.classify(key(lod), entry, || holes);
+            assert_eq!(class(coarse, &wrong, false), Class::TooCoarse);
+            assert_eq!(class(coarse, &BrickEntry { uniform: true, ..wrong }, false), Class::TooCoarse);
+            assert_eq!(class(fine, &wrong, true), Class::Load, "nothing is finer than level 0");
+            assert_eq!(automatic.classify_drawn(&wrong), Class::Load, "where it stands in for a child");
+            let exact = BrickEntry { error: 0.0, ..wrong };
+            let has_bound = |lod, entry: &BrickEntry| automatic.has_bound(key(lod), entry, || false);
+            assert!(has_bound(fine, &wrong) && has_bound(coarse, &exact) && !has_bound(coarse, &wrong));
+            assert_eq!([true, false].map(|holes| class(coarse, &exact, holes)), [Class::TooCoarse, Class::Load]);
+            // Stored values above 55 are invisible, and so are those beneath: neither errors nor holes matter.
+            let clear = BrickEntry { error: 190.0, ..entry(60.0, 250.0) };
+            assert_eq!(class(coarse, &clear, true), automatic.classify_drawn(&clear));
         }
-        let iso = classifier(r#"{"mode": "iso", "iso": [{"value": 100, "color": [1,1,1]}]}"#, Skipping::On);
-        let vanished = BrickEntry { range_beneath: ValueRange { min: 0.0, max: 255.0 }, ..entry(156.0, 250.0) };
-        assert_eq!(iso.classify(&vanished), Class::Nothing(Emptiness::Vanished));
     }
 }

@@ -38,10 +38,12 @@ use classify::{Class, Classifier};
 use decode::Encoded;
 use io::{IoCounters, RecordRequest};
 use priority::{FrontToBack, Rank, Ranked};
-use state::{BrickState, Emptiness, StateTable};
+use state::{BrickState, StateTable};
 
 /// Bricks of the first batch that is read under a deadline, while it is not known how long they take.
 const FIRST_BATCH: usize = 8;
+/// Entries of the table of contents looked at for holes beneath a brick; where there are more, holes are taken for granted.
+const HOLE_SEARCH_LIMIT: usize = 1024;
 
 /// Why the streamer cannot go on.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -77,9 +79,9 @@ impl Room {
 pub struct Fetched {
     /// Wanted bricks that are in the host cache now, front to back; at most as many as there was room for.
     pub bricks: Vec<BrickKey>,
-    /// Wanted bricks that are nothing, uniform, or failed: there is an answer, but no brick.
+    /// Wanted bricks that are nothing, uniform, too coarse, or failed: there is an answer, but no brick.
     pub answered: Vec<BrickKey>,
-    /// Other bricks that are known to be nothing or uniform since this tick.
+    /// Other bricks that are known to be nothing, uniform or too coarse since this tick.
     pub neighbours: Vec<BrickKey>,
     /// Wanted bricks that must wait for a later tick.
     pub left: usize,
@@ -116,10 +118,10 @@ pub struct StreamCounters {
     pub decode_time: Duration,
     /// Wanted bricks that no ray wanted any more before they were begun.
     pub cancelled: u64,
-    /// Largest error bound of all bricks that rays wanted, data units.
+    /// Largest error bound of all bricks that rays drew, data units.
     pub error_bound: f64,
-    /// The same of the bricks that are kept as the fallback of all others.
-    pub kept_error: f64,
+    /// Bricks that rays drew although nothing bounds what that does to the picture.
+    pub drawn_without_bound: u64,
 }
 
 /// Makes wanted bricks resident in host memory.
@@ -134,6 +136,13 @@ pub struct Streamer {
     cache: HostCache<DecodedBrick>,
     /// Bricks that are never evicted.
     kept: KeyMap<()>,
+    /// Bricks in any state but `TooCoarse` that are too coarse all the same: they stand in for children, or were read
+    /// for another picture.
+    stand_ins: KeyMap<()>,
+    /// Bricks whose error bound has been counted in this frame.
+    drawn: KeyMap<()>,
+    /// Whether a voxel of level 0 is absent.
+    has_holes: bool,
     /// Bricks left in `Queued` by the last tick.
     queued: Vec<BrickKey>,
     /// Attempts of bricks that failed in earlier frames and may be tried again.
@@ -143,6 +152,15 @@ pub struct Streamer {
     /// First pass of this frame.
     first_pass: u64,
     counters: StreamCounters,
+}
+
+/// Why bricks are fetched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Purpose {
+    /// To be drawn, if they are fine enough.
+    Draw,
+    /// To stand in for finer bricks, however coarse they are.
+    StandIn,
 }
 
 /// A brick to be read.
@@ -172,6 +190,9 @@ impl Streamer {
             states: StateTable::new(levels),
             cache: HostCache::new(plan.cache_bytes),
             kept: KeyMap::default(),
+            stand_ins: KeyMap::default(),
+            drawn: KeyMap::default(),
+            has_holes: container.manifest().present_voxels != voxel_count(&container),
             queued: Vec::new(),
             attempts: KeyMap::default(),
             classified_pages: HashSet::new(),
@@ -184,6 +205,7 @@ impl Streamer {
     /// A new frame: bricks that failed long enough ago may be tried again.
     pub fn begin_frame(&mut self) {
         self.attempts.extend(self.states.begin_frame());
+        self.drawn.clear();
         self.begin_band();
     }
 
@@ -193,16 +215,21 @@ impl Streamer {
         self.first_pass = self.cache.pass();
     }
 
-    /// Another camera looks at the volume.
+    /// Another camera looks at the volume. Where levels are chosen by brick, it needs another classifier, too.
     pub fn set_order(&mut self, order: FrontToBack) {
         self.order = order;
     }
 
-    /// The transfer function, the mode or the iso values changed.
+    /// The transfer function, the mode or the iso values changed; or the camera, where levels are chosen by brick.
     pub fn set_classifier(&mut self, classifier: Classifier) {
         self.classifier = classifier;
         self.classified_pages.clear();
         self.states.reclassify();
+        // What is in the cache is not asked for again: whether it may be drawn is decided here.
+        let is_too_coarse = |key: &BrickKey| {
+            self.container.entry(*key).is_ok_and(|entry| self.class_of(*key, &entry) == Class::TooCoarse)
+        };
+        self.stand_ins = self.cache.keys().filter(is_too_coarse).map(|key| (key, ())).collect();
     }
 
     /// A new pass begins.
@@ -213,12 +240,29 @@ impl Streamer {
     /// What the ray caster may read in this pass.
     #[must_use]
     pub fn view(&self, on_missing: OnMissing) -> HostView<'_> {
-        HostView { states: &self.states, cache: &self.cache, on_missing }
+        HostView { states: &self.states, cache: &self.cache, stand_ins: &self.stand_ins, on_missing }
     }
 
     /// The bricks that the pass used, and how many it wanted in vain.
     pub fn note_uses(&mut self, used: &[BrickKey], missed: u64) {
         self.cache.note_uses(used, missed);
+        if self.drawn.len() > self.plan.state_limit {
+            self.drawn.clear();
+        }
+        for &key in used {
+            if self.drawn.insert(key, ()).is_none()
+                && let Ok(entry) = self.container.entry(key)
+            {
+                self.count_error(key, &entry);
+            }
+        }
+    }
+
+    fn count_error(&mut self, key: BrickKey, entry: &BrickEntry) {
+        let has_bound = self.classifier.has_bound(key, entry, || self.may_have_holes(key, entry));
+        self.counters.drawn_without_bound += u64::from(!has_bound);
+        let data_error = entry.error * self.container.descriptor().scale.abs();
+        self.counters.error_bound = self.counters.error_bound.max(data_error);
     }
 
     /// Fetches bricks that stay in the cache until the streamer is dropped: the fallback of all others.
@@ -227,11 +271,8 @@ impl Streamer {
     /// As [`Self::fetch`].
     pub fn fetch_to_keep(&mut self, keys: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
         self.kept.extend(keys.iter().map(|&key| (key, ())));
-        let drawn_error = self.counters.error_bound;
-        let fetched = self.fetch(keys, room)?;
+        let fetched = self.fetch_for(Purpose::StandIn, keys, room)?;
         self.kept.retain(|&key, ()| self.cache.get(key).is_some());
-        self.counters.kept_error = self.counters.kept_error.max(self.counters.error_bound);
-        self.counters.error_bound = drawn_error;
         Ok(fetched)
     }
 
@@ -242,8 +283,16 @@ impl Streamer {
     /// # Errors
     /// If nothing could be answered, because the bricks that stay leave no room for one more.
     pub fn fetch(&mut self, wanted: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
+        self.fetch_for(Purpose::Draw, wanted, room)
+    }
+
+    fn fetch_for(&mut self, purpose: Purpose, wanted: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
+        // A ray that wants a brick although it knows it to be too coarse wants it for a child that has failed.
+        let is_known = |key: &&BrickKey| self.states.state(**key) == BrickState::TooCoarse;
+        let wanted_to_stand_in: KeyMap<()> = wanted.iter().filter(is_known).map(|&key| (key, ())).collect();
         if self.states.forget(self.plan.state_limit) > 0 {
             self.classified_pages.clear();
+            self.stand_ins.retain(|&key, ()| self.states.state(key) != BrickState::Unknown);
         }
         let ranked = self.order.ranked(self.container.pyramid(), wanted.iter().copied());
         let Some(frontier) = ranked.first().map(|r| r.rank) else { return Ok(Fetched::default()) };
@@ -255,7 +304,8 @@ impl Streamer {
         let mut candidates = Vec::new();
         let mut loads = KeyMap::default();
         for &Ranked { rank, key } in &ranked {
-            match self.look_up(key, &mut fetched.neighbours) {
+            let purpose = if wanted_to_stand_in.contains_key(&key) { Purpose::StandIn } else { purpose };
+            match self.look_up(key, purpose, &mut fetched.neighbours) {
                 Lookup::InHost => candidates.push(Candidate { key, rank, bytes: 0 }),
                 Lookup::Answered => fetched.answered.push(key),
                 Lookup::Load(load) => {
@@ -310,16 +360,18 @@ impl Streamer {
     }
 
     /// What to do for a wanted brick; afterwards its state is decided, or it is queued.
-    fn look_up(&mut self, key: BrickKey, neighbours: &mut Vec<BrickKey>) -> Lookup {
-        match self.states.state(key) {
+    fn look_up(&mut self, key: BrickKey, purpose: Purpose, neighbours: &mut Vec<BrickKey>) -> Lookup {
+        let state = self.states.state(key);
+        match state {
             BrickState::InHost => return Lookup::InHost,
             BrickState::Nothing(_) | BrickState::Uniform(_) | BrickState::Failed { .. } => return Lookup::Answered,
-            BrickState::Unknown | BrickState::Evicted | BrickState::Queued => {}
-            state @ (BrickState::Reading | BrickState::Decoding) => {
+            BrickState::TooCoarse if purpose == Purpose::Draw => return Lookup::Answered,
+            BrickState::Unknown | BrickState::TooCoarse | BrickState::Evicted | BrickState::Queued => {}
+            BrickState::Reading | BrickState::Decoding => {
                 unreachable!("{key} is left in state {state:?} between two ticks")
             }
         }
-        let is_queued = self.states.state(key) == BrickState::Queued;
+        let is_queued = state == BrickState::Queued;
         let entry = match self.container.entry(key) {
             Ok(entry) => entry,
             Err(error) => {
@@ -330,9 +382,7 @@ impl Streamer {
                 return Lookup::Answered;
             }
         };
-        let data_error = entry.error * self.container.descriptor().scale.abs();
-        self.counters.error_bound = self.counters.error_bound.max(data_error);
-        match self.classifier.classify(&entry) {
+        match self.class_for(key, &entry, purpose) {
             Class::Load => {
                 if !is_queued {
                     self.states.queue(key);
@@ -350,10 +400,44 @@ impl Streamer {
         }
     }
 
+    /// What must be done for a wanted brick.
+    fn class_for(&mut self, key: BrickKey, entry: &BrickEntry, purpose: Purpose) -> Class {
+        let class = if self.stand_ins.contains_key(&key) { Class::TooCoarse } else { self.class_of(key, entry) };
+        // Rays do not ask for what stands in already, but for a child.
+        if class == Class::TooCoarse && (purpose == Purpose::StandIn || self.stand_ins.contains_key(&key)) {
+            self.stand_ins.insert(key, ());
+            return self.classifier.classify_drawn(entry);
+        }
+        class
+    }
+
+    fn class_of(&self, key: BrickKey, entry: &BrickEntry) -> Class {
+        self.classifier.classify(key, entry, || self.may_have_holes(key, entry))
+    }
+
+    /// Whether a voxel that this brick or a brick beneath it reaches may be absent, by their TOC entries.
+    fn may_have_holes(&self, key: BrickKey, entry: &BrickEntry) -> bool {
+        if !self.has_holes {
+            return false;
+        }
+        let mut left = vec![(key, Ok(*entry))];
+        for _ in 0..HOLE_SEARCH_LIMIT {
+            match left.pop() {
+                None => return false,
+                Some((key, Ok(entry))) if !entry.has_holes && !entry.absent => {
+                    left.extend(self.container.pyramid().children(key).map(|k| (k, self.container.entry(k))));
+                }
+                Some(_) => return true,
+            }
+        }
+        true
+    }
+
     fn enter_class(&mut self, key: BrickKey, class: Class) {
         match class {
             Class::Nothing(why) => self.states.nothing(key, why),
             Class::Uniform(value) => self.states.uniform(key, value),
+            Class::TooCoarse => self.states.too_coarse(key),
             Class::Load => {}
         }
     }
@@ -370,7 +454,7 @@ impl Streamer {
             let Some(neighbour) = self.container.pyramid().key(number) else { break };
             // An entry that cannot be read fails when a ray wants it.
             if let (BrickState::Unknown, Ok(entry)) = (self.states.state(neighbour), self.container.entry(neighbour)) {
-                let class = self.classifier.classify(&entry);
+                let class = self.class_of(neighbour, &entry);
                 self.enter_class(neighbour, class);
                 if class != Class::Load {
                     neighbours.push(neighbour);
@@ -508,6 +592,7 @@ enum Lookup {
 pub struct HostView<'a> {
     states: &'a StateTable,
     cache: &'a HostCache<DecodedBrick>,
+    stand_ins: &'a KeyMap<()>,
     on_missing: OnMissing,
 }
 
@@ -517,20 +602,41 @@ impl HostView<'_> {
     pub fn on_missing(&self) -> OnMissing {
         self.on_missing
     }
-}
 
-impl BrickView for HostView<'_> {
+    /// What is drawn of a brick that is in this state and not in the cache.
     #[inline]
-    fn lookup(&self, key: BrickKey) -> Resident<'_> {
-        if let Some(brick) = self.cache.get(key) {
-            return Resident::Brick(brick);
-        }
-        match (self.states.state(key), self.on_missing) {
-            (BrickState::Nothing(Emptiness::Vanished), _) => Resident::Vanished,
+    fn answer(&self, state: BrickState) -> Resident<'_> {
+        match (state, self.on_missing) {
             (BrickState::Nothing(_), _) => Resident::Nothing,
             (BrickState::Uniform(value), _) => Resident::Uniform(value),
             (BrickState::Failed { .. }, _) | (_, OnMissing::UseParent) => Resident::UseParent,
             (_, OnMissing::Wait) => Resident::Missing,
         }
     }
+}
+
+impl BrickView for HostView<'_> {
+    #[inline]
+    fn lookup(&self, key: BrickKey) -> Resident<'_> {
+        if !self.stand_ins.is_empty() && self.stand_ins.contains_key(&key) {
+            return Resident::TooCoarse;
+        }
+        if let Some(brick) = self.cache.get(key) {
+            return Resident::Brick(brick);
+        }
+        match self.states.state(key) {
+            BrickState::TooCoarse => Resident::TooCoarse,
+            state => self.answer(state),
+        }
+    }
+
+    #[inline]
+    fn stand_in(&self, key: BrickKey) -> Resident<'_> {
+        self.cache.get(key).map_or_else(|| self.answer(self.states.state(key)), Resident::Brick)
+    }
+}
+
+/// Voxels of level 0, absent ones included.
+fn voxel_count(container: &Container) -> u64 {
+    container.descriptor().dims().0.iter().fold(1, |product: u64, &n| product.saturating_mul(n))
 }

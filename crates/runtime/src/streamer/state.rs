@@ -1,13 +1,14 @@
 //! The state of each brick, and the only code that changes it.
 //!
 //! ```text
-//!   Unknown --> Nothing | Uniform             decided from the TOC entry, without reading the brick
-//!   Unknown --> Queued --> Reading --> Decoding --> InHost --> Evicted --> Queued ...
-//!   Unknown, Evicted, Reading, Decoding --> Failed             TOC entry, read, checksum, codec
+//!   Unknown --> Nothing | Uniform | TooCoarse     decided from the TOC entry, without reading the brick
+//!   TooCoarse --> Nothing | Uniform           the same, where the brick stands in for a child
+//!   Unknown, TooCoarse --> Queued --> Reading --> Decoding --> InHost --> Evicted --> Queued ...
+//!   Unknown, TooCoarse, Evicted, Reading, Decoding --> Failed      TOC entry, read, checksum, codec
 //!   Queued --> Unknown | Evicted              cancelled: no ray wants it any more
 //!   Failed --> Unknown                        may be tried again, in a later frame
-//!   Evicted --> Nothing | Uniform             under a new transfer function
-//!   Nothing, Uniform, Evicted --> Unknown     forgotten, or to be classified anew
+//!   Evicted --> Nothing | Uniform | TooCoarse     under a new transfer function
+//!   Nothing, Uniform, TooCoarse, Evicted --> Unknown     forgotten, or to be classified anew
 //! ```
 //!
 //! Every brick is `Unknown` until a ray wants it. A transition that the table [`ALLOWED`] does not name is a mistake of
@@ -34,8 +35,6 @@ pub enum Emptiness {
     Absent,
     /// Its values are invisible under the current transfer function or iso values.
     Invisible,
-    /// The same, but finer bricks beneath it hold visible values: averaging made them vanish. Rays go on in its children.
-    Vanished,
 }
 
 /// State of one brick.
@@ -47,6 +46,8 @@ pub enum BrickState {
     Nothing(Emptiness),
     /// One render value everywhere.
     Uniform(f32),
+    /// It would change the picture too much: rays go on in its children. Read only where it stands in for a child.
+    TooCoarse,
     /// Wanted; not yet begun.
     Queued,
     /// Its record is being read.
@@ -73,6 +74,7 @@ pub enum StateKind {
     Unknown,
     Nothing,
     Uniform,
+    TooCoarse,
     Queued,
     Reading,
     Decoding,
@@ -82,14 +84,15 @@ pub enum StateKind {
 }
 
 /// Number of [`StateKind`]s.
-pub const KINDS: usize = 9;
+pub const KINDS: usize = 10;
 
 use StateKind as K;
 
 /// The transitions that may happen, from left to right. All others are mistakes.
-pub const ALLOWED: [(StateKind, StateKind); 20] = [
+pub const ALLOWED: [(StateKind, StateKind); 27] = [
     (K::Unknown, K::Nothing),
     (K::Unknown, K::Uniform),
+    (K::Unknown, K::TooCoarse),
     (K::Unknown, K::Queued),
     (K::Unknown, K::Failed),
     (K::Queued, K::Reading),
@@ -103,17 +106,33 @@ pub const ALLOWED: [(StateKind, StateKind); 20] = [
     (K::Evicted, K::Queued),
     (K::Evicted, K::Nothing),
     (K::Evicted, K::Uniform),
+    (K::Evicted, K::TooCoarse),
     (K::Evicted, K::Failed),
     (K::Evicted, K::Unknown),
     (K::Failed, K::Unknown),
     (K::Nothing, K::Unknown),
     (K::Uniform, K::Unknown),
+    (K::TooCoarse, K::Nothing),
+    (K::TooCoarse, K::Uniform),
+    (K::TooCoarse, K::Queued),
+    (K::TooCoarse, K::Failed),
+    (K::TooCoarse, K::Unknown),
 ];
 
 impl StateKind {
     /// Every kind, in declaration order.
-    pub const ALL: [Self; KINDS] =
-        [K::Unknown, K::Nothing, K::Uniform, K::Queued, K::Reading, K::Decoding, K::InHost, K::Evicted, K::Failed];
+    pub const ALL: [Self; KINDS] = [
+        K::Unknown,
+        K::Nothing,
+        K::Uniform,
+        K::TooCoarse,
+        K::Queued,
+        K::Reading,
+        K::Decoding,
+        K::InHost,
+        K::Evicted,
+        K::Failed,
+    ];
 
     /// Name as in statistics.
     #[must_use]
@@ -122,6 +141,7 @@ impl StateKind {
             K::Unknown => "unknown",
             K::Nothing => "nothing",
             K::Uniform => "uniform",
+            K::TooCoarse => "too_coarse",
             K::Queued => "queued",
             K::Reading => "reading",
             K::Decoding => "decoding",
@@ -140,6 +160,7 @@ impl BrickState {
             Self::Unknown => K::Unknown,
             Self::Nothing(_) => K::Nothing,
             Self::Uniform(_) => K::Uniform,
+            Self::TooCoarse => K::TooCoarse,
             Self::Queued => K::Queued,
             Self::Reading => K::Reading,
             Self::Decoding => K::Decoding,
@@ -213,6 +234,11 @@ impl StateTable {
         self.enter(key, BrickState::Uniform(value));
     }
 
+    /// The rules of levels say that the brick would change the picture too much.
+    pub fn too_coarse(&mut self, key: BrickKey) {
+        self.enter(key, BrickState::TooCoarse);
+    }
+
     /// The brick is wanted and must be read.
     pub fn queue(&mut self, key: BrickKey) {
         self.enter(key, BrickState::Queued);
@@ -276,10 +302,10 @@ impl StateTable {
         retry
     }
 
-    /// The transfer function, the mode or the iso values changed: what was invisible may be visible now, and the other
-    /// way round for uniform bricks.
+    /// The transfer function, the mode, the iso values or the camera changed: what was invisible or too coarse may not be
+    /// so now, and the other way round.
     pub fn reclassify(&mut self) {
-        let decided = |r: &Record| matches!(r.state.kind(), K::Nothing | K::Uniform);
+        let decided = |r: &Record| matches!(r.state.kind(), K::Nothing | K::Uniform | K::TooCoarse);
         let keys: Vec<BrickKey> = self.records.iter().filter(|(_, r)| decided(r)).map(|(&k, _)| k).collect();
         for key in keys {
             self.enter(key, BrickState::Unknown);
@@ -304,7 +330,7 @@ impl StateTable {
         if self.records.len() <= limit {
             return 0;
         }
-        let cheap = |r: &Record| matches!(r.state.kind(), K::Nothing | K::Uniform | K::Evicted);
+        let cheap = |r: &Record| matches!(r.state.kind(), K::Nothing | K::Uniform | K::TooCoarse | K::Evicted);
         let keys: Vec<BrickKey> = self.records.iter().filter(|(_, r)| cheap(r)).map(|(&k, _)| k).collect();
         for &key in &keys {
             self.enter(key, BrickState::Unknown);
@@ -406,6 +432,7 @@ mod tests {
             K::Unknown => {}
             K::Nothing => t.nothing(k, Emptiness::Absent),
             K::Uniform => t.uniform(k, 1.0),
+            K::TooCoarse => t.too_coarse(k),
             K::Queued => t.queue(k),
             K::Reading => {
                 t.queue(k);
@@ -433,6 +460,7 @@ mod tests {
             K::Unknown => BrickState::Unknown,
             K::Nothing => BrickState::Nothing(Emptiness::Invisible),
             K::Uniform => BrickState::Uniform(0.5),
+            K::TooCoarse => BrickState::TooCoarse,
             K::Queued => BrickState::Queued,
             K::Reading => BrickState::Reading,
             K::Decoding => BrickState::Decoding,

@@ -185,8 +185,12 @@ pub fn absorbance(alpha: f32) -> f32 {
     }
 }
 
-/// The points, and one more wherever a segment passes [`ALPHA_LIMIT`].
-pub(crate) fn with_limit_points(points: &[ControlPoint]) -> Vec<ControlPoint> {
+/// The points, and one more wherever a segment passes [`ALPHA_LIMIT`], so that extinction bends only at points.
+///
+/// # Panics
+/// If there are no points.
+#[must_use]
+pub fn with_limit_points(points: &[ControlPoint]) -> Vec<ControlPoint> {
     let mut out = vec![points[0]];
     for pair in points.windows(2) {
         let (a, b) = (pair[0], pair[1]);

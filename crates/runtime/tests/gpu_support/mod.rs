@@ -2,6 +2,8 @@
 
 #![allow(dead_code, reason = "each test file uses a part")]
 
+pub mod compute;
+
 use std::collections::HashMap;
 
 use supervol_format::brick::{APRON, MACRO_CELL};
@@ -217,7 +219,7 @@ impl BrickView for TestVolume {
     fn lookup(&self, key: BrickKey) -> Resident<'_> {
         match self.states.get(&key) {
             Some(PageEntry::Nothing) => Resident::Nothing,
-            Some(PageEntry::Vanished) => Resident::Vanished,
+            Some(PageEntry::TooCoarse) => Resident::TooCoarse,
             Some(PageEntry::Uniform(value)) => Resident::Uniform(*value),
             Some(PageEntry::Failed) => Resident::UseParent,
             Some(PageEntry::Missing) | None => self.bricks.get(&key).map_or(Resident::Missing, Resident::Brick),
@@ -328,15 +330,7 @@ pub fn noise(voxel: [usize; 3]) -> f64 {
     Random(x | y << 20 | z << 40).unit()
 }
 
-/// The greatest difference of a channel, in 1/255.
+/// The greatest difference of a channel, in 1/255; infinite where a pixel is not finite.
 pub fn greatest_difference(a: &Image, b: &Image) -> f64 {
-    assert_eq!((a.width, a.height), (b.width, b.height));
-    let mut greatest = 0.0f64;
-    for (p, q) in a.pixels.iter().zip(&b.pixels) {
-        for c in 0..4 {
-            assert!(p[c].is_finite() && q[c].is_finite(), "{p:?} {q:?}");
-            greatest = greatest.max(f64::from((p[c] - q[c]).abs()) * 255.0);
-        }
-    }
-    greatest
+    a.distance(b)
 }

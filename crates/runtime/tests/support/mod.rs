@@ -83,7 +83,8 @@ impl Volume {
         }
     }
 
-    fn clamped(&self, p: [i64; 3]) -> f64 {
+    /// Value of a voxel, indices clamped to the grid; NaN is absent.
+    pub fn clamped(&self, p: [i64; 3]) -> f64 {
         let [i, j, k] = [0, 1, 2].map(|a| p[a].clamp(0, self.dims[a] as i64 - 1) as usize);
         self.values[i + self.dims[0] * (j + self.dims[1] * k)]
     }
@@ -158,7 +159,11 @@ impl Bricked {
     }
 
     pub fn render_with(&self, scene: &ResolvedScene, lod: LodChoice, skipping: Skipping) -> (Image, Counters) {
-        let frame = self.frame(scene, lod, skipping);
+        self.render_of(scene, CpuQuality { lod, skipping, ..CpuQuality::default() })
+    }
+
+    pub fn render_of(&self, scene: &ResolvedScene, quality: CpuQuality) -> (Image, Counters) {
+        let frame = self.frame_of(scene, quality);
         let mut states = frame.begin();
         let feedback = cast_pass(self, &frame, &mut states);
         assert!(feedback.is_converged());
@@ -232,12 +237,9 @@ impl BrickView for Trickle<'_> {
     }
 }
 
-/// Greatest difference of any channel, in grey levels of 255.
+/// Greatest difference of any channel, in grey levels of 255; infinite where a pixel is not finite.
 pub fn difference(a: &Image, b: &Image) -> f64 {
-    assert_eq!((a.width, a.height), (b.width, b.height));
-    assert!(a.pixels.iter().chain(&b.pixels).flatten().all(|v| v.is_finite()), "a pixel is not finite");
-    let pairs = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
-    255.0 * pairs.map(|(x, y)| f64::from((x - y).abs())).fold(0.0, f64::max)
+    a.distance(b)
 }
 
 /// The scene of a JSON text, for this volume.

@@ -5,10 +5,10 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use supervol_runtime::raycast::comparison::preintegration::{Attenuation, PreIntegration};
 use supervol_runtime::transfer_function::TransferFunction;
 
 use super::{FUNCTIONS, KNOWN, OrderRow, function};
+use crate::comparison::preintegration::{Attenuation, PreIntegration};
 use crate::context::{ChartError, Context};
 use crate::fixtures::marschner_lobb_at;
 use crate::measure::order_of;
@@ -196,7 +196,7 @@ fn errors_of_ray(field: &Field, chord: &Chord, classifiers: &[Classifier]) -> Ra
             let found = by_rules(classifier, &ends, &middles, h);
             for (rule, gathered) in found.iter().enumerate() {
                 let channels = gathered.iter().zip(exact[function]).map(|(a, b)| (a - b).abs());
-                errors[function][rung][rule] = channels.fold(0.0, f64::max);
+                errors[function][rung][rule] = supervol_runtime::image::greatest(channels);
             }
         }
     }
@@ -221,7 +221,7 @@ pub(super) fn rows(context: &Context<'_>) -> Result<Vec<OrderRow>, ChartError> {
         for (function, name) in FUNCTIONS.into_iter().enumerate() {
             for (rule, rule_name) in RULES.into_iter().enumerate() {
                 let of_set = |set: &[RayErrors], rung: usize| {
-                    set.iter().map(|ray| ray[function][rung][rule]).fold(0.0, f64::max)
+                    supervol_runtime::image::greatest(set.iter().map(|ray| ray[function][rung][rule]))
                 };
                 let (curve, spread) = over_sets(&errors, of_set);
                 let (order, samples) = known[function][rule];

@@ -74,6 +74,19 @@ fn installed_version(python: &Path, package: Package) -> Option<String> {
 /// # Errors
 /// One clause: the program cannot be started, fails (with the last line it said), or takes longer than `limit` and is ended.
 pub fn run<S: AsRef<OsStr>>(program: &Path, arguments: &[S], limit: Duration) -> Result<String, String> {
+    run_telling(program, arguments, limit, &|_| ())
+}
+
+/// The same; while the program runs, `tell` is called with the time since its start.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_telling<S: AsRef<OsStr>>(
+    program: &Path,
+    arguments: &[S],
+    limit: Duration,
+    tell: &dyn Fn(Duration),
+) -> Result<String, String> {
     let name = program.display();
     let cannot = |what: &str, e: std::io::Error| format!("{name}: {what}: {e}");
     // Files, not pipes: a program that says more than a pipe holds would wait for a reader until its limit.
@@ -92,7 +105,10 @@ pub fn run<S: AsRef<OsStr>>(program: &Path, arguments: &[S], limit: Duration) ->
                 child.kill().and_then(|()| child.wait()).map_err(|e| cannot("cannot be ended", e))?;
                 return Err(format!("{name}: not finished after {} s", limit.as_secs()));
             }
-            None => std::thread::sleep(POLL),
+            None => {
+                tell(start.elapsed());
+                std::thread::sleep(POLL);
+            }
         }
     };
     if status.success() {

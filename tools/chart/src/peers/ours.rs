@@ -8,14 +8,14 @@ use supervol_runtime::frame::caster::CpuCaster;
 use supervol_runtime::frame::{Backend, FrameWalk, RenderError, RenderOptions, cpu_frame, plan_host, streamer_for};
 use supervol_runtime::image::Image;
 use supervol_runtime::process;
-use supervol_runtime::raycast::comparison::{Rule, Sampling};
 use supervol_runtime::raycast::cpu::RayState;
-use supervol_runtime::raycast::method::Method;
 use supervol_runtime::streamer::budget::Bands;
 
 use super::cases::Case;
-use super::{Cost, Drawn, Sizes, Spread, vtk};
-use crate::context::ChartError;
+use super::{Cost, Drawn, Run, Sizes, Spread, vtk};
+use crate::comparison::{Rule, Sampling};
+use crate::context::{ChartError, Context, Pace};
+use crate::methods::Integrated;
 use crate::volume::finest;
 
 /// Name of our rows.
@@ -24,7 +24,7 @@ pub const NAME: &str = "Supervol";
 /// How Supervol samples in one row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sampler {
-    method: Method,
+    integration: Integrated,
     step_voxels: Option<f64>,
 }
 
@@ -33,9 +33,9 @@ impl Sampler {
     /// ended where the peer ends them. Offsets and arithmetic are our own.
     #[must_use]
     pub fn all(steps_voxels: &[f64]) -> Vec<Self> {
-        let default = Self { method: Method::DEFAULT, step_voxels: None };
+        let default = Self { integration: Integrated::DEFAULT, step_voxels: None };
         let sampled = steps_voxels.iter().map(|&step_voxels| Self {
-            method: Method::Sampled(Sampling {
+            integration: Integrated::Sampled(Sampling {
                 step_voxels,
                 rule: Rule::Midpoint,
                 termination_opacity: vtk::TERMINATION_OPACITY,
@@ -54,29 +54,30 @@ impl Sampler {
     }
 }
 
-/// Draws a case at both sizes; the larger one is timed.
+/// Draws a case again and again.
 ///
 /// # Errors
 /// If a picture cannot be made.
-pub fn draw(case: &Case<'_>, sampler: Sampler, sizes: Sizes, threads: usize) -> Result<Drawn, ChartError> {
+pub fn draw(context: &Context<'_>, case: &Case<'_>, sampler: Sampler, run: &Run) -> Result<Drawn, ChartError> {
+    let threads = run.threads;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|e| RenderError::Threads { threads, message: e.to_string() })?;
-    let options = RenderOptions { method: sampler.method, ..finest(Backend::Cpu) };
-    let (cost, picture) = pool.install(|| timed_pictures(case, &options, sizes))?;
-    let options = RenderOptions { threads: Some(threads), ..options };
-    let (error_picture, _) = case.built.volume.render(&case.scene(sizes.error_image)?, &options)?;
-    Ok(Drawn {
-        program: NAME,
-        sampling: sampler.name(),
-        step_voxels: sampler.step_voxels,
-        cost,
-        picture,
-        error_picture,
-    })
+    let options = RenderOptions {
+        caster: sampler.integration.caster(),
+        host_memory_bytes: run.sizes.host_memory_bytes,
+        ..finest(Backend::Cpu)
+    };
+    let (cost, picture) = pool.install(|| timed_pictures(context, case, &options, &run.sizes))?;
+    Ok(Drawn { program: NAME, sampling: sampler.name(), step_voxels: sampler.step_voxels, cost, picture })
 }
 
 /// A first picture, and as many more as are wanted, on the calling thread's pool.
-fn timed_pictures(case: &Case<'_>, options: &RenderOptions<'_>, sizes: Sizes) -> Result<(Cost, Image), ChartError> {
+fn timed_pictures(
+    context: &Context<'_>,
+    case: &Case<'_>,
+    options: &RenderOptions<'_>,
+    sizes: &Sizes,
+) -> Result<(Cost, Image), ChartError> {
     let container = &case.built.volume.container;
     let scene = case.scene(sizes.image)?;
     let plan = plan_host(container, &scene, options, size_of::<RayState>() as u64, Bands::Allowed)
@@ -91,13 +92,17 @@ fn timed_pictures(case: &Case<'_>, options: &RenderOptions<'_>, sizes: Sizes) ->
         let cpu_ms = process::cpu_time().saturating_sub(cpu).as_secs_f64() * 1e3;
         Ok((cpu_ms, wall.elapsed().as_secs_f64() * 1e3, image))
     };
-    let (first_cpu_ms, _, picture) = one()?;
+    let pace = Pace::new(context.say);
+    let (first_cpu_ms, first_ms, picture) = one()?;
+    pace.tell(|| format!("  {NAME}: first picture after {:.1} s", first_ms / 1e3));
     let (mut cpu_ms, mut wall_ms) = (Vec::new(), Vec::new());
-    for _ in 0..sizes.repeats {
+    let begun = Instant::now();
+    while cpu_ms.is_empty() || (cpu_ms.len() < sizes.repeats && begun.elapsed() < sizes.row_limit) {
         let (cpu, wall, _) = one()?;
         cpu_ms.push(cpu);
         wall_ms.push(wall);
+        pace.tell(|| format!("  {NAME}: picture {} of {}, {cpu:.0} CPU-ms", cpu_ms.len(), sizes.repeats));
     }
-    let cost = Cost { cpu: Spread::of(&cpu_ms), wall: Spread::of(&wall_ms), first_cpu_ms, cast_cpu: None };
-    Ok((cost, picture))
+    let (cpu, wall) = (Spread::of(&cpu_ms), Spread::of(&wall_ms));
+    Ok((Cost { repeats: cpu_ms.len(), cpu, wall, first_cpu_ms, cast_cpu: None }, picture))
 }

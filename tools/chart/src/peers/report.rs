@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use super::{Comparison, PeerReport, Row};
+use super::{Comparison, Levels, PeerReport, Row};
 use crate::context::ChartError;
 
 /// Seconds of a day.
@@ -35,25 +35,31 @@ pub fn write(comparison: &Comparison, command: &str, folder: &Path) -> Result<()
 #[must_use]
 pub fn markdown(comparison: &Comparison, command: &str) -> String {
     let [width, height] = comparison.image_size;
-    let [small_width, small_height] = comparison.error_image_size;
+    let threads = match comparison.threads {
+        1 => "one thread".into(),
+        n => format!("{n} threads"),
+    };
     let mut page = format!("# Supervol and its peers, {}\n\n    {command}\n\n", comparison.date);
     for line in [
-        format!("Machine: {}; {} threads for either program.", comparison.machine, comparison.threads),
+        format!("Machine: {}; {threads} for either program.", comparison.machine),
         format!("Programs: Supervol {}{}.", comparison.supervol, comparison.peer.as_ref().map_or(String::new(), peer)),
         format!(
-            "Cost: processor time of one {width} x {height} picture, all threads, median of {} (fastest to slowest) after a \
-             first one.",
-            comparison.repeats
+            "Cost: processor time of one {width} x {height} picture, all threads, median (fastest to slowest, number) of \
+             those after the first."
         ),
-        format!(
-            "Errors: grey levels of the {small_width} x {small_height} picture over black, not rounded, from the float64 reference \
-             integrator."
-        ),
-        "Ratios: the row's processor time over that of Supervol's default, and over that of Supervol sampling the same \
-         way; above 1, Supervol takes less."
+        "Errors: grey levels of any channel, not rounded, from the float64 reference integrator, at so many random pixels \
+         whose rays meet the volume."
             .into(),
+        "Ratio: the row's processor time over that of Supervol's default; above 1, Supervol takes less.".into(),
     ] {
         let _ = writeln!(page, "- {line}");
+    }
+    if comparison.rows.iter().any(|row| row.ratio_to_same_sampling.is_some()) {
+        page.push_str("- Same sampling: the same over Supervol's when it samples as the row does.\n");
+    }
+    let capped: u64 = comparison.rows.iter().map(|row| row.reference_capped_pieces).sum();
+    if capped > 0 {
+        let _ = writeln!(page, "- The reference gave up on {capped} intervals: some errors may be its own.");
     }
     page.push('\n');
     page.push_str(&table(&comparison.rows));
@@ -77,38 +83,51 @@ pub fn table(rows: &[Row]) -> String {
         "shading",
         "program",
         "sampling",
+        "voxels",
         "CPU ms",
         "wall ms",
         "first CPU ms",
         "CPU / default",
         "CPU / same sampling",
         "L-inf",
+        "99.9 %",
         "RMSE",
         "bias",
+        "pixels",
         "L-inf from default",
     ];
     let ratio = |value: f64| format!("{value:.2}");
     let line = |row: &Row| {
         let cpu = row.cost.cpu;
+        let error = |show: fn(&Levels) -> String| row.from_reference.as_ref().map_or("-".into(), show);
         [
-            row.scene.to_string(),
+            row.scene.clone(),
             row.shading.into(),
             row.program.into(),
             row.sampling.clone(),
-            format!("{:.0} ({:.0} to {:.0})", cpu.median_ms, cpu.least_ms, cpu.greatest_ms),
+            row.dims.map(|n| n.to_string()).join(" x "),
+            format!("{:.0} ({:.0} to {:.0}, {})", cpu.median_ms, cpu.least_ms, cpu.greatest_ms, row.cost.repeats),
             format!("{:.0}", row.cost.wall.median_ms),
             format!("{:.0}", row.cost.first_cpu_ms),
             ratio(row.ratio_to_default),
             row.ratio_to_same_sampling.map_or("-".into(), ratio),
-            format!("{:.2}", row.from_reference.linf),
-            format!("{:.3}", row.from_reference.rmse),
-            format!("{:+.3}", row.from_reference.bias),
+            error(|e| format!("{:.2}", e.linf)),
+            error(|e| format!("{:.2}", e.p999)),
+            error(|e| format!("{:.3}", e.rmse)),
+            error(|e| format!("{:+.3}", e.bias)),
+            row.error_pixels.to_string(),
             format!("{:.2}", row.from_default.linf),
         ]
     };
-    let cells: Vec<_> = [head.map(String::from)].into_iter().chain(rows.iter().map(line)).collect();
+    markdown_table(&head, &rows.iter().map(line).collect::<Vec<_>>())
+}
+
+/// A table whose columns are as wide as their widest cell.
+#[must_use]
+pub fn markdown_table<const N: usize>(head: &[&str; N], lines: &[[String; N]]) -> String {
+    let cells: Vec<_> = [head.map(String::from)].into_iter().chain(lines.iter().cloned()).collect();
     let width = |column: usize| cells.iter().map(|line| line[column].chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..head.len()).map(width).collect();
+    let widths: Vec<usize> = (0..N).map(width).collect();
     let mut text = String::new();
     for (i, line) in cells.iter().enumerate() {
         for (cell, width) in line.iter().zip(&widths) {

@@ -15,7 +15,15 @@ fn compare_small(options: &Options) -> Comparison {
 }
 
 fn alone() -> Options {
-    Options { peer: None, threads: 2, carp_nifti_gz: CARP, only: Vec::new() }
+    let run = Run { threads: 2, same_sampling: SameSampling::No, sizes: Sizes::of(Scale::Small) };
+    Options {
+        peer: None,
+        carp_nifti_gz: CARP,
+        subject: Subject::Scenes(Vec::new()),
+        looks: Looks::Both,
+        edge: None,
+        run,
+    }
 }
 
 #[test]
@@ -23,12 +31,14 @@ fn our_own_side_is_measured_without_a_peer() {
     let comparison = compare_small(&alone());
     assert!(comparison.peer.is_none());
     let defaults: Vec<&Row> = comparison.rows.iter().filter(|row| row.ratio_to_default == 1.0).collect();
-    let cases: Vec<_> = defaults.iter().map(|row| (row.scene, row.shading)).collect();
+    let cases: Vec<_> = defaults.iter().map(|row| (row.scene.as_str(), row.shading)).collect();
     let all = ["marschner-lobb", "vessels"].map(|scene| [(scene, "unshaded"), (scene, "shaded")]).concat();
     assert_eq!(cases, all);
     for row in defaults {
         // Half a grey level is what the default promises.
-        assert!(row.from_reference.linf <= 0.5, "{row:?}");
+        let error = row.from_reference.expect("the volume is small");
+        assert!(error.linf <= 0.5 && error.p999 <= error.linf && error.rmse <= error.p999, "{row:?}");
+        assert_eq!((row.error_pixels, row.reference_capped_pieces), (300, 0));
         assert!(row.cost.cpu.median_ms > 0.0 && row.from_default.linf == 0.0, "{row:?}");
     }
 }
@@ -37,8 +47,8 @@ fn our_own_side_is_measured_without_a_peer() {
 fn a_peer_without_python_is_said_and_the_rest_goes_on() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let nowhere = PeerOptions { python: "/nowhere/python3".into(), environment: folder.path().join("environment") };
-    let only = vec!["vessels".to_string()];
-    let comparison = compare_small(&Options { peer: Some(nowhere), only, ..alone() });
+    let subject = Subject::Scenes(vec!["vessels".into()]);
+    let comparison = compare_small(&Options { peer: Some(nowhere), subject, ..alone() });
     let peer = comparison.peer.clone().expect("the peer was asked for");
     assert!(!peer.measured && peer.versions.is_none());
     let why = peer.why_not.expect("a reason");
@@ -59,7 +69,7 @@ fn a_peer_without_python_is_said_and_the_rest_goes_on() {
 fn a_scene_that_is_none_is_a_wrong_command() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
-    let error = compare(&context, &Options { only: vec!["teapot".into()], ..alone() }).err();
+    let error = compare(&context, &Options { subject: Subject::Scenes(vec!["teapot".into()]), ..alone() }).err();
     assert!(matches!(&error, Some(ChartError::Command(text)) if text.contains("teapot") && text.contains("vessels")));
 }
 

@@ -5,7 +5,8 @@
 //! - samples are points a fixed distance apart, opacity corrected by a table, everything in 15-bit fixed point;
 //! - gradients are central differences at the voxels, rounded to a table of directions, made once per volume (in the first
 //!   picture); highlights use the camera's direction instead of each ray's;
-//! - a ray ends when its opacity reaches [`TERMINATION_OPACITY`], which may cost two grey levels.
+//! - a ray ends when its opacity reaches [`TERMINATION_OPACITY`], which may cost two grey levels;
+//! - it knows no absent voxels: volumes that have some are not compared.
 //!
 //! Nothing it says is trusted: sizes of pictures and lists are checked.
 
@@ -13,13 +14,16 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
-use serde_json::json;
+use serde_json::{Value, json};
+use supervol_runtime::camera::Projection;
 use supervol_runtime::image::Image;
+use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::transfer_function::ControlPoint;
 
 use super::cases::Case;
 use super::environment::{self, Package};
-use super::{Cost, Drawn, PeerOptions, PeerReport, Sizes, Spread};
-use crate::context::{ChartError, Context};
+use super::{Cost, Drawn, PeerOptions, PeerReport, Run, Spread};
+use crate::context::{ChartError, Context, Pace};
 
 /// Name of the peer's rows.
 pub const NAME: &str = "VTK";
@@ -77,22 +81,20 @@ impl Peer {
     ///
     /// # Errors
     /// If the job cannot be written.
-    pub fn draw(
-        &mut self,
-        context: &Context<'_>,
-        case: &Case<'_>,
-        sizes: Sizes,
-        threads: usize,
-    ) -> Result<Vec<Drawn>, ChartError> {
+    pub fn draw(&mut self, context: &Context<'_>, case: &Case<'_>, run: &Run) -> Result<Vec<Drawn>, ChartError> {
         let Some(python) = self.python.clone() else { return Ok(Vec::new()) };
-        let job = Job::write(context.folder, case, sizes, threads)?;
-        match job.run(&python) {
+        let answer = if case.built.has_holes() {
+            Err("the volume has absent voxels, which it does not know".into())
+        } else {
+            Job::write(context, case, run)?.run(&python, context.say)
+        };
+        match answer {
             Ok((versions, drawn)) => {
                 self.report.versions = Some(versions);
                 Ok(drawn)
             }
             Err(why) => {
-                refuse(&mut self.report, &format!("{}, {}: {why}", case.name, case.shading_name()));
+                refuse(&mut self.report, &format!("{}: {why}", case.name()));
                 (context.say)(&format!("{NAME} is not measured any further: {why}"));
                 self.python = None;
                 Ok(Vec::new())
@@ -138,51 +140,39 @@ struct Time {
 }
 
 /// A job's files.
-struct Job {
+struct Job<'a> {
     script: PathBuf,
     job: PathBuf,
     answer: PathBuf,
-    /// Step in smallest spacings, picture, small picture.
-    steps: Vec<(f64, PathBuf, PathBuf)>,
-    sizes: Sizes,
-    threads: usize,
+    /// Step in smallest spacings, picture.
+    steps: Vec<(f64, PathBuf)>,
+    run: &'a Run,
 }
 
-impl Job {
-    fn write(folder: &Path, case: &Case<'_>, sizes: Sizes, threads: usize) -> Result<Self, ChartError> {
-        let stem = format!("{}-{}", case.name, case.shading_name());
-        let file = |name: String| folder.join(name);
-        let steps: Vec<_> = sizes
-            .steps_voxels
-            .iter()
-            .enumerate()
-            .map(|(i, &step)| (step, file(format!("{stem}-{i}.rgba")), file(format!("{stem}-{i}-small.rgba"))))
-            .collect();
-        let (dims, spacing) = case.grid();
-        let members = case.members();
-        let unit = case.unit_distance();
-        let text = json!({
-            "raw": case.built.raw,
-            "dims": dims,
-            "spacing": spacing,
-            "camera": members["camera"],
-            "transfer_function": members["transfer_function"],
-            "shading": members["shading"],
-            "threads": threads,
-            "repeats": sizes.repeats,
-            "image": sizes.image,
-            "error_image": sizes.error_image,
-            "steps": steps.iter().map(|(step, picture, small)| {
-                json!({"step_world": step * unit, "picture": picture, "error_picture": small})
-            }).collect::<Vec<_>>(),
-        });
+impl<'a> Job<'a> {
+    fn write(context: &Context<'_>, case: &Case<'_>, run: &'a Run) -> Result<Self, ChartError> {
+        let stem = case.name();
+        let file = |name: String| context.folder.join(name);
+        let steps = run.sizes.steps_voxels.iter().enumerate();
+        let steps: Vec<_> = steps.map(|(i, &step)| (step, file(format!("{stem}-{i}.rgba")))).collect();
+        let mut text = picture(&case.scene(run.sizes.image)?)?;
+        let facts = &case.built.volume.facts;
+        text["voxels"] = json!(case.built.grid_file(context)?);
+        text["dims"] = json!(facts.dims.0);
+        text["spacing"] = json!(facts.geometry.spacing);
+        text["origin"] = json!(facts.geometry.origin);
+        text["direction"] = json!(facts.geometry.direction);
+        text["threads"] = run.threads.into();
+        text["repeats"] = run.sizes.repeats.into();
+        let step_world = |step: f64| step * case.smallest_spacing();
+        let listed = steps.iter().map(|(step, picture)| json!({"step_world": step_world(*step), "picture": picture}));
+        text["steps"] = listed.collect();
         let job = Self {
             script: file("vtk_render.py".into()),
             job: file(format!("{stem}-job.json")),
             answer: file(format!("{stem}-answer.json")),
             steps,
-            sizes,
-            threads,
+            run,
         };
         for (path, bytes) in [(&job.script, SCRIPT.into()), (&job.job, text.to_string())] {
             std::fs::write(path, bytes).map_err(|source| ChartError::Write { path: path.clone(), source })?;
@@ -190,35 +180,63 @@ impl Job {
         Ok(job)
     }
 
-    fn run(&self, python: &Path) -> Result<(Versions, Vec<Drawn>), String> {
-        environment::run(python, &[&self.script, &self.job, &self.answer], CASE_LIMIT)?;
+    fn run(&self, python: &Path, say: &(dyn Fn(&str) + Sync)) -> Result<(Versions, Vec<Drawn>), String> {
+        let pace = Pace::new(say);
+        let tell = |elapsed: Duration| pace.tell(|| format!("  {NAME} draws: {} s", elapsed.as_secs()));
+        environment::run_telling(python, &[&self.script, &self.job, &self.answer], CASE_LIMIT, &tell)?;
         let bytes = std::fs::metadata(&self.answer).map_err(|e| format!("there is no answer: {e}"))?.len();
         if bytes > ANSWER_LIMIT_BYTES {
             return Err(format!("the answer has {bytes} bytes, more than {ANSWER_LIMIT_BYTES}"));
         }
         let text = std::fs::read_to_string(&self.answer).map_err(|e| format!("the answer cannot be read: {e}"))?;
-        let done = parse(&text, self.steps.len(), self.sizes.repeats, self.threads)?;
+        let done = parse(&text, self.steps.len(), self.run.sizes.repeats, self.run.threads)?;
         let drawn = self.steps.iter().zip(&done.steps).map(|(files, step)| self.drawn(files, step));
         let drawn = drawn.collect::<Result<_, String>>()?;
         Ok((Versions { vtk: done.vtk, python: done.python, numpy: done.numpy, window: done.window }, drawn))
     }
 
-    fn drawn(&self, (step_voxels, picture, small): &(f64, PathBuf, PathBuf), step: &Step) -> Result<Drawn, String> {
+    fn drawn(&self, (step_voxels, picture): &(f64, PathBuf), step: &Step) -> Result<Drawn, String> {
         Ok(Drawn {
             program: NAME,
             sampling: super::sampling_name(*step_voxels),
             step_voxels: Some(*step_voxels),
             cost: step.cost(),
-            picture: read_picture(picture, self.sizes.image)?,
-            error_picture: read_picture(small, self.sizes.error_image)?,
+            picture: read_picture(picture, self.run.sizes.image)?,
         })
     }
+}
+
+/// A scene as the script takes it: perspective, one ray a pixel, light from the eye.
+fn picture(scene: &ResolvedScene) -> Result<Value, ChartError> {
+    let camera = &scene.camera;
+    let Projection::Perspective { fov_y } = camera.projection else {
+        return Err(ChartError::Broken("a picture with an orthographic camera is compared".into()));
+    };
+    let target = camera.eye + camera.forward;
+    let function = &scene.transfer_function;
+    let point = |p: &ControlPoint| json!({"value": p.value, "color": p.color, "alpha": p.alpha});
+    let shading = scene
+        .shading
+        .as_ref()
+        .map(|s| json!({"ambient": s.ambient, "diffuse": s.diffuse, "specular": s.specular, "shininess": s.shininess}));
+    Ok(json!({
+        "camera": {
+            "eye": camera.eye.to_array(), "target": target.to_array(), "up": camera.up.to_array(), "fov_y": fov_y,
+        },
+        "transfer_function": {
+            "unit_distance": function.unit_distance(),
+            "points": function.points().iter().map(point).collect::<Vec<_>>(),
+        },
+        "shading": shading,
+        "image": scene.image_size,
+    }))
 }
 
 impl Step {
     fn cost(&self) -> Cost {
         let spread = |times: &[Time], of: fn(&Time) -> f64| Spread::of(&times.iter().map(of).collect::<Vec<_>>());
         Cost {
+            repeats: self.frames.len(),
             cpu: spread(&self.frames, |t| t.cpu_ms),
             wall: spread(&self.frames, |t| t.wall_ms),
             first_cpu_ms: self.first.cpu_ms,

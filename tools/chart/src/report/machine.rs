@@ -44,6 +44,42 @@ impl Circumstances {
     }
 }
 
+/// Name of this machine's kind, for folders of records: `epyc-zen4-2-cores`. Machines of one name are comparable, not
+/// equal: clocks and caches differ within a family.
+#[must_use]
+pub fn short_name() -> String {
+    let known = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    format!("{}-{cores}-cores", processor_name(&known))
+}
+
+/// Product and generation where a processor is one of AMD's since 2017; its model name for others, in small letters and
+/// dashes.
+fn processor_name(cpuinfo: &str) -> String {
+    let name = field(cpuinfo, "model name", ':').unwrap_or_else(|| std::env::consts::ARCH.into());
+    let number = |key: &str| field(cpuinfo, key, ':').and_then(|n| n.parse::<u32>().ok());
+    let generation = number("cpu family").zip(number("model")).and_then(|(family, model)| zen(family, model));
+    let product = name.strip_prefix("AMD ").and_then(|rest| rest.split_whitespace().next());
+    let text = match (product, generation) {
+        (Some(product), Some(generation)) => format!("{product} {generation}"),
+        _ => name.replace("(R)", "").replace("(TM)", ""),
+    };
+    let dashed: String = text.to_lowercase().chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    dashed.split('-').filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-")
+}
+
+/// AMD's generation by the processor's family and model ("Processor Programming Reference" of each; Linux `amd.c`).
+fn zen(family: u32, model: u32) -> Option<&'static str> {
+    match (family, model) {
+        (0x17, 0x00..=0x2f) => Some("zen1"),
+        (0x17, _) => Some("zen2"),
+        (0x19, 0x00..=0x0f | 0x20..=0x5f) => Some("zen3"),
+        (0x19, 0x10..=0x1f | 0x60..=0xaf) => Some("zen4"),
+        (0x1a, 0x00..=0x4f | 0x60..=0x7f) => Some("zen5"),
+        _ => None,
+    }
+}
+
 /// The value of the first line `name <separator> value`.
 fn field(text: &str, name: &str, separator: char) -> Option<String> {
     let value = |line: &str| {
@@ -75,6 +111,19 @@ mod tests {
         assert_eq!(date_of(0), "1970-01-01");
         assert_eq!(date_of(951_782_400), "2000-02-29");
         assert_eq!(date_of(1_798_761_599), "2026-12-31");
+    }
+
+    #[test]
+    fn machines_are_named_by_product_and_generation() {
+        let of = |family, model, name| {
+            processor_name(&format!("cpu family\t: {family}\nmodel\t\t: {model}\nmodel name\t: {name}\n"))
+        };
+        assert_eq!(of(25, 17, "AMD EPYC"), "epyc-zen4");
+        assert_eq!(of(26, 2, "AMD EPYC"), "epyc-zen5");
+        assert_eq!(of(25, 33, "AMD Ryzen 9 5950X 16-Core Processor"), "ryzen-zen3");
+        assert_eq!(of(6, 143, "Intel(R) Xeon(R) Platinum 8481C"), "intel-xeon-platinum-8481c");
+        assert_eq!(processor_name(""), std::env::consts::ARCH.replace('_', "-"));
+        assert!(short_name().ends_with("-cores"));
     }
 
     #[test]

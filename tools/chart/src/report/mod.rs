@@ -101,7 +101,7 @@ fn describe(spec: &SceneSpec) -> String {
 
 fn notes(chart: &Chart) -> String {
     let standing = [
-        "A requested error (--max-error) is recorded by the renderer and steers nothing yet, so there are no points for it.",
+        "A requested error (--max-error) steers the choice of levels only; these pictures are of level 0 unless a method says otherwise, so there are no points for it.",
         "There is no lossy codec yet: the error of every codec is that of the storage it encodes.",
         "A GPU's processor time is that of starting it and of waiting for it, so GPU points are never on a Pareto front; \
          an adapter whose name holds \"llvmpipe\" is the processor itself.",

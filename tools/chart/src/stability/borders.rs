@@ -345,8 +345,9 @@ fn corner_rays(context: &Context<'_>) -> Result<Outcome, ChartError> {
             scene.camera = camera;
             let frame = all.frame(&scene, crate::resident::at_level(Lod(0)));
             let begun = frame.begin();
-            let chord = [begun[0].t, begun[0].t_end];
-            let end = &cast(&all, &frame)?[0];
+            let chord = [begun.states()[0].t, begun.states()[0].t_end];
+            let rays = cast(&all, &frame)?;
+            let end = &rays.states()[0];
             let ray = scene.camera.ray(0, 0);
             let exact = ramp_mean(ray.origin.x, ray.direction.x, (EDGE - 1) as f64, chord);
             length = length.max((end.length - (chord[1] - chord[0])).abs());

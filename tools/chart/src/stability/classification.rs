@@ -6,12 +6,12 @@
 use supervol_format::VoxelType;
 use supervol_preprocess::source::computed::Computed;
 use supervol_runtime::frame::{Backend, RenderOptions};
-use supervol_runtime::raycast::comparison::{Classification, Rule, Sampling};
 
 use super::parallel::{
     GREY_LEVELS, HALF_A_LEVEL, NEVER, by_samples, default_unterminated, fixed_pairs, looking_along, pixel, worst,
 };
 use super::{CurvePoint, Gate, Outcome, Regime};
+use crate::comparison::{Classification, Rule, Sampling};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
 use crate::measure::{distance, order_of};

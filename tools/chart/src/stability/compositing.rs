@@ -8,14 +8,14 @@ use supervol_format::VoxelType;
 use supervol_preprocess::source::computed::Computed;
 use supervol_runtime::frame::RenderOptions;
 use supervol_runtime::image::Image;
-use supervol_runtime::raycast::comparison::{Accumulation, Rule, Sampling};
 use supervol_runtime::raycast::cpu::TERMINATION_OPACITY;
-use supervol_runtime::raycast::method::CellRule;
+use supervol_runtime::raycast::scalar::CellRule;
 
 use super::parallel::{
     GREY_LEVELS, HALF_A_LEVEL, NEVER, by_cells, by_samples, default_unterminated, looking_along, pixel, worst,
 };
 use super::{CurvePoint, Gate, Outcome, Regime};
+use crate::comparison::{Accumulation, Rule, Sampling};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
 use crate::volume::{Volume, build_options, image_size, transfer_function};

@@ -3,12 +3,11 @@
 use supervol_format::Lod;
 use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::image::Image;
-use supervol_runtime::raycast::comparison::{Offset, Sampling};
-use supervol_runtime::raycast::method::Method;
 use supervol_runtime::scene::ResolvedScene;
 
 use super::views::{BLUE, GOLD, GREY_LEVEL, HALF_A_LEVEL, fractions, smooth};
 use super::{CurvePoint, Gate, Outcome, Regime};
+use crate::comparison::{Offset, Sampling};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
 use crate::measure::{distance, distance_of};
@@ -40,7 +39,7 @@ fn sampled(
         backend: Backend::Cpu,
         level: LevelChoice::Fixed(Lod(0)),
         host_memory_bytes: HOST_MEMORY_BYTES,
-        method: Method::Sampled(sampling),
+        caster: sampling.caster(),
         threads,
         ..RenderOptions::default()
     };

@@ -168,11 +168,12 @@ fn seams(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let gates = vec![
         Gate::at_most("L-infinity beyond the worse of the two pure levels, grey levels", excess, HALF_A_LEVEL),
         Gate::at_most("RMSE beyond the worse of the two pure levels, grey levels", excess_rmse, HALF_A_LEVEL),
+        Gate::at_most("any pixel outside the interval of the two pure levels, grey levels", outside, HALF_A_LEVEL),
     ];
     let note = format!(
-        "The band is the whole picture: every ray crosses seams. Its error, not each pixel's, is held against the two pure \
-         levels: errors of opposite sign cancel along a ray of one level and need not along a mixed one, so that a pixel \
-         may leave the interval of its own two pure colours; it does so by at most {outside:.2} grey levels."
+        "The band is the whole picture: every ray crosses seams. Errors of opposite sign cancel along a ray of one level and \
+         need not along a mixed one, so that a pixel may leave the interval of its own two pure colours; it does so by at \
+         most {outside:.2} grey levels, although its distance from the reference stays within that of the worse level."
     );
     Ok(Outcome { curve, gates, note })
 }
@@ -246,9 +247,9 @@ fn mean_vanishes(context: &Context<'_>) -> Result<Outcome, ChartError> {
         gates.push(Gate::at_most(format!("|mean opacity - that of level 0|, {name}"), worst, 0.05));
     }
     let note = format!(
-        "Expected is level 0 averaged over the pixel. The coarsest level met was {coarsest}. A coarser brick that shows nothing \
-         although finer bricks beneath it would is refused; one that shows a little, where they show a lot, is drawn: neither \
-         its error bound nor how much opacity its average costs is asked."
+        "Expected is level 0 averaged over the pixel. The coarsest level met was {coarsest}. A coarser brick is drawn where its \
+         error bound, seen through the transfer function, keeps the picture within the target, or where its voxels are small \
+         against a pixel and its mean opacity is that of the values beneath it."
     );
     Ok(Outcome { curve, gates, note })
 }
@@ -285,8 +286,8 @@ fn seismic_collapse(context: &Context<'_>) -> Result<Outcome, ChartError> {
     ];
     let note = format!(
         "The opacity series is a survey of RICKER built with automatic axes (x and y are halved before z) under the seismic \
-         preset; its coarsest level met was {coarsest}. Levels are chosen by the size of their voxels; one that \
-         averages most of its reflections away is refused only where nothing visible is left of them."
+         preset; its coarsest level met was {coarsest}. A level that averages reflections away has an error bound as large as \
+         they are and a narrower range than the values beneath it; both refuse it."
     );
     Ok(Outcome { curve, gates, note })
 }
@@ -368,8 +369,8 @@ fn thin_features(context: &Context<'_>) -> Result<Outcome, ChartError> {
         Gate::at_most("|greatest value - mean's|", off, 1e-6),
     ];
     let note = "Both pictures are of the same rays, which run through the feature; level 0 shows it where its opacity is above half a \
-                grey level. A coarser brick in which nothing is \
-                left to see of the range beneath it is refused, and its children are drawn."
+                grey level. A coarser brick that shows less than \
+                the range beneath it is refused, and its children are drawn."
         .into();
     Ok(Outcome { curve, gates, note })
 }

@@ -5,9 +5,10 @@
 
 use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::image::Image;
-use supervol_runtime::raycast::comparison::Sampling;
-use supervol_runtime::raycast::method::{CellRule, Method, Pairs};
+use supervol_runtime::raycast::cpu::Caster;
+use supervol_runtime::raycast::scalar::{CellRule, Pairs};
 
+use crate::comparison::Sampling;
 use crate::context::ChartError;
 pub(crate) use crate::measure::{GREY_LEVELS, HALF_A_LEVEL};
 use crate::volume::{Volume, finest};
@@ -39,12 +40,12 @@ pub(crate) fn fixed_pairs(pairs: u32) -> RenderOptions<'static> {
 
 /// Options for cells integrated by this rule.
 pub(crate) fn by_cells(rule: CellRule) -> RenderOptions<'static> {
-    RenderOptions { method: Method::Cells(rule), ..finest(Backend::Cpu) }
+    RenderOptions { caster: Caster::Cells(rule), ..finest(Backend::Cpu) }
 }
 
 /// Options for a method of comparison.
 pub(crate) fn by_samples(sampling: Sampling) -> RenderOptions<'static> {
-    RenderOptions { method: Method::Sampled(sampling), ..finest(Backend::Cpu) }
+    RenderOptions { caster: sampling.caster(), ..finest(Backend::Cpu) }
 }
 
 /// A pixel's channels, in `f64`.
@@ -61,5 +62,5 @@ pub(crate) fn pixel(image: &Image, x: u32, y: u32) -> Result<[f64; 4], ChartErro
 
 /// The greatest of some sizes; NaN counts as infinite, so that no gate can hold for it.
 pub(crate) fn worst(sizes: impl IntoIterator<Item = f64>) -> f64 {
-    sizes.into_iter().map(|v| if v.is_nan() { f64::INFINITY } else { v.abs() }).fold(0.0, f64::max)
+    supervol_runtime::image::greatest(sizes)
 }

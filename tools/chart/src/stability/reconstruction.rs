@@ -8,15 +8,13 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 use supervol_runtime::frame::Backend;
-use supervol_runtime::raycast::comparison::gradient::gradient_at_voxel;
-use supervol_runtime::raycast::comparison::reconstruction::{
-    bspline_coefficients, bspline_weights, catmull_rom_weights, tricubic,
-};
-use supervol_runtime::raycast::comparison::{GradientOperator, Reconstruction, Sampling};
-use supervol_runtime::raycast::cpu::cell::trilinear;
+use supervol_runtime::raycast::scalar::cell::trilinear;
 
 use super::parallel::{GREY_LEVELS, HALF_A_LEVEL, NEVER, by_samples, worst};
 use super::{CurvePoint, Gate, Outcome, Regime};
+use crate::comparison::gradient::gradient_at_voxel;
+use crate::comparison::reconstruction::{bspline_coefficients, bspline_weights, catmull_rom_weights, tricubic};
+use crate::comparison::{GradientOperator, Reconstruction, Sampling};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
 use crate::measure::distance;

@@ -8,10 +8,10 @@ use supervol_format::VoxelType;
 use supervol_preprocess::source::computed::Computed;
 use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::image::Image;
-use supervol_runtime::raycast::comparison::{Offset, Rule, Sampling};
 
 use super::parallel::{GREY_LEVELS, HALF_A_LEVEL, NEVER, by_samples, worst};
 use super::{CurvePoint, Gate, Outcome, Regime};
+use crate::comparison::{Offset, Rule, Sampling};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
 use crate::measure::distance;

@@ -9,13 +9,24 @@
 //!
 //! The picture depends neither on the number of threads, nor on which bricks came when, nor on the size of bricks: to
 //! the last bit. Crossings and cubics are `f64`, values and colours `f32`; a ray gathers in `f64`.
+//!
+//! What is here is the same for every caster that runs on the CPU; the one place where rays are dealt out to a caster is
+//! `cast_block`.
 
-pub mod cell;
-pub(crate) mod march;
-pub mod modes;
-pub mod quadrature;
-pub mod shade;
-pub mod walk;
+mod fetch;
+#[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
+mod integrate;
+mod leap;
+mod lookup;
+mod order;
+#[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
+mod packet;
+mod packets;
+#[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
+mod refine;
+pub mod simd;
+#[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
+mod tile;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -24,18 +35,21 @@ use std::sync::Arc;
 use rayon::prelude::*;
 use supervol_format::{BrickKey, Geometry, Lod, Pyramid, ValueRange};
 
-pub use modes::{IsoSides, TERMINATION_OPACITY};
-
-use super::comparison;
-use super::method::{CellRule, Method, Pairs};
-use super::volume::{BrickView, ValueMap};
+use super::scalar::shade::Lighting;
+use super::scalar::{self, CellByCell, CellRule, Integration, Integrator};
+use super::volume::{BrickView, Resident, ValueMap};
 use crate::camera::{Camera, Ray};
 use crate::clip::{Clip, IndexRay, Segment, clip_ray};
 use crate::image::Image;
 use crate::lod::{LodChoice, LodRule};
 use crate::scene::{Mode, ResolvedScene};
 use crate::transfer_function::RenderTransferFunction;
-use shade::Lighting;
+use packets::{PacketTables, Tile, cast_tiles, pixels_of, tiles_of};
+use simd::InstructionSet;
+
+/// A ray ends when its opacity reaches this; what lies behind can change no channel by more than 0.08/255, and no mean of
+/// channels by a tenth of a grey level.
+pub const TERMINATION_OPACITY: f64 = 0.9997;
 
 /// Rays that one task casts; neighbours, so that they visit the same bricks.
 const BLOCK_RAYS: usize = 256;
@@ -80,11 +94,12 @@ pub struct CpuFrame {
     /// The level at which the search for a brick begins.
     pub(crate) first_lod: Lod,
     pub(crate) skipping: Skipping,
-    pub(crate) method: Method,
-    /// Gauss pairs of the cell method.
-    pub(crate) pairs: Pairs,
-    /// What a method of comparison looks up; `None` for the cell method.
-    comparison: Option<Arc<comparison::Tables>>,
+    /// What rays do where something may show.
+    pub(crate) integrator: Arc<dyn Integrator>,
+    /// Opacity at which a ray ends in mode `dvr`.
+    termination_opacity: f64,
+    /// What packets look up; `None` where rays are cast one by one.
+    packets: Option<Arc<PacketTables>>,
 }
 
 /// One ray between passes.
@@ -110,6 +125,96 @@ pub struct RayState {
     pub finished: bool,
 }
 
+impl RayState {
+    /// A ray before its first pass; finished where there is no segment.
+    #[must_use]
+    pub fn new(segment: Option<Segment>) -> Self {
+        Self {
+            t: segment.map_or(0.0, |s| s.t0),
+            t_end: segment.map_or(0.0, |s| s.t1),
+            color: [0.0; 3],
+            transmittance: 1.0,
+            value: f64::NAN,
+            length: 0.0,
+            iso: IsoSides::default(),
+            waiting: None,
+            finished: segment.is_none(),
+        }
+    }
+}
+
+/// Which side of each iso value the ray is on, one bit per surface.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct IsoSides {
+    /// The side is known: the ray comes out of a present cell.
+    pub known: u32,
+    /// The value was not less than the iso value.
+    pub above: u32,
+    /// The surface has been met.
+    pub hit: u32,
+}
+
+/// The rays of a frame between passes.
+#[derive(Debug, Clone)]
+pub enum Rays {
+    /// One by one, row by row from the top.
+    Scalar(Vec<RayState>),
+    /// In tiles, for the packet caster.
+    Tiles(Vec<Tile>),
+}
+
+impl Default for Rays {
+    fn default() -> Self {
+        Self::Scalar(Vec::new())
+    }
+}
+
+impl Rays {
+    /// The rays one by one, row by row from the top, where they are cast one by one; else none.
+    #[must_use]
+    pub fn states(&self) -> &[RayState] {
+        match self {
+            Self::Scalar(states) => states,
+            Self::Tiles(_) => &[],
+        }
+    }
+
+    /// See [`Rays::states`].
+    pub fn states_mut(&mut self) -> &mut [RayState] {
+        match self {
+            Self::Scalar(states) => states,
+            Self::Tiles(_) => &mut [],
+        }
+    }
+
+    /// Rays that wait for a brick.
+    #[must_use]
+    pub fn waiting(&self) -> u64 {
+        match self {
+            Self::Scalar(states) => states.iter().filter(|s| s.waiting.is_some()).count() as u64,
+            Self::Tiles(tiles) => tiles.iter().map(Tile::waiting).sum(),
+        }
+    }
+
+    /// Whether every ray is finished.
+    #[must_use]
+    pub fn is_finished(&self) -> bool {
+        match self {
+            Self::Scalar(states) => states.iter().all(|s| s.finished),
+            Self::Tiles(tiles) => tiles.iter().all(|tile| matches!(tile, Tile::Finished(_))),
+        }
+    }
+
+    /// Rays that ended before they left the volume.
+    #[must_use]
+    pub fn terminated_early(&self) -> u64 {
+        match self {
+            Self::Scalar(states) => states.iter().filter(|s| s.finished && s.t < s.t_end).count() as u64,
+            Self::Tiles(tiles) => tiles.iter().map(Tile::terminated_early).sum(),
+        }
+    }
+}
+
 /// What one pass did; sums over its rays.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Counters {
@@ -125,6 +230,10 @@ pub struct Counters {
     pub samples: u64,
     /// Times a failed brick's parent stood in.
     pub parent_bricks: u64,
+    /// Cells that one rule did not settle.
+    pub cells_refined: u64,
+    /// Cells that were integrated by roots in `f64`.
+    pub cells_exact: u64,
     /// Rays that this pass finished.
     pub rays_finished: u64,
     /// Times a ray stopped at a brick that is not resident; in one pass: rays that wait.
@@ -179,7 +288,7 @@ impl CpuFrame {
             LodChoice::Fixed(lod) => lod.min(coarsest),
             LodChoice::Auto { .. } => coarsest,
         };
-        Self {
+        let mut frame = Self {
             pyramid: pyramid.clone(),
             geometry: *geometry,
             camera: scene.camera,
@@ -202,16 +311,17 @@ impl CpuFrame {
             lod: LodRule::new(quality.lod, &scene.camera, geometry),
             first_lod,
             skipping: quality.skipping,
-            method: quality.method,
-            pairs: match quality.method {
-                Method::Cells(rule) => rule.pairs,
-                Method::Sampled(_) => CellRule::DEFAULT.pairs,
-            },
-            comparison: match quality.method {
-                Method::Cells(_) => None,
-                Method::Sampled(sampling) => Some(Arc::new(comparison::Tables::new(sampling, scene, geometry))),
-            },
+            integrator: quality.caster.integrator(scene, geometry),
+            termination_opacity: quality.caster.termination_opacity(),
+            packets: None,
+        };
+        if let Caster::Packets(rule) = quality.caster
+            && frame.mode == Mode::Dvr
+            && frame.lighting.is_none()
+        {
+            frame.packets = Some(Arc::new(PacketTables::new(&frame, &scene.transfer_function, rule)));
         }
+        frame
     }
 
     /// The same frame for some rows of pixels only, numbered from the top: its picture is that band of the picture.
@@ -225,26 +335,32 @@ impl CpuFrame {
         Self { rows, ..self.clone() }
     }
 
-    /// The states of all rays before the first pass, row by row from the top.
+    /// All rays before the first pass.
     #[must_use]
-    pub fn begin(&self) -> Vec<RayState> {
+    pub fn begin(&self) -> Rays {
+        if self.packets.is_some() {
+            let [columns, rows] = tiles_of(self);
+            return Rays::Tiles(vec![Tile::Fresh; columns as usize * rows as usize]);
+        }
+        Rays::Scalar(self.begin_scalar())
+    }
+
+    /// The instructions that packets are cast with; `None` where rays are cast one by one.
+    #[must_use]
+    pub fn instructions(&self) -> Option<InstructionSet> {
+        self.packets.as_ref().map(|tables| tables.instructions())
+    }
+
+    /// Rays of the frame's rows.
+    #[must_use]
+    pub fn ray_count(&self) -> u64 {
+        u64::from(self.camera.width) * self.rows.len() as u64
+    }
+
+    fn begin_scalar(&self) -> Vec<RayState> {
         let width = self.camera.width;
         let rays = self.rows.clone().into_par_iter().flat_map_iter(|y| (0..width).map(move |x| self.camera.ray(x, y)));
-        rays.map(|ray| {
-            let segment = self.segment(&ray);
-            RayState {
-                t: segment.map_or(0.0, |s| s.t0),
-                t_end: segment.map_or(0.0, |s| s.t1),
-                color: [0.0; 3],
-                transmittance: 1.0,
-                value: f64::NAN,
-                length: 0.0,
-                iso: IsoSides::default(),
-                waiting: None,
-                finished: segment.is_none(),
-            }
-        })
-        .collect()
+        rays.map(|ray| RayState::new(self.segment(&ray))).collect()
     }
 
     /// The picture of what the rays have gathered, sub-grid averaged.
@@ -252,10 +368,15 @@ impl CpuFrame {
     /// # Panics
     /// If the states are not this frame's.
     #[must_use]
-    pub fn image(&self, states: &[RayState]) -> Image {
+    pub fn image(&self, rays: &Rays) -> Image {
         let (width, height) = (self.camera.width, self.rows.len() as u32);
-        assert_eq!(states.len(), width as usize * height as usize, "states of another frame");
-        let pixels = states.iter().map(|state| self.pixel(state)).collect();
+        let pixels = match rays {
+            Rays::Scalar(states) => {
+                assert_eq!(states.len(), width as usize * height as usize, "states of another frame");
+                states.iter().map(|state| self.pixel(state)).collect()
+            }
+            Rays::Tiles(tiles) => pixels_of(self, tiles),
+        };
         Image { width, height, pixels }.downsampled(self.subgrid)
     }
 
@@ -277,46 +398,135 @@ impl CpuFrame {
 }
 
 impl CpuFrame {
-    /// Casts one ray by the frame's method; `pixel` counts rays, not pixels of a supersampled picture.
-    fn cast_ray<V: BrickView + ?Sized>(
-        &self,
-        view: &V,
-        pixel: [u32; 2],
-        state: &mut RayState,
-        feedback: &mut BlockFeedback,
-    ) {
-        let ray = self.camera.ray(pixel[0], pixel[1]);
-        match &self.comparison {
-            Some(tables) if self.mode == Mode::Dvr => {
-                let segment = self.segment(&ray).expect("a ray without a segment is finished before it is cast");
-                let integrator = comparison::SampledRay::new(tables, segment, pixel);
-                march::cast_ray(view, self, &ray, &integrator, state, feedback);
+    /// Whether nothing behind can change the picture by more than the frame allows.
+    #[inline]
+    pub(crate) fn is_done(&self, state: &RayState) -> bool {
+        match self.mode {
+            Mode::Dvr => state.transmittance <= 1.0 - self.termination_opacity,
+            Mode::Iso => {
+                let all_hit = state.iso.hit.count_ones() as usize == self.iso.len();
+                state.transmittance <= 1.0 - TERMINATION_OPACITY || all_hit
             }
-            _ => march::cast_ray(view, self, &ray, &march::CellByCell, state, feedback),
+            Mode::Mip | Mode::Minip | Mode::Mean | Mode::Slice => false,
         }
     }
 
+    /// Column and row, from the top left of the whole picture, of the frame's `ray`th ray; of rays, not of pixels of a
+    /// supersampled picture.
+    #[inline]
+    pub(crate) fn pixel_of(&self, ray: usize) -> [u32; 2] {
+        let width = self.camera.width as usize;
+        [(ray % width) as u32, self.rows.start + (ray / width) as u32]
+    }
+
     /// The part of a ray that is drawn.
-    fn segment(&self, ray: &Ray) -> Option<Segment> {
-        let dims = self.pyramid.level_at(Lod::FINEST).dims;
-        clip_ray(ray, &IndexRay::new(ray, &self.geometry), dims, &self.clip)
+    pub(crate) fn segment(&self, ray: &Ray) -> Option<Segment> {
+        self.segment_of(ray, &IndexRay::new(ray, &self.geometry))
+    }
+
+    /// See [`CpuFrame::segment`].
+    pub(crate) fn segment_of(&self, ray: &Ray, index_ray: &IndexRay) -> Option<Segment> {
+        clip_ray(ray, index_ray, self.pyramid.level_at(Lod::FINEST).dims, &self.clip)
+    }
+}
+
+/// Who casts the rays of a frame, and how finely.
+///
+/// Every caster walks the same bricks and macro cells, skips the same ones, reads through the same streamer and cache,
+/// and ends at the same scene: only what happens inside a visible macro cell differs.
+#[derive(Debug, Clone)]
+pub enum Caster {
+    /// Cell by cell, in packets of rays: what users get (docs/decisions/001-cells-not-steps.md). Modes other than `dvr`,
+    /// and shaded pictures, go ray by ray.
+    Packets(PacketRule),
+    /// Cell by cell, ray by ray, in `f64`: what packets are compared with.
+    Cells(CellRule),
+    /// By something else that is plugged into the scalar caster, for comparison; mode `dvr` only: all others go cell by
+    /// cell.
+    Custom(Arc<dyn Integration>),
+}
+
+impl Caster {
+    /// What users get.
+    pub const DEFAULT: Self = Self::Packets(PacketRule::DEFAULT);
+
+    /// Whether this is what users get, with whatever instructions and error.
+    #[must_use]
+    pub fn is_default(&self) -> bool {
+        matches!(self, Self::Packets(_))
+    }
+
+    /// The same caster, aimed at this error if it can be aimed: the largest of any channel of any pixel, 1 being white.
+    #[must_use]
+    pub fn with_max_error(self, max_error: f64) -> Self {
+        match self {
+            Self::Packets(rule) => Self::Packets(PacketRule { max_error, ..rule }),
+            other => other,
+        }
+    }
+
+    /// Opacity at which a ray ends in mode `dvr`; above 1, never.
+    #[must_use]
+    pub fn termination_opacity(&self) -> f64 {
+        match self {
+            Self::Packets(_) => TERMINATION_OPACITY,
+            Self::Cells(rule) => rule.termination_opacity,
+            Self::Custom(integration) => integration.termination_opacity(),
+        }
+    }
+
+    fn integrator(&self, scene: &ResolvedScene, geometry: &Geometry) -> Arc<dyn Integrator> {
+        match self {
+            Self::Custom(integration) if scene.mode == Mode::Dvr => integration.integrator(scene, geometry),
+            Self::Custom(_) | Self::Packets(_) => Arc::new(CellByCell { pairs: CellRule::DEFAULT.pairs }),
+            Self::Cells(rule) => Arc::new(CellByCell { pairs: rule.pairs }),
+        }
+    }
+}
+
+impl Default for Caster {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// Least and greatest error that packets are aimed at: below, `f32` ends; above, nothing is gained.
+pub const MAX_ERROR_LIMITS: [f64; 2] = [0.05 / 255.0, 16.0 / 255.0];
+
+/// How finely packets integrate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PacketRule {
+    /// Largest error of any channel of any pixel that is aimed at, 1 being white; brought to [`MAX_ERROR_LIMITS`].
+    pub max_error: f64,
+    /// Instructions to use; `None`: the best that the processor has.
+    pub instructions: Option<InstructionSet>,
+}
+
+impl PacketRule {
+    /// Half a grey level.
+    pub const DEFAULT: Self = Self { max_error: 0.5 / 255.0, instructions: None };
+}
+
+impl Default for PacketRule {
+    fn default() -> Self {
+        Self::DEFAULT
     }
 }
 
 /// How much work a frame may save, and how.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct CpuQuality {
     /// Which level bricks are taken from.
     pub lod: LodChoice,
     /// Whether macro cells are skipped.
     pub skipping: Skipping,
-    /// How rays are integrated.
-    pub method: Method,
+    /// Who casts the rays.
+    pub caster: Caster,
 }
 
 impl Default for CpuQuality {
     fn default() -> Self {
-        Self { lod: LodChoice::Auto { voxel_pixels: 1.0 }, skipping: Skipping::On, method: Method::default() }
+        Self { lod: LodChoice::Auto { voxel_pixels: 1.0 }, skipping: Skipping::On, caster: Caster::DEFAULT }
     }
 }
 
@@ -326,32 +536,54 @@ pub(crate) struct BlockFeedback {
     pub(crate) misses: BTreeMap<BrickKey, (u64, f64)>,
     pub(crate) uses: BTreeSet<BrickKey>,
     pub(crate) counters: Counters,
+    /// Rays of the block that set out in this pass.
+    pub(crate) begun: u64,
 }
 
 /// Casts every unfinished ray as far as resident bricks allow.
 ///
 /// # Panics
 /// If the states are not this frame's, or a brick's size is not what the pyramid says.
-pub fn cast_pass<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame, states: &mut [RayState]) -> PassFeedback {
-    let width = frame.camera.width as usize;
-    assert_eq!(states.len(), width * frame.rows.len(), "states of another frame");
-    let blocks: Vec<BlockFeedback> = states
-        .par_chunks_mut(BLOCK_RAYS)
-        .enumerate()
-        .map(|(block, states)| {
-            let mut feedback = BlockFeedback::default();
-            for (i, state) in states.iter_mut().enumerate().filter(|(_, state)| !state.finished) {
-                let pixel = block * BLOCK_RAYS + i;
-                let pixel = [(pixel % width) as u32, frame.rows.start + (pixel / width) as u32];
-                frame.cast_ray(view, pixel, state, &mut feedback);
-            }
-            feedback
-        })
-        .collect();
-    merge(blocks)
+pub fn cast_pass<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame, rays: &mut Rays) -> PassFeedback {
+    match (rays, &frame.packets) {
+        (Rays::Tiles(tiles), Some(tables)) => merge(cast_tiles(&Viewed(view), frame, tables, tiles)),
+        (Rays::Scalar(states), None) => {
+            assert_eq!(states.len() as u64, frame.ray_count(), "states of another frame");
+            let blocks = states.par_chunks_mut(BLOCK_RAYS).enumerate();
+            merge(blocks.map(|(block, states)| cast_block(view, frame, block * BLOCK_RAYS, states)).collect())
+        }
+        _ => panic!("rays of another frame"),
+    }
 }
 
-/// Sums and unions: independent of how the blocks were dealt out.
+/// A view of any kind as one that can be named: the packet caster is compiled once.
+struct Viewed<'a, V: ?Sized>(&'a V);
+
+impl<V: BrickView + ?Sized> BrickView for Viewed<'_, V> {
+    fn lookup(&self, key: BrickKey) -> Resident<'_> {
+        self.0.lookup(key)
+    }
+
+    fn stand_in(&self, key: BrickKey) -> Resident<'_> {
+        self.0.stand_in(key)
+    }
+}
+
+/// Casts the unfinished ones of a block of rays, of which the first is the frame's `first`th: here rays are dealt out to
+/// the caster that the frame wants.
+fn cast_block<V: BrickView + ?Sized>(
+    view: &V,
+    frame: &CpuFrame,
+    first: usize,
+    states: &mut [RayState],
+) -> BlockFeedback {
+    let mut feedback = BlockFeedback::default();
+    for (i, state) in states.iter_mut().enumerate().filter(|(_, state)| !state.finished) {
+        scalar::cast_ray(view, frame, frame.pixel_of(first + i), state, &mut feedback);
+    }
+    feedback
+}
+
 fn merge(blocks: Vec<BlockFeedback>) -> PassFeedback {
     let mut misses: BTreeMap<BrickKey, (u64, f64)> = BTreeMap::new();
     let mut uses = BTreeSet::new();
@@ -378,6 +610,8 @@ impl Counters {
         self.cells += other.cells;
         self.samples += other.samples;
         self.parent_bricks += other.parent_bricks;
+        self.cells_refined += other.cells_refined;
+        self.cells_exact += other.cells_exact;
         self.rays_finished += other.rays_finished;
         self.rays_waiting += other.rays_waiting;
     }

@@ -62,8 +62,9 @@ pub enum PageEntry {
     Missing,
     /// It contributes nothing (absent, or in mode dvr invisible).
     Nothing,
-    /// Averaging has left nothing visible of what is visible beneath: rays go on in its children.
-    Vanished,
+    /// It would change the picture too much: from now on rays go on in its children. What stands in for a child that has
+    /// failed is what is said of the brick, or inserted, after this.
+    TooCoarse,
     /// All voxels, apron included, have this render value.
     Uniform(f32),
     /// It cannot be had: its parent is drawn.
@@ -251,13 +252,13 @@ impl GpuRenderer {
     pub fn set_state(&mut self, key: BrickKey, state: PageEntry) {
         self.slots.remove(key);
         let entry = entry_u32(self.pyramid.entry(key));
-        if let (PageEntry::Vanished, Some(i)) = (state, entry.checked_sub(self.first_coarse_entry())) {
+        if let (PageEntry::TooCoarse, Some(i)) = (state, entry.checked_sub(self.first_coarse_entry())) {
             self.refine[i as usize] = true;
         }
         let (state, payload) = match state {
-            PageEntry::Missing => (PAGE_MISSING, 0),
+            PageEntry::Missing | PageEntry::TooCoarse => (PAGE_MISSING, 0),
             PageEntry::Uniform(value) if value.is_finite() => (PAGE_UNIFORM, value.to_bits()),
-            PageEntry::Nothing | PageEntry::Vanished | PageEntry::Uniform(_) => (PAGE_NOTHING, 0),
+            PageEntry::Nothing | PageEntry::Uniform(_) => (PAGE_NOTHING, 0),
             PageEntry::Failed => (PAGE_FAILED, 0),
         };
         self.set_page(entry, state, payload);

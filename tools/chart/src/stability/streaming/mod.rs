@@ -10,7 +10,7 @@ mod determinism;
 mod device;
 mod planner;
 mod read_errors;
-mod session;
+pub(crate) mod session;
 mod sources;
 
 use super::Regime;

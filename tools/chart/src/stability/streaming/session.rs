@@ -10,14 +10,14 @@ use supervol_format::{Container, Lod};
 use supervol_runtime::frame::RenderError;
 use supervol_runtime::frame::caster::{CpuCaster, PassReport, RayCaster};
 use supervol_runtime::frame::{
-    Backend, FrameWalk, LevelChoice, Progress, RenderOptions, cpu_frame, lod_choice, plan_host, streamer_for, value_map,
+    Backend, FrameWalk, LevelChoice, Progress, RenderOptions, classifier_for, cpu_frame, plan_host, streamer_for,
 };
 use supervol_runtime::image::Image;
+use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::raycast::cpu::RayState;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::budget::{Bands, HostPlan};
-use supervol_runtime::streamer::classify::Classifier;
 use supervol_runtime::streamer::priority::FrontToBack;
 use supervol_runtime::streamer::{Fetched, OnMissing, StreamError, Streamer};
 
@@ -55,6 +55,9 @@ impl Settings {
             backend: Backend::Cpu,
             level: self.level,
             host_memory_bytes: self.host_memory_bytes,
+            // Levels go by the size of voxels alone: BRICKID states the width of all values as the error of every brick,
+            // and the number of bricks is to follow the picture.
+            max_error: ANY_ERROR,
             ..RenderOptions::default()
         }
     }
@@ -118,10 +121,8 @@ impl Session {
 
     /// The transfer function, mode or iso values changed.
     pub fn edit(&mut self, scene: &ResolvedScene) {
-        let (voxel_type, map) = (self.container.descriptor().voxel_type, value_map(&self.container));
         let options = self.settings.options();
-        let lod = lod_choice(&options);
-        self.streamer.set_classifier(Classifier::new(scene, voxel_type, map, options.skipping, lod));
+        self.streamer.set_classifier(classifier_for(&self.container, scene, &options));
     }
 
     /// Runs something on the session's threads.

@@ -4,23 +4,27 @@
 //! length. Pre-integration needs the values at both ends: there intervals are cut at the faces of macro cells as well, so
 //! that what is skipped, and how a volume is bricked, changes nothing.
 
+use std::sync::Arc;
+
+use supervol_format::Geometry;
+use supervol_runtime::clip::Segment;
+use supervol_runtime::raycast::cpu::{Counters, RayState};
+use supervol_runtime::raycast::scalar::modes::ShadeSetup;
+use supervol_runtime::raycast::scalar::shade::shade;
+use supervol_runtime::raycast::scalar::{BrickVisit, Integration, Integrator, LevelVisit, StoredVoxel};
+use supervol_runtime::raycast::volume::Voxels;
+use supervol_runtime::scene::ResolvedScene;
+
 use super::preintegration::{Attenuation, PreIntegration};
 use super::probe::{BrickProbe, Probe, UniformProbe};
 use super::{Accumulation, Classification, Offset, Rule, Sampling};
-use crate::clip::Segment;
-use crate::raycast::cpu::march::{BrickVisit, Integrator, StoredVoxel, is_done};
-use crate::raycast::cpu::modes::ShadeSetup;
-use crate::raycast::cpu::shade::shade;
-use crate::raycast::cpu::{Counters, CpuFrame, RayState};
-use crate::scene::ResolvedScene;
-use supervol_format::Geometry;
 
 /// Least step, in smallest spacings: bounds the samples of a ray.
 pub const STEP_LIMIT_VOXELS: f64 = 1e-4;
 
 /// What all rays of a frame share.
 #[derive(Debug)]
-pub(crate) struct Tables {
+struct Tables {
     sampling: Sampling,
     /// World length of an interval.
     step: f64,
@@ -31,7 +35,7 @@ pub(crate) struct Tables {
 
 impl Tables {
     /// The tables of a scene over a volume.
-    pub(crate) fn new(sampling: Sampling, scene: &ResolvedScene, geometry: &Geometry) -> Self {
+    fn new(sampling: Sampling, scene: &ResolvedScene, geometry: &Geometry) -> Self {
         let attenuation = match sampling.rule {
             Rule::PreIntegrated => Some(Attenuation::Included),
             Rule::PreIntegratedNeglecting => Some(Attenuation::Neglected),
@@ -47,7 +51,7 @@ impl Tables {
 }
 
 /// One ray.
-pub(crate) struct SampledRay<'a> {
+struct SampledRay<'a> {
     tables: &'a Tables,
     segment: Segment,
     /// Length of the first interval, as a share of the step; in (0, 1].
@@ -65,17 +69,18 @@ fn gradient_noise([x, y]: [u32; 2]) -> f64 {
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
 
 impl<'a> SampledRay<'a> {
-    /// The ray of a pixel, over its segment.
-    pub(crate) fn new(tables: &'a Tables, segment: Segment, pixel: [u32; 2]) -> Self {
+    fn new(tables: &'a Tables, visit: &LevelVisit<'_>) -> Self {
         let place = match tables.sampling.rule {
             Rule::LeftRiemann => 0.0,
             _ => 0.5,
         };
         let (offset, place) = match tables.sampling.offset {
             Offset::Fixed(share) => (share.clamp(f64::EPSILON, 1.0), place),
-            Offset::Jittered { frame } => (1.0, (gradient_noise(pixel) + f64::from(frame) * GOLDEN_RATIO).fract()),
+            Offset::Jittered { frame } => {
+                (1.0, (gradient_noise(visit.pixel()) + f64::from(frame) * GOLDEN_RATIO).fract())
+            }
         };
-        Self { tables, segment, offset, place }
+        Self { tables, segment: visit.segment(), offset, place }
     }
 
     /// t at which interval j ends, not cut to the segment.
@@ -109,12 +114,11 @@ impl<'a> SampledRay<'a> {
     fn gather_points<P: Probe>(
         &self,
         probe: &P,
-        place: (&CpuFrame, &ShadeSetup<'_>),
+        visit: &LevelVisit<'_>,
         [t, exit]: [f64; 2],
         state: &mut RayState,
         counters: &mut Counters,
     ) {
-        let (frame, setup) = place;
         let mut j = self.first(t, |j| self.sample_at(self.interval(j)));
         loop {
             let [a, b] = self.interval(j);
@@ -124,14 +128,14 @@ impl<'a> SampledRay<'a> {
             }
             counters.samples += 1;
             let classified = match self.tables.sampling.classification {
-                Classification::Post => probe.value(at).map(|value| frame.transfer_function.classify(value)),
+                Classification::Post => probe.value(at).map(|value| visit.transfer_function().classify(value)),
                 Classification::Pre => probe.classified(at),
             };
             if let Some([red, green, blue, alpha]) = classified.filter(|rgba| rgba[3] > 0.0) {
-                let opacity = self.opacity(frame, alpha, b - a);
-                let color = shaded(setup, [red, green, blue], || probe.gradient(at));
+                let opacity = self.opacity(visit, alpha, b - a);
+                let color = shaded(visit.shade_setup(), [red, green, blue], || probe.gradient(at));
                 self.accumulate(state, color.map(|c| f64::from(c) * opacity), opacity);
-                if is_done(frame, state) {
+                if visit.is_done(state) {
                     return;
                 }
             }
@@ -140,10 +144,10 @@ impl<'a> SampledRay<'a> {
     }
 
     /// Opacity of an interval of length h.
-    fn opacity(&self, frame: &CpuFrame, alpha: f32, h: f64) -> f64 {
+    fn opacity(&self, visit: &LevelVisit<'_>, alpha: f32, h: f64) -> f64 {
         match self.tables.sampling.rule {
             Rule::LinearOpacity => (f64::from(alpha) * h / self.tables.unit_distance).min(1.0),
-            _ => -(-f64::from(frame.transfer_function.extinction(alpha)) * h).exp_m1(),
+            _ => -(-f64::from(visit.transfer_function().extinction(alpha)) * h).exp_m1(),
         }
     }
 
@@ -151,12 +155,11 @@ impl<'a> SampledRay<'a> {
     fn gather_intervals<P: Probe>(
         &self,
         probe: &P,
-        place: (&CpuFrame, &ShadeSetup<'_>),
+        visit: &LevelVisit<'_>,
         [t, exit]: [f64; 2],
         state: &mut RayState,
         counters: &mut Counters,
     ) {
-        let (frame, setup) = place;
         let (table, attenuation) =
             self.tables.preintegration.as_ref().expect("these rules come with a table of their own");
         let mut j = self.first(t, |j| self.end(j));
@@ -167,16 +170,16 @@ impl<'a> SampledRay<'a> {
             let back = probe.value(back_t);
             counters.samples += 1;
             if let (Some(a), Some(b), true) = (front, back, back_t > front_t) {
-                let (a, b) = (frame.map.to_data(a), frame.map.to_data(b));
+                let (a, b) = (visit.map().to_data(a), visit.map().to_data(b));
                 let (color, opacity) = table.interval(a, b, back_t - front_t, *attenuation);
                 if opacity > 0.0 {
                     let plain = color.map(|c| (c / opacity) as f32);
-                    let lit = shaded(setup, plain, || probe.gradient(0.5 * (front_t + back_t)));
+                    let lit = shaded(visit.shade_setup(), plain, || probe.gradient(0.5 * (front_t + back_t)));
                     // Without lighting the colour passes through in f64.
                     let color = if lit == plain { color } else { lit.map(|c| f64::from(c) * opacity) };
                     self.accumulate(state, color, opacity);
                 }
-                if is_done(frame, state) {
+                if visit.is_done(state) {
                     return;
                 }
             }
@@ -188,15 +191,15 @@ impl<'a> SampledRay<'a> {
     fn gather<P: Probe>(
         &self,
         probe: &P,
-        place: (&CpuFrame, &ShadeSetup<'_>),
+        visit: &LevelVisit<'_>,
         t: [f64; 2],
         state: &mut RayState,
         counters: &mut Counters,
     ) {
         if self.tables.preintegration.is_some() {
-            self.gather_intervals(probe, place, t, state, counters);
+            self.gather_intervals(probe, visit, t, state, counters);
         } else {
-            self.gather_points(probe, place, t, state, counters);
+            self.gather_points(probe, visit, t, state, counters);
         }
     }
 
@@ -233,30 +236,55 @@ fn shaded(setup: &ShadeSetup<'_>, color: [f32; 3], gradient: impl FnOnce() -> Op
     }
 }
 
-impl Integrator for SampledRay<'_> {
-    fn gather_macro_cell<T: StoredVoxel>(
+impl Integration for Sampling {
+    fn integrator(&self, scene: &ResolvedScene, geometry: &Geometry) -> Arc<dyn Integrator> {
+        Arc::new(Tables::new(*self, scene, geometry))
+    }
+
+    fn termination_opacity(&self) -> f64 {
+        self.termination_opacity
+    }
+}
+
+impl Tables {
+    fn gather_brick<T: StoredVoxel>(
         &self,
         visit: &BrickVisit<'_>,
-        voxels: &[T],
+        (voxels, index): (&[T], [i64; 3]),
+        t: [f64; 2],
+        state: &mut RayState,
+        counters: &mut Counters,
+    ) {
+        let probe = BrickProbe::new(visit, voxels, index, &self.sampling);
+        SampledRay::new(self, visit.level()).gather(&probe, visit.level(), t, state, counters);
+    }
+}
+
+impl Integrator for Tables {
+    fn gather_macro_cell(
+        &self,
+        visit: &BrickVisit<'_>,
         index: [i64; 3],
         t: [f64; 2],
         state: &mut RayState,
         counters: &mut Counters,
     ) {
-        let probe = BrickProbe::new(visit, voxels, index, &self.tables.sampling);
-        self.gather(&probe, (visit.frame, &visit.setup), t, state, counters);
+        match visit.voxels() {
+            Voxels::U8(voxels) => self.gather_brick(visit, (voxels, index), t, state, counters),
+            Voxels::U16(voxels) => self.gather_brick(visit, (voxels, index), t, state, counters),
+            Voxels::F32(voxels) => self.gather_brick(visit, (voxels, index), t, state, counters),
+        }
     }
 
     fn gather_uniform(
         &self,
-        frame: &CpuFrame,
-        setup: &ShadeSetup<'_>,
+        visit: &LevelVisit<'_>,
         value: f32,
         t: [f64; 2],
         state: &mut RayState,
         counters: &mut Counters,
     ) {
-        let probe = UniformProbe { value, rgba: frame.transfer_function.classify(value) };
-        self.gather(&probe, (frame, setup), t, state, counters);
+        let probe = UniformProbe { value, rgba: visit.transfer_function().classify(value) };
+        SampledRay::new(self, visit).gather(&probe, visit, t, state, counters);
     }
 }

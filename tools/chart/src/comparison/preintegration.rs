@@ -8,8 +8,8 @@
 //! loses where it bends there.
 //! Values are data values, `f64`. Within one bin of the sums K is Hermite's cubic through the exact ends and slopes.
 
-use crate::transfer_function::TransferFunction;
-use crate::transfer_function::render::with_limit_points;
+use supervol_runtime::transfer_function::TransferFunction;
+use supervol_runtime::transfer_function::render::with_limit_points;
 
 /// Bins of one straight piece of the transfer function, unless there are many pieces.
 const PIECE_BINS: usize = 256;
@@ -150,7 +150,7 @@ impl PreIntegration {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::transfer_function::ControlPoint;
+    use supervol_runtime::transfer_function::ControlPoint;
 
     fn function(points: &[(f64, f64, f64)]) -> TransferFunction {
         let points = points.iter().map(|&(value, red, alpha)| ControlPoint { value, color: [red, 0.5, 1.0], alpha });

@@ -1,5 +1,7 @@
 //! Methods of comparison: what most ray casters do instead, never what users get.
 //!
+//! They plug into the renderer's scalar caster (`supervol_runtime::raycast::scalar`), by [`Sampling::caster`].
+//!
 //! A [`Sampling`] cuts each ray at equal distances and treats every interval by one rule. Everything around it (bricks,
 //! streaming, skipping, camera, clipping, scene) is the pipeline that users get, so that a difference in the picture or in
 //! the time is the method's own. Interval j of a ray covers `[(j - 1 + offset) h, (j + offset) h]` from the ray's entry into
@@ -12,7 +14,9 @@ mod probe;
 pub mod reconstruction;
 mod sampled;
 
-pub(crate) use sampled::{SampledRay, Tables};
+use std::sync::Arc;
+
+use supervol_runtime::raycast::cpu::{Caster, TERMINATION_OPACITY};
 
 /// Sampling at equal distances.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,8 +50,16 @@ impl Default for Sampling {
             reconstruction: Reconstruction::Trilinear,
             gradient: GradientOperator::Central,
             accumulation: Accumulation::Double,
-            termination_opacity: super::cpu::TERMINATION_OPACITY,
+            termination_opacity: TERMINATION_OPACITY,
         }
+    }
+}
+
+impl Sampling {
+    /// The caster of a frame that is sampled this way.
+    #[must_use]
+    pub fn caster(self) -> Caster {
+        Caster::Custom(Arc::new(self))
     }
 }
 

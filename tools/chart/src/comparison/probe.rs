@@ -1,13 +1,13 @@
 //! One sample of the field, at any t of a macro cell.
 
 use glam::Vec3;
+use supervol_runtime::raycast::scalar::cell::{Cell, trilinear};
+use supervol_runtime::raycast::scalar::walk::CellBox;
+use supervol_runtime::raycast::scalar::{BrickVisit, StoredVoxel, cells_of_macro_cell};
 
 use super::gradient::gradient_at_voxel;
 use super::reconstruction::{bspline_weights, catmull_rom_weights, tricubic};
 use super::{GradientOperator, Reconstruction, Sampling};
-use crate::raycast::cpu::cell::{Cell, trilinear};
-use crate::raycast::cpu::march::{BrickVisit, StoredVoxel, cells_of_macro_cell};
-use crate::raycast::cpu::walk::CellBox;
 
 /// Fractions that a texture unit tells apart along each axis.
 const TEXTURE_FRACTIONS: f64 = 256.0;
@@ -53,13 +53,18 @@ pub(crate) struct BrickProbe<'a, T> {
 }
 
 impl<'a, T: StoredVoxel> BrickProbe<'a, T> {
-    pub(crate) fn new(visit: &'a BrickVisit<'a>, voxels: &'a [T], index: [i64; 3], sampling: &'a Sampling) -> Self {
-        Self { visit, voxels, cells: cells_of_macro_cell(index), sampling }
+    pub(crate) fn new(
+        visit: &'a BrickVisit<'a>,
+        voxels: &'a [T],
+        macro_cell: [i64; 3],
+        sampling: &'a Sampling,
+    ) -> Self {
+        Self { visit, voxels, cells: cells_of_macro_cell(macro_cell), sampling }
     }
 
     /// The trilinear cell at t, and the fractions in it.
     fn place(&self, t: f64) -> ([i64; 3], [f64; 3]) {
-        self.visit.cell_planes.cell_at(self.visit.ray, t, &self.cells)
+        self.visit.cell_at(&self.cells, t)
     }
 
     fn trilinear(&self, cell: [i64; 3], p: [f64; 3]) -> Option<f64> {
@@ -153,7 +158,7 @@ impl<T: StoredVoxel> Probe for BrickProbe<'_, T> {
         let (cell, p) = self.place(t);
         let corners = self.visit.corners(self.voxels, self.visit.base(cell));
         let colors = corners.map(|value| {
-            let [r, g, b, alpha] = self.visit.frame.transfer_function.classify(value);
+            let [r, g, b, alpha] = self.visit.level().transfer_function().classify(value);
             // Colours are weighted by their opacity: what is transparent has none to give.
             if value.is_nan() { [f32::NAN; 4] } else { [r * alpha, g * alpha, b * alpha, alpha] }
         });

@@ -1,16 +1,18 @@
 //! Methods of comparison: each converges to what it should, at the order it is known for, and none of them sees how a
 //! volume is bricked, skipped or accumulated unless it is asked to.
 
+// The volumes are bricked in memory as in the renderer's own tests.
+#[path = "../../../crates/runtime/tests/support/mod.rs"]
 mod support;
 
+use supervol_chart::comparison::{
+    Accumulation, Classification, GradientOperator, Offset, Reconstruction, Rule, Sampling,
+};
 use supervol_format::{Lod, VoxelType};
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
-use supervol_runtime::raycast::comparison::{
-    Accumulation, Classification, GradientOperator, Offset, Reconstruction, Rule, Sampling,
-};
-use supervol_runtime::raycast::cpu::{CpuQuality, Skipping, cast_pass};
-use supervol_runtime::raycast::method::{CellRule, Method, Pairs};
+use supervol_runtime::raycast::cpu::{Caster, CpuQuality, Skipping, cast_pass};
+use supervol_runtime::raycast::scalar::{CellRule, Pairs};
 use supervol_runtime::scene::ResolvedScene;
 use support::{Bricked, Volume, difference, marschner_lobb, points, reference, scene};
 
@@ -38,8 +40,8 @@ fn dvr(volume: &Volume, tf: &str, rest: &str) -> ResolvedScene {
     scene(volume, &format!(r#"{{{CAMERA}, {SMALL}, "transfer_function": {tf}{rest}}}"#))
 }
 
-fn picture(bricks: &Bricked, scene: &ResolvedScene, method: Method, skipping: Skipping) -> (Image, u64) {
-    let quality = CpuQuality { lod: LodChoice::Fixed(Lod(0)), skipping, method };
+fn picture(bricks: &Bricked, scene: &ResolvedScene, caster: Caster, skipping: Skipping) -> (Image, u64) {
+    let quality = CpuQuality { lod: LodChoice::Fixed(Lod(0)), skipping, caster };
     let frame = bricks.frame_of(scene, quality);
     let mut states = frame.begin();
     let feedback = cast_pass(bricks, &frame, &mut states);
@@ -58,8 +60,8 @@ fn root_mean_square(a: &Image, b: &Image) -> f64 {
 }
 
 /// Order between two steps, from the root mean square of all channels.
-fn order(bricks: &Bricked, scene: &ResolvedScene, exact: &Image, methods: [Method; 2], ratio: f64) -> f64 {
-    let [coarse, fine] = methods.map(|method| root_mean_square(&picture(bricks, scene, method, Skipping::On).0, exact));
+fn order(bricks: &Bricked, scene: &ResolvedScene, exact: &Image, casters: [Caster; 2], ratio: f64) -> f64 {
+    let [coarse, fine] = casters.map(|caster| root_mean_square(&picture(bricks, scene, caster, Skipping::On).0, exact));
     (coarse / fine).ln() / ratio.ln()
 }
 
@@ -69,9 +71,9 @@ fn methods_have_their_orders() {
     let bricks = Bricked::new(&volume, 16);
     let (smooth, step) = (dvr(&volume, &smooth(), ""), dvr(&volume, &step(), ""));
     let (exact_smooth, exact_step) = (reference(&volume, &smooth), reference(&volume, &step));
-    let at = |rule| [0.5, 0.0625].map(|h| Method::Sampled(sampled(h, rule)));
-    let on_smooth = |methods| order(&bricks, &smooth, &exact_smooth, methods, 8.0);
-    let on_step = |methods| order(&bricks, &step, &exact_step, methods, 8.0);
+    let at = |rule| [0.5, 0.0625].map(|h| sampled(h, rule).caster());
+    let on_smooth = |casters| order(&bricks, &smooth, &exact_smooth, casters, 8.0);
+    let on_step = |casters| order(&bricks, &step, &exact_step, casters, 8.0);
     let near = |found: f64, low: f64, high: f64| assert!((low..high).contains(&found), "order {found}");
     near(on_smooth(at(Rule::LeftRiemann)), 0.9, 1.1);
     near(on_smooth(at(Rule::Midpoint)), 1.7, 2.2);
@@ -80,7 +82,7 @@ fn methods_have_their_orders() {
     near(on_step(at(Rule::Midpoint)), 0.6, 1.2);
     near(on_step(at(Rule::PreIntegrated)), 1.7, 2.3);
     // The default: of fourth order, and cut at the step, between which nothing changes here: one pair is exact.
-    let cells = |n| Method::Cells(CellRule { pairs: Pairs::Fixed(n), termination_opacity: NEVER });
+    let cells = |n| Caster::Cells(CellRule { pairs: Pairs::Fixed(n), termination_opacity: NEVER });
     near(order(&bricks, &smooth, &exact_smooth, [cells(1), cells(2)], 2.0), 3.5, 4.5);
     assert!(root_mean_square(&picture(&bricks, &step, cells(1), Skipping::On).0, &exact_step) < 1e-6);
 }
@@ -93,11 +95,11 @@ fn bricks_and_skipping_change_no_bit() {
     for rest in ["", r#", "shading": {}"#] {
         let scene = dvr(&volume, &tf, rest);
         for rule in [Rule::LeftRiemann, Rule::Midpoint, Rule::PreIntegrated, Rule::LinearOpacity] {
-            let method = Method::Sampled(sampled(0.7, rule));
-            let (expected, samples) = picture(&Bricked::new(&volume, 64), &scene, method, Skipping::Off);
+            let sampling = sampled(0.7, rule);
+            let (expected, samples) = picture(&Bricked::new(&volume, 64), &scene, sampling.caster(), Skipping::Off);
             let bricks = Bricked::new(&volume, 16);
-            assert_eq!(picture(&bricks, &scene, method, Skipping::Off).0, expected, "{rule:?}");
-            let (skipped, fewer) = picture(&bricks, &scene, method, Skipping::On);
+            assert_eq!(picture(&bricks, &scene, sampling.caster(), Skipping::Off).0, expected, "{rule:?}");
+            let (skipped, fewer) = picture(&bricks, &scene, sampling.caster(), Skipping::On);
             assert_eq!(skipped, expected, "{rule:?}");
             assert!(fewer < samples, "{fewer} of {samples} samples");
         }
@@ -112,7 +114,7 @@ fn gradients_and_filters_stay_near_the_model() {
     let exact = reference(&volume, &scene);
     let fine = sampled(0.05, Rule::Midpoint);
     let distance =
-        |sampling, skipping| difference(&picture(&bricks, &scene, Method::Sampled(sampling), skipping).0, &exact);
+        |sampling: Sampling, skipping| difference(&picture(&bricks, &scene, sampling.caster(), skipping).0, &exact);
     assert!(distance(fine, Skipping::On) < 1.0);
     for gradient in [GradientOperator::Intermediate, GradientOperator::Sobel] {
         let d = distance(Sampling { gradient, ..fine }, Skipping::On);
@@ -138,7 +140,7 @@ fn jitter_averages_out_and_is_reproducible() {
     let exact = reference(&volume, &scene);
     let frame = |frame| {
         let sampling = Sampling { offset: Offset::Jittered { frame }, ..sampled(1.0, Rule::Midpoint) };
-        picture(&bricks, &scene, Method::Sampled(sampling), Skipping::On).0
+        picture(&bricks, &scene, sampling.caster(), Skipping::On).0
     };
     assert_eq!(frame(3), frame(3));
     assert_ne!(frame(3), frame(4));
@@ -166,7 +168,7 @@ fn sums_are_rounded_to_what_was_asked_for() {
     let bricks = Bricked::new(&volume, 16);
     let alpha = |accumulation| {
         let sampling = Sampling { accumulation, ..sampled(1.0, Rule::Midpoint) };
-        f64::from(picture(&bricks, &scene, Method::Sampled(sampling), Skipping::On).0.pixels[0][3])
+        f64::from(picture(&bricks, &scene, sampling.caster(), Skipping::On).0.pixels[0][3])
     };
     let exact = 1.0 - 0.997f64.powi(500);
     for (accumulation, expected) in [
@@ -190,7 +192,8 @@ fn classification_before_interpolation_smears_edges() {
     let bricks = Bricked::new(&volume, 16);
     let partial = |classification| {
         let sampling = Sampling { classification, ..sampled(0.5, Rule::Midpoint) };
-        let image = picture(&bricks, &scene, Method::Sampled(sampling), Skipping::On).0;
+        let image = picture(&bricks, &scene, sampling.caster(), Skipping::On).0;
+        assert!(image.is_finite());
         let most = image.pixels.iter().map(|p| p[3]).fold(0.0, f32::max);
         image.pixels.iter().filter(|p| p[3] > 0.001 && p[3] < most - 0.001).count()
     };

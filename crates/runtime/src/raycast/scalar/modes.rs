@@ -5,18 +5,14 @@
 use glam::Vec3;
 
 use super::cell::{Cell, Real, cubic_at, cubic_extremes, cubic_mean, monotone_intervals, monotone_root};
+use super::cell_by_cell::Pairs;
 use super::quadrature::{
     GAUSS_OFFSET, KNOT_LIMIT, PAIR_LIMIT, integrate_pair, opacity_of, pairs_between, shaded_pair_count, splits_of_chord,
 };
 use super::shade::{ChordGradient, Lighting, shade};
-use super::{Counters, CpuFrame, RayState};
-use crate::raycast::method::Pairs;
+use crate::raycast::cpu::{Counters, CpuFrame, RayState};
 use crate::scene::ISO_LIMIT;
 use crate::transfer_function::RenderTransferFunction;
-
-/// A ray ends when its opacity reaches this; what lies behind can change no channel by more than 0.08/255, and no mean of
-/// channels by a tenth of a grey level.
-pub const TERMINATION_OPACITY: f64 = 0.9997;
 
 /// One chord: the field along it, and the gradient where the frame is shaded and the gradient is known.
 pub struct Chord {
@@ -86,6 +82,7 @@ pub fn composite(state: &mut RayState, color: [f32; 3], opacity: f32) {
 pub fn gather_dvr(
     frame: &CpuFrame,
     setup: &ShadeSetup<'_>,
+    pairs: Pairs,
     chord: &Chord,
     state: &mut RayState,
     counters: &mut Counters,
@@ -101,12 +98,12 @@ pub fn gather_dvr(
     }
     let knots = tf.knots_in(chord.low, chord.high);
     if knots.is_empty() || knots.len() > KNOT_LIMIT {
-        counters.samples += gather_part(frame, setup, chord, [0.0, 1.0], state);
+        counters.samples += gather_part(frame, setup, pairs, chord, [0.0, 1.0], state);
         return;
     }
     let splits = splits_of_chord(&chord.cubic, knots);
     for part in splits.as_slice().windows(2).filter(|part| part[0] < part[1]) {
-        counters.samples += gather_part(frame, setup, chord, [part[0], part[1]], state);
+        counters.samples += gather_part(frame, setup, pairs, chord, [part[0], part[1]], state);
     }
 }
 
@@ -115,12 +112,13 @@ pub fn gather_dvr(
 fn gather_part(
     frame: &CpuFrame,
     setup: &ShadeSetup<'_>,
+    pairs: Pairs,
     chord: &Chord,
     [begin, end]: [Real; 2],
     state: &mut RayState,
 ) -> u64 {
     let tf = &frame.transfer_function;
-    let pairs = match frame.pairs {
+    let pairs = match pairs {
         Pairs::Adaptive { density } => denser(wanted_pairs(tf, setup, chord, [begin, end]), density),
         Pairs::Fixed(pairs) => pairs.clamp(1, PAIR_LIMIT),
     };
@@ -185,17 +183,6 @@ pub fn gather_mean(chord: &Chord, state: &mut RayState) {
     let mean = cubic_mean(&chord.cubic);
     state.value = if state.value.is_nan() { 0.0 } else { state.value } + mean * chord.h;
     state.length += chord.h;
-}
-
-/// Which side of each iso value the ray is on, one bit per surface.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct IsoSides {
-    /// The side is known: the ray comes out of a present cell.
-    pub known: u32,
-    /// The value was not less than the iso value.
-    pub above: u32,
-    /// The surface has been met.
-    pub hit: u32,
 }
 
 /// First crossings of the iso values on the chord, composited in order.

@@ -83,6 +83,20 @@ impl Planes {
         self.first[axis] + i as f64 * self.spacing[axis]
     }
 
+    /// The part of an interval of t in which the ray is between a cell's faces.
+    #[must_use]
+    pub fn chord(&self, ray: &AxisRay, index: [i64; 3], interval: [f64; 2]) -> [f64; 2] {
+        let [mut t0, mut t1] = interval;
+        for (axis, &cell) in index.iter().enumerate() {
+            if ray.direction[axis] != 0.0 {
+                let faces = [cell, cell + 1].map(|i| ray.crossing(axis, self.plane(axis, i)));
+                t0 = t0.max(faces[0].min(faces[1]));
+                t1 = t1.min(faces[0].max(faces[1]));
+            }
+        }
+        [t0, t1]
+    }
+
     /// The cell of a box that the level's index point lies in, by position, and the fractions there, clamped to [0, 1].
     #[inline]
     #[must_use]

@@ -1,0 +1,542 @@
+//! Tiles of rays through the bricks of a view: the packet caster's pass.
+//!
+//! ```text
+//! tile of 16 x 16 rays -> bricks, front to back -> packets of those that meet the brick -> cells -> pixels
+//! ```
+//!
+//! Protocol as in [`super`]: a tile keeps what its rays have gathered only while some of them wait.
+
+use std::collections::HashMap;
+use std::sync::{Arc, RwLock};
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use supervol_format::brick::APRON;
+use supervol_format::{BrickKey, Lod};
+
+use super::fetch::Stored;
+use super::leap::ProximityCloud;
+use super::lookup::{FewPieces, Lookup, ManyPieces};
+use super::order::{View, push_children, region_of};
+use super::packet::{Host, Packet, PacketBrick, Precision, Work, cast};
+use super::simd::{InstructionSet, Simd, Task, dispatch};
+use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays, place_of};
+use super::{BlockFeedback, CpuFrame, MAX_ERROR_LIMITS, PacketRule, Skipping};
+use crate::camera::{PixelRays, Projection};
+use crate::clip::{IndexRay, Segment, ToIndex};
+use crate::raycast::scalar::walk::AxisRay;
+use crate::raycast::scalar::{CastRay, LevelVisit, exact_cell};
+use crate::raycast::volume::{BrickView, DecodedBrick, Resident, Voxels};
+use crate::transfer_function::TransferFunction;
+use crate::transfer_function::pieces::{CHANNELS, Column, TransferPieces};
+
+/// Bytes of proximity clouds kept between passes; all are dropped where more would be needed.
+const CLOUD_BYTES_LIMIT: u64 = 64 << 20;
+
+/// What packets look up, the same for all rays of a frame.
+#[derive(Debug)]
+pub struct PacketTables {
+    pieces: TransferPieces,
+    /// The render value from which packets and their pieces count.
+    origin: f32,
+    table: Table,
+    set: InstructionSet,
+    precision: Precision,
+    view: View,
+    pixel_rays: PixelRays,
+    to_index: ToIndex,
+    clouds: RwLock<Clouds>,
+}
+
+/// The pieces in the smallest table that holds them.
+#[derive(Debug)]
+enum Table {
+    UpTo16(Box<FewPieces<16>>),
+    UpTo32(Box<FewPieces<32>>),
+    Many,
+}
+
+impl Table {
+    fn new(pieces: &TransferPieces) -> Self {
+        let up_to_16 = FewPieces::new(pieces).map(|few| Self::UpTo16(Box::new(few)));
+        let up_to_32 = || FewPieces::new(pieces).map(|few| Self::UpTo32(Box::new(few)));
+        up_to_16.or_else(up_to_32).unwrap_or(Self::Many)
+    }
+}
+
+#[derive(Debug, Default)]
+struct Clouds {
+    of_bricks: HashMap<BrickKey, Arc<ProximityCloud>>,
+    bytes: u64,
+}
+
+/// One tile between passes.
+#[derive(Debug, Clone, Default)]
+pub enum Tile {
+    /// Not cast yet.
+    #[default]
+    Fresh,
+    /// Some rays wait.
+    Waiting(Box<Gathered>),
+    /// Every ray is finished: premultiplied colour and opacity of each.
+    Finished(Box<FinishedTile>),
+}
+
+/// A tile when all is done.
+#[derive(Debug, Clone)]
+pub struct FinishedTile {
+    /// Premultiplied colour and opacity of each ray.
+    pixels: [[f32; 4]; TILE_RAYS],
+    /// Rays that ended before they left the volume.
+    terminated_early: u64,
+}
+
+impl Tile {
+    /// Rays that wait for a brick.
+    #[must_use]
+    pub fn waiting(&self) -> u64 {
+        match self {
+            Self::Waiting(gathered) => gathered.waiting.iter().flatten().count() as u64,
+            Self::Fresh | Self::Finished(_) => 0,
+        }
+    }
+
+    /// Rays that ended before they left the volume, once the tile is finished.
+    #[must_use]
+    pub fn terminated_early(&self) -> u64 {
+        match self {
+            Self::Finished(tile) => tile.terminated_early,
+            Self::Fresh | Self::Waiting(_) => 0,
+        }
+    }
+}
+
+impl PacketTables {
+    /// The tables of a frame.
+    pub fn new(frame: &CpuFrame, source: &TransferFunction, rule: PacketRule) -> Self {
+        let max_error = rule.max_error.clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
+        let origin = origin_of(source, frame.map.shift);
+        let pieces = TransferPieces::new(source, frame.map.shift + f64::from(origin), FIT_SHARE * max_error);
+        let precision = precision_of(max_error, pieces.has_steps());
+        let set = rule.instructions.unwrap_or_else(InstructionSet::best);
+        let ray = frame.camera.ray(0, 0);
+        let index_ray = IndexRay::new(&ray, &frame.geometry);
+        let view = match frame.camera.projection {
+            Projection::Perspective { .. } => View::Eye(DVec3::from_array(index_ray.origin)),
+            Projection::Orthographic { .. } => View::Direction(DVec3::from_array(index_ray.direction)),
+        };
+        Self {
+            table: Table::new(&pieces),
+            pieces,
+            origin,
+            set,
+            precision,
+            view,
+            pixel_rays: frame.camera.rays(),
+            to_index: ToIndex::new(&frame.geometry),
+            clouds: RwLock::default(),
+        }
+    }
+
+    /// The instructions that packets are cast with.
+    pub fn instructions(&self) -> InstructionSet {
+        self.set
+    }
+
+    fn cloud(&self, frame: &CpuFrame, key: BrickKey, brick: &DecodedBrick) -> Arc<ProximityCloud> {
+        let known = self.clouds.read().expect("no thread panics with the lock").of_bricks.get(&key).cloned();
+        known.unwrap_or_else(|| {
+            let shows = |[low, high]: [f32; 2]| {
+                frame.skipping == Skipping::Off || frame.transfer_function.is_visible(low, high)
+            };
+            let cloud = Arc::new(ProximityCloud::new(brick, APRON, shows));
+            let mut clouds = self.clouds.write().expect("no thread panics with the lock");
+            if clouds.bytes + cloud.bytes() > CLOUD_BYTES_LIMIT {
+                *clouds = Clouds::default();
+            }
+            if clouds.of_bricks.insert(key, cloud.clone()).is_none() {
+                clouds.bytes += cloud.bytes();
+            }
+            cloud
+        })
+    }
+}
+
+/// Share of the largest error that one cell may be off by: errors have either sign, and few cells of a ray are near it.
+const CELL_SHARE: f64 = 0.2;
+/// Share of the largest error that extinction, in parts of itself, may be off by.
+const FIT_SHARE: f64 = 0.25;
+/// Share of the largest error that is left out behind the point where a ray ends.
+const END_SHARE: f64 = 0.15;
+
+/// The middle of the transfer function's window where that lies far from zero for its width: `f32` then resolves it.
+fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
+    let points = source.points();
+    let (first, last) = (points[0].value - shift, points[points.len() - 1].value - shift);
+    let middle = 0.5 * first + 0.5 * last;
+    let is_far = middle.is_finite() && middle.abs() > last - first;
+    if is_far { middle as f32 } else { 0.0 }
+}
+
+fn precision_of(max_error: f64, has_steps: bool) -> Precision {
+    Precision {
+        cell_error: (CELL_SHARE * max_error) as f32,
+        last_transmittance: (END_SHARE * max_error) as f32,
+        has_steps,
+    }
+}
+
+/// Tiles along both sides of the rows of a frame.
+#[must_use]
+pub fn tiles_of(frame: &CpuFrame) -> [u32; 2] {
+    [frame.camera.width.div_ceil(TILE_SIDE), (frame.rows.len() as u32).div_ceil(TILE_SIDE)]
+}
+
+/// Casts every unfinished ray as far as resident bricks allow.
+pub(super) fn cast_tiles(
+    view: &dyn BrickView,
+    frame: &CpuFrame,
+    tables: &PacketTables,
+    tiles: &mut [Tile],
+) -> Vec<BlockFeedback> {
+    let columns = tiles_of(frame)[0] as usize;
+    let pass = tiles.par_iter_mut().enumerate().map_init(
+        || Box::new(TileRays::new()),
+        |rays, (index, tile)| {
+            let mut feedback = BlockFeedback::default();
+            if matches!(tile, Tile::Finished(_)) {
+                return feedback;
+            }
+            let corner = [index % columns, index / columns].map(|i| i as u32 * TILE_SIDE);
+            begin_tile((frame, tables), corner, tile, rays, &mut feedback);
+            if rays.going() > 0 {
+                rays.bound();
+                CastTile { view, frame, tables, rays, feedback: &mut feedback }.run();
+            }
+            *tile = end_tile(tables, rays, &mut feedback);
+            feedback
+        },
+    );
+    pass.collect()
+}
+
+/// Sets the rays of a tile on their way; those without a way are counted as finished.
+fn begin_tile(
+    (frame, tables): (&CpuFrame, &PacketTables),
+    corner: [u32; 2],
+    tile: &Tile,
+    rays: &mut TileRays,
+    feedback: &mut BlockFeedback,
+) {
+    rays.clear();
+    let waiting = match tile {
+        Tile::Waiting(gathered) => Some(gathered),
+        _ => None,
+    };
+    if let Some(gathered) = waiting {
+        rays.gathered = (**gathered).clone();
+        rays.gathered.waiting = [None; TILE_RAYS];
+    }
+    let size = [frame.camera.width, frame.rows.len() as u32];
+    for ray in 0..TILE_RAYS {
+        let place = place_of(ray);
+        let [x, y] = [corner[0] + place[0], corner[1] + place[1]];
+        let is_outside = x >= size[0] || y >= size[1];
+        if is_outside || waiting.is_some_and(|gathered| gathered.waiting[ray].is_none()) {
+            continue;
+        }
+        let world_ray = tables.pixel_rays.ray(x, frame.rows.start + y);
+        let index_ray = tables.to_index.ray(&world_ray);
+        match frame.segment_of(&world_ray, &index_ray) {
+            None => feedback.counters.rays_finished += 1,
+            Some(segment) => {
+                let t0 = waiting.map_or(segment.t0, |gathered| gathered.t[ray]);
+                rays.set(ray, &index_ray, Segment { t0, ..segment });
+            }
+        }
+    }
+    feedback.begun = rays.going() as u64;
+}
+
+fn end_tile(tables: &PacketTables, rays: &TileRays, feedback: &mut BlockFeedback) -> Tile {
+    let gathered = &rays.gathered;
+    let waiting = gathered.waiting.iter().flatten().count() as u64;
+    feedback.counters.rays_finished += feedback.begun - waiting;
+    feedback.counters.rays_waiting += waiting;
+    if waiting > 0 {
+        return Tile::Waiting(Box::new(gathered.clone()));
+    }
+    let last = f64::from(tables.precision.last_transmittance);
+    let terminated_early = gathered.transmittance.iter().filter(|&&t| t <= last).count() as u64;
+    let mut tile = Box::new(FinishedTile { pixels: [[0.0; 4]; TILE_RAYS], terminated_early });
+    for (ray, pixel) in tile.pixels.iter_mut().enumerate() {
+        let [r, g, b] = [0, 1, 2].map(|c| gathered.color[c][ray]);
+        *pixel = [r, g, b, 1.0 - gathered.transmittance[ray]].map(|v| v as f32);
+    }
+    Tile::Finished(tile)
+}
+
+/// The pixels of all tiles, row by row from the top; unfinished tiles show what they have.
+#[must_use]
+pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
+    let (width, height) = (frame.camera.width as usize, frame.rows.len());
+    let columns = tiles_of(frame)[0] as usize;
+    let mut pixels = vec![[0.0; 4]; width * height];
+    for (index, tile) in tiles.iter().enumerate() {
+        let corner = [index % columns, index / columns].map(|i| i * TILE_SIDE as usize);
+        for ray in 0..TILE_RAYS {
+            let [x, y] = place_of(ray).map(|v| v as usize);
+            let (x, y) = (corner[0] + x, corner[1] + y);
+            if x < width && y < height {
+                pixels[y * width + x] = match tile {
+                    Tile::Fresh => [0.0; 4],
+                    Tile::Finished(finished) => finished.pixels[ray],
+                    Tile::Waiting(gathered) => {
+                        let [r, g, b] = [0, 1, 2].map(|c| gathered.color[c][ray]);
+                        [r, g, b, 1.0 - gathered.transmittance[ray]].map(|v| v as f32)
+                    }
+                };
+            }
+        }
+    }
+    pixels
+}
+
+/// A tile through all bricks.
+struct CastTile<'a> {
+    view: &'a dyn BrickView,
+    frame: &'a CpuFrame,
+    tables: &'a PacketTables,
+    rays: &'a mut TileRays,
+    feedback: &'a mut BlockFeedback,
+}
+
+impl CastTile<'_> {
+    fn run(mut self) {
+        let pyramid = &self.frame.pyramid;
+        let mut stack = vec![BrickKey::new(pyramid.coarsest(), supervol_format::BrickIndex([0; 3]))];
+        while let Some(key) = stack.pop() {
+            if self.rays.going() == 0 {
+                break;
+            }
+            let region = region_of(pyramid, key);
+            if !self.rays.may_meet(&region) {
+                continue;
+            }
+            let is_wanted = key.lod() <= self.frame.first_lod && self.frame.lod.is_fine_enough(pyramid, key);
+            if !is_wanted {
+                push_children(pyramid, key, self.tables.view, &mut stack);
+                continue;
+            }
+            if dispatch(self.tables.set, Enter { rays: self.rays, region: &region }) == 0 {
+                continue;
+            }
+            if self.visit(key) == Visit::GoesOnBeneath {
+                push_children(pyramid, key, self.tables.view, &mut stack);
+            }
+        }
+    }
+}
+
+/// Where rays go on after a brick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Visit {
+    Done,
+    GoesOnBeneath,
+}
+
+impl CastTile<'_> {
+    /// The rays that meet a brick go through it, or wait for it.
+    fn visit(&mut self, wanted: BrickKey) -> Visit {
+        let counters = &mut self.feedback.counters;
+        let hits = self.rays.hits().len() as u64;
+        let mut key = wanted;
+        let mut resident = self.view.lookup(key);
+        while let (Resident::UseParent, Some(parent)) = (resident, self.frame.pyramid.parent(key)) {
+            counters.parent_bricks += hits;
+            key = parent;
+            resident = self.view.stand_in(key);
+        }
+        if matches!(resident, Resident::TooCoarse) && key == wanted && wanted.lod() > Lod::FINEST {
+            return Visit::GoesOnBeneath;
+        }
+        counters.bricks += hits;
+        if let Resident::Missing = resident {
+            let entry = self.feedback.misses.entry(key).or_insert((0, f64::INFINITY));
+            for &ray in self.rays.hits() {
+                *entry = (entry.0 + 1, entry.1.min(self.rays.interval(ray)[0]));
+            }
+            self.rays.wait(key);
+            return Visit::Done;
+        }
+        self.feedback.uses.insert(key);
+        match resident {
+            Resident::Brick(brick) => self.cast_brick(key, brick),
+
+            Resident::Uniform(value) => self.cast_uniform(value),
+            Resident::Nothing | Resident::TooCoarse | Resident::UseParent | Resident::Missing => {}
+        }
+        Visit::Done
+    }
+
+    /// All rays see one value all the way.
+    fn cast_uniform(&mut self, value: f32) {
+        let pieces = &self.tables.pieces;
+        let value = value - self.tables.origin;
+        let piece = pieces.column(Column::Knot, 0)[..pieces.count()].iter().rposition(|&k| k <= value).unwrap_or(0);
+        let y = value - pieces.column(Column::Anchor, 0)[piece];
+        let [kappa, emission @ ..]: [f32; CHANNELS] = std::array::from_fn(|c| {
+            let of = |column| pieces.column(column, c)[piece];
+            of(Column::Value) + y * (2.0 * of(Column::HalfSlope) + y * 3.0 * of(Column::ThirdBend))
+        });
+        if kappa <= 0.0 {
+            return;
+        }
+        let last = f64::from(self.tables.precision.last_transmittance);
+        for i in 0..self.rays.hits().len() {
+            let ray = self.rays.hits()[i];
+            let [entry, exit] = self.rays.interval(ray);
+            let transmittance = (-f64::from(kappa) * (exit - entry)).exp();
+            let color = emission.map(|e| e / kappa * (1.0 - transmittance) as f32);
+            self.rays.add(ray, color, transmittance as f32, last);
+        }
+        self.feedback.counters.cells += self.rays.hits().len() as u64;
+    }
+
+    fn cast_brick(&mut self, key: BrickKey, brick: &DecodedBrick) {
+        let (frame, tables) = (self.frame, self.tables);
+        let cloud = tables.cloud(frame, key, brick);
+        if cloud.is_empty {
+            self.feedback.counters.macro_cells_skipped += self.rays.hits().len() as u64;
+            return;
+        }
+        let extent = brick.extent.map(|n| n as usize);
+        let core = frame.pyramid.core_box(key);
+        assert_eq!(extent, core.extent().map(|n| n + 2 * APRON), "stored extent of {key}");
+        let (voxels, stored, count): (*const u8, _, _) = match &brick.voxels {
+            Voxels::U8(v) => (v.as_ptr(), Stored::U8, v.len()),
+            Voxels::U16(v) => (v.as_ptr().cast(), Stored::U16, v.len()),
+            Voxels::F32(v) => (v.as_ptr().cast(), Stored::F32, v.len()),
+        };
+        assert_eq!(count, extent.iter().product::<usize>(), "voxels of {key}");
+        let level = frame.pyramid.level_at(key.lod());
+        let grid =
+            BrickGrid { inverse_scale: level.scale.map(|s| 1.0 / s as f64), start: core.start.map(|s| s as f64) };
+        let [centre, scale, offset] = stored.to_values_from(tables.origin, &frame.map);
+        let packet_brick = PacketBrick {
+            voxels,
+            stored,
+            strides: [extent[0] as i32, (extent[0] * extent[1]) as i32],
+            core: core.extent().map(|n| n as i32),
+            centre,
+            scale,
+            offset,
+            absent: frame.map.absent,
+            cloud: (!cloud.is_dense).then_some(&*cloud),
+        };
+        let task = CastBrick { frame, tables, key, brick, packet_brick, grid, rays: self.rays };
+        let work = dispatch(tables.set, task);
+        let counters = &mut self.feedback.counters;
+        counters.cells += work.cells;
+        counters.samples += work.samples;
+        counters.macro_cells_skipped += work.leaps;
+        counters.cells_refined += work.refined;
+        counters.cells_exact += work.exact;
+    }
+}
+
+/// Which rays of a tile meet a region.
+struct Enter<'a> {
+    rays: &'a mut TileRays,
+    region: &'a IndexBox,
+}
+
+impl Task for Enter<'_> {
+    type Output = usize;
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> usize {
+        self.rays.enter(self.region)
+    }
+}
+
+/// The rays of a tile that meet a brick, packet by packet.
+struct CastBrick<'a> {
+    frame: &'a CpuFrame,
+    tables: &'a PacketTables,
+    key: BrickKey,
+    brick: &'a DecodedBrick,
+    packet_brick: PacketBrick<'a>,
+    grid: BrickGrid,
+    rays: &'a mut TileRays,
+}
+
+impl Task for CastBrick<'_> {
+    type Output = Work;
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Work {
+        match &self.tables.table {
+            Table::UpTo16(few) => self.cast::<S, _>(&**few),
+            Table::UpTo32(few) => self.cast::<S, _>(&**few),
+            Table::Many => {
+                let many = ManyPieces::new(&self.tables.pieces);
+                self.cast::<S, _>(&many)
+            }
+        }
+    }
+}
+
+impl CastBrick<'_> {
+    #[inline(always)]
+    fn cast<S: Simd, L: Lookup>(self, table: &L) -> Work {
+        let Self { frame, tables, key, brick, packet_brick, grid, rays } = self;
+        let precision = tables.precision;
+        let last_transmittance = f64::from(precision.last_transmittance);
+        let mut host = TileHost { frame, key, brick, grid, rays, next: 0, last_transmittance };
+        // SAFETY: `cast_brick` compared strides, core and length of the voxels.
+        unsafe { cast::<S, L>(&packet_brick, table, tables.pieces.narrow, precision, &mut host) }
+    }
+}
+
+/// The rays of a tile that meet a brick.
+struct TileHost<'a> {
+    frame: &'a CpuFrame,
+    key: BrickKey,
+    brick: &'a DecodedBrick,
+    grid: BrickGrid,
+    rays: &'a mut TileRays,
+    /// The next hit that is lent.
+    next: usize,
+    last_transmittance: f64,
+}
+
+impl Host for TileHost<'_> {
+    fn lend(&mut self, lane: usize, packet: &mut Packet) -> bool {
+        let is_there = self.next < self.rays.hits().len();
+        if is_there {
+            self.rays.pack(self.next, &self.grid, lane, packet);
+            self.next += 1;
+        }
+        is_there
+    }
+
+    fn take_back(&mut self, lane: usize, packet: &Packet) {
+        let color = [0, 1, 2].map(|c| packet.color[c][lane]);
+        self.rays.add(packet.rays[lane], color, packet.transmittance[lane], self.last_transmittance);
+    }
+
+    /// By roots in `f64`.
+    #[cold]
+    fn integrate_exactly(&mut self, ray: u16, base: i32) -> [f32; 4] {
+        let [t0, t1] = self.rays.interval(ray);
+        let ray = CastRay {
+            axis_ray: AxisRay::new(&self.rays.index_ray(ray)),
+            to_eye: Vec3::ZERO,
+            segment: Segment { t0, t1 },
+            pixel: [0; 2],
+        };
+        let base = usize::try_from(base).expect("cells of a brick lie behind its first voxel");
+        exact_cell(LevelVisit::new(self.frame, &ray, self.key), self.brick, self.key, base, [t0, t1])
+    }
+}

@@ -1,0 +1,216 @@
+//! Numbers side by side: the one place that knows instruction sets.
+//!
+//! [`Simd`] is a set of [`Simd::LANES`] lanes of `f32` and `i32`, and masks over them. An algorithm is written once,
+//! generic over it, with `#[inline(always)]` all the way down; [`dispatch`] enters it with the processor's features
+//! switched on. Three sets: AVX-512 (16 lanes), AVX2 with FMA (8), and plain arrays that the compiler vectorises as it can
+//! (4; right everywhere). Lanes never influence each other: a lane's result does not depend on its neighbours, nor on
+//! how many there are. Results differ between sets only where one fuses a multiplication and an addition.
+//!
+//! All `unsafe` of the ray caster is in this folder, and in the calls of [`Simd::gather`], whose caller knows the array.
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+mod portable;
+
+use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
+use std::str::FromStr;
+
+pub use portable::Portable;
+
+/// Most lanes of any set.
+pub const LANES_LIMIT: usize = 16;
+
+/// One width and instruction set. See the module.
+pub trait Simd: Copy + Send + Sync + 'static {
+    /// Lanes; at most [`LANES_LIMIT`].
+    const LANES: usize;
+    /// One `f32` per lane.
+    type F: Copy + Add<Output = Self::F> + Sub<Output = Self::F> + Mul<Output = Self::F> + Div<Output = Self::F>;
+    /// One `i32` per lane; sums and products wrap.
+    type I: Copy + Add<Output = Self::I> + Mul<Output = Self::I>;
+    /// One truth per lane.
+    type M: Copy + BitAnd<Output = Self::M> + BitOr<Output = Self::M> + Not<Output = Self::M>;
+
+    /// The same number in every lane.
+    fn splat(value: f32) -> Self::F;
+    /// See [`Simd::splat`].
+    fn splat_int(value: i32) -> Self::I;
+    /// The first lanes of an array.
+    fn load(values: &[f32; LANES_LIMIT]) -> Self::F;
+    /// See [`Simd::load`].
+    fn load_int(values: &[i32; LANES_LIMIT]) -> Self::I;
+    /// Into the first lanes of an array.
+    fn store(values: Self::F, into: &mut [f32; LANES_LIMIT]);
+    /// See [`Simd::store`].
+    fn store_int(values: Self::I, into: &mut [i32; LANES_LIMIT]);
+
+    /// `a * b + c`.
+    fn mul_add(a: Self::F, b: Self::F, c: Self::F) -> Self::F;
+    /// The lesser; the second where one is NaN.
+    fn min(a: Self::F, b: Self::F) -> Self::F;
+    /// The greater; the second where one is NaN.
+    fn max(a: Self::F, b: Self::F) -> Self::F;
+    /// Magnitude.
+    fn abs(a: Self::F) -> Self::F;
+    /// Square root.
+    fn sqrt(a: Self::F) -> Self::F;
+    /// The greatest whole number not above.
+    fn floor(a: Self::F) -> Self::F;
+    /// `2^n` for whole n in [-126, 127].
+    fn exp2_whole(n: Self::F) -> Self::F;
+    /// Whole numbers, exactly; the rest toward zero.
+    fn to_int(a: Self::F) -> Self::I;
+    /// Exact up to 2^24.
+    fn to_float(a: Self::I) -> Self::F;
+    /// `a >> SHIFT`, the sign kept.
+    fn shift_right<const SHIFT: u32>(a: Self::I) -> Self::I;
+    /// Bits in both.
+    fn and_int(a: Self::I, b: Self::I) -> Self::I;
+
+    /// `a < b`; false where one is NaN.
+    fn lt(a: Self::F, b: Self::F) -> Self::M;
+    /// `a <= b`; false where one is NaN.
+    fn le(a: Self::F, b: Self::F) -> Self::M;
+    /// Where a is NaN.
+    fn is_nan(a: Self::F) -> Self::M;
+    /// `a < b`.
+    fn lt_int(a: Self::I, b: Self::I) -> Self::M;
+    /// `a == b`.
+    fn eq_int(a: Self::I, b: Self::I) -> Self::M;
+    /// `a` where the mask holds, else `b`.
+    fn select(mask: Self::M, a: Self::F, b: Self::F) -> Self::F;
+    /// See [`Simd::select`].
+    fn select_int(mask: Self::M, a: Self::I, b: Self::I) -> Self::I;
+    /// Lane l from bit l.
+    fn mask_from_bits(bits: u32) -> Self::M;
+    /// Bit l from lane l; all higher bits are zero.
+    fn bits(mask: Self::M) -> u32;
+
+    /// `table[index]` for a table of 16; only the index's low 4 bits count.
+    fn lookup16(table: &[f32; 16], index: Self::I) -> Self::F;
+    /// `table[index]` for a table of 32; only the index's low 5 bits count.
+    fn lookup32(table: &[f32; 32], index: Self::I) -> Self::F;
+
+    /// The 4 bytes at each byte offset from `base`, lowest first, where the mask holds; 0 elsewhere.
+    ///
+    /// # Safety
+    /// The 4 bytes at the offset of every lane of the mask can be read.
+    unsafe fn gather(base: *const u8, offsets: Self::I, mask: Self::M) -> Self::I;
+    /// The bits of integers as floats.
+    fn float_from_bits(a: Self::I) -> Self::F;
+    /// Fetches the cache line at each byte offset from `base`, some time; never fails, wherever that is.
+    fn prefetch(base: *const u8, offsets: Self::I);
+}
+
+/// Something to be done with whatever lanes the processor has.
+pub trait Task {
+    /// What comes of it.
+    type Output;
+    /// Does it. Must be `#[inline(always)]`, and all that it calls with lanes, so that it is compiled for the set.
+    fn run<S: Simd>(self) -> Self::Output;
+}
+
+/// A set of instructions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum InstructionSet {
+    /// AVX-512 F, BW, DQ and VL: 16 lanes.
+    Avx512,
+    /// AVX2 and FMA: 8 lanes.
+    Avx2,
+    /// Whatever the compiler makes of arrays of 4.
+    Portable,
+}
+
+impl InstructionSet {
+    /// All of them, the fastest first.
+    pub const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Portable];
+
+    /// Its name on the command line and in statistics.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Avx512 => "avx512",
+            Self::Avx2 => "avx2",
+            Self::Portable => "portable",
+        }
+    }
+
+    /// Whether this processor has it.
+    #[must_use]
+    pub fn is_available(self) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        let (avx512, avx2) = (avx512::is_available(), avx2::is_available());
+        #[cfg(not(target_arch = "x86_64"))]
+        let (avx512, avx2) = (false, false);
+        match self {
+            Self::Avx512 => avx512,
+            Self::Avx2 => avx2,
+            Self::Portable => true,
+        }
+    }
+
+    /// The fastest one that this processor has.
+    #[must_use]
+    pub fn best() -> Self {
+        Self::ALL.into_iter().find(|set| set.is_available()).unwrap_or(Self::Portable)
+    }
+
+    /// Those that this processor has, the fastest first.
+    pub fn available() -> impl Iterator<Item = Self> {
+        Self::ALL.into_iter().filter(|set| set.is_available())
+    }
+}
+
+impl Default for InstructionSet {
+    fn default() -> Self {
+        Self::best()
+    }
+}
+
+impl FromStr for InstructionSet {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let set = Self::ALL.into_iter().find(|set| set.name() == name);
+        let set = set.ok_or_else(|| format!("'{name}' is no instruction set; expected avx512, avx2 or portable"))?;
+        if set.is_available() { Ok(set) } else { Err(format!("this processor has no {name}")) }
+    }
+}
+
+/// Runs a task with a set of instructions.
+///
+/// # Panics
+/// If this processor has no such set.
+pub fn dispatch<T: Task>(set: InstructionSet, task: T) -> T::Output {
+    assert!(set.is_available(), "this processor has no {}", set.name());
+    match set {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the set was just seen to be available.
+        InstructionSet::Avx512 => unsafe { avx512::run(task) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: as above.
+        InstructionSet::Avx2 => unsafe { avx2::run(task) },
+        _ => task.run::<Portable>(),
+    }
+}
+
+/// `exp(-a)` for a >= 0, to 2e-7 of 1; 0 from a = 87 on.
+///
+/// `2^(n + x)` with n whole and x in [-1/2, 1/2]; Taylor's series of `2^x`, the first term left out below 2e-8.
+#[inline(always)]
+pub fn exp_minus<S: Simd>(a: S::F) -> S::F {
+    let z = S::max(a * S::splat(-std::f32::consts::LOG2_E), S::splat(-126.0));
+    let n = S::floor(z + S::splat(0.5));
+    let x = z - n;
+    let mut p = S::splat(1.540_353e-4);
+    for coefficient in [1.333_355_8e-3, 9.618_129e-3, 5.550_41e-2, 0.240_226_5, std::f32::consts::LN_2, 1.0] {
+        p = S::mul_add(p, x, S::splat(coefficient));
+    }
+    p * S::exp2_whole(n)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,186 @@
+//! Every set that this processor has does what plain arithmetic does, lane by lane.
+
+use super::*;
+
+/// Numbers of all kinds in every lane.
+struct Inputs {
+    a: [f32; LANES_LIMIT],
+    b: [f32; LANES_LIMIT],
+    c: [f32; LANES_LIMIT],
+    i: [i32; LANES_LIMIT],
+    j: [i32; LANES_LIMIT],
+    bits: u32,
+}
+
+fn inputs(round: u32) -> Inputs {
+    let mut seed = u64::from(round).wrapping_mul(0x9e37_79b9_7f4a_7c15) + 1;
+    let mut random = move || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 40) as u32
+    };
+    let mut number = |_| {
+        let value = (random() as f32 / (1 << 24) as f32 - 0.5) * 200.0;
+        match random() % 8 {
+            0 => value.round(),
+            1 => f32::NAN,
+            _ => value,
+        }
+    };
+    let (a, b, c) =
+        (std::array::from_fn(&mut number), std::array::from_fn(&mut number), std::array::from_fn(&mut number));
+    let i = std::array::from_fn(|l| (round as i32 * 7 + l as i32 * 13) % 64 - 16);
+    let j = std::array::from_fn(|l| (round as i32 + l as i32 * 5) % 64 - 16);
+    Inputs { a, b, c, i, j, bits: round.wrapping_mul(0x9e37) & 0xffff }
+}
+
+/// Results by name: as bits, NaN as one number.
+struct Outcome<'a>(&'a Inputs);
+
+fn canonical(value: f32) -> u32 {
+    if value.is_nan() { u32::MAX } else { (value + 0.0).to_bits() }
+}
+
+impl Task for Outcome<'_> {
+    type Output = Vec<(&'static str, usize, u32)>;
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Self::Output {
+        let inputs = self.0;
+        let [a, b, c] = [&inputs.a, &inputs.b, &inputs.c].map(|v| S::load(v));
+        let [i, j] = [&inputs.i, &inputs.j].map(|v| S::load_int(v));
+        let table: [f32; 32] = std::array::from_fn(|k| (k * k) as f32);
+        let table16: [f32; 16] = std::array::from_fn(|k| k as f32 * 0.5);
+        let bytes: [u8; 64 + 4] = std::array::from_fn(|k| (k * 37 % 251) as u8);
+        let mask = S::mask_from_bits(inputs.bits);
+        let places = S::and_int(i, S::splat_int(63));
+        // SAFETY: the places are 0 to 63, and the array goes on for 4 bytes.
+        let gathered = unsafe { S::gather(bytes.as_ptr(), places, mask) };
+        let floats = [
+            ("add", a + b),
+            ("sub", a - b),
+            ("mul", a * b),
+            ("div", a / b),
+            ("min", S::min(a, b)),
+            ("max", S::max(a, b)),
+            ("abs", S::abs(a)),
+            ("sqrt", S::sqrt(S::abs(a))),
+            ("floor", S::floor(a)),
+            ("exp2_whole", S::exp2_whole(S::to_float(i))),
+            ("select", S::select(mask, a, b)),
+            ("lookup16", S::lookup16(&table16, j)),
+            ("lookup32", S::lookup32(&table, j)),
+            ("float_from_bits", S::float_from_bits(S::and_int(gathered, S::splat_int(0x7f_ffff)))),
+        ];
+        let ints = [
+            ("add_int", i + j),
+            ("mul_int", i * j),
+            ("and_int", S::and_int(i, j)),
+            ("shift_right", S::shift_right::<3>(i)),
+            ("to_int", S::to_int(S::select(S::is_nan(a), c, S::splat(7.25)))),
+            ("select_int", S::select_int(mask, i, j)),
+            ("gather", gathered),
+        ];
+        let masks = [
+            ("lt", S::lt(a, b)),
+            ("le", S::le(a, b)),
+            ("is_nan", S::is_nan(a)),
+            ("lt_int", S::lt_int(i, j)),
+            ("eq_int", S::eq_int(i, j)),
+            ("and", mask & S::lt(a, b)),
+            ("or", mask | S::lt(a, b)),
+            ("not", !mask),
+        ];
+        let mut out = Vec::new();
+        for (name, value) in floats {
+            let mut lanes = [0.0; LANES_LIMIT];
+            S::store(value, &mut lanes);
+            out.extend((0..S::LANES).map(|lane| (name, lane, canonical(lanes[lane]))));
+        }
+        for (name, value) in ints {
+            let mut lanes = [0; LANES_LIMIT];
+            S::store_int(value, &mut lanes);
+            // What NaN becomes is nobody's business.
+            let unknown = |lane: usize| name == "to_int" && inputs.a[lane].is_nan() && inputs.c[lane].is_nan();
+            out.extend((0..S::LANES).filter(|&lane| !unknown(lane)).map(|lane| (name, lane, lanes[lane] as u32)));
+        }
+        for (name, value) in masks {
+            let bits = S::bits(value);
+            assert_eq!(bits >> S::LANES.min(31), 0, "{name}: bits beyond the lanes");
+            out.extend((0..S::LANES).map(|lane| (name, lane, bits >> lane & 1)));
+        }
+        out
+    }
+}
+
+#[test]
+fn all_sets_agree_lane_by_lane() {
+    for set in InstructionSet::available() {
+        for round in 0..500 {
+            let inputs = inputs(round);
+            let found = dispatch(set, Outcome(&inputs));
+            let expected = dispatch(InstructionSet::Portable, Outcome(&inputs));
+            let known = |name, lane| expected.iter().find(|e| e.0 == name && e.1 == lane).map(|e| e.2);
+            let mut compared = 0;
+            for (name, lane, value) in found {
+                if let Some(expected) = known(name, lane) {
+                    assert_eq!(value, expected, "{} {name}, lane {lane}, round {round}", set.name());
+                    compared += 1;
+                }
+            }
+            assert!(compared > 100, "{} lanes compared", compared);
+        }
+    }
+}
+
+struct ExpMinus([f32; LANES_LIMIT]);
+
+impl Task for ExpMinus {
+    type Output = [f32; LANES_LIMIT];
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> [f32; LANES_LIMIT] {
+        let mut out = [0.0; LANES_LIMIT];
+        S::store(exp_minus::<S>(S::load(&self.0)), &mut out);
+        out
+    }
+}
+
+#[test]
+fn the_exponential_is_right_to_its_bound() {
+    for set in InstructionSet::available() {
+        for i in 0..20_000 {
+            let a = i as f32 * 5e-3;
+            let found = f64::from(dispatch(set, ExpMinus([a; LANES_LIMIT]))[0]);
+            let exact = (-f64::from(a)).exp();
+            assert!((found - exact).abs() <= 2e-7, "{}: exp(-{a}) is {found}, not {exact}", set.name());
+        }
+    }
+}
+
+struct MulAdd<'a>(&'a Inputs);
+
+impl Task for MulAdd<'_> {
+    type Output = Vec<f32>;
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Vec<f32> {
+        let mut out = [0.0; LANES_LIMIT];
+        let Inputs { a, b, c, .. } = self.0;
+        S::store(S::mul_add(S::load(a), S::load(b), S::load(c)), &mut out);
+        out[..S::LANES].to_vec()
+    }
+}
+
+#[test]
+fn products_and_sums_may_be_fused() {
+    for set in InstructionSet::available() {
+        for round in 0..500 {
+            let inputs = inputs(round);
+            for (lane, found) in dispatch(set, MulAdd(&inputs)).into_iter().enumerate() {
+                let [a, b, c] = [inputs.a[lane], inputs.b[lane], inputs.c[lane]];
+                let allowed = [a * b + c, a.mul_add(b, c)].map(canonical);
+                assert!(allowed.contains(&canonical(found)), "{}: {a} * {b} + {c} is {found}", set.name());
+            }
+        }
+    }
+}

@@ -1,0 +1,325 @@
+//! A tile of rays: 16 x 16 neighbouring pixels, brick by brick.
+//!
+//! Rays of a tile go through the bricks together, front to back, so that a brick's voxels are in the processor's cache
+//! while the tile needs them, and packets are packed anew in each brick from those rays that meet it. Where a ray enters
+//! and leaves a brick is computed in `f64` by `(plane - origin) * inverse`, the same expression on both sides of a face
+//! and for every brick size: the parts of a ray tile it.
+//!
+//! Spaces: rays run in the index space of level 0; t is a world length.
+
+use supervol_format::BrickKey;
+use supervol_format::space::HALF_VOXEL;
+
+use super::packet::Packet;
+use crate::clip::{IndexRay, Segment};
+
+/// Pixels along each side of a tile.
+pub const TILE_SIDE: u32 = 16;
+/// Rays of a tile.
+pub const TILE_RAYS: usize = (TILE_SIDE * TILE_SIDE) as usize;
+/// Pixels along each side of a block of rays with consecutive numbers: what one packet holds, as long as all rays run.
+const BLOCK_SIDE: u32 = 4;
+/// Index offsets per world length below this count as parallel: their crossings would overflow.
+const PARALLEL: f64 = 1e-200;
+
+/// Place in the tile of ray number `ray`: neighbours in number are neighbours in the picture.
+#[must_use]
+pub fn place_of(ray: usize) -> [u32; 2] {
+    let ray = ray as u32;
+    let (block, inside) = (ray / (BLOCK_SIDE * BLOCK_SIDE), ray % (BLOCK_SIDE * BLOCK_SIDE));
+    let blocks = TILE_SIDE / BLOCK_SIDE;
+    [block % blocks * BLOCK_SIDE + inside % BLOCK_SIDE, block / blocks * BLOCK_SIDE + inside / BLOCK_SIDE]
+}
+
+type PerRay = [f64; TILE_RAYS];
+
+/// The nearest `f32`, but a whole number only for a whole number: a ray beside a plane of voxels stays on its side of it,
+/// where holes in the plane's neighbours count or do not.
+fn beside_planes(position: f64) -> f32 {
+    let nearest = position as f32;
+    let is_moved_onto_plane = nearest.fract() == 0.0 && f64::from(nearest) != position;
+    match (is_moved_onto_plane, f64::from(nearest) < position) {
+        (false, _) => nearest,
+        (true, true) => nearest.next_up(),
+        (true, false) => nearest.next_down(),
+    }
+}
+
+/// What a ray has gathered, and where it waits.
+#[derive(Debug, Clone)]
+pub struct Gathered {
+    /// Where each ray goes on.
+    pub t: PerRay,
+    /// Premultiplied colour.
+    pub color: [PerRay; 3],
+    /// Share of light from behind that still gets through.
+    pub transmittance: PerRay,
+    /// The brick that the ray waits for.
+    pub waiting: [Option<BrickKey>; TILE_RAYS],
+}
+
+/// The rays of a tile on their way.
+#[derive(Debug, Clone)]
+pub struct TileRays {
+    origin: [PerRay; 3],
+    direction: [PerRay; 3],
+    inverse: [PerRay; 3],
+    /// Where each ray ends; before every entry for rays that go no further in this pass.
+    stop: PerRay,
+    /// What the rays have gathered.
+    pub gathered: Gathered,
+    /// Entry into and exit from the present brick.
+    entry: PerRay,
+    exit: PerRay,
+    /// Rays that meet the present brick.
+    hits: [u16; TILE_RAYS],
+    hit_count: usize,
+    /// Rays that go on in this pass.
+    going: usize,
+    has_parallel: bool,
+    /// Least and greatest origin and inverse direction of all rays, to cull bricks.
+    bounds: Bounds,
+}
+
+/// Bounds over the rays of a tile.
+#[derive(Debug, Clone, Copy, Default)]
+struct Bounds {
+    origin: [[f64; 2]; 3],
+    inverse: [[f64; 2]; 3],
+    t: [f64; 2],
+}
+
+/// A box in index space, half-open; infinite where the volume ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IndexBox {
+    /// Least corner.
+    pub low: [f64; 3],
+    /// Greatest corner.
+    pub high: [f64; 3],
+}
+
+/// The grid of voxels in which packets see a brick: level voxel = (index + 1/2) / scale - 1/2.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BrickGrid {
+    /// Voxels per level-0 voxel: exact, a power of two.
+    pub inverse_scale: [f64; 3],
+    /// First core voxel.
+    pub start: [f64; 3],
+}
+
+impl TileRays {
+    /// A tile without rays.
+    #[must_use]
+    pub fn new() -> Self {
+        let zero = [0.0; TILE_RAYS];
+        Self {
+            origin: [zero; 3],
+            direction: [zero; 3],
+            inverse: [zero; 3],
+            stop: [f64::NEG_INFINITY; TILE_RAYS],
+            gathered: Gathered {
+                t: zero,
+                color: [zero; 3],
+                transmittance: [1.0; TILE_RAYS],
+                waiting: [None; TILE_RAYS],
+            },
+            entry: zero,
+            exit: zero,
+            hits: [0; TILE_RAYS],
+            hit_count: 0,
+            going: 0,
+            has_parallel: false,
+            bounds: Bounds::default(),
+        }
+    }
+
+    /// Takes all rays off.
+    pub fn clear(&mut self) {
+        self.stop.fill(f64::NEG_INFINITY);
+        self.gathered.color = [[0.0; TILE_RAYS]; 3];
+        self.gathered.transmittance.fill(1.0);
+        self.gathered.waiting.fill(None);
+        (self.going, self.hit_count, self.has_parallel) = (0, 0, false);
+    }
+
+    /// Puts a ray on its way from `segment.t0`, or from where it waited.
+    pub fn set(&mut self, ray: usize, index_ray: &IndexRay, segment: Segment) {
+        for a in 0..3 {
+            let direction = if index_ray.direction[a].abs() < PARALLEL { 0.0 } else { index_ray.direction[a] };
+            self.origin[a][ray] = index_ray.origin[a];
+            self.direction[a][ray] = direction;
+            self.inverse[a][ray] = direction.recip();
+            self.has_parallel |= direction == 0.0;
+        }
+        self.gathered.t[ray] = segment.t0;
+        self.stop[ray] = segment.t1;
+        self.going += 1;
+    }
+
+    /// Rays that go on in this pass.
+    #[must_use]
+    pub fn going(&self) -> usize {
+        self.going
+    }
+
+    /// Computes the bounds, once all rays are set.
+    pub fn bound(&mut self) {
+        let mut bounds = Bounds {
+            origin: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
+            inverse: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
+            t: [f64::INFINITY, f64::NEG_INFINITY],
+        };
+        let extend = |range: &mut [f64; 2], value: f64| *range = [range[0].min(value), range[1].max(value)];
+        for ray in (0..TILE_RAYS).filter(|&ray| self.stop[ray] > f64::NEG_INFINITY) {
+            for a in 0..3 {
+                extend(&mut bounds.origin[a], self.origin[a][ray]);
+                extend(&mut bounds.inverse[a], self.inverse[a][ray]);
+            }
+            extend(&mut bounds.t, self.gathered.t[ray]);
+            extend(&mut bounds.t, self.stop[ray]);
+        }
+        self.bounds = bounds;
+    }
+
+    /// Whether some ray may meet the box: never falsely no.
+    #[must_use]
+    pub fn may_meet(&self, cube: &IndexBox) -> bool {
+        let [mut near, mut far] = self.bounds.t;
+        for a in 0..3 {
+            let (origin, inverse) = (self.bounds.origin[a], self.bounds.inverse[a]);
+            // Of one sign and finite, or nothing can be said.
+            if inverse[0] * inverse[1] > 0.0 && inverse.iter().all(|v| v.is_finite()) {
+                let crossing = |plane: f64| {
+                    let ways = [0, 1, 2, 3].map(|i| (plane - origin[i & 1]) * inverse[i >> 1]);
+                    ways.into_iter().fold([f64::INFINITY, f64::NEG_INFINITY], |r, t| [r[0].min(t), r[1].max(t)])
+                };
+                let (low, high) = (crossing(cube.low[a]), crossing(cube.high[a]));
+                near = near.max(low[0].min(high[0]));
+                far = far.min(low[1].max(high[1]));
+            }
+        }
+        near <= far
+    }
+
+    /// Finds the rays that meet the box, and where; returns how many.
+    #[inline(always)]
+    pub fn enter(&mut self, cube: &IndexBox) -> usize {
+        for ray in 0..TILE_RAYS {
+            let (mut near, mut far) = (self.gathered.t[ray], self.stop[ray]);
+            for a in 0..3 {
+                let low = (cube.low[a] - self.origin[a][ray]) * self.inverse[a][ray];
+                let high = (cube.high[a] - self.origin[a][ray]) * self.inverse[a][ray];
+                // Like this, NaN from a parallel ray in a face's plane is passed over.
+                let (first, last) = if low < high { (low, high) } else { (high, low) };
+                near = if first > near { first } else { near };
+                far = if last < far { last } else { far };
+            }
+            self.entry[ray] = near;
+            self.exit[ray] = far;
+        }
+        if self.has_parallel {
+            self.leave_out_parallel(cube);
+        }
+        let mut count = 0;
+        for ray in 0..TILE_RAYS {
+            self.hits[count] = ray as u16;
+            count += usize::from(self.entry[ray] < self.exit[ray]);
+            // The last write may lie at the end; it is never read.
+            if count == TILE_RAYS {
+                break;
+            }
+        }
+        self.hit_count = count;
+        count
+    }
+
+    /// Rays parallel to an axis meet a box where they lie between its faces, the lower one included.
+    #[cold]
+    fn leave_out_parallel(&mut self, cube: &IndexBox) {
+        for ray in 0..TILE_RAYS {
+            if self.stop[ray] == f64::NEG_INFINITY {
+                continue;
+            }
+            let (mut near, mut far) = (self.gathered.t[ray], self.stop[ray]);
+            for a in 0..3 {
+                let (origin, inverse) = (self.origin[a][ray], self.inverse[a][ray]);
+                if self.direction[a][ray] == 0.0 {
+                    if !(cube.low[a] <= origin && origin < cube.high[a]) {
+                        far = f64::NEG_INFINITY;
+                    }
+                    continue;
+                }
+                let crossings = [(cube.low[a] - origin) * inverse, (cube.high[a] - origin) * inverse];
+                near = near.max(crossings[0].min(crossings[1]));
+                far = far.min(crossings[0].max(crossings[1]));
+            }
+            self.entry[ray] = near;
+            self.exit[ray] = far;
+        }
+    }
+
+    /// The rays found by [`TileRays::enter`].
+    #[must_use]
+    pub fn hits(&self) -> &[u16] {
+        &self.hits[..self.hit_count]
+    }
+
+    /// Entry and exit of a ray found by [`TileRays::enter`].
+    #[must_use]
+    pub fn interval(&self, ray: u16) -> [f64; 2] {
+        [self.entry[usize::from(ray)], self.exit[usize::from(ray)]]
+    }
+
+    /// A ray in index space.
+    #[must_use]
+    pub fn index_ray(&self, ray: u16) -> IndexRay {
+        let ray = usize::from(ray);
+        IndexRay {
+            origin: std::array::from_fn(|a| self.origin[a][ray]),
+            direction: std::array::from_fn(|a| self.direction[a][ray]),
+        }
+    }
+
+    /// Writes hit number `hit` into a lane of a packet for a brick.
+    #[inline(always)]
+    pub fn pack(&self, hit: usize, grid: &BrickGrid, lane: usize, packet: &mut Packet) {
+        let ray = usize::from(self.hits[hit]);
+        let entry = self.entry[ray];
+        for a in 0..3 {
+            let position = self.origin[a][ray] + entry * self.direction[a][ray];
+            let local = (position + HALF_VOXEL) * grid.inverse_scale[a] - HALF_VOXEL - grid.start[a];
+            packet.origin[a][lane] = if self.direction[a][ray] == 0.0 { beside_planes(local) } else { local as f32 };
+            packet.direction[a][lane] = (self.direction[a][ray] * grid.inverse_scale[a]) as f32;
+        }
+        packet.length[lane] = (self.exit[ray] - entry) as f32;
+        packet.front[lane] = self.gathered.transmittance[ray] as f32;
+        packet.rays[lane] = ray as u16;
+    }
+
+    /// Adds a part of one ray.
+    #[inline(always)]
+    pub fn add(&mut self, ray: u16, color: [f32; 3], transmittance: f32, last_transmittance: f64) {
+        let ray = usize::from(ray);
+        let in_front = self.gathered.transmittance[ray];
+        for c in 0..3 {
+            self.gathered.color[c][ray] += in_front * f64::from(color[c]);
+        }
+        let behind = in_front * f64::from(transmittance);
+        self.gathered.transmittance[ray] = behind;
+        if behind <= last_transmittance && self.stop[ray] > f64::NEG_INFINITY {
+            self.stop[ray] = f64::NEG_INFINITY;
+            self.going -= 1;
+        }
+    }
+
+    /// The rays of the present brick wait for it.
+    pub fn wait(&mut self, key: BrickKey) {
+        for i in 0..self.hit_count {
+            let ray = usize::from(self.hits[i]);
+            self.gathered.t[ray] = self.entry[ray];
+            self.gathered.waiting[ray] = Some(key);
+            self.stop[ray] = f64::NEG_INFINITY;
+        }
+        self.going -= self.hit_count;
+    }
+}

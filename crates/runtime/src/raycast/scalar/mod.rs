@@ -1,0 +1,31 @@
+//! The cell caster in plain Rust: ray by ray, trilinear cell by trilinear cell, crossings and cubics in `f64`.
+//!
+//! It has three duties:
+//! - its small functions ([`cell`], [`quadrature`], [`shade`]) are the twins of the shader functions of the same names;
+//! - it is written to be read and checked, so that faster casters on the CPU are compared with it;
+//! - it hands every macro cell that may show something to an [`Integrator`], so that methods of comparison plug in and
+//!   share all else: the walk, levels of detail, skipping, and what rays wait for.
+//!
+//! In the order of a ray's way:
+//! - `march`: brick by brick, until the ray is finished or waits;
+//! - [`walk`]: where it crosses the faces of bricks, macro cells and cells;
+//! - [`visit`]: one brick, macro cell by macro cell, and access to its voxels;
+//! - [`integrator`]: the interface; [`cell_by_cell`]: the integrator of this caster;
+//! - [`cell`], [`quadrature`], [`shade`], [`modes`]: one cell, and what a chord through it contributes.
+
+pub mod cell;
+pub mod cell_by_cell;
+pub mod integrator;
+mod march;
+pub mod modes;
+pub mod quadrature;
+pub mod shade;
+pub mod visit;
+pub mod walk;
+
+pub(crate) use cell_by_cell::exact_cell;
+pub use cell_by_cell::{CellByCell, CellRule, Pairs};
+pub use integrator::{Integration, Integrator};
+pub(crate) use march::cast_ray;
+pub(crate) use visit::CastRay;
+pub use visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};

@@ -1,0 +1,107 @@
+//! Runs a test shader once for each of some inputs.
+
+use bytemuck::Pod;
+use supervol_runtime::gpu::shaders::ShaderModule;
+use supervol_runtime::raycast::gpu::GpuDevice;
+
+/// What a test shader reads in group 0, by binding.
+pub enum Resource<'a> {
+    Uniform(&'a [u8]),
+    Storage(&'a [u8]),
+    /// Voxels of a cube of one slot, x fastest, 32 bits each; its edge.
+    Texture(&'a [u32], u32),
+}
+
+/// The outputs of a module with one entry point: group 0 as given, group 2 the inputs and the outputs.
+pub fn run<I: Pod, O: Pod>(
+    gpu: &GpuDevice,
+    module: ShaderModule,
+    group_0: &[(u32, Resource<'_>)],
+    inputs: &[I],
+) -> Vec<O> {
+    let device = &gpu.device;
+    let source = wgpu::ShaderSource::Wgsl(module.source().into());
+    let shader = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: None, source });
+    let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: None,
+        layout: None,
+        module: &shader,
+        entry_point: None,
+        compilation_options: wgpu::PipelineCompilationOptions::default(),
+        cache: None,
+    });
+    let storage = wgpu::BufferUsages::STORAGE;
+    let bytes = size_of::<O>() as u64 * inputs.len() as u64;
+    let outputs = gpu.buffer("outputs", bytes, storage).expect("a buffer");
+    let read_back = gpu.read_buffer("outputs", bytes).expect("a buffer");
+    let tables: Vec<(u32, Bound)> = group_0.iter().map(|(binding, r)| (*binding, bound(gpu, r))).collect();
+    let inputs_buffer = Bound::Buffer(buffer(gpu, bytemuck::cast_slice(inputs), storage));
+    let bind = |group: u32, resources: &[(u32, &Bound)]| {
+        let entries: Vec<_> = resources
+            .iter()
+            .map(|&(binding, resource)| wgpu::BindGroupEntry { binding, resource: resource.binding() })
+            .collect();
+        let layout = pipeline.get_bind_group_layout(group);
+        device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries })
+    };
+    let groups = [
+        bind(0, &tables.iter().map(|(binding, table)| (*binding, table)).collect::<Vec<_>>()),
+        bind(1, &[]),
+        bind(2, &[(0, &inputs_buffer), (1, &Bound::Buffer(outputs.clone()))]),
+    ];
+    let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    {
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        pass.set_pipeline(&pipeline);
+        (0u32..).zip(&groups).for_each(|(i, group)| pass.set_bind_group(i, group, &[]));
+        pass.dispatch_workgroups(inputs.len().div_ceil(64) as u32, 1, 1);
+    }
+    encoder.copy_buffer_to_buffer(&outputs, 0, &read_back, 0, bytes);
+    gpu.queue.submit([encoder.finish()]);
+    gpu.read(&read_back, bytes, bytemuck::pod_collect_to_vec).expect("outputs")
+}
+
+enum Bound {
+    Buffer(wgpu::Buffer),
+    View(wgpu::TextureView),
+}
+
+impl Bound {
+    fn binding(&self) -> wgpu::BindingResource<'_> {
+        match self {
+            Self::Buffer(buffer) => buffer.as_entire_binding(),
+            Self::View(view) => wgpu::BindingResource::TextureView(view),
+        }
+    }
+}
+
+fn bound(gpu: &GpuDevice, resource: &Resource<'_>) -> Bound {
+    match resource {
+        Resource::Uniform(bytes) => Bound::Buffer(buffer(gpu, bytes, wgpu::BufferUsages::UNIFORM)),
+        Resource::Storage(bytes) => Bound::Buffer(buffer(gpu, bytes, wgpu::BufferUsages::STORAGE)),
+        Resource::Texture(voxels, edge) => Bound::View(texture(gpu, voxels, *edge)),
+    }
+}
+
+fn buffer(gpu: &GpuDevice, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    let buffer = gpu.buffer("inputs", bytes.len() as u64, usage).expect("a buffer");
+    gpu.queue.write_buffer(&buffer, 0, bytes);
+    buffer
+}
+
+fn texture(gpu: &GpuDevice, voxels: &[u32], edge: u32) -> wgpu::TextureView {
+    let size = wgpu::Extent3d { width: edge, height: edge, depth_or_array_layers: edge };
+    let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D3,
+        format: wgpu::TextureFormat::R32Uint,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * edge), rows_per_image: Some(edge) };
+    gpu.queue.write_texture(texture.as_image_copy(), bytemuck::cast_slice(voxels), layout, size);
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
