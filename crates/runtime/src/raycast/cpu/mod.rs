@@ -1,17 +1,18 @@
-//! The ray caster in Rust.
+//! Frames and passes on the CPU, and the caster that takes rays in packets.
 //!
-//! It integrates trilinear cells, not steps (docs/ARCHITECTURE.md, "How a ray is integrated"), in passes:
-//! 1. [`CpuFrame::begin`] makes one [`RayState`] per ray.
+//! Trilinear cells are integrated, not steps (docs/ARCHITECTURE.md, "How a ray is integrated"), in passes:
+//! 1. [`CpuFrame::begin`] makes the rays: tiles for packets, one [`RayState`] per ray where they are cast one by one.
 //! 2. [`cast_pass`] takes every unfinished ray as far as resident bricks allow. A ray that needs a brick that is not
 //!    resident keeps its place and the brick's key; the pass returns all such keys.
 //! 3. The caller makes some of them resident and casts the next pass, until no ray waits.
-//! 4. [`CpuFrame::image`] makes the picture of the states, at any time.
+//! 4. [`CpuFrame::image`] makes the picture of the rays, at any time.
 //!
-//! The picture depends neither on the number of threads, nor on which bricks came when, nor on the size of bricks: to
-//! the last bit. Crossings and cubics are `f64`, values and colours `f32`; a ray gathers in `f64`.
+//! The picture depends neither on the number of threads, nor on which bricks came when, nor on skipping: to the last bit. On
+//! the size of bricks it depends where packets cast, by less than shows (docs/decisions/006-packets.md).
 //!
-//! What is here is the same for every caster that runs on the CPU; the one place where rays are dealt out to a caster is
-//! `cast_block`.
+//! Packets take unshaded `dvr`, in the order of the data: `tile` (rays) and `order` (bricks), `packets` (their passes),
+//! `leap`, `packet` (walk), `fetch`, `lookup` and `integrate` (one cell), `refine` (cells that are not settled by that). All
+//! else goes ray by ray through [`scalar`].
 
 mod fetch;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
@@ -536,8 +537,6 @@ pub(crate) struct BlockFeedback {
     pub(crate) misses: BTreeMap<BrickKey, (u64, f64)>,
     pub(crate) uses: BTreeSet<BrickKey>,
     pub(crate) counters: Counters,
-    /// Rays of the block that set out in this pass.
-    pub(crate) begun: u64,
 }
 
 /// Casts every unfinished ray as far as resident bricks allow.

@@ -209,11 +209,14 @@ pub(super) fn cast_tiles(
             }
             let corner = [index % columns, index / columns].map(|i| i as u32 * TILE_SIDE);
             begin_tile((frame, tables), corner, tile, rays, &mut feedback);
-            if rays.going() > 0 {
+            let begun = rays.going();
+            if begun > 0 {
                 rays.bound();
                 CastTile { view, frame, tables, rays, feedback: &mut feedback }.run();
             }
-            *tile = end_tile(tables, rays, &mut feedback);
+            *tile = end_tile(tables, rays);
+            feedback.counters.rays_waiting += tile.waiting();
+            feedback.counters.rays_finished += begun as u64 - tile.waiting();
             feedback
         },
     );
@@ -255,25 +258,16 @@ fn begin_tile(
             }
         }
     }
-    feedback.begun = rays.going() as u64;
 }
 
-fn end_tile(tables: &PacketTables, rays: &TileRays, feedback: &mut BlockFeedback) -> Tile {
+fn end_tile(tables: &PacketTables, rays: &TileRays) -> Tile {
     let gathered = &rays.gathered;
-    let waiting = gathered.waiting.iter().flatten().count() as u64;
-    feedback.counters.rays_finished += feedback.begun - waiting;
-    feedback.counters.rays_waiting += waiting;
-    if waiting > 0 {
+    if gathered.waiting.iter().any(Option::is_some) {
         return Tile::Waiting(Box::new(gathered.clone()));
     }
     let last = f64::from(tables.precision.last_transmittance);
     let terminated_early = gathered.transmittance.iter().filter(|&&t| t <= last).count() as u64;
-    let mut tile = Box::new(FinishedTile { pixels: [[0.0; 4]; TILE_RAYS], terminated_early });
-    for (ray, pixel) in tile.pixels.iter_mut().enumerate() {
-        let [r, g, b] = [0, 1, 2].map(|c| gathered.color[c][ray]);
-        *pixel = [r, g, b, 1.0 - gathered.transmittance[ray]].map(|v| v as f32);
-    }
-    Tile::Finished(tile)
+    Tile::Finished(Box::new(FinishedTile { pixels: std::array::from_fn(|ray| gathered.pixel(ray)), terminated_early }))
 }
 
 /// The pixels of all tiles, row by row from the top; unfinished tiles show what they have.
@@ -291,10 +285,7 @@ pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
                 pixels[y * width + x] = match tile {
                     Tile::Fresh => [0.0; 4],
                     Tile::Finished(finished) => finished.pixels[ray],
-                    Tile::Waiting(gathered) => {
-                        let [r, g, b] = [0, 1, 2].map(|c| gathered.color[c][ray]);
-                        [r, g, b, 1.0 - gathered.transmittance[ray]].map(|v| v as f32)
-                    }
+                    Tile::Waiting(gathered) => gathered.pixel(ray),
                 };
             }
         }

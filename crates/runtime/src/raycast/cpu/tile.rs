@@ -12,6 +12,7 @@ use supervol_format::space::HALF_VOXEL;
 
 use super::packet::Packet;
 use crate::clip::{IndexRay, Segment};
+use crate::raycast::scalar::walk::PARALLEL;
 
 /// Pixels along each side of a tile.
 pub const TILE_SIDE: u32 = 16;
@@ -19,8 +20,6 @@ pub const TILE_SIDE: u32 = 16;
 pub const TILE_RAYS: usize = (TILE_SIDE * TILE_SIDE) as usize;
 /// Pixels along each side of a block of rays with consecutive numbers: what one packet holds, as long as all rays run.
 const BLOCK_SIDE: u32 = 4;
-/// Index offsets per world length below this count as parallel: their crossings would overflow.
-const PARALLEL: f64 = 1e-200;
 
 /// Place in the tile of ray number `ray`: neighbours in number are neighbours in the picture.
 #[must_use]
@@ -56,6 +55,15 @@ pub struct Gathered {
     pub transmittance: PerRay,
     /// The brick that the ray waits for.
     pub waiting: [Option<BrickKey>; TILE_RAYS],
+}
+
+impl Gathered {
+    /// Premultiplied colour and opacity of a ray.
+    #[must_use]
+    pub fn pixel(&self, ray: usize) -> [f32; 4] {
+        let [r, g, b] = [0, 1, 2].map(|c| self.color[c][ray]);
+        [r, g, b, 1.0 - self.transmittance[ray]].map(|v| v as f32)
+    }
 }
 
 /// The rays of a tile on their way.

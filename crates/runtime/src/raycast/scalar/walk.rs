@@ -13,7 +13,7 @@ use supervol_format::space::HALF_VOXEL;
 use crate::clip::IndexRay;
 
 /// Index offsets per world length below this count as parallel: their crossings would overflow.
-const PARALLEL: f64 = 1e-200;
+pub(crate) const PARALLEL: f64 = 1e-200;
 
 /// A ray in the index space of level 0, ready for crossings.
 #[derive(Debug, Clone, Copy)]

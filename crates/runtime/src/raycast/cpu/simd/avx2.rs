@@ -281,13 +281,4 @@ impl Simd for Avx2 {
     fn float_from_bits(a: Ints) -> Floats {
         Floats(unsafe { _mm256_castsi256_ps(a.0) })
     }
-
-    #[inline(always)]
-    fn prefetch(base: *const u8, offsets: Ints) {
-        let mut lanes = [0i32; LANES_LIMIT];
-        Self::store_int(offsets, &mut lanes);
-        for &offset in &lanes[..Self::LANES] {
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(base.wrapping_offset(offset as isize).cast()) }
-        }
-    }
 }

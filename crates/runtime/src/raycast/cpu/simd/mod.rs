@@ -6,7 +6,7 @@
 //! (4; right everywhere). Lanes never influence each other: a lane's result does not depend on its neighbours, nor on
 //! how many there are. Results differ between sets only where one fuses a multiplication and an addition.
 //!
-//! All `unsafe` of the ray caster is in this folder, and in the calls of [`Simd::gather`], whose caller knows the array.
+//! All `unsafe` of the ray caster is in this folder, and on the way to [`Simd::gather`], whose callers know the array.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -100,8 +100,6 @@ pub trait Simd: Copy + Send + Sync + 'static {
     unsafe fn gather(base: *const u8, offsets: Self::I, mask: Self::M) -> Self::I;
     /// The bits of integers as floats.
     fn float_from_bits(a: Self::I) -> Self::F;
-    /// Fetches the cache line at each byte offset from `base`, some time; never fails, wherever that is.
-    fn prefetch(base: *const u8, offsets: Self::I);
 }
 
 /// Something to be done with whatever lanes the processor has.

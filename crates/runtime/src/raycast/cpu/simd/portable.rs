@@ -287,7 +287,4 @@ impl Simd for Portable {
     fn float_from_bits(a: Ints) -> Floats {
         Floats(a.0.map(|a| f32::from_bits(a as u32)))
     }
-
-    #[inline(always)]
-    fn prefetch(_base: *const u8, _offsets: Ints) {}
 }
