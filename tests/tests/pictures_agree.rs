@@ -239,10 +239,14 @@ fn report(name: &str, distance: f64, bound: f64) {
     assert!(distance <= bound, "{name}: {distance}/255, bound {bound}/255");
 }
 
-/// What the size of bricks may change, grey levels: packets compute positions in `f32` from where a ray enters a brick, and
-/// refine cells by what is in front of the brick (docs/decisions/006-packets.md).
+/// What the size of bricks may change, grey levels: packets compute positions in `f32` from where a ray enters a brick, and in
+/// `dvr` refine cells by what is in front of the brick (docs/decisions/006-packets.md). Surfaces are found in `f64`.
 fn brick_size_bound(mode: &str) -> f64 {
-    if mode == "dvr" { 0.125 } else { 0.0 }
+    match mode {
+        "mip" | "minip" | "mean" => 0.001,
+        _ if mode.starts_with("dvr") => 0.125,
+        _ => 0.0,
+    }
 }
 
 #[test]

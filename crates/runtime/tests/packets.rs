@@ -9,8 +9,8 @@ use supervol_runtime::raycast::cpu::{Caster, CpuQuality, PacketRule, Skipping};
 use supervol_runtime::scene::ResolvedScene;
 use support::{Bricked, Volume, difference, marschner_lobb, noise, points, reference, scene};
 
-/// Random scenes of [`random_scenes_keep_the_error`].
-const SCENES: u64 = 60;
+/// Random scenes of [`random_scenes_keep_the_error`], half of them shaded.
+const SCENES: u64 = 80;
 const SEED: u64 = 20_261_122;
 
 struct Random(u64);
@@ -71,7 +71,27 @@ fn random_scene(random: &mut Random, volume: &Volume) -> ResolvedScene {
     let eye: [f64; 3] = std::array::from_fn(|a| centre[a] + 70.0 * direction[a] / length);
     let camera = format!(r#""eye": {eye:?}, "target": {centre:?}, "up": [0.1, 0.2, 1], "fov_y": 26"#);
     let image = r#""image": {"width": 20, "height": 16}"#;
-    scene(volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "transfer_function": {tf}}}"#))
+    let shading = if random.unit() < 0.5 { random_shading(random) } else { String::new() };
+    scene(volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "transfer_function": {tf}{shading}}}"#))
+}
+
+/// The default, or one to three lights from anywhere on a material that is dull or shiny.
+fn random_shading(random: &mut Random) -> String {
+    if random.unit() < 0.4 {
+        return r#", "shading": {}"#.to_owned();
+    }
+    let lights: Vec<String> = (0..1 + random.below(3))
+        .map(|_| {
+            let direction = [0; 3].map(|_| random.unit() - 0.501);
+            format!(r#"{{"direction": {direction:?}, "intensity": {}}}"#, random.unit())
+        })
+        .collect();
+    let shininess = [1.0, 4.0, 32.0, 120.0][random.below(4)];
+    let [ambient, diffuse, specular] = [0; 3].map(|_| random.unit());
+    format!(
+        r#", "shading": {{"ambient": {ambient}, "diffuse": {diffuse}, "specular": {specular}, "shininess": {shininess}, "lights": [{}]}}"#,
+        lights.join(", ")
+    )
 }
 
 #[test]

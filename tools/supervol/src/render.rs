@@ -44,7 +44,7 @@ pub struct Arguments {
     /// allows them; 1 goes by the size of a pixel alone
     #[arg(long, value_name = "E", default_value = "0.5/255", value_parser = quantity::error_bound)]
     max_error: ErrorBound,
-    /// Instructions for packets of rays (CPU backend, unshaded dvr): avx512, avx2 or portable; by default the best that the
+    /// Instructions for packets of rays (CPU backend): avx512, avx2 or portable; by default the best that the
     /// processor has
     #[arg(long, value_name = "SET")]
     instructions: Option<InstructionSet>,

@@ -207,7 +207,8 @@ impl<'a> Frame<'a> {
         [color.x, color.y, color.z, 1.0 - transmittance]
     }
 
-    /// Premultiplied colour and transmittance of a piece, cut where the transfer function bends or steps.
+    /// Premultiplied colour and transmittance of a piece, cut where the transfer function bends or steps, and where shading
+    /// ends for want of a normal.
     fn converged_piece(&self, pieces: &Pieces, t0: f64, t1: f64) -> (DVec3, f64) {
         let cuts = self.cuts(pieces, t0, t1);
         cuts.windows(2).map(|c| self.refined(pieces, c[0], c[1], 0)).fold((DVec3::ZERO, 1.0), behind)
@@ -236,8 +237,34 @@ impl<'a> Frame<'a> {
                 }
             }
         }
+        if self.scene.shading.is_some() {
+            self.cut_where_normals_end(pieces, t0, t1, &mut cuts);
+        }
         cuts.sort_by(f64::total_cmp);
         cuts
+    }
+
+    /// Adds the places where the gradient becomes too short for a normal: shading ends there at once, and where the gradient
+    /// grows steeply that is too near its zero for samples at even distances.
+    fn cut_where_normals_end(&self, pieces: &Pieces, t0: f64, t1: f64, cuts: &mut Vec<f64>) {
+        let at = |t: f64| match self.volume.gradient(pieces.ray.at(t)) {
+            Some(gradient) => (self.world_from_index_gradient * gradient).length(),
+            None => f64::INFINITY,
+        };
+        let mut grid: Vec<(f64, f64)> = search_grid(t0, t1).0.into_iter().map(|t| (t, at(t))).collect();
+        for i in 1..SEARCH_SAMPLES {
+            if grid[i].1 < grid[i - 1].1 && grid[i].1 < grid[i + 1].1 {
+                let t = peak(grid[i - 1].0, grid[i + 1].0, |t| -at(t));
+                grid.push((t, at(t)));
+            }
+        }
+        grid.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for pair in grid.windows(2) {
+            let before = pair[0].1 < self.gradient_floor;
+            if before != (pair[1].1 < self.gradient_floor) {
+                cuts.push(bisect(pair[0].0, pair[1].0, |t| (at(t) < self.gradient_floor) == before));
+            }
+        }
     }
 
     /// An interval, halved until doubling its samples changes nothing.

@@ -63,6 +63,9 @@ pub struct TransferPieces {
     count: usize,
     /// Intervals of values narrower than this have the mean of their ends: antiderivatives would cancel.
     pub narrow: f32,
+    /// Values strictly between these show nothing: those below the function's first point where that is clear, else the
+    /// widest such interval; `[inf, -inf]` where there is none.
+    pub clear: [f32; 2],
 }
 
 /// One piece while the table is made.
@@ -83,7 +86,8 @@ impl TransferPieces {
         let pieces = pieces_of(source, shift, tolerance);
         let count = pieces.len();
         let stride = count.next_power_of_two().max(LEAST_STRIDE);
-        let mut table = Self { columns: vec![0.0; stride * COLUMNS], stride, count, narrow: 0.0 };
+        let mut table =
+            Self { columns: vec![0.0; stride * COLUMNS], stride, count, narrow: 0.0, clear: clear_interval(&pieces) };
         let (first, last) = (pieces[0].anchor, pieces[count - 1].anchor);
         table.narrow = (NARROW_SHARE * (last - first)) as f32;
         table.columns[..stride].fill(f32::INFINITY);
@@ -150,6 +154,26 @@ impl TransferPieces {
         set(Column::ColorVariation, 0, sums.color);
         set(Column::ColorVariationPerValue, 0, piece.color_slope);
     }
+}
+
+/// See [`TransferPieces::clear`].
+fn clear_interval(pieces: &[Piece]) -> [f32; 2] {
+    let is_clear = |piece: &Piece| piece.channels.iter().flatten().all(|&c| c == 0.0);
+    let mut best = [f64::INFINITY, f64::NEG_INFINITY];
+    let mut begin = None;
+    for (i, piece) in pieces.iter().enumerate() {
+        if !is_clear(piece) {
+            begin = None;
+            continue;
+        }
+        let begin = *begin.get_or_insert(piece.knot);
+        let end = pieces.get(i + 1).map_or(f64::INFINITY, |next| next.knot);
+        // What begins below the first point is infinitely wide: nothing is wider.
+        if begin == best[0] || end - begin > best[1] - best[0] {
+            best = [begin, end];
+        }
+    }
+    best.map(|v| v as f32)
 }
 
 /// Intervals below this share of the function's width are narrow.

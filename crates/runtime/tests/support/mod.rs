@@ -130,6 +130,11 @@ pub struct Bricked {
 
 impl Bricked {
     pub fn new(volume: &Volume, core: u32) -> Self {
+        Self::scaled(volume, core, [1.0, 0.0])
+    }
+
+    /// The same, but what is stored means `stored * scale + offset`.
+    pub fn scaled(volume: &Volume, core: u32, [scale, offset]: [f64; 2]) -> Self {
         let layout = BrickLayout::new(core).unwrap();
         let mut levels = vec![volume.clone()];
         let mut factors = vec![];
@@ -140,7 +145,7 @@ impl Bricked {
         }
         let pyramid = Pyramid::new(Dims(volume.dims.map(|n| n as u64)), layout, &factors).unwrap();
         let (t, range) = (volume.voxel_type, volume.range());
-        let map = ValueMap::for_container(t, 1.0, 0.0, volume.nodata, range);
+        let map = ValueMap::for_container(t, scale, offset, volume.nodata, range);
         let mut bricks = HashMap::new();
         for (lod, level) in levels.iter().enumerate() {
             for key in pyramid.keys_of(Lod(lod as u8)) {

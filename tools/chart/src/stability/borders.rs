@@ -10,8 +10,9 @@ use supervol_runtime::camera::{Camera, Projection};
 use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
-use supervol_runtime::raycast::cpu::{CpuQuality, Skipping};
+use supervol_runtime::raycast::cpu::{Caster, CpuQuality, Skipping};
 use supervol_runtime::raycast::gpu::GpuDevice;
+use supervol_runtime::raycast::scalar::CellRule;
 use supervol_runtime::scene::ResolvedScene;
 
 use super::views::{BLUE, GOLD, HALF_A_LEVEL, SHADED, automatic, fractions, grey_levels, smooth};
@@ -19,7 +20,7 @@ use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures::{self, Thin};
 use crate::random::Random;
-use crate::resident::{Classified, ResidentBricks, cast};
+use crate::resident::{Classified, ResidentBricks, at_level, cast};
 use crate::ricker::Ricker;
 use crate::volume::{Point, Volume, build_options, finest, image_size, transfer_function};
 
@@ -29,7 +30,7 @@ pub const REGIMES: &[Regime] = &[
         id: "S13",
         title: "Gradients at brick borders",
         recipe: "The distance field SPHERE, shaded, cut into bricks of 16, 32 and one brick; the same picture from each, \
-                 level 0, CPU.",
+                 level 0, CPU: ray by ray, to the last bit, and by packets, to a quarter of the error they aim at.",
         x_label: "bricks the volume is cut into",
         y_label: "greatest difference from the unbricked volume, grey levels of 255",
         run: gradients_at_borders,
@@ -75,28 +76,48 @@ fn bits_differ(a: &Image, b: &Image) -> f64 {
     if bits(a) == bits(b) { 0.0 } else { 1.0 }
 }
 
+/// Grey levels that packets may change with the size of bricks: a quarter of the error they aim at. They compute positions in
+/// `f32` from where a ray enters a brick, and refine by what is in front of the brick (docs/decisions/006-packets.md).
+const PACKET_BRICK_LEVELS: f64 = 0.125;
+
+/// The two casters of the CPU, and their names: what users get, and what that is compared with.
+fn casters() -> [(&'static str, RenderOptions<'static>); 2] {
+    let ray_by_ray = RenderOptions { caster: Caster::Cells(CellRule::DEFAULT), ..finest(Backend::Cpu) };
+    [("default", finest(Backend::Cpu)), ("ray by ray in f64", ray_by_ray)]
+}
+
 fn gradients_at_borders(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let edge = 32;
     let mut curve = Vec::new();
-    let mut differing = 0.0;
+    let (mut differing, mut worst_of_packets) = (0.0, 0.0f64);
     let size = context.pick(image_size(192, 144), image_size(48, 36));
-    let mut whole: Option<Vec<Image>> = None;
+    let mut whole: [Option<Vec<Image>>; 2] = [None, None];
     for core in [32, 16] {
         let volume = Volume::build(context, &format!("S13 {core}"), &fixtures::sphere(edge), &build_options(core))?;
         let through_borders = volume.looking_from(DVec3::new(1.0, 1e-3, 2e-3), 2.2);
-        let pictures = [volume.outside(), through_borders]
+        let bricks = volume.container.pyramid().level_at(Lod(0)).brick_count();
+        let scenes = [volume.outside(), through_borders]
             .iter()
             .flat_map(|camera| [smooth(&volume, 1.0), shell(&volume)].map(|tf| [camera.clone(), tf]))
-            .map(|[camera, tf]| volume.finest(&volume.scene(&[&camera, &size, SHADED, &tf])?, Backend::Cpu))
+            .map(|[camera, tf]| volume.scene(&[&camera, &size, SHADED, &tf]))
             .collect::<Result<Vec<_>, ChartError>>()?;
-        let expected = whole.get_or_insert_with(|| pictures.clone());
-        let worst = pictures.iter().zip(expected.iter()).map(|(a, b)| grey_levels(a, b)).fold(0.0, f64::max);
-        differing += pictures.iter().zip(expected.iter()).map(|(a, b)| bits_differ(a, b)).sum::<f64>();
-        let bricks = volume.container.pyramid().level_at(Lod(0)).brick_count();
-        curve.push(CurvePoint::new("default", bricks as f64, worst, Some(0.0)));
+        for ((series, options), whole) in casters().into_iter().zip(&mut whole) {
+            let pictures: Vec<Image> =
+                scenes.iter().map(|scene| Ok(volume.render(scene, &options)?.0)).collect::<Result<_, ChartError>>()?;
+            let expected = whole.get_or_insert_with(|| pictures.clone());
+            let worst = pictures.iter().zip(expected.iter()).map(|(a, b)| grey_levels(a, b)).fold(0.0, f64::max);
+            if options.caster.is_default() {
+                worst_of_packets = worst_of_packets.max(worst);
+            } else {
+                differing += pictures.iter().zip(expected.iter()).map(|(a, b)| bits_differ(a, b)).sum::<f64>();
+            }
+            curve.push(CurvePoint::new(series, bricks as f64, worst, Some(0.0)));
+        }
     }
-    let gates =
-        vec![Gate::at_most("pictures of 8 bricks that differ from the unbricked one in any bit", differing, 0.0)];
+    let gates = vec![
+        Gate::at_most("pictures of 8 bricks that differ from the unbricked one in any bit, ray by ray", differing, 0.0),
+        Gate::at_most("difference from the unbricked one, packets, grey levels", worst_of_packets, PACKET_BRICK_LEVELS),
+    ];
     Ok(Outcome { curve, gates, note: "Four pictures each: two cameras, two transfer functions.".into() })
 }
 
@@ -114,29 +135,33 @@ fn brick_size(context: &Context<'_>) -> Result<Outcome, ChartError> {
         context.pick(([100, 90, 70], &[128, 64, 32, 16]), ([40, 36, 33], &[64, 32, 16]));
     let size = context.pick(image_size(96, 72), image_size(32, 24));
     let gpu = GpuDevice::open().is_ok();
-    let (mut curve, mut worst_cpu, mut worst_gpu) = (Vec::new(), 0.0f64, 0.0f64);
-    let mut whole: Option<Vec<[Option<Image>; 2]>> = None;
+    let mut backends: Vec<_> = casters().into();
+    if gpu {
+        backends.push(("gpu", finest(Backend::Gpu)));
+    }
+    let (mut curve, mut worst) = (Vec::new(), [0.0f64; 3]);
+    let mut whole: Option<Vec<Vec<Image>>> = None;
     for &core in cores {
         let volume = Volume::build(context, &format!("S27 {core}"), &waves(dims), &build_options(core))?;
-        let mut pictures = Vec::new();
+        let mut pictures = vec![Vec::new(); backends.len()];
         for tf in [smooth(&volume, 1.0), shell(&volume)] {
             let scene = volume.scene(&[&volume.outside(), &size, SHADED, &tf])?;
-            let cpu = volume.finest(&scene, Backend::Cpu)?;
-            let gpu = if gpu { Some(volume.finest(&scene, Backend::Gpu)?) } else { None };
-            pictures.push([Some(cpu), gpu]);
-        }
-        let expected = whole.get_or_insert_with(|| pictures.clone());
-        for (backend, series, worst) in [(0, "cpu (default)", &mut worst_cpu), (1, "gpu", &mut worst_gpu)] {
-            let pairs = pictures.iter().zip(expected.iter());
-            let distances = pairs.filter_map(|(a, b)| Some(grey_levels(a[backend].as_ref()?, b[backend].as_ref()?)));
-            if let Some(distance) = distances.reduce(f64::max) {
-                curve.push(CurvePoint::new(series, f64::from(core), distance, Some(0.0)));
-                *worst = worst.max(distance);
+            for ((_, options), pictures) in backends.iter().zip(&mut pictures) {
+                pictures.push(volume.render(&scene, options)?.0);
             }
         }
+        let expected = whole.get_or_insert_with(|| pictures.clone());
+        for (i, (series, _)) in backends.iter().enumerate() {
+            let distance = pictures[i].iter().zip(&expected[i]).map(|(a, b)| grey_levels(a, b)).fold(0.0, f64::max);
+            curve.push(CurvePoint::new(series, f64::from(core), distance, Some(0.0)));
+            worst[i] = worst[i].max(distance);
+        }
     }
-    let mut gates =
-        vec![Gate::at_most("CPU, L-infinity between brick sizes, share of full scale", worst_cpu / 255.0, 1e-5)];
+    let [packets, ray_by_ray, worst_gpu] = worst;
+    let mut gates = vec![
+        Gate::at_most("CPU ray by ray, L-infinity between brick sizes, share of full scale", ray_by_ray / 255.0, 1e-5),
+        Gate::at_most("CPU by packets, L-infinity between brick sizes, grey levels", packets, PACKET_BRICK_LEVELS),
+    ];
     if gpu {
         gates.push(Gate::at_most("GPU, L-infinity between brick sizes, grey levels", worst_gpu, HALF_A_LEVEL));
     }
@@ -326,12 +351,16 @@ fn corner_rays(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let rays_each = context.pick(1_000_000, 20_000) / ULPS.len() as u64;
     let volume = Volume::build(context, "S26", &fixtures::ramp([EDGE; 3]), &build_options(16))?;
     let all = ResidentBricks::load(&volume.container)?;
-    let tf = fractions(&volume, 1.0, &[(0.0, BLUE, 0.1), (1.0, GOLD, 0.2)]);
+    // Opacity is the mean, as a share of the range.
+    let tf = fractions(&volume, 1.0, &[(0.0, BLUE, 0.0), (1.0, GOLD, 1.0)]);
     let mut scene = volume.scene(&[r#""mode": "mean""#, &volume.outside(), &image_size(1, 1), &tf])?;
     let mut random = Random::new(26);
     let (mut curve, mut worst_length, mut worst_mean, mut bad) = (Vec::new(), 0.0f64, 0.0f64, 0.0);
+    let mut worst_share = 0.0f64;
+    // Only rays that are cast one by one tell their lengths.
+    let by_cells = CpuQuality { caster: Caster::Cells(CellRule::DEFAULT), ..at_level(Lod(0)) };
     for ulps in ULPS {
-        let (mut length, mut mean) = (0.0f64, 0.0f64);
+        let (mut length, mut mean, mut share) = (0.0f64, 0.0f64, 0.0f64);
         for _ in 0..rays_each {
             // Corners of bricks lie at 15.5 and 31.5; signs differ from axis to axis.
             let target = DVec3::from_array([0, 1, 2].map(|_| {
@@ -343,7 +372,7 @@ fn corner_rays(context: &Context<'_>) -> Result<Outcome, ChartError> {
                 Camera::look_at(eye, target, random.direction(), Projection::Perspective { fov_y: 1.0 }, [1, 1]);
             let Ok(camera) = one_ray else { continue };
             scene.camera = camera;
-            let frame = all.frame(&scene, crate::resident::at_level(Lod(0)));
+            let frame = all.frame(&scene, by_cells.clone());
             let begun = frame.begin();
             let chord = [begun.states()[0].t, begun.states()[0].t_end];
             let rays = cast(&all, &frame)?;
@@ -353,19 +382,21 @@ fn corner_rays(context: &Context<'_>) -> Result<Outcome, ChartError> {
             length = length.max((end.length - (chord[1] - chord[0])).abs());
             mean = mean.max((end.value / end.length - exact).abs());
             bad += if end.value.is_finite() && end.finished { 0.0 } else { 1.0 };
+            let [_, _, _, opacity] = all.level(&scene, Lod(0))?.pixels[0];
+            share = share.max((f64::from(opacity) - exact / (EDGE - 1) as f64).abs());
+            bad += if opacity.is_finite() { 0.0 } else { 1.0 };
         }
-        curve.push(CurvePoint::new("default: lengths", ulps as f64, length, Some(0.0)));
-        curve.push(CurvePoint::new(
-            "default: mean of RAMP, share of its range",
-            ulps as f64,
-            mean / (EDGE - 1) as f64,
-            Some(0.0),
-        ));
+        curve.push(CurvePoint::new("cells: lengths", ulps as f64, length, Some(0.0)));
+        let of_range = mean / (EDGE - 1) as f64;
+        curve.push(CurvePoint::new("cells: mean of RAMP, share of its range", ulps as f64, of_range, Some(0.0)));
+        curve.push(CurvePoint::new("default: mean of RAMP, share of its range", ulps as f64, share, Some(0.0)));
         (worst_length, worst_mean) = (worst_length.max(length), worst_mean.max(mean));
+        worst_share = worst_share.max(share);
     }
     let gates = vec![
         Gate::at_most("|sum of pieces - chord|, voxels", worst_length, 1e-6),
         Gate::at_most("|mean of RAMP - closed form|, share of the range", worst_mean / (EDGE - 1) as f64, 1e-6),
+        Gate::at_most("the same, by packets", worst_share, 1e-6),
         Gate::at_most("rays that are not finished, or not finite", bad, 0.0),
     ];
     let note = format!(

@@ -9,6 +9,9 @@ pub const CORNERS: usize = 8;
 /// What gathers bring: one word per row of two voxels, or per voxel.
 pub type Raw<S> = [<S as Simd>::I; CORNERS];
 
+/// The first and the second voxel of a cell's four rows.
+pub type Corners<S> = [[<S as Simd>::F; CORNERS / 2]; 2];
+
 /// How bricks store voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stored {
@@ -71,11 +74,17 @@ impl Stored {
         raw
     }
 
+    /// The cell of [`Stored::corners`].
+    #[inline(always)]
+    pub fn cell<S: Simd>(self, raw: &Raw<S>, absent: Option<u16>, centre: f32) -> Cell<S> {
+        Cell::new(&self.corners::<S>(raw, absent, centre))
+    }
+
     /// Stored numbers of what was gathered, less `centre`; NaN where a number is `absent`.
     ///
     /// Numbers may all lie near 32768, where an `f32` has 8 bits behind the point.
     #[inline(always)]
-    pub fn cell<S: Simd>(self, raw: &Raw<S>, absent: Option<u16>, centre: f32) -> Cell<S> {
+    pub fn corners<S: Simd>(self, raw: &Raw<S>, absent: Option<u16>, centre: f32) -> Corners<S> {
         let mut first = [S::splat(0.0); 4];
         let mut second = first;
         for row in 0..4 {
@@ -99,11 +108,105 @@ impl Stored {
                 second[row] = S::select(S::eq_int(words[1], hole), nan, second[row]);
             }
         }
-        let mut rise = first;
+        [first, second]
+    }
+}
+
+/// The voxels around cells whose first corners lie at `base`.
+#[derive(Clone, Copy)]
+pub struct Around<S: Simd> {
+    /// What they are.
+    pub stored: Stored,
+    /// The brick's first.
+    pub voxels: *const u8,
+    /// In voxels from there.
+    pub base: S::I,
+    /// Stored number of holes.
+    pub absent: Option<u16>,
+}
+
+impl<S: Simd> Around<S> {
+    /// Differences of stored numbers over two voxels along each axis, at the eight corners of the cells; NaN where one is
+    /// absent. `dy` and `dz` are the distances between neighbours, in voxels.
+    ///
+    /// # Safety
+    /// As for [`Stored::gather`], and one voxel further on every side.
+    #[inline(always)]
+    pub unsafe fn slopes(&self, [dy, dz]: [i32; 2]) -> [Cell<S>; 3] {
+        // SAFETY: the caller's promise: rows from one voxel before the corners to one behind, and rows of two beside.
+        let (rows, y, z) = unsafe {
+            (
+                [self.four(-1), self.four(dy - 1), self.four(dz - 1), self.four(dy + dz - 1)],
+                [self.two(-dy), self.two(2 * dy), self.two(dz - dy), self.two(dz + 2 * dy)],
+                [self.two(-dz), self.two(dy - dz), self.two(2 * dz), self.two(dy + 2 * dz)],
+            )
+        };
+        let (mut low, mut inner, mut high) = (y, y, y);
         for row in 0..4 {
-            rise[row] = second[row] - first[row];
+            let [before, first, second, after] = rows[row];
+            low[row] = [before, first];
+            inner[row] = [first, second];
+            high[row] = [second, after];
         }
-        Cell { first, rise }
+        // Rows 0 and 2 lie at y = 0, rows 0 and 1 at z = 0.
+        [
+            Cell::difference(high, low),
+            Cell::difference([inner[1], y[1], inner[3], y[3]], [y[0], inner[0], y[2], inner[2]]),
+            Cell::difference([inner[2], inner[3], z[2], z[3]], [z[0], z[1], inner[0], inner[1]]),
+        ]
+    }
+
+    /// The word that begins with the voxel at `offset` from the cells.
+    ///
+    /// # Safety
+    /// In every lane, it lies in the array.
+    #[inline(always)]
+    unsafe fn word(&self, offset: i32) -> S::I {
+        let bytes = (self.base + S::splat_int(offset)) * S::splat_int(self.stored.bytes());
+        // SAFETY: the caller's promise.
+        unsafe { S::gather(self.voxels, bytes, S::mask_from_bits(u32::MAX)) }
+    }
+
+    /// The voxels at `offset` and right of it.
+    ///
+    /// # Safety
+    /// In every lane, both lie in the array, and so do four bytes from the first on.
+    #[inline(always)]
+    unsafe fn two(&self, offset: i32) -> [S::F; 2] {
+        // SAFETY: the caller's promise.
+        let word = unsafe { self.word(offset) };
+        match self.stored {
+            Stored::U8 => self.numbers(split::<S, 8>(word)),
+            Stored::U16 => self.numbers(split::<S, 16>(word)),
+            // SAFETY: the caller's promise.
+            Stored::F32 => [S::float_from_bits(word), S::float_from_bits(unsafe { self.word(offset + 1) })],
+        }
+    }
+
+    /// Four voxels from `offset` on.
+    ///
+    /// # Safety
+    /// In every lane, all four lie in the array.
+    #[inline(always)]
+    unsafe fn four(&self, offset: i32) -> [S::F; 4] {
+        let ([first, second], [third, fourth]) = if self.stored == Stored::U8 {
+            // SAFETY: the caller's promise.
+            let word = unsafe { self.word(offset) };
+            (self.numbers(split::<S, 8>(word)), self.numbers(split::<S, 8>(S::shift_right::<16>(word))))
+        } else {
+            // SAFETY: the caller's promise.
+            unsafe { (self.two(offset), self.two(offset + 2)) }
+        };
+        [first, second, third, fourth]
+    }
+
+    /// Stored numbers as floats.
+    #[inline(always)]
+    fn numbers(&self, [a, b]: [S::I; 2]) -> [S::F; 2] {
+        let (first, second) = (S::to_float(a), S::to_float(b));
+        let Some(absent) = self.absent else { return [first, second] };
+        let (hole, nan) = (S::splat_int(i32::from(absent)), S::splat(f32::NAN));
+        [S::select(S::eq_int(a, hole), nan, first), S::select(S::eq_int(b, hole), nan, second)]
     }
 }
 
@@ -122,22 +225,47 @@ pub struct Cell<S: Simd> {
 }
 
 impl<S: Simd> Cell<S> {
+    /// Corner by corner, two rows' difference.
+    #[inline(always)]
+    fn difference(a: [[S::F; 2]; 4], b: [[S::F; 2]; 4]) -> Self {
+        let mut cell = Self { first: [S::splat(0.0); 4], rise: [S::splat(0.0); 4] };
+        for row in 0..4 {
+            cell.first[row] = a[row][0] - b[row][0];
+            cell.rise[row] = (a[row][1] - b[row][1]) - cell.first[row];
+        }
+        cell
+    }
+
+    /// The cell between these corners.
+    #[inline(always)]
+    pub fn new([first, second]: &Corners<S>) -> Self {
+        let mut rise = *first;
+        for row in 0..4 {
+            rise[row] = second[row] - first[row];
+        }
+        Self { first: *first, rise }
+    }
+
     /// The value at fractions of the cell.
     #[inline(always)]
     pub fn at(&self, [x, y, z]: [S::F; 3]) -> S::F {
-        let row = |r: usize| S::mul_add(x, self.rise[r], self.first[r]);
-        let (r0, r1, r2, r3) = (row(0), row(1), row(2), row(3));
-        let (near, far) = (S::mul_add(y, r1 - r0, r0), S::mul_add(y, r3 - r2, r2));
+        let mut rows = self.first;
+        for row in 0..4 {
+            rows[row] = S::mul_add(x, self.rise[row], self.first[row]);
+        }
+        let near = S::mul_add(y, rows[1] - rows[0], rows[0]);
+        let far = S::mul_add(y, rows[3] - rows[2], rows[2]);
         S::mul_add(z, far - near, near)
     }
 
     /// Bound on the change of the value per cell, summed over the axes.
     #[inline(always)]
     pub fn steepness(&self) -> S::F {
-        let between = |a: usize, b: usize| S::abs(self.first[b] - self.first[a]);
-        let along_x =
-            S::max(S::abs(self.rise[0]), S::abs(self.rise[3])) + S::max(S::abs(self.rise[1]), S::abs(self.rise[2]));
-        along_x + S::max(between(0, 1), between(2, 3)) + S::max(between(0, 2), between(1, 3))
+        let (first, rise) = (&self.first, &self.rise);
+        let along_x = S::max(S::abs(rise[0]), S::abs(rise[3])) + S::max(S::abs(rise[1]), S::abs(rise[2]));
+        let along_y = S::max(S::abs(first[1] - first[0]), S::abs(first[3] - first[2]));
+        let along_z = S::max(S::abs(first[2] - first[0]), S::abs(first[3] - first[1]));
+        along_x + along_y + along_z
     }
 
     /// Coefficient of xyz.

@@ -16,7 +16,7 @@
 //! J inside is misplaced by at most the share of the chord on which |line - step| <= |r|, a bend (change of slope Q) adds
 //! at most Q mean|r| / 2, because the mean of r is zero; and colour that varies is in the wrong order.
 
-use super::lookup::{Channels, Lookup, channels};
+use super::lookup::{Channels, Lookup, Place, channels};
 use super::simd::{Simd, exp_minus};
 use crate::transfer_function::pieces::{CHANNELS, Column};
 
@@ -44,35 +44,117 @@ pub struct Part<S: Simd> {
     pub transmittance: S::F,
     /// Bound on the error of colour and opacity, as far as the module's head says.
     pub error: S::F,
+    /// Light that comes from the front end, over that from both ends, if it varies evenly between them.
+    pub front_share: S::F,
+    /// By what share of the part light that varies evenly may be misplaced.
+    pub misplaced: S::F,
+    /// Variation of colour over the part.
+    pub colors: S::F,
+}
+
+impl<S: Simd> Part<S> {
+    /// Nothing at all.
+    #[inline(always)]
+    pub fn nothing() -> Self {
+        let zero = S::splat(0.0);
+        let transmittance = S::splat(1.0);
+        Self {
+            color: [zero; 3],
+            tau: zero,
+            transmittance,
+            error: zero,
+            front_share: zero,
+            misplaced: zero,
+            colors: zero,
+        }
+    }
+}
+
+/// `k0 + k1 u + k2 u^2 + k3 u^3` from its values at 0, 1/2 and 1 and from k3.
+#[inline(always)]
+pub fn cubic_through<S: Simd>([first, middle, last]: [S::F; 3], cubic: S::F) -> [S::F; 4] {
+    let rise = last - first;
+    let square = S::mul_add(S::splat(-1.5), cubic, S::splat(2.0) * ((first - middle) + (last - middle)));
+    [first, rise - square - cubic, square, cubic]
+}
+
+/// The cubic with these coefficients at u.
+#[inline(always)]
+pub fn cubic_at<S: Simd>([k0, k1, k2, k3]: [S::F; 4], u: S::F) -> S::F {
+    S::mul_add(u, S::mul_add(u, S::mul_add(u, k3, k2), k1), k0)
 }
 
 impl<S: Simd> Chord<S> {
-    /// `s(u) = k0 + k1 u + k2 u^2 + k3 u^3`.
+    /// How far the middle is from the line between the ends.
     #[inline(always)]
-    pub fn coefficients(&self) -> [S::F; 4] {
+    fn bump(&self) -> S::F {
         let [first, middle, last] = self.values;
-        let rise = last - first;
-        let square = S::mul_add(S::splat(-1.5), self.cubic, S::splat(2.0) * ((first - middle) + (last - middle)));
-        [first, rise - square - self.cubic, square, self.cubic]
+        S::abs(S::mul_add(first + last, S::splat(-0.5), middle))
     }
+
+    /// Greatest and mean distance of the field from the line that stands for it: of the parabola
+    /// `4 bump (u (1 - u) - 1/6)`, of the cubic's odd part, and of rounding.
+    #[inline(always)]
+    fn departure(&self) -> [S::F; 2] {
+        let (bump, cubic) = (self.bump(), S::abs(self.cubic));
+        let most = S::mul_add(bump, S::splat(2.0 / 3.0), S::mul_add(cubic, S::splat(0.05), self.noise));
+        [most, S::mul_add(bump, S::splat(0.26), cubic * S::splat(0.03))]
+    }
+
+    /// Bounds of the field.
+    #[inline(always)]
+    pub fn range(&self) -> [S::F; 2] {
+        let [first, middle, last] = self.values;
+        let margin = S::mul_add(S::abs(self.cubic), S::splat(0.05), self.departure()[0]);
+        [S::min(S::min(first, last), middle) - margin, S::max(S::max(first, last), middle) + margin]
+    }
+}
+
+/// Where a chord lies in a table.
+#[derive(Clone, Copy)]
+pub struct Located<S: Simd> {
+    /// Ends of the line that stands for the field.
+    ends: [Place<S>; 2],
+    /// From one to the other, as wide as it is after rounding: the antiderivatives are taken there.
+    width: S::F,
+    /// Bounds of the field.
+    range: [Place<S>; 2],
+}
+
+impl<S: Simd> Located<S> {
+    /// Not looked up.
+    #[inline(always)]
+    pub fn nothing() -> Self {
+        let place = Place { piece: S::splat_int(0), y: S::splat(0.0) };
+        Self { ends: [place; 2], width: S::splat(0.0), range: [place; 2] }
+    }
+}
+
+/// Looks up where a chord lies.
+#[inline(always)]
+pub fn locate<S: Simd, L: Lookup>(table: &L, chord: &Chord<S>) -> Located<S> {
+    let [first, middle, last] = chord.values;
+    let mean = S::mul_add(middle, S::splat(4.0 / 6.0), (first + last) * S::splat(1.0 / 6.0));
+    let rise = last - first;
+    let [a, b] = [S::mul_add(rise, S::splat(-0.5), mean), S::mul_add(rise, S::splat(0.5), mean)];
+    let [low, high] = chord.range();
+    let ends = [table.place::<S>(a), table.place::<S>(b)];
+    Located { ends, width: b - a, range: [table.place::<S>(low), table.place::<S>(high)] }
 }
 
 /// Integrates a chord. `narrow` is the table's.
 #[inline(always)]
 pub fn integrate<S: Simd, L: Lookup>(table: &L, narrow: S::F, chord: &Chord<S>) -> Part<S> {
-    let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
-    let [first, middle, last] = chord.values;
-    let ends = first + last;
-    let mean = S::mul_add(middle, S::splat(4.0 / 6.0), ends * S::splat(1.0 / 6.0));
-    let rise = last - first;
-    let bump = S::abs(S::mul_add(ends, S::splat(-0.5), middle));
-    let [a, b] = [S::mul_add(rise, S::splat(-0.5), mean), S::mul_add(rise, half, mean)];
-    let (place_a, place_b) = (table.place::<S>(a), table.place::<S>(b));
-    let (at_a, at_b) = (channels(table, place_a), channels(table, place_b));
-    // As wide as it is after rounding: the antiderivatives are taken there.
-    let width = b - a;
-    let by_ends = S::eq_int(place_a.piece, place_b.piece) | S::le(S::abs(width), narrow);
-    let means = means(&at_a, &at_b, width, by_ends);
+    integrate_at(table, narrow, chord, &locate(table, chord))
+}
+
+/// Integrates a chord whose place in the table is known.
+#[inline(always)]
+pub fn integrate_at<S: Simd, L: Lookup>(table: &L, narrow: S::F, chord: &Chord<S>, at: &Located<S>) -> Part<S> {
+    let (zero, one) = (S::splat(0.0), S::splat(1.0));
+    let (at_a, at_b) = (channels(table, at.ends[0]), channels(table, at.ends[1]));
+    let by_ends = S::eq_int(at.ends[0].piece, at.ends[1].piece) | S::le(S::abs(at.width), narrow);
+    let means = means(&at_a, &at_b, at.width, by_ends);
     let h = chord.length;
     let kappa = means[0];
     let tau = kappa * h;
@@ -89,8 +171,13 @@ pub fn integrate<S: Simd, L: Lookup>(table: &L, narrow: S::F, chord: &Chord<S>) 
         let ordered = emission_rise * kappa - emission * kappa_rise;
         color[c] = S::min(S::max(emission * emitting - order * ordered, zero), opacity);
     }
-    let error = error(table, narrow, chord, bump, [kappa, opacity]);
-    Part { color, tau, transmittance, error }
+    let [error, misplaced, colors] = error(table, narrow, chord, at, [kappa, opacity]);
+    // Where both ends are dark, the light in between comes from anywhere.
+    let dim = S::mul_add(kappa, S::splat(1e-3), S::splat(f32::MIN_POSITIVE));
+    let at_front = S::max(at_a.value[0], zero) + dim;
+    let at_back = S::mul_add(S::max(at_b.value[0], zero), transmittance, dim);
+    let front_share = at_front / (at_front + at_back);
+    Part { color, tau, transmittance, error, front_share, misplaced, colors }
 }
 
 /// Means of the channels over the line between two places; never negative.
@@ -110,32 +197,24 @@ fn means<S: Simd>(a: &Channels<S>, b: &Channels<S>, width: S::F, by_ends: S::M) 
     means
 }
 
-/// What [`integrate`] can miss. See the module.
+/// What [`integrate`] can miss (see the module), [`Part::misplaced`] and [`Part::colors`].
 #[inline(always)]
 fn error<S: Simd, L: Lookup>(
     table: &L,
     narrow: S::F,
     chord: &Chord<S>,
-    bump: S::F,
+    at: &Located<S>,
     [kappa, opacity]: [S::F; 2],
-) -> S::F {
+) -> [S::F; 3] {
     let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
-    let [first, middle, last] = chord.values;
-    let cubic = S::abs(chord.cubic);
-    // max|r| and mean|r| of the parabola 4 bump (u (1 - u) - 1/6) and of the cubic's odd part.
-    let most = S::mul_add(bump, S::splat(2.0 / 3.0), S::mul_add(cubic, S::splat(0.05), chord.noise));
-    let average = S::mul_add(bump, S::splat(0.26), cubic * S::splat(0.03));
-    let margin = most + cubic * S::splat(0.05);
-    let low = table.place::<S>(S::min(S::min(first, last), middle) - margin);
-    let high = table.place::<S>(S::max(S::max(first, last), middle) + margin);
-    let of = |column: Column, place: S::I| table.column::<S>(column, 0, place);
-    let steps = of(Column::Steps, high.piece) - of(Column::Steps, low.piece);
-    let sum = |column: Column, slope: Column| {
-        let at_high = S::mul_add(high.y, of(slope, high.piece), of(column, high.piece));
-        at_high - S::mul_add(low.y, of(slope, low.piece), of(column, low.piece))
-    };
-    let bends = sum(Column::Bends, Column::BendsPerValue);
-    let colors = sum(Column::ColorVariation, Column::ColorVariationPerValue);
+    let [first, _, last] = chord.values;
+    let [most, average] = chord.departure();
+    let [low, high] = at.range;
+    let steps = table.column::<S>(Column::Steps, 0, high.piece) - table.column::<S>(Column::Steps, 0, low.piece);
+    let (bend, slope) = (Column::Bends, Column::BendsPerValue);
+    let bends = sum_up_to(table, bend, slope, high) - sum_up_to(table, bend, slope, low);
+    let (color, slope) = (Column::ColorVariation, Column::ColorVariationPerValue);
+    let colors = sum_up_to(table, color, slope, high) - sum_up_to(table, color, slope, low);
     let rise = S::abs(last - first);
     // A narrow interval has the mean of its ends, wherever a step lies between.
     let misplaced = S::min((most + most + narrow) / S::max(rise, S::splat(1e-30)), one);
@@ -143,10 +222,21 @@ fn error<S: Simd, L: Lookup>(
     // Where extinction is even, colour that turns evenly is in the order that the second term of the colour knows; where
     // it comes at once, all of it may be in the wrong order.
     let uneven = S::mul_add(bends * rise, S::splat(0.25), steps);
-    let share = S::mul_add(S::splat(0.44), S::min(uneven / S::max(kappa, S::splat(1e-12)), one), S::splat(0.06));
+    let uneven = S::min(uneven / S::max(kappa, S::splat(1e-12)), one);
+    let share = S::mul_add(S::splat(0.84), uneven, S::splat(0.06));
     let tau = kappa * chord.length;
     let of_order = opacity * colors * share * tau / (S::splat(4.0) + tau);
-    S::min(S::max(of_mean, zero), one) + of_order
+    // Evenly from end to end is not how light falls off in a part that is nearly opaque.
+    let fall = S::splat(0.03) * tau * tau / S::mul_add(tau * tau, S::splat(0.1), one);
+    let misplaced = S::mul_add(uneven, S::splat(0.6), fall);
+    [S::min(S::max(of_mean, zero), one) + of_order, misplaced, S::min(colors, one)]
+}
+
+/// A sum over the pieces before a place, and over its own up to it.
+#[inline(always)]
+fn sum_up_to<S: Simd, L: Lookup>(table: &L, column: Column, per_value: Column, place: Place<S>) -> S::F {
+    let (sum, slope) = (table.column::<S>(column, 0, place.piece), table.column::<S>(per_value, 0, place.piece));
+    S::mul_add(place.y, slope, sum)
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! `2k - 1` macro cells around shows nothing, and a ray may leap to its face. Bricks end the cloud: what lies beyond is
 //! another brick's, and whole bricks without anything to show are never entered.
 
+use super::simd::Simd;
 use crate::raycast::volume::DecodedBrick;
 use supervol_format::brick::MACRO_CELL;
 
@@ -27,10 +28,26 @@ impl ProximityCloud {
     /// The cloud of a brick; `shows` is asked for each range of render values.
     #[must_use]
     pub fn new(brick: &DecodedBrick, apron: usize, shows: impl Fn([f32; 2]) -> bool) -> Self {
-        let cells = brick.extent.map(|n| (n as usize - 2 * apron).div_ceil(MACRO_CELL));
+        let cells = macro_cells_of(brick, apron);
+        Self::of_shown(cells, brick.macro_ranges.iter().map(|&range| shows(range)))
+    }
+
+    /// The cloud of what shows, and of what has another side than a neighbour: a cube around is of one side all over.
+    #[must_use]
+    pub fn of_sides<T: PartialEq>(cells: [usize; 3], sides: &[T], shows: impl Fn(usize) -> bool) -> Self {
+        let [nx, ny, nz] = cells;
+        let around = |at: usize, n: usize| at.saturating_sub(1)..(at + 2).min(n);
+        let differs = |i: usize| {
+            let (x, y, z) = (i % nx, i / nx % ny, i / (nx * ny));
+            let row = |y: usize, z: usize| around(x, nx).any(|x| sides[x + nx * (y + ny * z)] != sides[i]);
+            around(z, nz).any(|z| around(y, ny).any(|y| row(y, z)))
+        };
+        Self::of_shown(cells, (0..sides.len()).map(|i| shows(i) || differs(i)))
+    }
+
+    fn of_shown(cells: [usize; 3], shown: impl Iterator<Item = bool>) -> Self {
         let most = cells.iter().copied().max().unwrap_or(1).min(255) as u8;
-        let mut distances: Vec<u8> =
-            brick.macro_ranges.iter().map(|&range| if shows(range) { 0 } else { most }).collect();
+        let mut distances: Vec<u8> = shown.map(|shows| if shows { 0 } else { most }).collect();
         let is_dense = distances.iter().all(|&d| d == 0);
         let is_empty = distances.iter().all(|&d| d > 0);
         if !is_dense && !is_empty {
@@ -40,10 +57,61 @@ impl ProximityCloud {
         Self { cells, distances, is_dense, is_empty }
     }
 
+    /// Distances of macro cells; 0 outside the mask.
+    ///
+    /// # Safety
+    /// In every lane of the mask, the macro cell is one of the cloud's.
+    #[inline(always)]
+    pub unsafe fn gather<S: Simd>(&self, macro_cell: [S::I; 3], mask: S::M) -> S::I {
+        // SAFETY: the caller's promise; the padding lets words be read.
+        let words = unsafe { S::gather(self.distances.as_ptr(), place_in::<S>(self.cells, macro_cell), mask) };
+        S::and_int(words, S::splat_int(255))
+    }
+
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         (size_of::<Self>() + size_of_val(&self.distances[..])) as u64
+    }
+}
+
+/// Macro cells of a brick along each axis.
+#[must_use]
+pub fn macro_cells_of(brick: &DecodedBrick, apron: usize) -> [usize; 3] {
+    brick.extent.map(|n| (n as usize - 2 * apron).div_ceil(MACRO_CELL))
+}
+
+/// Place of a macro cell among so many along each axis, x fastest.
+#[inline(always)]
+fn place_in<S: Simd>(cells: [usize; 3], macro_cell: [S::I; 3]) -> S::I {
+    let (nx, ny) = (S::splat_int(cells[0] as i32), S::splat_int(cells[1] as i32));
+    macro_cell[0] + nx * (macro_cell[1] + ny * macro_cell[2])
+}
+
+/// Least and greatest number of each macro cell of a brick, x fastest; the first is greater where nothing is present.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MacroRanges {
+    /// Macro cells along each axis.
+    pub cells: [usize; 3],
+    /// Least numbers.
+    pub low: Vec<f32>,
+    /// Greatest numbers.
+    pub high: Vec<f32>,
+}
+
+impl MacroRanges {
+    /// Ranges of macro cells.
+    ///
+    /// # Safety
+    /// In every lane of the mask, the macro cell is one of these.
+    #[inline(always)]
+    pub unsafe fn gather<S: Simd>(&self, macro_cell: [S::I; 3], mask: S::M) -> [S::F; 2] {
+        let place = place_in::<S>(self.cells, macro_cell) * S::splat_int(size_of::<f32>() as i32);
+        // SAFETY: the caller's promise; there is one number of either kind for each macro cell.
+        let (low, high) = unsafe {
+            (S::gather(self.low.as_ptr().cast(), place, mask), S::gather(self.high.as_ptr().cast(), place, mask))
+        };
+        [S::float_from_bits(low), S::float_from_bits(high)]
     }
 }
 
@@ -79,6 +147,24 @@ fn spread(distances: &mut [u8], [nx, ny, nz]: [usize; 3]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn cubes_that_are_leapt_over_have_one_side() {
+        let cells = [6, 5, 7];
+        // Three sides along x, and one macro cell that shows something.
+        let sides: Vec<usize> = (0..210).map(|i| i % 6 / 2).collect();
+        let cloud = ProximityCloud::of_sides(cells, &sides, |i| i == 5 + 6 * (2 + 5 * 3));
+        assert!(!cloud.is_dense && !cloud.is_empty);
+        let place = |i: usize| [i % 6, i / 6 % 5, i / 30];
+        for (i, &distance) in cloud.distances[..210].iter().enumerate() {
+            let x = i % 6;
+            assert!(distance <= 1 && (distance == 0 || x == 0 || x == 5), "beside another side: {:?}", place(i));
+            let near_shown = (0..3).all(|a| place(i)[a].abs_diff([5, 2, 3][a]) == 0);
+            assert!(distance == u8::from((x == 0 || x == 5) && !near_shown), "{:?}", place(i));
+        }
+        let one = ProximityCloud::of_sides(cells, &[7; 210], |_| false);
+        assert!(one.is_empty && one.distances[..210].iter().all(|&d| d == 7));
+    }
 
     #[test]
     fn distances_are_those_of_brute_force() {

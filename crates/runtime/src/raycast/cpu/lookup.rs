@@ -30,14 +30,15 @@ pub trait Lookup {
     }
 }
 
-/// Binary search in a sorted column whose length is a power of two; the first entry is never compared.
+/// Binary search among the knots, whose number is a power of two; the first is never compared.
 #[inline(always)]
-fn search<S: Simd>(length: usize, value: S::F, knot_at: impl Fn(S::I) -> S::F) -> S::I {
+fn search<S: Simd, L: Lookup>(table: &L, length: usize, value: S::F) -> S::I {
     let mut piece = S::splat_int(0);
     let mut step = length / 2;
     while step > 0 {
         let candidate = piece + S::splat_int(step as i32);
-        piece = S::select_int(S::le(knot_at(candidate), value), candidate, piece);
+        let knot = table.column::<S>(Column::Knot, 0, candidate);
+        piece = S::select_int(S::le(knot, value), candidate, piece);
         step /= 2;
     }
     piece
@@ -75,7 +76,7 @@ impl<const N: usize> Lookup for FewPieces<N> {
 
     #[inline(always)]
     fn piece_of<S: Simd>(&self, value: S::F) -> S::I {
-        search::<S>(N, value, |piece| self.column::<S>(Column::Knot, 0, piece))
+        search::<S, _>(self, N, value)
     }
 }
 
@@ -106,7 +107,7 @@ impl Lookup for ManyPieces<'_> {
 
     #[inline(always)]
     fn piece_of<S: Simd>(&self, value: S::F) -> S::I {
-        search::<S>(self.pieces.stride(), value, |piece| self.column::<S>(Column::Knot, 0, piece))
+        search::<S, _>(self, self.pieces.stride(), value)
     }
 }
 

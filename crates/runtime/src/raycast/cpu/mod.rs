@@ -10,10 +10,12 @@
 //! The picture depends neither on the number of threads, nor on which bricks came when, nor on skipping: to the last bit. On
 //! the size of bricks it depends where packets cast, by less than shows (docs/decisions/006-packets.md).
 //!
-//! Packets take unshaded `dvr`, in the order of the data: `tile` (rays) and `order` (bricks), `packets` (their passes),
-//! `leap`, `packet` (walk), `fetch`, `lookup` and `integrate` (one cell), `refine` (cells that are not settled by that). All
-//! else goes ray by ray through [`scalar`].
+//! Packets, in the order of the data: `tile` (rays) and `order` (bricks), `packets` (their passes), `leap`, `walk`, `fetch`;
+//! then in `dvr` `packet`, `lookup` and `integrate` (one cell), `shade`, `queue` and `refine` (cells that are not settled by
+//! that), and in the other modes `value_tiles` (bricks), `values` (`mip`, `minip`, `mean`), `surfaces` (`iso`). What packets are
+//! compared with goes ray by ray through [`scalar`].
 
+#[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod fetch;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod integrate;
@@ -23,11 +25,22 @@ mod order;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod packet;
 mod packets;
+mod per_brick;
+mod queue;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod refine;
+#[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
+mod shade;
 pub mod simd;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
+mod surfaces;
+#[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod tile;
+mod value_tiles;
+#[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
+mod values;
+#[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
+mod walk;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -153,6 +166,30 @@ pub struct IsoSides {
     pub above: u32,
     /// The surface has been met.
     pub hit: u32,
+}
+
+impl IsoSides {
+    /// Notes that the ray passes values from `low` to `high`, or none where these are empty; false, and nothing is noted,
+    /// where it meets one of the surfaces' values there that it has not met yet, or has jumped across one.
+    #[inline]
+    pub(crate) fn pass(&mut self, [low, high]: [f32; 2], surfaces: impl Iterator<Item = f32>) -> bool {
+        if low > high {
+            self.known = 0;
+            return true;
+        }
+        let mut above = 0;
+        for (i, surface) in surfaces.enumerate() {
+            if low < surface && surface <= high && self.hit >> i & 1 == 0 {
+                return false;
+            }
+            above |= u32::from(low >= surface) << i;
+        }
+        if self.known & !self.hit & (self.above ^ above) != 0 {
+            return false;
+        }
+        (self.above, self.known) = (above, u32::MAX);
+        true
+    }
 }
 
 /// The rays of a frame between passes.
@@ -316,10 +353,7 @@ impl CpuFrame {
             termination_opacity: quality.caster.termination_opacity(),
             packets: None,
         };
-        if let Caster::Packets(rule) = quality.caster
-            && frame.mode == Mode::Dvr
-            && frame.lighting.is_none()
-        {
+        if let Caster::Packets(rule) = quality.caster {
             frame.packets = Some(Arc::new(PacketTables::new(&frame, &scene.transfer_function, rule)));
         }
         frame
@@ -437,8 +471,7 @@ impl CpuFrame {
 /// and ends at the same scene: only what happens inside a visible macro cell differs.
 #[derive(Debug, Clone)]
 pub enum Caster {
-    /// Cell by cell, in packets of rays: what users get (docs/decisions/001-cells-not-steps.md). Modes other than `dvr`,
-    /// and shaded pictures, go ray by ray.
+    /// Cell by cell, in packets of rays: what users get (docs/decisions/001-cells-not-steps.md, 006-packets.md).
     Packets(PacketRule),
     /// Cell by cell, ray by ray, in `f64`: what packets are compared with.
     Cells(CellRule),

@@ -6,10 +6,9 @@
 //!
 //! Protocol as in [`super`]: a tile keeps what its rays have gathered only while some of them wait.
 
-use std::collections::HashMap;
-use std::sync::{Arc, RwLock};
+use std::sync::Arc;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
 use supervol_format::{BrickKey, Lod};
@@ -18,34 +17,38 @@ use super::fetch::Stored;
 use super::leap::ProximityCloud;
 use super::lookup::{FewPieces, Lookup, ManyPieces};
 use super::order::{View, push_children, region_of};
-use super::packet::{Host, Packet, PacketBrick, Precision, Work, cast};
+use super::packet::{Classifier, Host, Precision, Queues, Work, cast};
+use super::per_brick::PerBrick;
+use super::shade::PacketLighting;
 use super::simd::{InstructionSet, Simd, Task, dispatch};
 use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays, place_of};
-use super::{BlockFeedback, CpuFrame, MAX_ERROR_LIMITS, PacketRule, Skipping};
+use super::value_tiles::BrickSummaries;
+use super::walk::{Packet, PacketBrick};
+use super::{BlockFeedback, Counters, CpuFrame, MAX_ERROR_LIMITS, PacketRule, Skipping};
 use crate::camera::{PixelRays, Projection};
 use crate::clip::{IndexRay, Segment, ToIndex};
 use crate::raycast::scalar::walk::AxisRay;
 use crate::raycast::scalar::{CastRay, LevelVisit, exact_cell};
 use crate::raycast::volume::{BrickView, DecodedBrick, Resident, Voxels};
+use crate::scene::Mode;
 use crate::transfer_function::TransferFunction;
 use crate::transfer_function::pieces::{CHANNELS, Column, TransferPieces};
-
-/// Bytes of proximity clouds kept between passes; all are dropped where more would be needed.
-const CLOUD_BYTES_LIMIT: u64 = 64 << 20;
 
 /// What packets look up, the same for all rays of a frame.
 #[derive(Debug)]
 pub struct PacketTables {
     pieces: TransferPieces,
     /// The render value from which packets and their pieces count.
-    origin: f32,
+    pub(super) origin: f32,
     table: Table,
-    set: InstructionSet,
+    pub(super) set: InstructionSet,
     precision: Precision,
     view: View,
-    pixel_rays: PixelRays,
+    pub(super) pixel_rays: PixelRays,
     to_index: ToIndex,
-    clouds: RwLock<Clouds>,
+    clouds: PerBrick<ProximityCloud>,
+    /// Of bricks, in all modes but `dvr`.
+    pub(super) summaries: BrickSummaries,
 }
 
 /// The pieces in the smallest table that holds them.
@@ -62,12 +65,6 @@ impl Table {
         let up_to_32 = || FewPieces::new(pieces).map(|few| Self::UpTo32(Box::new(few)));
         up_to_16.or_else(up_to_32).unwrap_or(Self::Many)
     }
-}
-
-#[derive(Debug, Default)]
-struct Clouds {
-    of_bricks: HashMap<BrickKey, Arc<ProximityCloud>>,
-    bytes: u64,
 }
 
 /// One tile between passes.
@@ -117,7 +114,7 @@ impl PacketTables {
         let max_error = rule.max_error.clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
         let origin = origin_of(source, frame.map.shift);
         let pieces = TransferPieces::new(source, frame.map.shift + f64::from(origin), FIT_SHARE * max_error);
-        let precision = precision_of(max_error, pieces.has_steps());
+        let precision = precision_of(max_error, pieces.has_steps(), frame.lighting.is_some());
         let set = rule.instructions.unwrap_or_else(InstructionSet::best);
         let ray = frame.camera.ray(0, 0);
         let index_ray = IndexRay::new(&ray, &frame.geometry);
@@ -134,7 +131,8 @@ impl PacketTables {
             view,
             pixel_rays: frame.camera.rays(),
             to_index: ToIndex::new(&frame.geometry),
-            clouds: RwLock::default(),
+            clouds: PerBrick::default(),
+            summaries: BrickSummaries::default(),
         }
     }
 
@@ -144,30 +142,23 @@ impl PacketTables {
     }
 
     fn cloud(&self, frame: &CpuFrame, key: BrickKey, brick: &DecodedBrick) -> Arc<ProximityCloud> {
-        let known = self.clouds.read().expect("no thread panics with the lock").of_bricks.get(&key).cloned();
-        known.unwrap_or_else(|| {
-            let shows = |[low, high]: [f32; 2]| {
-                frame.skipping == Skipping::Off || frame.transfer_function.is_visible(low, high)
-            };
-            let cloud = Arc::new(ProximityCloud::new(brick, APRON, shows));
-            let mut clouds = self.clouds.write().expect("no thread panics with the lock");
-            if clouds.bytes + cloud.bytes() > CLOUD_BYTES_LIMIT {
-                *clouds = Clouds::default();
-            }
-            if clouds.of_bricks.insert(key, cloud.clone()).is_none() {
-                clouds.bytes += cloud.bytes();
-            }
-            cloud
-        })
+        let shows =
+            |[low, high]: [f32; 2]| frame.skipping == Skipping::Off || frame.transfer_function.is_visible(low, high);
+        self.clouds.of(key, ProximityCloud::bytes, || ProximityCloud::new(brick, APRON, shows))
     }
 }
 
 /// Share of the largest error that one cell may be off by: errors have either sign, and few cells of a ray are near it.
-const CELL_SHARE: f64 = 0.2;
+const CELL_SHARE: f64 = 0.3;
+/// The same where cells are shaded: there neighbours are off to the same side more often.
+const SHADED_CELL_SHARE: f64 = 0.2;
 /// Share of the largest error that extinction, in parts of itself, may be off by.
 const FIT_SHARE: f64 = 0.25;
 /// Share of the largest error that is left out behind the point where a ray ends.
 const END_SHARE: f64 = 0.15;
+
+/// Share of the largest error that a cell's light may be, and not be shaded.
+const LEAST_SHADED_SHARE: f64 = 5e-4;
 
 /// The middle of the transfer function's window where that lies far from zero for its width: `f32` then resolves it.
 fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
@@ -178,10 +169,12 @@ fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     if is_far { middle as f32 } else { 0.0 }
 }
 
-fn precision_of(max_error: f64, has_steps: bool) -> Precision {
+fn precision_of(max_error: f64, has_steps: bool, is_shaded: bool) -> Precision {
+    let cell_share = if is_shaded { SHADED_CELL_SHARE } else { CELL_SHARE };
     Precision {
-        cell_error: (CELL_SHARE * max_error) as f32,
+        cell_error: (cell_share * max_error) as f32,
         last_transmittance: (END_SHARE * max_error) as f32,
+        least_shaded: (LEAST_SHADED_SHARE * max_error) as f32,
         has_steps,
     }
 }
@@ -201,8 +194,8 @@ pub(super) fn cast_tiles(
 ) -> Vec<BlockFeedback> {
     let columns = tiles_of(frame)[0] as usize;
     let pass = tiles.par_iter_mut().enumerate().map_init(
-        || Box::new(TileRays::new()),
-        |rays, (index, tile)| {
+        || (Box::new(TileRays::new()), Box::new(Queues::new())),
+        |(rays, queues), (index, tile)| {
             let mut feedback = BlockFeedback::default();
             if matches!(tile, Tile::Finished(_)) {
                 return feedback;
@@ -212,9 +205,9 @@ pub(super) fn cast_tiles(
             let begun = rays.going();
             if begun > 0 {
                 rays.bound();
-                CastTile { view, frame, tables, rays, feedback: &mut feedback }.run();
+                CastTile { view, frame, tables, corner, rays, queues, feedback: &mut feedback }.run();
             }
-            *tile = end_tile(tables, rays);
+            *tile = end_tile((frame, tables), rays);
             feedback.counters.rays_waiting += tile.waiting();
             feedback.counters.rays_finished += begun as u64 - tile.waiting();
             feedback
@@ -260,14 +253,19 @@ fn begin_tile(
     }
 }
 
-fn end_tile(tables: &PacketTables, rays: &TileRays) -> Tile {
+fn end_tile((frame, tables): (&CpuFrame, &PacketTables), rays: &TileRays) -> Tile {
     let gathered = &rays.gathered;
     if gathered.waiting.iter().any(Option::is_some) {
         return Tile::Waiting(Box::new(gathered.clone()));
     }
     let last = f64::from(tables.precision.last_transmittance);
-    let terminated_early = gathered.transmittance.iter().filter(|&&t| t <= last).count() as u64;
-    Tile::Finished(Box::new(FinishedTile { pixels: std::array::from_fn(|ray| gathered.pixel(ray)), terminated_early }))
+    let has_ended = |ray: usize| match frame.mode {
+        Mode::Dvr => gathered.transmittance[ray] <= last,
+        _ => frame.is_done(&gathered.state(ray)),
+    };
+    let terminated_early = (0..TILE_RAYS).filter(|&ray| has_ended(ray)).count() as u64;
+    let pixels = std::array::from_fn(|ray| frame.pixel(&gathered.state(ray)));
+    Tile::Finished(Box::new(FinishedTile { pixels, terminated_early }))
 }
 
 /// The pixels of all tiles, row by row from the top; unfinished tiles show what they have.
@@ -285,7 +283,7 @@ pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
                 pixels[y * width + x] = match tile {
                     Tile::Fresh => [0.0; 4],
                     Tile::Finished(finished) => finished.pixels[ray],
-                    Tile::Waiting(gathered) => gathered.pixel(ray),
+                    Tile::Waiting(gathered) => frame.pixel(&gathered.state(ray)),
                 };
             }
         }
@@ -294,12 +292,15 @@ pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
 }
 
 /// A tile through all bricks.
-struct CastTile<'a> {
+pub(super) struct CastTile<'a> {
     view: &'a dyn BrickView,
-    frame: &'a CpuFrame,
-    tables: &'a PacketTables,
-    rays: &'a mut TileRays,
-    feedback: &'a mut BlockFeedback,
+    pub(super) frame: &'a CpuFrame,
+    pub(super) tables: &'a PacketTables,
+    /// First pixel of the tile, counted in the frame's rows.
+    pub(super) corner: [u32; 2],
+    pub(super) rays: &'a mut TileRays,
+    queues: &'a mut Queues,
+    pub(super) feedback: &'a mut BlockFeedback,
 }
 
 impl CastTile<'_> {
@@ -361,10 +362,13 @@ impl CastTile<'_> {
             return Visit::Done;
         }
         self.feedback.uses.insert(key);
+        let is_dvr = self.frame.mode == Mode::Dvr;
         match resident {
-            Resident::Brick(brick) => self.cast_brick(key, brick),
-
-            Resident::Uniform(value) => self.cast_uniform(value),
+            Resident::Brick(brick) if is_dvr => self.cast_brick(key, brick),
+            Resident::Brick(brick) => self.gather_brick(key, brick),
+            Resident::Uniform(value) if is_dvr => self.cast_uniform(value),
+            Resident::Uniform(value) => self.gather_uniform(key, value),
+            Resident::Nothing | Resident::TooCoarse | Resident::UseParent if !is_dvr => self.gather_nothing(),
             Resident::Nothing | Resident::TooCoarse | Resident::UseParent | Resident::Missing => {}
         }
         Visit::Done
@@ -401,38 +405,63 @@ impl CastTile<'_> {
             self.feedback.counters.macro_cells_skipped += self.rays.hits().len() as u64;
             return;
         }
-        let extent = brick.extent.map(|n| n as usize);
-        let core = frame.pyramid.core_box(key);
-        assert_eq!(extent, core.extent().map(|n| n + 2 * APRON), "stored extent of {key}");
-        let (voxels, stored, count): (*const u8, _, _) = match &brick.voxels {
-            Voxels::U8(v) => (v.as_ptr(), Stored::U8, v.len()),
-            Voxels::U16(v) => (v.as_ptr().cast(), Stored::U16, v.len()),
-            Voxels::F32(v) => (v.as_ptr().cast(), Stored::F32, v.len()),
-        };
-        assert_eq!(count, extent.iter().product::<usize>(), "voxels of {key}");
-        let level = frame.pyramid.level_at(key.lod());
-        let grid =
-            BrickGrid { inverse_scale: level.scale.map(|s| 1.0 / s as f64), start: core.start.map(|s| s as f64) };
-        let [centre, scale, offset] = stored.to_values_from(tables.origin, &frame.map);
-        let packet_brick = PacketBrick {
-            voxels,
-            stored,
-            strides: [extent[0] as i32, (extent[0] * extent[1]) as i32],
-            core: core.extent().map(|n| n as i32),
-            centre,
-            scale,
-            offset,
-            absent: frame.map.absent,
-            cloud: (!cloud.is_dense).then_some(&*cloud),
-        };
-        let task = CastBrick { frame, tables, key, brick, packet_brick, grid, rays: self.rays };
+        let (packet_brick, grid) = packet_brick(frame, key, brick);
+        let [centre, scale, offset] = packet_brick.stored.to_values_from(tables.origin, &frame.map);
+        let cloud = (!cloud.is_dense).then_some(&*cloud);
+        let lighting = frame.lighting.as_ref().map(|lighting| {
+            let level_scale = frame.pyramid.level_at(key.lod()).scale;
+            PacketLighting::new(lighting, &frame.geometry, level_scale, scale)
+        });
+        let packet_brick = PacketBrick { centre, scale, offset, cloud, lighting, ..packet_brick };
+        let task = CastBrick { frame, tables, key, brick, packet_brick, grid, rays: self.rays, queues: self.queues };
         let work = dispatch(tables.set, task);
-        let counters = &mut self.feedback.counters;
-        counters.cells += work.cells;
-        counters.samples += work.samples;
-        counters.macro_cells_skipped += work.leaps;
-        counters.cells_refined += work.refined;
-        counters.cells_exact += work.exact;
+        self.feedback.counters.add_work(&work);
+    }
+}
+
+/// A brick as packets read it, stored numbers as they are, without a cloud and unshaded; and its grid.
+///
+/// # Panics
+/// If the brick's size is not what the pyramid says.
+pub(super) fn packet_brick<'a>(
+    frame: &CpuFrame,
+    key: BrickKey,
+    brick: &'a DecodedBrick,
+) -> (PacketBrick<'a>, BrickGrid) {
+    let extent = brick.extent.map(|n| n as usize);
+    let core = frame.pyramid.core_box(key);
+    assert_eq!(extent, core.extent().map(|n| n + 2 * APRON), "stored extent of {key}");
+    let (voxels, stored, count): (*const u8, _, _) = match &brick.voxels {
+        Voxels::U8(v) => (v.as_ptr(), Stored::U8, v.len()),
+        Voxels::U16(v) => (v.as_ptr().cast(), Stored::U16, v.len()),
+        Voxels::F32(v) => (v.as_ptr().cast(), Stored::F32, v.len()),
+    };
+    assert_eq!(count, extent.iter().product::<usize>(), "voxels of {key}");
+    let level = frame.pyramid.level_at(key.lod());
+    let grid = BrickGrid { inverse_scale: level.scale.map(|s| 1.0 / s as f64), start: core.start.map(|s| s as f64) };
+    let packet_brick = PacketBrick {
+        voxels,
+        stored,
+        strides: [extent[0] as i32, (extent[0] * extent[1]) as i32],
+        core: core.extent().map(|n| n as i32),
+        centre: 0.0,
+        scale: 1.0,
+        offset: 0.0,
+        absent: frame.map.absent,
+        cloud: None,
+        lighting: None,
+    };
+    (packet_brick, grid)
+}
+
+impl Counters {
+    /// Adds what packets did in a brick.
+    pub(super) fn add_work(&mut self, work: &Work) {
+        self.cells += work.cells;
+        self.samples += work.samples;
+        self.macro_cells_skipped += work.leaps;
+        self.cells_refined += work.refined;
+        self.cells_exact += work.exact;
     }
 }
 
@@ -460,6 +489,7 @@ struct CastBrick<'a> {
     packet_brick: PacketBrick<'a>,
     grid: BrickGrid,
     rays: &'a mut TileRays,
+    queues: &'a mut Queues,
 }
 
 impl Task for CastBrick<'_> {
@@ -481,12 +511,13 @@ impl Task for CastBrick<'_> {
 impl CastBrick<'_> {
     #[inline(always)]
     fn cast<S: Simd, L: Lookup>(self, table: &L) -> Work {
-        let Self { frame, tables, key, brick, packet_brick, grid, rays } = self;
+        let Self { frame, tables, key, brick, packet_brick, grid, rays, queues } = self;
         let precision = tables.precision;
         let last_transmittance = f64::from(precision.last_transmittance);
         let mut host = TileHost { frame, key, brick, grid, rays, next: 0, last_transmittance };
-        // SAFETY: `cast_brick` compared strides, core and length of the voxels.
-        unsafe { cast::<S, L>(&packet_brick, table, tables.pieces.narrow, precision, &mut host) }
+        let classifier = Classifier { table, narrow: tables.pieces.narrow, clear: tables.pieces.clear };
+        // SAFETY: `packet_brick` compared strides, core and length of the voxels.
+        unsafe { cast::<S, L>(&packet_brick, &classifier, precision, queues, &mut host) }
     }
 }
 
@@ -521,9 +552,11 @@ impl Host for TileHost<'_> {
     #[cold]
     fn integrate_exactly(&mut self, ray: u16, base: i32) -> [f32; 4] {
         let [t0, t1] = self.rays.interval(ray);
+        let index_ray = self.rays.index_ray(ray);
+        let direction = self.frame.geometry.linear() * DVec3::from_array(index_ray.direction);
         let ray = CastRay {
-            axis_ray: AxisRay::new(&self.rays.index_ray(ray)),
-            to_eye: Vec3::ZERO,
+            axis_ray: AxisRay::new(&index_ray),
+            to_eye: -direction.as_vec3(),
             segment: Segment { t0, t1 },
             pixel: [0; 2],
         };

@@ -1,191 +1,183 @@
 //! Cells that one rule does not settle: packed densely, cut into as many parts as their error asks for.
 //!
-//! The rule's error falls with the square of the number of parts, but where a ray grazes a step: there the whole length of
-//! a part may lie on either side, and what is still too uncertain after [`PARTS_LIMIT`] parts goes to roots in `f64`
-//! ([`Host::integrate_exactly`]). A lane's parts depend on its own error alone, so that pictures do not depend on how lanes are packed.
+//! The first part is as long as the square root of the error says: where nothing happens in particular, the rule's error
+//! falls with the square of the number of parts. Parts that are still too uncertain are halved, and lengthen again behind
+//! what made them so: a step that is crossed, a normal that turns over. What no part of [`LEAST_PART`] settles, where a ray
+//! grazes a step for example, goes to roots in `f64` ([`Host::integrate_exactly`]). A lane's parts depend on its own error
+//! alone, so that pictures do not depend on how lanes are packed.
 
-use super::integrate::{Chord, integrate};
+use super::integrate::{Chord, Part, cubic_at, cubic_through, integrate};
 use super::lookup::Lookup;
-use super::packet::{Host, PART_NUMBERS, Parts, ROUND, Work};
-use super::simd::{LANES_LIMIT, Simd};
+use super::packet::{Classifier, Host, Lanes, PART_NUMBERS, Parts, Work, write_parts};
+use super::queue::{Queue, QueuedCell};
+use super::shade::PacketLighting;
+use super::simd::{LANES_LIMIT, Simd, Task, for_three};
 
-/// Most parts that a cell is cut into.
-pub const PARTS_LIMIT: f32 = 64.0;
-
-/// Numbers kept of a cell.
-const NUMBERS: usize = 8;
+/// Most parts that a cell is cut into at once.
+const PARTS_LIMIT: f32 = 64.0;
+/// Most parts that are tried for one cell.
+const TRIES_LIMIT: u32 = 128;
+/// Shortest part, in cells.
+const LEAST_PART: f32 = 1.0 / 4096.0;
 /// Parts per square root of the error: what is left is then well below the tolerance.
 const PARTS_PER_ROOT: f32 = 1.4;
+/// Least share of a cell's tolerance that a part may use up, however short it is.
+const LEAST_SHARE: f32 = 1.0 / 8.0;
+/// Share of what is allowed, below which the next part is twice as long.
+const EASY: f32 = 1.0 / 8.0;
+/// Multiple of what is allowed, from which the next part is a quarter as long, not half.
+const HARD: f32 = 16.0;
 /// Error left after refinement, in tolerances, from which a cell is integrated exactly.
-const EXACT_FROM: f32 = 1.0;
-/// Cells that one round can leave, and room for whole lanes after the last.
-const CAPACITY: usize = (ROUND + 1) * LANES_LIMIT;
+const EXACT_FROM: f32 = 2.5;
 
-/// Unsettled cells of one round.
-pub struct Queue {
-    /// s(0), s(1/2), s(1), coefficient of u^3, length, error in tolerances, tolerances per error.
-    numbers: [[f32; CAPACITY]; NUMBERS],
-    /// Cell of the round times [`LANES_LIMIT`] plus lane.
-    slots: [u16; CAPACITY],
-    bases: [i32; CAPACITY],
-    length: usize,
+/// Numbers of an unsettled cell beside those of all, where it is shaded: the gradient at its beginning, its middle and its
+/// end, and the coefficients of its third power.
+pub type RefineQueue = Queue<12>;
+
+/// Settles everything in a queue: writes the parts and empties it.
+pub struct Refine<'a, L> {
+    /// The transfer function.
+    pub classifier: &'a Classifier<'a, L>,
+    /// Rays of the packet.
+    pub lanes: &'a Lanes,
+    /// The brick's, where it is shaded.
+    pub lighting: Option<&'a PacketLighting<'a>>,
+    /// The cells; none are left.
+    pub cells: &'a mut RefineQueue,
+    /// Where colours and optical depths go.
+    pub parts: &'a mut Parts,
+    /// Who settles what is not settled here.
+    pub host: &'a mut dyn Host,
 }
 
-impl Queue {
-    /// An empty queue.
-    #[inline(always)]
-    pub fn new() -> Self {
-        Self { numbers: [[0.0; CAPACITY]; NUMBERS], slots: [0; CAPACITY], bases: [0; CAPACITY], length: 0 }
-    }
-
-    /// Whether nothing waits.
-    #[inline(always)]
-    pub fn is_empty(&self) -> bool {
-        self.length == 0
-    }
-
-    /// Adds the lanes of `bits` in cell number `cell` of the round.
-    #[inline(always)]
-    pub fn push<S: Simd>(
-        &mut self,
-        bits: u32,
-        chord: &Chord<S>,
-        [error, per_error]: [S::F; 2],
-        cell: usize,
-        base: S::I,
-    ) {
-        let mut lanes = [[0.0; LANES_LIMIT]; NUMBERS];
-        let numbers = [
-            chord.values[0],
-            chord.values[1],
-            chord.values[2],
-            chord.cubic,
-            chord.length,
-            error,
-            per_error,
-            chord.noise,
-        ];
-        for (lanes, number) in lanes.iter_mut().zip(numbers) {
-            S::store(number, lanes);
-        }
-        let mut bases = [0; LANES_LIMIT];
-        S::store_int(base, &mut bases);
-        let mut rest = bits;
-        while rest != 0 {
-            let lane = rest.trailing_zeros() as usize;
-            rest &= rest - 1;
-            for (into, from) in self.numbers.iter_mut().zip(&lanes) {
-                into[self.length] = from[lane];
-            }
-            self.slots[self.length] = (cell * LANES_LIMIT + lane) as u16;
-            self.bases[self.length] = bases[lane];
-            self.length += 1;
-        }
-    }
+impl<L: Lookup> Task for Refine<'_, L> {
+    type Output = Work;
 
     #[inline(always)]
-    fn load<S: Simd>(&self, number: usize, first: usize) -> S::F {
-        let mut lanes = [0.0; LANES_LIMIT];
-        lanes.copy_from_slice(&self.numbers[number][first..first + LANES_LIMIT]);
-        S::load(&lanes)
-    }
-}
-
-/// Settles everything in the queue: writes the parts and empties it. Returns what that took.
-#[inline(always)]
-pub fn refine<S: Simd, L: Lookup>(
-    table: &L,
-    narrow: f32,
-    rays: &[u16; LANES_LIMIT],
-    queue: &mut Queue,
-    parts: &mut Parts,
-    host: &mut dyn Host,
-) -> Work {
-    let mut work = Work { refined: queue.length as u64, ..Work::default() };
-    for first in (0..queue.length).step_by(S::LANES) {
-        let count = (queue.length - first).min(S::LANES);
-        let (mut out, mut errors) = ([[0.0; LANES_LIMIT]; PART_NUMBERS], [0.0; LANES_LIMIT]);
-        work.samples += refine_lanes::<S, L>(table, narrow, queue, first, count, &mut out, &mut errors);
-        for lane in 0..count {
-            let slot = usize::from(queue.slots[first + lane]);
-            let (cell, ray) = (slot / LANES_LIMIT, slot % LANES_LIMIT);
+    fn run<S: Simd>(self) -> Work {
+        let mut work = Work { refined: self.cells.len() as u64, ..Work::default() };
+        for first in (0..self.cells.len()).step_by(S::LANES) {
+            let count = (self.cells.len() - first).min(S::LANES);
+            let cell = self.cells.cells::<S>(first);
+            let (part, samples) = self.cut::<S>(&cell, first, count);
+            work.samples += samples;
+            let [r, g, b] = part.color;
+            write_parts::<S, PART_NUMBERS>(self.parts, cell.slot, count, [r, g, b, part.tau]);
+            let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
             // Also NaN: a cell beside a hole.
-            let is_settled = errors[lane] <= EXACT_FROM;
-            if !is_settled {
-                work.exact += 1;
-                let [r, g, b, transmittance] = host.integrate_exactly(rays[ray], queue.bases[first + lane]);
-                let tau = -transmittance.max(f32::MIN_POSITIVE).ln();
-                for (number, value) in [r, g, b, tau].into_iter().enumerate() {
-                    parts[cell][number][ray] = value;
-                }
-            } else {
-                for (number, lanes) in out.iter().enumerate() {
-                    parts[cell][number][ray] = lanes[lane];
+            let is_unsettled = !S::le(part.error * per_error, S::splat(EXACT_FROM));
+            let mut rest = S::bits(is_unsettled) & ((1u64 << count) - 1) as u32;
+            if rest != 0 {
+                work.exact += u64::from(rest.count_ones());
+                let (mut slots, mut bases) = ([0; LANES_LIMIT], [0; LANES_LIMIT]);
+                S::store_int(cell.slot, &mut slots);
+                S::store_int(cell.base, &mut bases);
+                while rest != 0 {
+                    let lane = rest.trailing_zeros() as usize;
+                    rest &= rest - 1;
+                    let (step, ray) = (slots[lane] as usize / LANES_LIMIT, slots[lane] as usize % LANES_LIMIT);
+                    let [r, g, b, transmittance] = self.host.integrate_exactly(self.lanes.rays[ray], bases[lane]);
+                    let tau = -transmittance.max(f32::MIN_POSITIVE).ln();
+                    for (number, value) in [r, g, b, tau].into_iter().enumerate() {
+                        self.parts[step][number][ray] = value;
+                    }
                 }
             }
         }
+        self.cells.clear();
+        work
     }
-    queue.length = 0;
-    work
 }
 
-/// Cuts `count` cells from `first` on into parts and integrates those.
+impl<L: Lookup> Refine<'_, L> {
+    /// Cuts `count` cells from `first` on into parts and integrates those; also the number of samples.
+    #[inline(always)]
+    fn cut<S: Simd>(&self, cell: &QueuedCell<S>, first: usize, count: usize) -> (Part<S>, u64) {
+        let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
+        let whole = cell.chord;
+        let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
+        let used = S::mask_from_bits(((1u64 << count) - 1) as u32);
+        let field = cubic_through::<S>(whole.values, whole.cubic);
+        #[allow(clippy::manual_map, reason = "nobody promises that a closure is compiled with the set's instructions")]
+        let shading = match self.lighting {
+            Some(lighting) => {
+                Some((lighting, self.gradients::<S>(first), self.lanes.toward_eye::<S>(lighting, cell.slot)))
+            }
+            None => None,
+        };
+        let mut sum = Part::<S>::nothing();
+        // Unknown from the beginning: beside a hole.
+        sum.error = S::select(S::is_nan(cell.error), cell.error, zero);
+        let (mut at, mut next) = (zero, first_part::<S>(cell.error * per_error));
+        let mut begin = field[0];
+        let mut gradient = match &shading {
+            Some((_, curves, _)) => for_three!(a => curves[a][0]),
+            None => [zero; 3],
+        };
+        let mut samples = 0;
+        for _ in 0..TRIES_LIMIT {
+            let going = S::lt(at, one) & used;
+            let lanes = S::bits(going).count_ones();
+            if lanes == 0 {
+                return (sum, samples);
+            }
+            samples += u64::from(2 * lanes);
+            // Nothing shorter than the shortest part is left over.
+            let rest = one - at;
+            let size = S::select(S::lt(next + S::splat(LEAST_PART), rest), next, rest);
+            let is_last = S::le(rest, size);
+            let end = S::select(is_last, one, at + size);
+            let middle = S::mul_add(half, size, at);
+            let values = [begin, cubic_at::<S>(field, middle), cubic_at::<S>(field, end)];
+            let (cubic, length) = (whole.cubic * size * size * size, whole.length * size);
+            let chord = Chord::<S> { values, cubic, length, noise: whole.noise };
+            let mut part = integrate::<S, L>(self.classifier.table, S::splat(self.classifier.narrow), &chord);
+            let mut gradient_at_end = gradient;
+            if let Some((lighting, curves, to_eye)) = &shading {
+                let at_middle = for_three!(a => cubic_at::<S>(curves[a], middle));
+                gradient_at_end = for_three!(a => cubic_at::<S>(curves[a], end));
+                let gradients = [gradient, at_middle, gradient_at_end];
+                (part.color, part.error) = lighting.shade::<S>(&part, &gradients, to_eye);
+            }
+            let error = sum.transmittance * part.error;
+            let allowed = S::max(size, S::splat(LEAST_SHARE));
+            let (ratio, is_shortest) = (error * per_error, S::le(size, S::splat(LEAST_PART)));
+            // NaN is taken, and found in the sum.
+            let is_taken = (!S::lt(allowed, ratio) | is_shortest) & going;
+            for c in 0..3 {
+                let color = S::mul_add(sum.transmittance, part.color[c], sum.color[c]);
+                sum.color[c] = S::select(is_taken, color, sum.color[c]);
+                gradient[c] = S::select(is_taken, gradient_at_end[c], gradient[c]);
+            }
+            sum.error = S::select(is_taken, sum.error + error, sum.error);
+            sum.tau = S::select(is_taken, sum.tau + part.tau, sum.tau);
+            sum.transmittance = S::select(is_taken, sum.transmittance * part.transmittance, sum.transmittance);
+            begin = S::select(is_taken, values[2], begin);
+            at = S::select(is_taken, end, at);
+            let longer = S::select(S::lt(ratio, allowed * S::splat(EASY)), size + size, size);
+            let shorter = size * S::select(S::lt(allowed * S::splat(HARD), ratio), S::splat(0.25), half);
+            next = S::select(is_taken, longer, S::max(shorter, S::splat(LEAST_PART)));
+        }
+        // Never settled: as if nothing were known.
+        sum.error = S::select(S::lt(at, one), S::splat(f32::NAN), sum.error);
+        (sum, samples)
+    }
+
+    /// The gradient along the cells from number `first` on: coefficients for each axis.
+    #[inline(always)]
+    fn gradients<S: Simd>(&self, first: usize) -> [[S::F; 4]; 3] {
+        let cells = &self.cells;
+        let (begin, middle) = (cells.three::<S>(0, first), cells.three::<S>(3, first));
+        let (end, cubics) = (cells.three::<S>(6, first), cells.three::<S>(9, first));
+        for_three!(a => cubic_through::<S>([begin[a], middle[a], end[a]], cubics[a]))
+    }
+}
+
+/// Length of the first part of cells with these errors, in tolerances.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "inlined into its one caller: the arguments are its variables")]
-fn refine_lanes<S: Simd, L: Lookup>(
-    table: &L,
-    narrow: f32,
-    queue: &Queue,
-    first: usize,
-    count: usize,
-    out: &mut [[f32; LANES_LIMIT]; PART_NUMBERS],
-    errors: &mut [f32; LANES_LIMIT],
-) -> u64 {
-    let (zero, one) = (S::splat(0.0), S::splat(1.0));
-    let number = |n: usize| queue.load::<S>(n, first);
-    let whole =
-        Chord::<S> { values: [number(0), number(1), number(2)], cubic: number(3), length: number(4), noise: number(7) };
-    let ratio = number(5);
-    let used = S::mask_from_bits(((1u64 << count) - 1) as u32);
-    let wanted = S::floor(S::splat(PARTS_PER_ROOT) * S::sqrt(S::min(ratio, S::splat(PARTS_LIMIT * PARTS_LIMIT)))) + one;
-    let wanted = S::select(used, S::min(S::max(wanted, S::splat(2.0)), S::splat(PARTS_LIMIT)), zero);
-    let share = one / S::max(wanted, one);
-    let [k0, k1, k2, k3] = whole.coefficients();
-    let at = |u: S::F| S::mul_add(u, S::mul_add(u, S::mul_add(u, k3, k2), k1), k0);
-    let (cubic, length) = (k3 * share * share * share, whole.length * share);
-    let mut color = [zero; 3];
-    let mut transmittance = one;
-    let (mut tau, mut error) = (zero, zero);
-    let mut begin = k0;
-    let mut done = zero;
-    let mut samples = 0;
-    loop {
-        let going = S::lt(done, wanted);
-        let lanes = S::bits(going).count_ones();
-        if lanes == 0 {
-            break;
-        }
-        samples += u64::from(2 * lanes);
-        let middle = at((done + S::splat(0.5)) * share);
-        let end = at((done + one) * share);
-        let part = integrate::<S, L>(
-            table,
-            S::splat(narrow),
-            &Chord::<S> { values: [begin, middle, end], cubic, length, noise: whole.noise },
-        );
-        for c in 0..3 {
-            color[c] = S::select(going, S::mul_add(transmittance, part.color[c], color[c]), color[c]);
-        }
-        error = S::select(going, S::mul_add(transmittance, part.error, error), error);
-        tau = S::select(going, tau + part.tau, tau);
-        transmittance = S::select(going, transmittance * part.transmittance, transmittance);
-        begin = end;
-        done = done + one;
-    }
-    for c in 0..3 {
-        S::store(color[c], &mut out[c]);
-    }
-    S::store(tau, &mut out[3]);
-    S::store(error * number(6), errors);
-    samples
+fn first_part<S: Simd>(ratio: S::F) -> S::F {
+    let (one, two, most) = (S::splat(1.0), S::splat(2.0), S::splat(PARTS_LIMIT));
+    let root = S::sqrt(S::min(ratio, most * most));
+    let parts = S::floor(S::splat(PARTS_PER_ROOT) * root) + one;
+    one / S::min(S::max(parts, two), most)
 }

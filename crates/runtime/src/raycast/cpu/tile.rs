@@ -10,7 +10,8 @@
 use supervol_format::BrickKey;
 use supervol_format::space::HALF_VOXEL;
 
-use super::packet::Packet;
+use super::walk::Packet;
+use super::{IsoSides, RayState};
 use crate::clip::{IndexRay, Segment};
 use crate::raycast::scalar::walk::PARALLEL;
 
@@ -53,16 +54,39 @@ pub struct Gathered {
     pub color: [PerRay; 3],
     /// Share of light from behind that still gets through.
     pub transmittance: PerRay,
+    /// `mip`, `minip`: the extreme so far; `mean`: the integral so far; NaN before the first present value.
+    pub value: PerRay,
+    /// `mean`: present world length so far.
+    pub length: PerRay,
+    /// `iso`: sides and hits.
+    pub iso: [IsoSides; TILE_RAYS],
     /// The brick that the ray waits for.
     pub waiting: [Option<BrickKey>; TILE_RAYS],
 }
 
 impl Gathered {
-    /// Premultiplied colour and opacity of a ray.
+    /// What a ray has gathered, as the scalar caster keeps it; without its way.
     #[must_use]
-    pub fn pixel(&self, ray: usize) -> [f32; 4] {
-        let [r, g, b] = [0, 1, 2].map(|c| self.color[c][ray]);
-        [r, g, b, 1.0 - self.transmittance[ray]].map(|v| v as f32)
+    pub fn state(&self, ray: usize) -> RayState {
+        RayState {
+            color: [0, 1, 2].map(|c| self.color[c][ray]),
+            transmittance: self.transmittance[ray],
+            value: self.value[ray],
+            length: self.length[ray],
+            iso: self.iso[ray],
+            ..RayState::new(None)
+        }
+    }
+
+    /// Takes over what a ray has gathered.
+    pub fn set_state(&mut self, ray: usize, state: &RayState) {
+        for c in 0..3 {
+            self.color[c][ray] = state.color[c];
+        }
+        self.transmittance[ray] = state.transmittance;
+        self.value[ray] = state.value;
+        self.length[ray] = state.length;
+        self.iso[ray] = state.iso;
     }
 }
 
@@ -129,6 +153,9 @@ impl TileRays {
                 t: zero,
                 color: [zero; 3],
                 transmittance: [1.0; TILE_RAYS],
+                value: [f64::NAN; TILE_RAYS],
+                length: zero,
+                iso: [IsoSides::default(); TILE_RAYS],
                 waiting: [None; TILE_RAYS],
             },
             entry: zero,
@@ -146,6 +173,9 @@ impl TileRays {
         self.stop.fill(f64::NEG_INFINITY);
         self.gathered.color = [[0.0; TILE_RAYS]; 3];
         self.gathered.transmittance.fill(1.0);
+        self.gathered.value.fill(f64::NAN);
+        self.gathered.length.fill(0.0);
+        self.gathered.iso.fill(IsoSides::default());
         self.gathered.waiting.fill(None);
         (self.going, self.hit_count, self.has_parallel) = (0, 0, false);
     }
@@ -314,10 +344,36 @@ impl TileRays {
         }
         let behind = in_front * f64::from(transmittance);
         self.gathered.transmittance[ray] = behind;
-        if behind <= last_transmittance && self.stop[ray] > f64::NEG_INFINITY {
+        if behind <= last_transmittance {
+            self.end(ray);
+        }
+    }
+
+    /// A ray goes no further.
+    #[inline(always)]
+    pub fn end(&mut self, ray: usize) {
+        if self.stop[ray] > f64::NEG_INFINITY {
             self.stop[ray] = f64::NEG_INFINITY;
             self.going -= 1;
         }
+    }
+
+    /// Whether a ray goes on in this pass.
+    #[must_use]
+    pub fn is_going(&self, ray: usize) -> bool {
+        self.stop[ray] > f64::NEG_INFINITY
+    }
+
+    /// Of the rays found by [`TileRays::enter`], leaves out those that a brick cannot change; returns how many are left.
+    pub fn keep_hits(&mut self, mut keeps: impl FnMut(usize, &mut Gathered) -> bool) -> usize {
+        let mut count = 0;
+        for i in 0..self.hit_count {
+            let ray = self.hits[i];
+            self.hits[count] = ray;
+            count += usize::from(keeps(usize::from(ray), &mut self.gathered));
+        }
+        self.hit_count = count;
+        count
     }
 
     /// The rays of the present brick wait for it.

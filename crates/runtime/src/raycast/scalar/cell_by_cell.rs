@@ -8,7 +8,6 @@ use super::modes::{Chord, gather_dvr, gather_iso, gather_mean, gather_minip, gat
 use super::shade::ChordGradient;
 use super::visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};
 use super::walk::GridWalk;
-use crate::clip::Segment;
 use crate::raycast::cpu::{Counters, RayState, TERMINATION_OPACITY};
 use crate::raycast::volume::{DecodedBrick, Voxels};
 use crate::scene::Mode;
@@ -91,21 +90,33 @@ pub(crate) fn exact_cell(
     base: usize,
     t: [f64; 2],
 ) -> [f32; 4] {
+    let mut state = RayState::new(None);
+    gather_exact_cell(level, brick, key, base, t, &mut state);
+    let [r, g, b] = state.color;
+    [r, g, b, state.transmittance].map(|v| v as f32)
+}
+
+/// Gathers over the part of a ray that [`exact_cell`] is about.
+pub(crate) fn gather_exact_cell(
+    level: LevelVisit<'_>,
+    brick: &DecodedBrick,
+    key: BrickKey,
+    base: usize,
+    t: [f64; 2],
+    state: &mut RayState,
+) {
     let visit = BrickVisit::new(level, brick, key);
     let index = visit.cell_at_base(base);
-    let [t0, t1] = visit.cell_planes.chord(visit.level.axis_ray, index, t);
-    let mut state = RayState::new(Some(Segment { t0, t1 }));
-    if t0 < t1 {
+    let t = visit.cell_planes.chord(visit.level.axis_ray, index, t);
+    if t[0] < t[1] {
         let counters = &mut Counters::default();
         let cells = CellByCell { pairs: CellRule::DEFAULT.pairs };
         match visit.voxels() {
-            Voxels::U8(voxels) => cells.gather_cell(&visit, (voxels, index), [t0, t1], &mut state, counters),
-            Voxels::U16(voxels) => cells.gather_cell(&visit, (voxels, index), [t0, t1], &mut state, counters),
-            Voxels::F32(voxels) => cells.gather_cell(&visit, (voxels, index), [t0, t1], &mut state, counters),
+            Voxels::U8(voxels) => cells.gather_cell(&visit, (voxels, index), t, state, counters),
+            Voxels::U16(voxels) => cells.gather_cell(&visit, (voxels, index), t, state, counters),
+            Voxels::F32(voxels) => cells.gather_cell(&visit, (voxels, index), t, state, counters),
         }
     }
-    let [r, g, b] = state.color;
-    [r, g, b, state.transmittance].map(|v| v as f32)
 }
 
 impl CellByCell {

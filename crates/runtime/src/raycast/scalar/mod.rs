@@ -23,8 +23,8 @@ pub mod shade;
 pub mod visit;
 pub mod walk;
 
-pub(crate) use cell_by_cell::exact_cell;
 pub use cell_by_cell::{CellByCell, CellRule, Pairs};
+pub(crate) use cell_by_cell::{exact_cell, gather_exact_cell};
 pub use integrator::{Integration, Integrator};
 pub(crate) use march::cast_ray;
 pub(crate) use visit::CastRay;

@@ -198,9 +198,14 @@ pub fn gather_iso(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state
             continue;
         }
         let begins_above = chord.value(0.0) >= surface.value;
-        let jumped = state.iso.known & bit != 0 && (state.iso.above & bit != 0) != begins_above;
-        let crossing = if jumped { Some(0.0) } else { first_crossing(chord, surface.value) };
         let ends_above = chord.value(1.0) >= surface.value;
+        let jumped = state.iso.known & bit != 0 && (state.iso.above & bit != 0) != begins_above;
+        let crossing = if jumped {
+            Some(0.0)
+        } else {
+            // Where the cubic ends just short of the value, its `f32` may have reached it.
+            first_crossing(chord, surface.value).or((begins_above != ends_above).then_some(1.0))
+        };
         state.iso.above = if ends_above { state.iso.above | bit } else { state.iso.above & !bit };
         if let Some(u) = crossing {
             state.iso.hit |= bit;
@@ -219,7 +224,8 @@ pub fn gather_iso(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state
 }
 
 fn first_crossing(chord: &Chord, value: f32) -> Option<Real> {
-    if value < chord.low || value > chord.high {
+    // A least corner that has the value is above, whatever the cubic rounds to there.
+    if value <= chord.low || value > chord.high {
         return None;
     }
     let intervals = monotone_intervals(&chord.cubic);

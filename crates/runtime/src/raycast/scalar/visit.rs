@@ -204,21 +204,7 @@ impl<'a> BrickVisit<'a> {
             Mode::Dvr => !frame.transfer_function.is_visible(low, high),
             Mode::Mip => f64::from(high) <= state.value,
             Mode::Minip => f64::from(low) >= state.value,
-            Mode::Iso => {
-                let mut above = 0;
-                for (i, surface) in frame.iso.iter().enumerate() {
-                    if low < surface.value && surface.value <= high && state.iso.hit >> i & 1 == 0 {
-                        return false;
-                    }
-                    above |= u32::from(low >= surface.value) << i;
-                }
-                let jumped = state.iso.known & !state.iso.hit & (state.iso.above ^ above) != 0;
-                if !jumped {
-                    state.iso.above = above;
-                    state.iso.known = u32::MAX;
-                }
-                !jumped
-            }
+            Mode::Iso => state.iso.pass([low, high], frame.iso.iter().map(|surface| surface.value)),
             Mode::Mean | Mode::Slice => false,
         }
     }

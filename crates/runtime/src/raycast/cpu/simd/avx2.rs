@@ -22,6 +22,16 @@ pub unsafe fn run<T: Task>(task: T) -> T::Output {
     task.run::<Avx2>()
 }
 
+/// See [`Simd::apart`].
+///
+/// # Safety
+/// As for [`run`].
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+#[inline(never)]
+unsafe fn run_apart<T: Task>(task: T) -> T::Output {
+    task.run::<Avx2>()
+}
+
 #[derive(Clone, Copy)]
 pub struct Avx2;
 
@@ -143,6 +153,17 @@ impl Simd for Avx2 {
     #[inline(always)]
     fn store_int(values: Ints, into: &mut [i32; LANES_LIMIT]) {
         unsafe { _mm256_storeu_si256(into.as_mut_ptr().cast(), values.0) }
+    }
+
+    #[inline(always)]
+    fn compress(values: Floats, mask: Mask, into: &mut [f32; LANES_LIMIT]) {
+        // The numbers of the lanes of the mask, one per byte, moved together.
+        unsafe {
+            let lane_bytes = _pdep_u64(u64::from(Self::bits(mask)), 0x0101_0101_0101_0101) * 0xff;
+            let lanes = _pext_u64(0x0706_0504_0302_0100, lane_bytes);
+            let lanes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(lanes as i64));
+            Self::store(Floats(_mm256_permutevar8x32_ps(values.0, lanes)), into);
+        }
     }
 
     #[inline(always)]
@@ -280,5 +301,15 @@ impl Simd for Avx2 {
     #[inline(always)]
     fn float_from_bits(a: Ints) -> Floats {
         Floats(unsafe { _mm256_castsi256_ps(a.0) })
+    }
+
+    #[inline(always)]
+    fn bits_from_float(a: Floats) -> Ints {
+        Ints(unsafe { _mm256_castps_si256(a.0) })
+    }
+
+    #[inline(always)]
+    fn apart<T: Task>(task: T) -> T::Output {
+        unsafe { run_apart(task) }
     }
 }

@@ -45,6 +45,8 @@ pub trait Simd: Copy + Send + Sync + 'static {
     fn store(values: Self::F, into: &mut [f32; LANES_LIMIT]);
     /// See [`Simd::store`].
     fn store_int(values: Self::I, into: &mut [i32; LANES_LIMIT]);
+    /// The lanes of the mask into an array from its beginning, in their order; anything behind them.
+    fn compress(values: Self::F, mask: Self::M, into: &mut [f32; LANES_LIMIT]);
 
     /// `a * b + c`.
     fn mul_add(a: Self::F, b: Self::F, c: Self::F) -> Self::F;
@@ -100,6 +102,11 @@ pub trait Simd: Copy + Send + Sync + 'static {
     unsafe fn gather(base: *const u8, offsets: Self::I, mask: Self::M) -> Self::I;
     /// The bits of integers as floats.
     fn float_from_bits(a: Self::I) -> Self::F;
+    /// The bits of floats as integers.
+    fn bits_from_float(a: Self::F) -> Self::I;
+
+    /// Runs a task as a function of its own: what it keeps in registers does not crowd out its caller's.
+    fn apart<T: Task>(task: T) -> T::Output;
 }
 
 /// Something to be done with whatever lanes the processor has.
@@ -178,6 +185,28 @@ impl FromStr for InstructionSet {
     }
 }
 
+/// An array of one value per axis (or place, or channel): where `[0, 1, 2].map(closure)` would leave it to the compiler
+/// whether the closure has the set's instructions.
+macro_rules! for_three {
+    ($i:ident => $value:expr) => {
+        [
+            {
+                let $i = 0;
+                $value
+            },
+            {
+                let $i = 1;
+                $value
+            },
+            {
+                let $i = 2;
+                $value
+            },
+        ]
+    };
+}
+pub(super) use for_three;
+
 /// Runs a task with a set of instructions.
 ///
 /// # Panics
@@ -208,6 +237,29 @@ pub fn exp_minus<S: Simd>(a: S::F) -> S::F {
         p = S::mul_add(p, x, S::splat(coefficient));
     }
     p * S::exp2_whole(n)
+}
+
+/// `-ln(a)` for a in [2^-126, 1], to 3e-7 of it and 2e-7.
+///
+/// `a = 2^n m` with m in [sqrt(1/2), sqrt(2)]; the series of `ln((1 + z) / (1 - z))`, the first term left out below 3e-8.
+#[inline(always)]
+pub fn minus_ln<S: Simd>(a: S::F) -> S::F {
+    const ONE_BITS: i32 = 0x3f80_0000;
+    const FRACTION_BITS: u32 = 23;
+    let bits = S::bits_from_float(a);
+    let fraction = S::and_int(bits, S::splat_int((1 << FRACTION_BITS) - 1));
+    let m = S::float_from_bits(fraction + S::splat_int(ONE_BITS));
+    let n = S::to_float(S::shift_right::<FRACTION_BITS>(bits) + S::splat_int(-(ONE_BITS >> FRACTION_BITS)));
+    let is_high = S::lt(S::splat(std::f32::consts::SQRT_2), m);
+    let m = S::select(is_high, m * S::splat(0.5), m);
+    let n = S::select(is_high, n + S::splat(1.0), n);
+    let z = (m - S::splat(1.0)) / (m + S::splat(1.0));
+    let z2 = z * z;
+    let mut p = S::splat(2.0 / 7.0);
+    for coefficient in [2.0 / 5.0, 2.0 / 3.0, 2.0] {
+        p = S::mul_add(p, z2, S::splat(coefficient));
+    }
+    S::splat(0.0) - S::mul_add(n, S::splat(std::f32::consts::LN_2), z * p)
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
 
-use super::{LANES_LIMIT, Simd};
+use super::{LANES_LIMIT, Simd, Task};
 
 const LANES: usize = 4;
 
@@ -149,6 +149,15 @@ impl Simd for Portable {
     }
 
     #[inline(always)]
+    fn compress(values: Floats, mask: Mask, into: &mut [f32; LANES_LIMIT]) {
+        let mut next = 0;
+        for lane in 0..LANES {
+            into[next] = values.0[lane];
+            next += (mask.0[lane] & 1) as usize;
+        }
+    }
+
+    #[inline(always)]
     fn mul_add(a: Floats, b: Floats, c: Floats) -> Floats {
         // Not fused: without an instruction for it, fusing is a function call per lane.
         a * b + c
@@ -286,5 +295,15 @@ impl Simd for Portable {
     #[inline(always)]
     fn float_from_bits(a: Ints) -> Floats {
         Floats(a.0.map(|a| f32::from_bits(a as u32)))
+    }
+
+    #[inline(always)]
+    fn bits_from_float(a: Floats) -> Ints {
+        Ints(a.0.map(|a| a.to_bits() as i32))
+    }
+
+    #[inline(never)]
+    fn apart<T: Task>(task: T) -> T::Output {
+        task.run::<Self>()
     }
 }

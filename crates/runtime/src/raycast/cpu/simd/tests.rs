@@ -55,6 +55,12 @@ impl Task for Outcome<'_> {
         let places = S::and_int(i, S::splat_int(63));
         // SAFETY: the places are 0 to 63, and the array goes on for 4 bytes.
         let gathered = unsafe { S::gather(bytes.as_ptr(), places, mask) };
+        let mut together = [0.0; LANES_LIMIT];
+        S::compress(a, mask, &mut together);
+        let taken = (0..S::LANES).filter(|lane| inputs.bits >> lane & 1 == 1);
+        let expected: Vec<u32> = taken.map(|lane| canonical(inputs.a[lane])).collect();
+        let together: Vec<u32> = together.into_iter().take(expected.len()).map(canonical).collect();
+        assert_eq!(together, expected, "compress");
         let floats = [
             ("add", a + b),
             ("sub", a - b),
@@ -79,6 +85,7 @@ impl Task for Outcome<'_> {
             ("to_int", S::to_int(S::select(S::is_nan(a), c, S::splat(7.25)))),
             ("select_int", S::select_int(mask, i, j)),
             ("gather", gathered),
+            ("bits_from_float", S::bits_from_float(S::to_float(i))),
         ];
         let masks = [
             ("lt", S::lt(a, b)),
@@ -154,6 +161,35 @@ fn the_exponential_is_right_to_its_bound() {
             let exact = (-f64::from(a)).exp();
             assert!((found - exact).abs() <= 2e-7, "{}: exp(-{a}) is {found}, not {exact}", set.name());
         }
+    }
+}
+
+struct MinusLn([f32; LANES_LIMIT]);
+
+impl Task for MinusLn {
+    type Output = [f32; LANES_LIMIT];
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> [f32; LANES_LIMIT] {
+        let mut out = [0.0; LANES_LIMIT];
+        S::store(minus_ln::<S>(S::load(&self.0)), &mut out);
+        out
+    }
+}
+
+#[test]
+fn the_logarithm_is_right_to_its_bound() {
+    for set in InstructionSet::available() {
+        for i in 0..20_000 {
+            // Densely below 1, and down to the least normal number.
+            let a =
+                if i < 10_000 { 1.0 - i as f32 * 1e-4 } else { (i as f32 * -4.36e-3).exp2() }.max(f32::MIN_POSITIVE);
+            let found = f64::from(dispatch(set, MinusLn([a; LANES_LIMIT]))[0]);
+            let exact = -f64::from(a).ln();
+            let allowed = 3e-7 * exact + 2e-7;
+            assert!((found - exact).abs() <= allowed, "{}: -ln({a}) is {found}, not {exact}", set.name());
+        }
+        assert_eq!(dispatch(set, MinusLn([1.0; LANES_LIMIT]))[0], 0.0, "{}", set.name());
     }
 }
 

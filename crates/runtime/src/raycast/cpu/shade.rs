@@ -1,0 +1,336 @@
+//! Shading of the cells that show something: two-sided Blinn-Phong (RENDERING-MODEL, section 5).
+//!
+//! A part of a ray has a mean colour c and an opacity; shading makes of c, at a place with gradient g,
+//! `f = min(c D + S, 1)`, D and S functions of the direction of g alone. f is taken at the part's beginning, middle and
+//! end, and its mean weighted by where the light comes from: if that varies evenly from w0 at the beginning to w1 at the
+//! end, the mean of a quadratic f is `(w0 f0 + w1 f1 + 2 (w0 + w1) fm) / (3 (w0 + w1))`, Simpson's rule where w0 = w1.
+//!
+//! What that misses ([`PacketLighting::shade`] states it): the light does not vary evenly ([`Part::misplaced`]), f bends, or
+//! the normal turns so far that there may be a highlight between the three places.
+//!
+//! Gradients are differences over two voxels, interpolated (`scalar::shade` says why that is the definition): the 32 voxels
+//! around a cell are gathered once, and along the ray the gradient is one cubic per axis.
+
+use glam::{DMat3, DVec3};
+use supervol_format::Geometry;
+
+use super::fetch::Around;
+use super::integrate::Part;
+use super::packet::{Lanes, Parts, write_parts};
+use super::queue::Queue;
+use super::refine::RefineQueue;
+use super::simd::{Simd, Task, exp_minus, for_three, minus_ln};
+use super::walk::{PacketBrick, ROUND};
+use crate::raycast::scalar::shade::Lighting;
+
+/// Share of f's second difference that its mean may be off by: 1/6 for a kink at the worst place, 1/50 where f is smooth.
+const BEND_SHARE: f32 = 0.25;
+/// Share of f's range that its mean may be off by, for a colour that varies by 1.
+const COLOR_SHARE: f32 = 0.15;
+/// Share of what is cut off at 1 that the mean may be off by where colour varies.
+const CUT_SHARE: f32 = 0.25;
+/// Share of the diffuse light that its mean may be off by, for a normal that turns by one radian; falls with the square.
+const TURN_SHARE: f32 = 0.1;
+/// Share of the highlights that their mean may be off by, where the square of the turn is the shininess's inverse: that is
+/// how wide a highlight is. Falls with the fourth power.
+const HIGHLIGHT_SHARE: f32 = 0.006;
+/// Least square of |n.h|: a normal `f32`.
+const LEAST_SQUARE: f32 = 1e-37;
+
+/// Numbers of a cell beside those of all: position of its beginning, and of its part the colour, optical depth, front
+/// share and misplaced share.
+pub type ShadeQueue = Queue<10>;
+
+/// The lighting of a frame as the voxels of one level see it.
+#[derive(Debug, Clone, Copy)]
+pub struct PacketLighting<'a> {
+    /// Lights, and what the material makes of them.
+    pub lighting: &'a Lighting,
+    /// World gradient, values per world length, from differences of stored numbers over two voxels; columns.
+    pub world_from_differences: [[f32; 3]; 3],
+    /// World vectors from vectors in cells; columns.
+    pub world_from_cells: [[f32; 3]; 3],
+}
+
+/// A gradient in world space at the beginning, the middle and the end of a part.
+pub type Gradients<S> = [[<S as Simd>::F; 3]; 3];
+
+/// A matrix, by columns, times a vector.
+#[inline(always)]
+fn transform<S: Simd>(columns: &[[f32; 3]; 3], v: [S::F; 3]) -> [S::F; 3] {
+    let mut out = v;
+    for row in 0..3 {
+        let sum = v[0] * S::splat(columns[0][row]);
+        let sum = S::mul_add(v[1], S::splat(columns[1][row]), sum);
+        out[row] = S::mul_add(v[2], S::splat(columns[2][row]), sum);
+    }
+    out
+}
+
+#[inline(always)]
+fn dot<S: Simd>(a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
+    S::mul_add(a[0], b[0], S::mul_add(a[1], b[1], a[2] * b[2]))
+}
+
+/// D and S at one place.
+#[derive(Clone, Copy)]
+struct Lit<S: Simd> {
+    diffuse: S::F,
+    specular: S::F,
+}
+
+impl<S: Simd> Lit<S> {
+    /// A colour after shading.
+    #[inline(always)]
+    fn of(&self, color: S::F) -> S::F {
+        S::mul_add(color, self.diffuse, self.specular)
+    }
+}
+
+impl<'a> PacketLighting<'a> {
+    /// The lighting for a level of this scale, whose values rise by `value_scale` per stored number.
+    #[must_use]
+    pub fn new(lighting: &'a Lighting, geometry: &Geometry, scale: [u64; 3], value_scale: f32) -> Self {
+        let world_from_cells = geometry.linear() * DMat3::from_diagonal(DVec3::from_array(scale.map(|s| s as f64)));
+        let per_difference = 0.5 * value_scale;
+        Self {
+            lighting,
+            world_from_differences: (lighting.world_from_level_gradient(scale) * per_difference).to_cols_array_2d(),
+            world_from_cells: world_from_cells.as_mat3().to_cols_array_2d(),
+        }
+    }
+
+    /// Most that a colour can be multiplied by.
+    fn gain(&self) -> f32 {
+        let lighting = self.lighting;
+        let light: f32 = lighting.lights.iter().map(|l| l.1).sum();
+        (lighting.ambient + (lighting.diffuse + lighting.specular) * light).max(1.0)
+    }
+
+    /// Unit vectors against rays of these directions, in cells per world length.
+    #[inline(always)]
+    pub fn toward_eye<S: Simd>(&self, direction: [S::F; 3]) -> [S::F; 3] {
+        let along = transform::<S>(&self.world_from_cells, direction);
+        for_three!(a => along[a] * S::splat(-1.0))
+    }
+
+    /// The part's colour after shading, and its error.
+    #[inline(always)]
+    pub fn shade<S: Simd>(&self, part: &Part<S>, gradients: &Gradients<S>, to_eye: &[S::F; 3]) -> ([S::F; 3], S::F) {
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let mut inverse_lengths = [zero; 3];
+        let floor = self.lighting.gradient_floor.max(f32::MIN_POSITIVE.sqrt());
+        for (inverse, gradient) in inverse_lengths.iter_mut().zip(gradients) {
+            let length = S::sqrt(dot::<S>(gradient, gradient));
+            // 0 where there is no normal.
+            *inverse = S::select(S::le(S::splat(floor), length), one / S::max(length, S::splat(floor)), zero);
+        }
+        let lit = self.light::<S>(gradients, &inverse_lengths, to_eye);
+        let opacity = one - part.transmittance;
+        let per_opacity = one / S::max(opacity, S::splat(f32::MIN_POSITIVE));
+        let mut color = part.color;
+        let mut of_place = zero;
+        for c in 0..3 {
+            let plain = part.color[c] * per_opacity;
+            let f = for_three!(i => lit[i].of(plain));
+            let (mean, error) = mean_of_channel::<S>(part, f);
+            color[c] = opacity * mean;
+            of_place = S::max(of_place, error);
+        }
+        let of_place = of_place + self.error_of_turn::<S>(gradients, &inverse_lengths);
+        (color, S::mul_add(opacity, S::min(of_place, one), part.error * S::splat(self.gain())))
+    }
+
+    /// What three places can miss of a highlight between them.
+    #[inline(always)]
+    fn error_of_turn<S: Simd>(&self, gradients: &Gradients<S>, inverse_lengths: &[S::F; 3]) -> S::F {
+        let lighting = self.lighting;
+        let light: f32 = lighting.lights.iter().map(|l| l.1).sum();
+        let turn = turn::<S>(gradients, inverse_lengths);
+        let widths = turn * S::splat(lighting.shininess);
+        let highlight = S::min(widths * widths * S::splat(HIGHLIGHT_SHARE), S::splat(1.0));
+        let of_highlight = highlight * S::splat(lighting.specular * light);
+        S::mul_add(turn * turn, S::splat(TURN_SHARE * lighting.diffuse * light), of_highlight)
+    }
+
+    /// D and S at the three places; 1 and 0 where there is no normal.
+    #[inline(always)]
+    fn light<S: Simd>(&self, gradients: &Gradients<S>, inverse_lengths: &[S::F; 3], to_eye: &[S::F; 3]) -> [Lit<S>; 3] {
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let lighting = self.lighting;
+        let mut lit = [Lit { diffuse: S::splat(lighting.ambient), specular: zero }; 3];
+        let against_ray = for_three!(i => dot::<S>(&gradients[i], to_eye));
+        for (to_light, intensity) in &lighting.lights {
+            let to_light = [S::splat(to_light.x), S::splat(to_light.y), S::splat(to_light.z)];
+            // |l + v|^2 = 2 + 2 l.v.
+            let square = S::mul_add(S::splat(2.0), dot::<S>(&to_light, to_eye), S::splat(2.0));
+            let has_half = S::lt(S::splat(1e-12), square);
+            let per_half = S::select(has_half, one / S::sqrt(S::select(has_half, square, one)), zero);
+            for i in 0..3 {
+                let along_light = dot::<S>(&gradients[i], &to_light);
+                let cosine = S::abs(along_light * inverse_lengths[i]);
+                lit[i].diffuse = S::mul_add(cosine, S::splat(lighting.diffuse * intensity), lit[i].diffuse);
+                let along_half = (along_light + against_ray[i]) * (per_half * inverse_lengths[i]);
+                let square = S::min(S::max(along_half * along_half, S::splat(LEAST_SQUARE)), one);
+                let power = exp_minus::<S>(minus_ln::<S>(square) * S::splat(0.5 * lighting.shininess));
+                lit[i].specular = S::mul_add(power, S::splat(lighting.specular * intensity), lit[i].specular);
+            }
+        }
+        for i in 0..3 {
+            let has_normal = S::lt(zero, inverse_lengths[i]);
+            lit[i].diffuse = S::select(has_normal, lit[i].diffuse, one);
+            lit[i].specular = S::select(has_normal, lit[i].specular, zero);
+        }
+        lit
+    }
+}
+
+/// The mean of a channel over a part, cut off at 1, from its values at the three places, and what they can miss of it: the
+/// light does not vary evenly, it bends, or it is cut off where the colour varies.
+#[inline(always)]
+fn mean_of_channel<S: Simd>(part: &Part<S>, uncut: [S::F; 3]) -> (S::F, S::F) {
+    let (zero, one, third) = (S::splat(0.0), S::splat(1.0), S::splat(1.0 / 3.0));
+    let f = for_three!(i => S::min(uncut[i], one));
+    let ends = S::mul_add(part.front_share, f[0] - f[2], f[2]);
+    let mean = (ends + f[1] + f[1]) * third;
+    let bend = S::abs((f[0] - f[1]) + (f[2] - f[1]));
+    let range = S::max(S::max(f[0], f[2]), f[1]) - S::min(S::min(f[0], f[2]), f[1]);
+    let uneven = S::mul_add(part.colors, S::splat(COLOR_SHARE), part.misplaced);
+    let half = part.colors * S::splat(0.5);
+    let low = S::min(S::min(uncut[0], uncut[2]), uncut[1]) - half;
+    let high = S::max(S::max(uncut[0], uncut[2]), uncut[1]) + half;
+    let cut = S::select(S::lt(low, one), S::min(S::max(high - one, zero), part.colors), zero);
+    (mean, S::mul_add(S::splat(BEND_SHARE), bend, S::mul_add(range, uneven, cut * S::splat(CUT_SHARE))))
+}
+
+/// Sum of the squares of the differences between neighbouring normals.
+#[inline(always)]
+fn turn<S: Simd>(gradients: &Gradients<S>, inverse_lengths: &[S::F; 3]) -> S::F {
+    let mut sum = S::splat(0.0);
+    for [a, b] in [[0, 1], [1, 2]] {
+        let scale = inverse_lengths[a] * inverse_lengths[b];
+        let difference = S::mul_add(S::splat(-2.0) * dot::<S>(&gradients[a], &gradients[b]), scale, S::splat(2.0));
+        sum = sum + S::select(S::lt(S::splat(0.0), scale), S::max(difference, S::splat(0.0)), S::splat(0.0));
+    }
+    sum
+}
+
+/// Shades the cells of a round that show something.
+pub struct ShadeCells<'a> {
+    /// Where the voxels are.
+    pub brick: &'a PacketBrick<'a>,
+    /// The brick's.
+    pub lighting: &'a PacketLighting<'a>,
+    /// Rays of the packet.
+    pub lanes: &'a Lanes,
+    /// The cells; none are left.
+    pub cells: &'a mut ShadeQueue,
+    /// Cells that one rule does not settle.
+    pub unsettled: &'a mut RefineQueue,
+    /// Where colours go.
+    pub parts: &'a mut Parts,
+}
+
+/// The gradient along the rays through some cells.
+#[derive(Clone, Copy)]
+struct AlongRay<S: Simd> {
+    gradients: Gradients<S>,
+    /// Coefficients of the third power.
+    cubics: [S::F; 3],
+    /// Beside a hole there is no gradient.
+    is_unknown: S::M,
+}
+
+/// Packets of cells that are taken through one stage, and then through the next: stages are short, so that the processor
+/// overlaps several packets.
+const GROUP: usize = ROUND;
+
+impl Task for ShadeCells<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(mut self) {
+        let zero = S::splat(0.0);
+        let nothing = AlongRay { gradients: [[zero; 3]; 3], cubics: [zero; 3], is_unknown: S::lt(zero, zero) };
+        for group in (0..self.cells.len()).step_by(GROUP * S::LANES) {
+            let mut along = [nothing; GROUP];
+            let end = self.cells.len().min(group + GROUP * S::LANES);
+            for (i, first) in (group..end).step_by(S::LANES).enumerate() {
+                self.gradients::<S>(first, &mut along[i]);
+            }
+            for (i, first) in (group..end).step_by(S::LANES).enumerate() {
+                self.shade::<S>(first, &along[i]);
+            }
+        }
+        self.cells.clear();
+    }
+}
+
+impl ShadeCells<'_> {
+    /// Lanes that hold cells, from number `first` on.
+    #[inline(always)]
+    fn used<S: Simd>(&self, first: usize) -> S::M {
+        let count = (self.cells.len() - first).min(S::LANES);
+        S::mask_from_bits(((1u64 << count) - 1) as u32)
+    }
+
+    /// Gathers around the cells from number `first` on.
+    #[inline(always)]
+    fn gradients<S: Simd>(&self, first: usize, along: &mut AlongRay<S>) {
+        let (brick, lighting) = (self.brick, self.lighting);
+        let cell = self.cells.cells::<S>(first);
+        // What lies behind the last cell may be the offset of another brick's cell.
+        let base = S::select_int(self.used::<S>(first), cell.base, S::splat_int(brick.first_base()));
+        let around = Around::<S> { stored: brick.stored, voxels: brick.voxels, base, absent: brick.absent };
+        // SAFETY: the bases are those of cells of the core.
+        let slopes = unsafe { around.slopes(brick.strides) };
+        let fraction = self.cells.three::<S>(0, first);
+        let direction = self.lanes.direction::<S>(cell.slot);
+        let travelled = for_three!(a => direction[a] * cell.chord.length);
+        for (gradient, share) in along.gradients.iter_mut().zip([0.0, 0.5, 1.0]) {
+            let at = for_three!(a => S::mul_add(travelled[a], S::splat(share), fraction[a]));
+            let differences = for_three!(a => slopes[a].at(at));
+            *gradient = transform::<S>(&lighting.world_from_differences, differences);
+        }
+        let volume = travelled[0] * travelled[1] * travelled[2];
+        let twists = for_three!(a => slopes[a].twist() * volume);
+        along.cubics = transform::<S>(&lighting.world_from_differences, twists);
+        let middle = along.gradients[1];
+        along.is_unknown = S::is_nan(middle[0] + middle[1] + middle[2]);
+        for gradient in along.gradients.iter_mut().chain([&mut along.cubics]) {
+            for a in 0..3 {
+                gradient[a] = S::select(along.is_unknown, S::splat(0.0), gradient[a]);
+            }
+        }
+    }
+
+    /// Shades the cells from number `first` on; what three places do not settle goes on to refinement.
+    #[inline(always)]
+    fn shade<S: Simd>(&mut self, first: usize, along: &AlongRay<S>) {
+        let mut cell = self.cells.cells::<S>(first);
+        let [tau, front_share, misplaced] = self.cells.three::<S>(6, first);
+        let part = Part {
+            color: self.cells.three::<S>(3, first),
+            tau,
+            transmittance: exp_minus::<S>(tau),
+            error: cell.error,
+            front_share,
+            misplaced,
+            colors: self.cells.one::<S>(9, first),
+        };
+        let to_eye = self.lanes.toward_eye::<S>(self.lighting, cell.slot);
+        let (shaded, error) = self.lighting.shade::<S>(&part, &along.gradients, &to_eye);
+        write_parts::<S, 3>(self.parts, cell.slot, (self.cells.len() - first).min(S::LANES), shaded);
+        // Rays for which the hole beside them has no weight have a gradient after all.
+        let is_in_plane = S::lt(S::splat(0.0), S::lookup16(&self.lanes.in_plane, cell.slot));
+        cell.error = S::select(along.is_unknown & is_in_plane, S::splat(f32::NAN), error);
+        let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
+        // Also NaN.
+        let is_unsettled = !S::le(cell.error * per_error, S::splat(1.0)) & self.used::<S>(first);
+        if S::bits(is_unsettled) != 0 {
+            let [[a, b, c], [d, e, f], [g, h, i]] = along.gradients;
+            let [j, k, l] = along.cubics;
+            self.unsettled.push::<S, 12>(is_unsettled, &cell, [a, b, c, d, e, f, g, h, i, j, k, l]);
+        }
+    }
+}

@@ -1,0 +1,420 @@
+//! A packet of rays through one brick, in the modes that gather values: greatest, least, mean.
+//!
+//! Space, crossings and rounds are those of [`super::packet`]; numbers are stored numbers less the brick's centre, so that
+//! they are exact at voxels. A cell is asked first whether it can change anything:
+//! - `mip`, `minip`: only a cell with a corner that betters what its ray has; macro cells without are leapt over. The
+//!   extreme of the cubic lies at an end of the chord or at a critical point. For the least value all numbers change sign;
+//! - `mean`: two values at Gauss's points, which give the integral of a cubic exactly.
+//!
+//! Whether rays leap or walk, the same cells change what they have: no bit depends on skipping. Cells with holes change
+//! nothing. What `f32` cannot decide, a [`Host`] settles in `f64`: holes beside a ray that runs exactly in a plane of voxels.
+
+use super::fetch::{Cell, Corners};
+use super::leap::{MacroRanges, ProximityCloud};
+use super::packet::Work;
+use super::simd::{LANES_LIMIT, Simd};
+use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, Walker};
+
+/// Numbers that a ray takes through a brick.
+const NUMBERS: usize = 3;
+/// Gauss's two points on [0, 1]: 1/2 - 1/sqrt(12), and 1 less that.
+const GAUSS_POINTS: [f32; 2] = [0.211_324_87, 0.788_675_1];
+
+/// Rays as they enter a brick, and what they have of it.
+#[derive(Debug, Clone)]
+pub struct ValuePacket {
+    /// Their way; colours and transmittances are not used.
+    pub way: Packet,
+    /// What they have: see [`Extreme`], [`Mean`] and [`super::surfaces::Surfaces`].
+    pub numbers: [PerLane; NUMBERS],
+}
+
+impl Default for ValuePacket {
+    fn default() -> Self {
+        Self { way: Packet::default(), numbers: [[0.0; LANES_LIMIT]; NUMBERS] }
+    }
+}
+
+/// Where rays come from and go to, and who knows them in `f64`.
+pub trait Host {
+    /// Writes the next ray into a lane; false where there are no more.
+    fn lend(&mut self, lane: usize, packet: &mut ValuePacket) -> bool;
+
+    /// Takes a ray back with what it has gathered.
+    fn take_back(&mut self, lane: usize, packet: &ValuePacket);
+
+    /// Gathers in `f64` what a ray meets in the cell whose first corner lies at `base`, and keeps it.
+    fn settle(&mut self, ray: u16, base: i32);
+
+    /// Notes, in mode `iso`, that a ray passes values of this range, or none where it is empty; false, and nothing is noted,
+    /// where a surface in it has not been met yet.
+    fn pass(&mut self, ray: u16, range: [f32; 2]) -> bool;
+
+    /// Mode `iso`: the numbers between which a ray can go on without meeting a surface: from the first, up to but not at the
+    /// second. The first is greater where the side is unknown; infinite both where nothing is left to meet.
+    fn bounds(&self, ray: u16) -> [f32; 2];
+}
+
+/// Rays in a brick, and who knows them.
+pub struct Rays<'a, S: Simd> {
+    /// What they go through.
+    pub brick: &'a PacketBrick<'a>,
+    /// Where they are.
+    pub walker: Walker<S>,
+    /// Their numbers in the tile.
+    pub numbers: [u16; LANES_LIMIT],
+    /// Who knows them.
+    pub host: &'a mut dyn Host,
+    /// What was done.
+    pub work: Work,
+}
+
+impl<S: Simd> Rays<'_, S> {
+    /// Settles a cell in `f64` for the rays of the mask.
+    #[inline(always)]
+    pub fn settle(&mut self, mask: u32, base: S::I) {
+        let mut bases = [0; LANES_LIMIT];
+        S::store_int(base, &mut bases);
+        self.work.exact += u64::from(mask.count_ones());
+        for lane in lanes(mask) {
+            self.host.settle(self.numbers[lane], bases[lane]);
+        }
+    }
+
+    /// Rays that run in a plane of voxels, with a hole in the cell: it may have no weight.
+    #[inline(always)]
+    pub fn beside_holes(&self, corners: &Corners<S>) -> S::M {
+        if S::bits(self.walker.in_plane) == 0 {
+            self.walker.in_plane
+        } else {
+            holes::<S>(corners) & self.walker.in_plane
+        }
+    }
+}
+
+/// The lanes of a mask.
+pub fn lanes(mask: u32) -> impl Iterator<Item = usize> {
+    (0..LANES_LIMIT).filter(move |lane| mask >> lane & 1 == 1)
+}
+
+/// Cells of which a corner is a hole.
+#[inline(always)]
+pub fn holes<S: Simd>([first, second]: &Corners<S>) -> S::M {
+    // Finite numbers may add up to infinity, never to NaN.
+    let row = |r: usize| S::is_nan(first[r] + second[r]);
+    (row(0) | row(1)) | (row(2) | row(3))
+}
+
+/// The greatest corner; anything where one is a hole.
+#[inline(always)]
+pub fn greatest<S: Simd>([first, second]: &Corners<S>) -> S::F {
+    let row = |r: usize| S::max(first[r], second[r]);
+    S::max(S::max(row(0), row(1)), S::max(row(2), row(3)))
+}
+
+/// The least corner; anything where one is a hole.
+#[inline(always)]
+pub fn least<S: Simd>([first, second]: &Corners<S>) -> S::F {
+    let row = |r: usize| S::min(first[r], second[r]);
+    S::min(S::min(row(0), row(1)), S::min(row(2), row(3)))
+}
+
+/// What packets do with cells, one after the other along each ray.
+pub trait Gather<S: Simd> {
+    /// Takes over what the rays of a packet have.
+    fn begin(&mut self, packet: &ValuePacket);
+
+    /// Takes rays over what changes nothing, and ends those that are done.
+    fn leap(&mut self, rays: &mut Rays<'_, S>);
+
+    /// The next cell of each ray; those not in `crosses` have none.
+    fn gather(&mut self, rays: &mut Rays<'_, S>, corners: &Corners<S>, step: &Step<S>, crosses: S::M);
+
+    /// Hands over what the rays have.
+    fn end(&self, packet: &mut ValuePacket);
+}
+
+/// Casts the host's rays through a brick, packet by packet.
+///
+/// # Safety
+/// As for [`super::packet::cast`]; macro ranges and clouds that `gather` leaps by are the brick's.
+#[inline(always)]
+pub unsafe fn cast<S: Simd, G: Gather<S>>(brick: &PacketBrick<'_>, gather: &mut G, host: &mut dyn Host) -> Work {
+    let mut packet = ValuePacket::default();
+    let mut work = Work::default();
+    loop {
+        let lent = (0..S::LANES).take_while(|&lane| host.lend(lane, &mut packet)).count();
+        if lent == 0 {
+            return work;
+        }
+        packet.way.length[lent..].fill(0.0);
+        gather.begin(&packet);
+        let walker = Walker::<S>::new(&packet.way, brick);
+        let mut rays = Rays { brick, walker, numbers: packet.way.rays, host: &mut *host, work };
+        // SAFETY: the caller's promise.
+        unsafe { cast_packet::<S, G>(&mut rays, gather) };
+        work = rays.work;
+        gather.end(&mut packet);
+        (0..lent).for_each(|lane| host.take_back(lane, &packet));
+    }
+}
+
+/// Casts one packet.
+///
+/// # Safety
+/// As for [`cast`].
+#[inline(always)]
+unsafe fn cast_packet<S: Simd, G: Gather<S>>(rays: &mut Rays<'_, S>, gather: &mut G) {
+    let (brick, zero) = (rays.brick, S::splat(0.0));
+    loop {
+        gather.leap(rays);
+        if S::bits(rays.walker.active()) == 0 {
+            return;
+        }
+        let steps = rays.walker.round();
+        // SAFETY: the walk stays in cells of the core, whose corners the apron holds.
+        let mut raw = unsafe { brick.stored.gather::<S>(brick.voxels, steps[0].base, brick.strides) };
+        for i in 0..ROUND {
+            let corners = brick.stored.corners::<S>(&raw, brick.absent, brick.centre);
+            if i + 1 < ROUND {
+                // SAFETY: as above.
+                raw = unsafe { brick.stored.gather::<S>(brick.voxels, steps[i + 1].base, brick.strides) };
+            }
+            let crosses = S::lt(zero, steps[i].length);
+            rays.work.cells += u64::from(S::bits(crosses).count_ones());
+            gather.gather(rays, &corners, &steps[i], crosses);
+        }
+    }
+}
+
+/// The field along rays' ways through a cell.
+pub struct Chord<S: Simd> {
+    cell: Cell<S>,
+    /// Position where the rays come in.
+    entry: [S::F; 3],
+    /// From there to where they leave, in cells.
+    travelled: [S::F; 3],
+    ends: [S::F; 2],
+}
+
+impl<S: Simd> Chord<S> {
+    /// The chords of a step.
+    #[inline(always)]
+    pub fn new(corners: &Corners<S>, step: &Step<S>, direction: &[S::F; 3]) -> Self {
+        let (mut entry, mut exit, mut travelled) = (step.fraction, step.fraction, step.fraction);
+        for a in 0..3 {
+            travelled[a] = step.length * direction[a];
+            exit[a] = snapped::<S>(entry[a] + travelled[a]);
+            entry[a] = snapped::<S>(entry[a]);
+        }
+        let ends = [at_exactly::<S>(corners, entry), at_exactly::<S>(corners, exit)];
+        Self { cell: Cell::new(corners), entry: step.fraction, travelled, ends }
+    }
+
+    /// The value at u in [0, 1].
+    #[inline(always)]
+    fn at(&self, u: S::F) -> S::F {
+        let mut position = self.entry;
+        for a in 0..3 {
+            position[a] = S::mul_add(self.travelled[a], u, position[a]);
+        }
+        self.cell.at(position)
+    }
+
+    /// Least and greatest value on the chord; NaN where a corner is a hole.
+    ///
+    /// The cubic c0 + c1 u + c2 u^2 + c3 u^3 is known from its values at 0, 1/2 and 1 and from c3; its critical points are
+    /// the roots of its derivative. Their values are interpolated, so that rounding of the coefficients moves only the
+    /// place, where the field is flat.
+    #[inline(always)]
+    pub fn range(&self) -> [S::F; 2] {
+        let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
+        let [begin, end] = self.ends;
+        let [x, y, z] = self.travelled;
+        let c3 = self.cell.twist() * (x * y * z);
+        let whole = end - begin - c3;
+        let part = S::mul_add(c3, S::splat(-0.125), self.at(half) - begin);
+        let c1 = S::mul_add(part, S::splat(4.0), zero - whole);
+        let c2 = whole - c1;
+        let a = c3 * S::splat(3.0);
+        let discriminant = S::mul_add(c2, c2, zero - a * c1);
+        // The form of the two roots that never subtracts equal numbers. No root: NaN, which lies nowhere.
+        let root = S::sqrt(discriminant);
+        let q = zero - S::select(S::lt(c2, zero), c2 - root, c2 + root);
+        let mut range = [S::min(begin, end), S::max(begin, end)];
+        for u in [q / a, c1 / q] {
+            let inside = S::lt(zero, u) & S::lt(u, one);
+            if S::bits(inside) != 0 {
+                let value = self.at(S::select(inside, u, zero));
+                range[0] = S::select(inside, S::min(value, range[0]), range[0]);
+                range[1] = S::select(inside, S::max(value, range[1]), range[1]);
+            }
+        }
+        range
+    }
+
+    /// Bound on the change of the value per cell.
+    #[inline(always)]
+    pub fn steepness(&self) -> S::F {
+        self.cell.steepness()
+    }
+}
+
+/// A position in a cell; on the face where it may be: rounding must not take rays off voxels, where a transfer function may
+/// step.
+#[inline(always)]
+fn snapped<S: Simd>(position: S::F) -> S::F {
+    let low = S::select(S::lt(position, S::splat(POSITION_ERROR)), S::splat(0.0), position);
+    S::select(S::lt(S::splat(1.0 - POSITION_ERROR), low), S::splat(1.0), low)
+}
+
+/// The value at fractions of a cell, exact at its corners.
+#[inline(always)]
+fn at_exactly<S: Simd>([first, second]: &Corners<S>, position: [S::F; 3]) -> S::F {
+    let mix = |axis: usize, from: S::F, to: S::F| {
+        let is_near = S::lt(position[axis], S::splat(0.5));
+        let way = S::select(is_near, position[axis], position[axis] - S::splat(1.0));
+        S::mul_add(way, to - from, S::select(is_near, from, to))
+    };
+    let row = |r: usize| mix(0, first[r], second[r]);
+    mix(2, mix(1, row(0), row(1)), mix(1, row(2), row(3)))
+}
+
+/// The greatest value, or the least one: then all numbers change sign.
+///
+/// Number 0 of a ray is the greatest so far; minus infinity at first.
+pub struct Extreme<'a, S: Simd> {
+    best: S::F,
+    /// Whether numbers change sign.
+    is_turned: bool,
+    /// What to leap by, in numbers that have changed sign; `None`: every cell is walked.
+    ranges: Option<&'a MacroRanges>,
+}
+
+impl<'a, S: Simd> Extreme<'a, S> {
+    /// See the fields.
+    #[inline(always)]
+    pub fn new(is_turned: bool, ranges: Option<&'a MacroRanges>) -> Self {
+        Self { best: S::splat(f32::NEG_INFINITY), is_turned, ranges }
+    }
+}
+
+impl<S: Simd> Gather<S> for Extreme<'_, S> {
+    #[inline(always)]
+    fn begin(&mut self, packet: &ValuePacket) {
+        self.best = S::load(&packet.numbers[0]);
+    }
+
+    /// Over macro cells that cannot better what the ray has, one at a time.
+    #[inline(always)]
+    fn leap(&mut self, rays: &mut Rays<'_, S>) {
+        let Some(ranges) = self.ranges else { return };
+        loop {
+            let active = rays.walker.active();
+            let macro_cell = rays.walker.macro_cell();
+            // SAFETY: the ranges are the brick's, and active rays lie in its core.
+            let [_, high] = unsafe { ranges.gather::<S>(macro_cell, active) };
+            let leaping = S::le(high, self.best) & active;
+            if S::bits(leaping) == 0 {
+                return;
+            }
+            rays.work.leaps += u64::from(S::bits(leaping).count_ones());
+            rays.walker.leave(macro_cell, S::splat(1.0), leaping, rays.brick);
+        }
+    }
+
+    #[inline(always)]
+    fn gather(&mut self, rays: &mut Rays<'_, S>, corners: &Corners<S>, step: &Step<S>, crosses: S::M) {
+        let beside_holes = S::bits(rays.beside_holes(corners) & crosses);
+        if beside_holes != 0 {
+            rays.settle(beside_holes, step.base);
+        }
+        let top = if self.is_turned { S::splat(0.0) - least::<S>(corners) } else { greatest::<S>(corners) };
+        let may_better = S::lt(self.best, top) & crosses;
+        if S::bits(may_better) == 0 {
+            return;
+        }
+        let [low, high] = Chord::<S>::new(corners, step, &rays.walker.direction).range();
+        let found = if self.is_turned { S::splat(0.0) - low } else { high };
+        // Never beyond the corners: rounding must not reach what their range says is not there.
+        let found = S::min(found, top);
+        let is_better = S::lt(self.best, found) & may_better & !S::is_nan(low);
+        self.best = S::select(is_better, found, self.best);
+    }
+
+    #[inline(always)]
+    fn end(&self, packet: &mut ValuePacket) {
+        S::store(self.best, &mut packet.numbers[0]);
+    }
+}
+
+/// The integral of the values, and how long the ray sees some.
+///
+/// Numbers of a ray: the integral in this brick, the world lengths where it is present and where it is absent.
+pub struct Mean<'a, S: Simd> {
+    integral: S::F,
+    present: S::F,
+    absent: S::F,
+    /// What integrals are multiplied with, so that the largest numbers do not overflow.
+    scale: f32,
+    /// Macro cells that hold nothing.
+    cloud: Option<&'a ProximityCloud>,
+}
+
+impl<'a, S: Simd> Mean<'a, S> {
+    /// See the fields.
+    #[inline(always)]
+    pub fn new(scale: f32, cloud: Option<&'a ProximityCloud>) -> Self {
+        let zero = S::splat(0.0);
+        Self { integral: zero, present: zero, absent: zero, scale, cloud }
+    }
+}
+
+impl<S: Simd> Gather<S> for Mean<'_, S> {
+    #[inline(always)]
+    fn begin(&mut self, _packet: &ValuePacket) {
+        let zero = S::splat(0.0);
+        (self.integral, self.present, self.absent) = (zero, zero, zero);
+    }
+
+    #[inline(always)]
+    fn leap(&mut self, rays: &mut Rays<'_, S>) {
+        if let Some(cloud) = self.cloud {
+            let before = rays.walker.t;
+            rays.work.leaps += u64::from(rays.walker.leap(cloud, rays.brick));
+            self.absent = self.absent + (rays.walker.t - before);
+        }
+    }
+
+    #[inline(always)]
+    fn gather(&mut self, rays: &mut Rays<'_, S>, corners: &Corners<S>, step: &Step<S>, crosses: S::M) {
+        let zero = S::splat(0.0);
+        let beside_holes = S::bits(rays.beside_holes(corners) & crosses);
+        if beside_holes != 0 {
+            rays.settle(beside_holes, step.base);
+        }
+        let cell = Cell::<S>::new(corners);
+        let weight = step.length * S::splat(0.5 * self.scale);
+        let (mut integral, mut is_hole) = (self.integral, S::lt(zero, zero));
+        for u in GAUSS_POINTS {
+            let mut position = step.fraction;
+            for a in 0..3 {
+                let travelled = step.length * rays.walker.direction[a];
+                position[a] = S::mul_add(travelled, S::splat(u), position[a]);
+            }
+            let value = cell.at(position);
+            is_hole = S::is_nan(value);
+            integral = S::mul_add(value, weight, integral);
+        }
+        self.integral = S::select(is_hole, self.integral, integral);
+        self.present = self.present + S::select(is_hole, zero, step.length);
+        self.absent = self.absent + S::select(is_hole, step.length, zero);
+    }
+
+    #[inline(always)]
+    fn end(&self, packet: &mut ValuePacket) {
+        for (number, lanes) in [self.integral, self.present, self.absent].into_iter().zip(&mut packet.numbers) {
+            S::store(number, lanes);
+        }
+    }
+}

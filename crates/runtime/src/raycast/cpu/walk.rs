@@ -1,0 +1,297 @@
+//! Rays through a brick: from cell to cell, and over what shows nothing.
+//!
+//! Coordinates are the brick's own: voxel (0, 0, 0) is the first of its core, cell i lies between voxels i and i + 1, from
+//! -1 to the last core voxel. t is a world length from the ray's entry into the brick, so that `f32` resolves it: the
+//! position of a crossing is right to a few 1e-6 of a cell, wherever the brick is.
+//!
+//! A crossing is `plane * inverse + offset` for the plane's whole number: it does not depend on how the ray came there, so
+//! that leaping changes nothing.
+
+use supervol_format::brick::{APRON, MACRO_CELL};
+
+use super::fetch::Stored;
+use super::leap::ProximityCloud;
+use super::shade::PacketLighting;
+use super::simd::{LANES_LIMIT, Simd};
+
+/// Cells that are walked before anything is composited.
+pub const ROUND: usize = 6;
+
+/// Distance, in cells, that stands for beyond everything.
+const FAR: f32 = 1e30;
+
+/// Bound on the rounding of a position, in cells: `f32` over the 132 voxels of the largest brick.
+pub const POSITION_ERROR: f32 = 2e-5;
+/// Numbers of one packet, lane by lane.
+pub type PerLane = [f32; LANES_LIMIT];
+
+/// Rays as they enter a brick, and what they gather in it.
+#[derive(Debug, Clone)]
+pub struct Packet {
+    /// Position at entry, in cells.
+    pub origin: [PerLane; 3],
+    /// Cells per world length; 0 where parallel.
+    pub direction: [PerLane; 3],
+    /// World length in the brick; 0 for unused lanes.
+    pub length: PerLane,
+    /// Transmittance in front of the brick.
+    pub front: PerLane,
+    /// Premultiplied colour gathered in the brick, over transmittance 1.
+    pub color: [PerLane; 3],
+    /// Transmittance of the brick.
+    pub transmittance: PerLane,
+    /// Which ray each lane is, for those who lent it.
+    pub rays: [u16; LANES_LIMIT],
+}
+
+impl Default for Packet {
+    fn default() -> Self {
+        let zero = [0.0; LANES_LIMIT];
+        Self {
+            origin: [zero; 3],
+            direction: [zero; 3],
+            length: zero,
+            front: zero,
+            color: [zero; 3],
+            transmittance: [1.0; LANES_LIMIT],
+            rays: [0; LANES_LIMIT],
+        }
+    }
+}
+
+/// One brick, as packets read it.
+#[derive(Clone, Copy)]
+pub struct PacketBrick<'a> {
+    /// Voxels, apron included, x fastest.
+    pub voxels: *const u8,
+    /// What they are.
+    pub stored: Stored,
+    /// Voxels between neighbours along y and z.
+    pub strides: [i32; 2],
+    /// Voxels of the core along each axis.
+    pub core: [i32; 3],
+    /// What is taken off stored numbers; whole where they are.
+    pub centre: f32,
+    /// Value, as the pieces count it, = (stored number - `centre`) * `scale` + `offset`.
+    pub scale: f32,
+    /// See `scale`.
+    pub offset: f32,
+    /// Stored number of holes.
+    pub absent: Option<u16>,
+    /// What to leap over.
+    pub cloud: Option<&'a ProximityCloud>,
+    /// `None`: unshaded.
+    pub lighting: Option<PacketLighting<'a>>,
+}
+
+impl PacketBrick<'_> {
+    /// Voxel offset of the first corner of cell (-1, -1, -1).
+    #[must_use]
+    pub fn first_base(&self) -> i32 {
+        (APRON as i32 - 1) * (1 + self.strides[0] + self.strides[1])
+    }
+}
+
+/// Rays on their way through a brick.
+pub struct Walker<S: Simd> {
+    origin: [S::F; 3],
+    pub direction: [S::F; 3],
+    inverse: [S::F; 3],
+    /// t of plane 0.
+    offset: [S::F; 3],
+    /// 1 where the ray ascends: the plane ahead is that much further than the cell.
+    ahead: [S::F; 3],
+    /// Plane ahead on each axis.
+    plane: [S::F; 3],
+    plane_step: [S::F; 3],
+    /// Voxel offset of the cell's first corner.
+    base: S::I,
+    base_step: [S::I; 3],
+    pub t: S::F,
+    end: S::F,
+    /// Rays that run exactly in a plane of voxels: holes beside the plane have no weight for them.
+    pub in_plane: S::M,
+}
+
+/// A cell on the way.
+#[derive(Clone, Copy)]
+pub struct Step<S: Simd> {
+    /// Voxel offset of its first corner.
+    pub base: S::I,
+    /// Position in it where the ray comes in.
+    pub fraction: [S::F; 3],
+    /// World length in it.
+    pub length: S::F,
+}
+
+impl<S: Simd> Walker<S> {
+    #[inline(always)]
+    pub fn new(packet: &Packet, brick: &PacketBrick<'_>) -> Self {
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let zero_int = S::splat_int(0);
+        let mut walker = Self {
+            origin: [zero; 3],
+            direction: [zero; 3],
+            inverse: [zero; 3],
+            offset: [zero; 3],
+            ahead: [zero; 3],
+            plane: [zero; 3],
+            plane_step: [zero; 3],
+            base: zero_int,
+            base_step: [zero_int; 3],
+            t: zero,
+            end: S::load(&packet.length),
+            in_plane: S::lt(one, zero),
+        };
+        let strides = [1, brick.strides[0], brick.strides[1]];
+        let mut cell = [zero; 3];
+        for a in 0..3 {
+            let (o, d) = (S::load(&packet.origin[a]), S::load(&packet.direction[a]));
+            let (ascends, descends) = (S::lt(zero, d), S::lt(d, zero));
+            let moves = ascends | descends;
+            let inverse = S::select(moves, one / S::select(moves, d, one), zero);
+            walker.origin[a] = o;
+            walker.direction[a] = d;
+            walker.inverse[a] = inverse;
+            walker.offset[a] = S::select(moves, zero - o * inverse, S::splat(FAR));
+            walker.ahead[a] = S::select(ascends, one, zero);
+            walker.plane_step[a] = S::select(ascends, one, zero - one);
+            walker.in_plane = walker.in_plane | (!moves & S::le(o, S::floor(o)));
+            let stride = S::splat_int(strides[a]);
+            walker.base_step[a] = S::select_int(ascends, stride, stride * S::splat_int(-1));
+            cell[a] = walker.cell_of(a, o, S::splat(-1.0), S::splat(brick.core[a] as f32 - 1.0));
+        }
+        walker.go_to(cell, brick.strides, S::mask_from_bits(u32::MAX));
+        walker
+    }
+
+    /// The cell of a position on an axis, inside two bounds; a position on a face lies in the cell that the ray enters.
+    #[inline(always)]
+    fn cell_of(&self, axis: usize, position: S::F, low: S::F, high: S::F) -> S::F {
+        let below = S::floor(position);
+        let is_face = S::le(position, below) & S::lt(self.plane_step[axis], S::splat(0.0));
+        let cell = S::select(is_face, below - S::splat(1.0), below);
+        S::min(S::max(cell, low), high)
+    }
+
+    /// Places rays of the mask into cells.
+    #[inline(always)]
+    fn go_to(&mut self, cell: [S::F; 3], strides: [i32; 2], mask: S::M) {
+        let apron = S::splat(APRON as f32);
+        let mut base = S::to_int(cell[0] + apron);
+        for a in 1..3 {
+            base = base + S::to_int(cell[a] + apron) * S::splat_int(strides[a - 1]);
+        }
+        self.base = S::select_int(mask, base, self.base);
+        for a in 0..3 {
+            self.plane[a] = S::select(mask, cell[a] + self.ahead[a], self.plane[a]);
+        }
+    }
+
+    /// Rays that have not left the brick.
+    #[inline(always)]
+    pub fn active(&self) -> S::M {
+        S::lt(self.t, self.end)
+    }
+
+    /// Ends rays.
+    #[inline(always)]
+    pub fn finish(&mut self, mask: S::M) {
+        self.end = S::select(mask, self.t, self.end);
+    }
+
+    /// The next cells of a round.
+    #[inline(always)]
+    pub fn round(&mut self) -> [Step<S>; ROUND] {
+        let zero = S::splat(0.0);
+        let mut steps = [Step { base: self.base, fraction: [zero; 3], length: zero }; ROUND];
+        for step in &mut steps {
+            *step = self.step();
+        }
+        steps
+    }
+
+    /// One cell on; lanes that have left the brick stay where they are, with length 0.
+    #[inline(always)]
+    fn step(&mut self) -> Step<S> {
+        let mut exits = [self.end; 3];
+        for a in 0..3 {
+            exits[a] = S::mul_add(self.plane[a], self.inverse[a], self.offset[a]);
+        }
+        let leave = S::min(S::min(exits[0], exits[1]), S::min(exits[2], self.end));
+        let leave = S::max(leave, self.t);
+        let mut step = Step { base: self.base, fraction: exits, length: leave - self.t };
+        let goes_on = S::lt(leave, self.end);
+        for a in 0..3 {
+            let position = S::mul_add(self.t, self.direction[a], self.origin[a]);
+            step.fraction[a] = position - (self.plane[a] - self.ahead[a]);
+            let crosses = S::le(exits[a], leave) & goes_on;
+            self.plane[a] = S::select(crosses, self.plane[a] + self.plane_step[a], self.plane[a]);
+            self.base = S::select_int(crosses, self.base + self.base_step[a], self.base);
+        }
+        self.t = leave;
+        step
+    }
+
+    /// Takes rays out of macro cells that show nothing, to the face of the cube around that shows nothing either; returns
+    /// the number of leaps.
+    #[inline(always)]
+    pub fn leap(&mut self, cloud: &ProximityCloud, brick: &PacketBrick<'_>) -> u32 {
+        let mut leaps = 0;
+        loop {
+            let active = self.active();
+            let macro_cell = self.macro_cell();
+            // SAFETY: cells of active rays lie in the core, whose macro cells the cloud covers.
+            let distance = unsafe { cloud.gather::<S>(macro_cell, active) };
+            let leaping = S::lt_int(S::splat_int(0), distance) & active;
+            if S::bits(leaping) == 0 {
+                return leaps;
+            }
+            leaps += S::bits(leaping).count_ones();
+            self.leave(macro_cell, S::to_float(distance), leaping, brick);
+        }
+    }
+
+    /// Macro cells of the rays, indices in the brick; those of rays that have left it may lie outside.
+    #[inline(always)]
+    pub fn macro_cell(&self) -> [S::I; 3] {
+        let mut macro_cell = [S::splat_int(0); 3];
+        for a in 0..3 {
+            // Cell -1 belongs to the first macro cell.
+            let cell = S::max(self.plane[a] - self.ahead[a], S::splat(0.0));
+            macro_cell[a] = S::shift_right::<{ MACRO_CELL.ilog2() }>(S::to_int(cell));
+        }
+        macro_cell
+    }
+
+    /// Takes rays of the mask to the face of the cube around their macro cells: `2 reach - 1` macro cells wide.
+    #[inline(always)]
+    pub fn leave(&mut self, macro_cell: [S::I; 3], reach: S::F, leaping: S::M, brick: &PacketBrick<'_>) {
+        let side = S::splat(MACRO_CELL as f32);
+        let mut faces = [[reach; 2]; 3];
+        let mut exits = [self.end; 3];
+        for a in 0..3 {
+            let m = S::to_float(macro_cell[a]);
+            let low = (m - reach + S::splat(1.0)) * side;
+            // What lies before the first macro cell lies outside the brick.
+            let low = S::select(S::le(low, S::splat(0.0)), S::splat(-2.0 * MACRO_CELL as f32), low);
+            faces[a] = [low, (m + reach) * side];
+            let ascends = S::lt(S::splat(0.0), self.plane_step[a]);
+            let face = S::select(ascends, faces[a][1], low);
+            exits[a] = S::mul_add(face, self.inverse[a], self.offset[a]);
+        }
+        let leave = S::max(S::min(S::min(exits[0], exits[1]), S::min(exits[2], self.end)), self.t);
+        let mut cell = [leave; 3];
+        for a in 0..3 {
+            let position = S::mul_add(leave, self.direction[a], self.origin[a]);
+            let [low, high] = faces[a];
+            let inside = self.cell_of(a, position, low, high - S::splat(1.0));
+            let ascends = S::lt(S::splat(0.0), self.plane_step[a]);
+            let beyond = S::select(ascends, high, low - S::splat(1.0));
+            let next = S::select(S::le(exits[a], leave), beyond, inside);
+            cell[a] = S::min(S::max(next, S::splat(-1.0)), S::splat(brick.core[a] as f32 - 1.0));
+        }
+        self.t = S::select(leaping, leave, self.t);
+        self.go_to(cell, brick.strides, leaping);
+    }
+}
