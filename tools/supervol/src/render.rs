@@ -40,7 +40,7 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value = "auto")]
     backend: BackendName,
     /// Largest error of any channel of any pixel that is aimed for, as a share of full scale: it sets how finely the CPU
-    /// backend integrates (0.05/255 to 16/255; unshaded dvr), and with --level auto, coarser levels are drawn only where it
+    /// backend integrates (0.05/255 to 16/255; dvr), and with --level auto, coarser levels are drawn only where it
     /// allows them; 1 goes by the size of a pixel alone
     #[arg(long, value_name = "E", default_value = "0.5/255", value_parser = quantity::error_bound)]
     max_error: ErrorBound,

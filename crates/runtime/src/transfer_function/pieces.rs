@@ -17,7 +17,7 @@ use super::{ControlPoint, TransferFunction};
 /// Extinction, and extinction times red, green, blue.
 pub const CHANNELS: usize = 4;
 /// Parts of a segment between two control points below which no piece is cut.
-const LEAST_PARTS: f64 = 4096.0;
+const LEAST_PARTS: f64 = 65536.0;
 /// Bisections that find where a piece ends.
 const BISECTIONS: usize = 12;
 /// Columns are padded to a power of two, at least this.
