@@ -34,6 +34,9 @@ use crate::scene::Mode;
 use crate::transfer_function::TransferFunction;
 use crate::transfer_function::pieces::{CHANNELS, Column, TransferPieces};
 
+/// Most tiles that one task casts: tiles cost very different amounts, and threads that have none left take over tasks.
+const TASK_TILES: usize = 8;
+
 /// What packets look up, the same for all rays of a frame.
 #[derive(Debug)]
 pub struct PacketTables {
@@ -193,7 +196,7 @@ pub(super) fn cast_tiles(
     tiles: &mut [Tile],
 ) -> Vec<BlockFeedback> {
     let columns = tiles_of(frame)[0] as usize;
-    let pass = tiles.par_iter_mut().enumerate().map_init(
+    let pass = tiles.par_iter_mut().enumerate().with_max_len(TASK_TILES).map_init(
         || (Box::new(TileRays::new()), Box::new(Queues::new())),
         |(rays, queues), (index, tile)| {
             let mut feedback = BlockFeedback::default();
