@@ -404,6 +404,18 @@ mod tests {
     }
 
     #[test]
+    fn what_shows_nothing_is_known() {
+        let clear = |points: &[(f64, f64)]| TransferPieces::new(&function(points), 0.0, 1e-3).clear;
+        assert_eq!(clear(&[(10.0, 0.0), (20.0, 0.5)]), [f32::NEG_INFINITY, 10.0]);
+        assert_eq!(clear(&[(10.0, 0.0), (12.0, 0.0), (20.0, 0.5), (30.0, 0.0)]), [f32::NEG_INFINITY, 12.0]);
+        // Two wings: the wider of two gaps.
+        let wings = [(0.0, 0.9), (5.0, 0.0), (6.0, 0.0), (7.0, 0.3), (8.0, 0.0), (20.0, 0.0), (30.0, 0.9)];
+        assert_eq!(clear(&wings), [8.0, 20.0]);
+        assert_eq!(clear(&[(0.0, 0.5), (20.0, 0.0)]), [20.0, f32::INFINITY]);
+        assert_eq!(clear(&[(0.0, 0.5), (20.0, 0.1)]), [f32::INFINITY, f32::NEG_INFINITY]);
+    }
+
+    #[test]
     fn many_control_points_of_a_smooth_function_share_pieces() {
         let points: Vec<(f64, f64)> = (0..=255).map(|i| (f64::from(i), 0.3 * (f64::from(i) / 255.0).powi(2))).collect();
         let table = TransferPieces::new(&function(&points), 0.0, 1e-3);
