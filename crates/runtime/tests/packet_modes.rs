@@ -13,7 +13,7 @@ use supervol_runtime::raycast::cpu::{Caster, CpuQuality, PacketRule, Skipping, c
 use supervol_runtime::raycast::scalar::CellRule;
 use supervol_runtime::raycast::volume::{BrickView, Resident};
 use supervol_runtime::scene::{Mode, ResolvedScene};
-use support::{Bricked, Volume, difference, marschner_lobb, noise, points, reference, scene};
+use support::{Bricked, Random, Volume, difference, marschner_lobb, noise, points, reference, scene};
 
 const SEED: u64 = 20_261_123;
 /// Grey levels between packets and the scalar caster, for values; surfaces are found in `f64` by either.
@@ -21,24 +21,6 @@ const VALUE_BOUND: f64 = 0.01;
 /// The same where a surface is shaded: chords are cut elsewhere, so that roots round otherwise.
 const SHADED_BOUND: f64 = 0.001;
 const FINEST: LodChoice = LodChoice::Fixed(Lod(0));
-
-struct Random(u64);
-
-impl Random {
-    /// In [0, 1).
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn below(&mut self, n: usize) -> usize {
-        (self.unit() * n as f64) as usize
-    }
-
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-}
 
 const TYPES: [VoxelType; 4] = [VoxelType::F32, VoxelType::U8, VoxelType::U16, VoxelType::I16];
 

@@ -7,25 +7,11 @@ use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, CpuQuality, PacketRule, Skipping};
 use supervol_runtime::scene::ResolvedScene;
-use support::{Bricked, Volume, difference, marschner_lobb, noise, points, reference, scene};
+use support::{Bricked, Random, Volume, difference, marschner_lobb, noise, points, reference, scene};
 
 /// Random scenes of [`random_scenes_keep_the_error`], half of them shaded.
 const SCENES: u64 = 80;
 const SEED: u64 = 20_261_122;
-
-struct Random(u64);
-
-impl Random {
-    /// In [0, 1).
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn below(&mut self, n: usize) -> usize {
-        (self.unit() * n as f64) as usize
-    }
-}
 
 fn quality(max_error: f64, instructions: Option<InstructionSet>) -> CpuQuality {
     let caster = Caster::Packets(PacketRule { max_error, instructions });

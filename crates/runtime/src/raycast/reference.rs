@@ -214,57 +214,22 @@ impl<'a> Frame<'a> {
         cuts.windows(2).map(|c| self.refined(pieces, c[0], c[1], 0)).fold((DVec3::ZERO, 1.0), behind)
     }
 
-    /// The piece's ends, and where s crosses a control point. Extremes of s are searched first: between them s is
-    /// monotone, so that no crossing is missed where the ray only grazes a value.
+    /// The piece's ends, where s crosses a control point, and where the gradient becomes too short for a normal: shading ends
+    /// there at once, and where the gradient grows steeply that is too near its zero for samples at even distances.
     fn cuts(&self, pieces: &Pieces, t0: f64, t1: f64) -> Vec<f64> {
-        let at = |t: f64| self.volume.sample(pieces.ray.at(t)).unwrap_or(f64::NAN);
-        let mut grid: Vec<(f64, f64)> = search_grid(t0, t1).0.into_iter().map(|t| (t, at(t))).collect();
-        for i in 1..SEARCH_SAMPLES {
-            let (before, after) = (grid[i].1 - grid[i - 1].1, grid[i + 1].1 - grid[i].1);
-            if before * after < 0.0 {
-                let sign = before.signum();
-                let t = peak(grid[i - 1].0, grid[i + 1].0, |t| sign * at(t));
-                grid.push((t, at(t)));
-            }
-        }
-        grid.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut cuts = vec![t0, t1];
-        for point in self.scene.transfer_function.points() {
-            for pair in grid.windows(2) {
-                let before = pair[0].1 >= point.value;
-                if before != (pair[1].1 >= point.value) {
-                    cuts.push(bisect(pair[0].0, pair[1].0, |t| (at(t) >= point.value) == before));
-                }
-            }
-        }
+        let value = |t: f64| self.volume.sample(pieces.ray.at(t)).unwrap_or(f64::NAN);
+        let points = self.scene.transfer_function.points();
+        add_crossings([t0, t1], value, points.iter().map(|point| point.value), &mut cuts);
         if self.scene.shading.is_some() {
-            self.cut_where_normals_end(pieces, t0, t1, &mut cuts);
+            let steepness = |t: f64| match self.volume.gradient(pieces.ray.at(t)) {
+                Some(gradient) => (self.world_from_index_gradient * gradient).length(),
+                None => f64::INFINITY,
+            };
+            add_crossings([t0, t1], steepness, [self.gradient_floor], &mut cuts);
         }
         cuts.sort_by(f64::total_cmp);
         cuts
-    }
-
-    /// Adds the places where the gradient becomes too short for a normal: shading ends there at once, and where the gradient
-    /// grows steeply that is too near its zero for samples at even distances.
-    fn cut_where_normals_end(&self, pieces: &Pieces, t0: f64, t1: f64, cuts: &mut Vec<f64>) {
-        let at = |t: f64| match self.volume.gradient(pieces.ray.at(t)) {
-            Some(gradient) => (self.world_from_index_gradient * gradient).length(),
-            None => f64::INFINITY,
-        };
-        let mut grid: Vec<(f64, f64)> = search_grid(t0, t1).0.into_iter().map(|t| (t, at(t))).collect();
-        for i in 1..SEARCH_SAMPLES {
-            if grid[i].1 < grid[i - 1].1 && grid[i].1 < grid[i + 1].1 {
-                let t = peak(grid[i - 1].0, grid[i + 1].0, |t| -at(t));
-                grid.push((t, at(t)));
-            }
-        }
-        grid.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for pair in grid.windows(2) {
-            let before = pair[0].1 < self.gradient_floor;
-            if before != (pair[1].1 < self.gradient_floor) {
-                cuts.push(bisect(pair[0].0, pair[1].0, |t| (at(t) < self.gradient_floor) == before));
-            }
-        }
     }
 
     /// An interval, halved until doubling its samples changes nothing.
@@ -380,6 +345,34 @@ impl<'a> Frame<'a> {
             }
         }
         None
+    }
+}
+
+/// Adds the places at which a function crosses some levels. Its extremes are searched first: between them it is monotone, so
+/// that no crossing is missed where it only grazes a level.
+fn add_crossings(
+    [t0, t1]: [f64; 2],
+    at: impl Fn(f64) -> f64,
+    levels: impl IntoIterator<Item = f64>,
+    crossings: &mut Vec<f64>,
+) {
+    let mut grid: Vec<(f64, f64)> = search_grid(t0, t1).0.into_iter().map(|t| (t, at(t))).collect();
+    for i in 1..SEARCH_SAMPLES {
+        let (before, after) = (grid[i].1 - grid[i - 1].1, grid[i + 1].1 - grid[i].1);
+        if before * after < 0.0 {
+            let sign = before.signum();
+            let t = peak(grid[i - 1].0, grid[i + 1].0, |t| sign * at(t));
+            grid.push((t, at(t)));
+        }
+    }
+    grid.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for level in levels {
+        for pair in grid.windows(2) {
+            let before = pair[0].1 >= level;
+            if before != (pair[1].1 >= level) {
+                crossings.push(bisect(pair[0].0, pair[1].0, |t| (at(t) >= level) == before));
+            }
+        }
     }
 }
 

@@ -277,6 +277,27 @@ pub fn marschner_lobb(n: usize) -> impl Fn([f64; 3]) -> f64 {
     }
 }
 
+/// Numbers that look random, the same on every run.
+pub struct Random(pub u64);
+
+impl Random {
+    /// In [0, 1).
+    pub fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// In 0..n.
+    pub fn below(&mut self, n: usize) -> usize {
+        (self.unit() * n as f64) as usize
+    }
+
+    /// In [low, high).
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+}
+
 /// Noise in [0, 1), the same on every run.
 pub fn noise(p: [f64; 3]) -> f64 {
     let mut h = p.iter().fold(0x9e37_79b9_7f4a_7c15u64, |h, &v| (h ^ v.to_bits()).wrapping_mul(0xd6e8_feb8_6659_fd93));

@@ -15,10 +15,7 @@ use super::queue::QueuedCell;
 use super::refine::{Refine, RefineQueue};
 use super::shade::{PacketLighting, ShadeCells, ShadeQueue};
 use super::simd::{LANES_LIMIT, Simd, exp_minus, for_three};
-use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, Walker};
-
-/// Bound on the rounding of an interpolated value, in parts of it.
-pub const VALUE_ERROR: f32 = 5e-7;
+use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, VALUE_ERROR, Walker};
 
 /// The number of each lane.
 const LANE_NUMBERS: [i32; LANES_LIMIT] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];

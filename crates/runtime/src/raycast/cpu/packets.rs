@@ -8,7 +8,7 @@
 
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
 use supervol_format::{BrickKey, Lod};
@@ -416,10 +416,29 @@ impl CastTile<'_> {
             PacketLighting::new(lighting, &frame.geometry, level_scale, scale)
         });
         let packet_brick = PacketBrick { centre, scale, offset, cloud, lighting, ..packet_brick };
-        let task = CastBrick { frame, tables, key, brick, packet_brick, grid, rays: self.rays, queues: self.queues };
-        let work = dispatch(tables.set, task);
+        let host = TileHost { frame, tables, key, brick, grid, corner: self.corner, rays: self.rays, next: 0 };
+        let work = dispatch(tables.set, CastBrick { packet_brick, host, queues: self.queues });
         self.feedback.counters.add_work(&work);
     }
+}
+
+/// A ray of a tile whose first pixel is `corner`, on its way through the present brick, as the scalar caster takes it.
+pub(super) fn cast_ray(
+    frame: &CpuFrame,
+    tables: &PacketTables,
+    rays: &TileRays,
+    corner: [u32; 2],
+    ray: u16,
+) -> CastRay {
+    let [t0, t1] = rays.interval(ray);
+    let to_eye = if frame.lighting.is_some() {
+        let place = place_of(usize::from(ray));
+        let [x, y] = [corner[0] + place[0], frame.rows.start + corner[1] + place[1]];
+        -tables.pixel_rays.ray(x, y).direction.as_vec3()
+    } else {
+        Vec3::ZERO
+    };
+    CastRay { axis_ray: AxisRay::new(&rays.index_ray(ray)), to_eye, segment: Segment { t0, t1 }, pixel: [0; 2] }
 }
 
 /// A brick as packets read it, stored numbers as they are, without a cloud and unshaded; and its grid.
@@ -485,13 +504,8 @@ impl Task for Enter<'_> {
 
 /// The rays of a tile that meet a brick, packet by packet.
 struct CastBrick<'a> {
-    frame: &'a CpuFrame,
-    tables: &'a PacketTables,
-    key: BrickKey,
-    brick: &'a DecodedBrick,
     packet_brick: PacketBrick<'a>,
-    grid: BrickGrid,
-    rays: &'a mut TileRays,
+    host: TileHost<'a>,
     queues: &'a mut Queues,
 }
 
@@ -500,11 +514,12 @@ impl Task for CastBrick<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self) -> Work {
-        match &self.tables.table {
+        let tables = self.host.tables;
+        match &tables.table {
             Table::UpTo16(few) => self.cast::<S, _>(&**few),
             Table::UpTo32(few) => self.cast::<S, _>(&**few),
             Table::Many => {
-                let many = ManyPieces::new(&self.tables.pieces);
+                let many = ManyPieces::new(&tables.pieces);
                 self.cast::<S, _>(&many)
             }
         }
@@ -513,27 +528,26 @@ impl Task for CastBrick<'_> {
 
 impl CastBrick<'_> {
     #[inline(always)]
-    fn cast<S: Simd, L: Lookup>(self, table: &L) -> Work {
-        let Self { frame, tables, key, brick, packet_brick, grid, rays, queues } = self;
-        let precision = tables.precision;
-        let last_transmittance = f64::from(precision.last_transmittance);
-        let mut host = TileHost { frame, key, brick, grid, rays, next: 0, last_transmittance };
+    fn cast<S: Simd, L: Lookup>(mut self, table: &L) -> Work {
+        let tables = self.host.tables;
         let classifier = Classifier { table, narrow: tables.pieces.narrow, clear: tables.pieces.clear };
         // SAFETY: `packet_brick` compared strides, core and length of the voxels.
-        unsafe { cast::<S, L>(&packet_brick, &classifier, precision, queues, &mut host) }
+        unsafe { cast::<S, L>(&self.packet_brick, &classifier, tables.precision, self.queues, &mut self.host) }
     }
 }
 
 /// The rays of a tile that meet a brick.
 struct TileHost<'a> {
     frame: &'a CpuFrame,
+    tables: &'a PacketTables,
     key: BrickKey,
     brick: &'a DecodedBrick,
     grid: BrickGrid,
+    /// First pixel of the tile, counted in the frame's rows.
+    corner: [u32; 2],
     rays: &'a mut TileRays,
     /// The next hit that is lent.
     next: usize,
-    last_transmittance: f64,
 }
 
 impl Host for TileHost<'_> {
@@ -548,22 +562,16 @@ impl Host for TileHost<'_> {
 
     fn take_back(&mut self, lane: usize, packet: &Packet) {
         let color = [0, 1, 2].map(|c| packet.color[c][lane]);
-        self.rays.add(packet.rays[lane], color, packet.transmittance[lane], self.last_transmittance);
+        let last = f64::from(self.tables.precision.last_transmittance);
+        self.rays.add(packet.rays[lane], color, packet.transmittance[lane], last);
     }
 
     /// By roots in `f64`.
     #[cold]
     fn integrate_exactly(&mut self, ray: u16, base: i32) -> [f32; 4] {
-        let [t0, t1] = self.rays.interval(ray);
-        let index_ray = self.rays.index_ray(ray);
-        let direction = self.frame.geometry.linear() * DVec3::from_array(index_ray.direction);
-        let ray = CastRay {
-            axis_ray: AxisRay::new(&index_ray),
-            to_eye: -direction.as_vec3(),
-            segment: Segment { t0, t1 },
-            pixel: [0; 2],
-        };
+        let t = self.rays.interval(ray);
+        let ray = cast_ray(self.frame, self.tables, self.rays, self.corner, ray);
         let base = usize::try_from(base).expect("cells of a brick lie behind its first voxel");
-        exact_cell(LevelVisit::new(self.frame, &ray, self.key), self.brick, self.key, base, [t0, t1])
+        exact_cell(LevelVisit::new(self.frame, &ray, self.key), self.brick, self.key, base, t)
     }
 }

@@ -64,6 +64,14 @@ impl<const MORE: usize> Queue<MORE> {
         self.length += S::bits(lanes).count_ones() as usize;
     }
 
+    /// Lanes that hold cells, from number `first` on.
+    #[inline(always)]
+    #[must_use]
+    pub fn used<S: Simd>(&self, first: usize) -> S::M {
+        let count = (self.length - first).min(S::LANES);
+        S::mask_from_bits(((1u64 << count) - 1) as u32)
+    }
+
     /// The cells from number `first` on, lane by lane; anything in lanes behind the last.
     #[inline(always)]
     #[must_use]

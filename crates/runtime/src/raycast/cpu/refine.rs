@@ -11,7 +11,7 @@ use super::lookup::Lookup;
 use super::packet::{Classifier, Host, Lanes, PART_NUMBERS, Parts, Work, write_parts};
 use super::queue::{Queue, QueuedCell};
 use super::shade::PacketLighting;
-use super::simd::{LANES_LIMIT, Simd, Task, for_three};
+use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes};
 
 /// Most parts that a cell is cut into at once.
 const PARTS_LIMIT: f32 = 64.0;
@@ -59,22 +59,20 @@ impl<L: Lookup> Task for Refine<'_, L> {
         for first in (0..self.cells.len()).step_by(S::LANES) {
             let count = (self.cells.len() - first).min(S::LANES);
             let cell = self.cells.cells::<S>(first);
-            let (part, samples) = self.cut::<S>(&cell, first, count);
+            let (part, samples) = self.cut::<S>(&cell, first);
             work.samples += samples;
             let [r, g, b] = part.color;
             write_parts::<S, PART_NUMBERS>(self.parts, cell.slot, count, [r, g, b, part.tau]);
             let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
             // Also NaN: a cell beside a hole.
             let is_unsettled = !S::le(part.error * per_error, S::splat(EXACT_FROM));
-            let mut rest = S::bits(is_unsettled) & ((1u64 << count) - 1) as u32;
-            if rest != 0 {
-                work.exact += u64::from(rest.count_ones());
+            let exact = S::bits(is_unsettled & self.cells.used::<S>(first));
+            if exact != 0 {
+                work.exact += u64::from(exact.count_ones());
                 let (mut slots, mut bases) = ([0; LANES_LIMIT], [0; LANES_LIMIT]);
                 S::store_int(cell.slot, &mut slots);
                 S::store_int(cell.base, &mut bases);
-                while rest != 0 {
-                    let lane = rest.trailing_zeros() as usize;
-                    rest &= rest - 1;
+                for lane in lanes(exact) {
                     let (step, ray) = (slots[lane] as usize / LANES_LIMIT, slots[lane] as usize % LANES_LIMIT);
                     let [r, g, b, transmittance] = self.host.integrate_exactly(self.lanes.rays[ray], bases[lane]);
                     let tau = -transmittance.max(f32::MIN_POSITIVE).ln();
@@ -90,13 +88,13 @@ impl<L: Lookup> Task for Refine<'_, L> {
 }
 
 impl<L: Lookup> Refine<'_, L> {
-    /// Cuts `count` cells from `first` on into parts and integrates those; also the number of samples.
+    /// Cuts the cells from number `first` on into parts and integrates those; also the number of samples.
     #[inline(always)]
-    fn cut<S: Simd>(&self, cell: &QueuedCell<S>, first: usize, count: usize) -> (Part<S>, u64) {
+    fn cut<S: Simd>(&self, cell: &QueuedCell<S>, first: usize) -> (Part<S>, u64) {
         let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
         let whole = cell.chord;
         let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
-        let used = S::mask_from_bits(((1u64 << count) - 1) as u32);
+        let used = self.cells.used::<S>(first);
         let field = cubic_through::<S>(whole.values, whole.cubic);
         #[allow(clippy::manual_map, reason = "nobody promises that a closure is compiled with the set's instructions")]
         let shading = match self.lighting {

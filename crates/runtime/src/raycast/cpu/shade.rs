@@ -50,6 +50,10 @@ pub struct PacketLighting<'a> {
     pub world_from_differences: [[f32; 3]; 3],
     /// World vectors from vectors in cells; columns.
     pub world_from_cells: [[f32; 3]; 3],
+    /// Intensity of all lights.
+    light: f32,
+    /// Most that a colour can be multiplied by.
+    gain: f32,
 }
 
 /// A gradient in world space at the beginning, the middle and the end of a part.
@@ -93,18 +97,14 @@ impl<'a> PacketLighting<'a> {
     pub fn new(lighting: &'a Lighting, geometry: &Geometry, scale: [u64; 3], value_scale: f32) -> Self {
         let world_from_cells = geometry.linear() * DMat3::from_diagonal(DVec3::from_array(scale.map(|s| s as f64)));
         let per_difference = 0.5 * value_scale;
+        let light: f32 = lighting.lights.iter().map(|l| l.1).sum();
         Self {
             lighting,
             world_from_differences: (lighting.world_from_level_gradient(scale) * per_difference).to_cols_array_2d(),
             world_from_cells: world_from_cells.as_mat3().to_cols_array_2d(),
+            light,
+            gain: (lighting.ambient + (lighting.diffuse + lighting.specular) * light).max(1.0),
         }
-    }
-
-    /// Most that a colour can be multiplied by.
-    fn gain(&self) -> f32 {
-        let lighting = self.lighting;
-        let light: f32 = lighting.lights.iter().map(|l| l.1).sum();
-        (lighting.ambient + (lighting.diffuse + lighting.specular) * light).max(1.0)
     }
 
     /// Unit vectors against rays of these directions, in cells per world length.
@@ -138,19 +138,18 @@ impl<'a> PacketLighting<'a> {
             of_place = S::max(of_place, error);
         }
         let of_place = of_place + self.error_of_turn::<S>(gradients, &inverse_lengths);
-        (color, S::mul_add(opacity, S::min(of_place, one), part.error * S::splat(self.gain())))
+        (color, S::mul_add(opacity, S::min(of_place, one), part.error * S::splat(self.gain)))
     }
 
     /// What three places can miss of a highlight between them.
     #[inline(always)]
     fn error_of_turn<S: Simd>(&self, gradients: &Gradients<S>, inverse_lengths: &[S::F; 3]) -> S::F {
         let lighting = self.lighting;
-        let light: f32 = lighting.lights.iter().map(|l| l.1).sum();
         let turn = turn::<S>(gradients, inverse_lengths);
         let widths = turn * S::splat(lighting.shininess);
         let highlight = S::min(widths * widths * S::splat(HIGHLIGHT_SHARE), S::splat(1.0));
-        let of_highlight = highlight * S::splat(lighting.specular * light);
-        S::mul_add(turn * turn, S::splat(TURN_SHARE * lighting.diffuse * light), of_highlight)
+        let of_highlight = highlight * S::splat(lighting.specular * self.light);
+        S::mul_add(turn * turn, S::splat(TURN_SHARE * lighting.diffuse * self.light), of_highlight)
     }
 
     /// D and S at the three places; 1 and 0 where there is no normal.
@@ -267,20 +266,13 @@ impl Task for ShadeCells<'_> {
 }
 
 impl ShadeCells<'_> {
-    /// Lanes that hold cells, from number `first` on.
-    #[inline(always)]
-    fn used<S: Simd>(&self, first: usize) -> S::M {
-        let count = (self.cells.len() - first).min(S::LANES);
-        S::mask_from_bits(((1u64 << count) - 1) as u32)
-    }
-
     /// Gathers around the cells from number `first` on.
     #[inline(always)]
     fn gradients<S: Simd>(&self, first: usize, along: &mut AlongRay<S>) {
         let (brick, lighting) = (self.brick, self.lighting);
         let cell = self.cells.cells::<S>(first);
         // What lies behind the last cell may be the offset of another brick's cell.
-        let base = S::select_int(self.used::<S>(first), cell.base, S::splat_int(brick.first_base()));
+        let base = S::select_int(self.cells.used::<S>(first), cell.base, S::splat_int(brick.first_base()));
         let around = Around::<S> { stored: brick.stored, voxels: brick.voxels, base, absent: brick.absent };
         // SAFETY: the bases are those of cells of the core.
         let slopes = unsafe { around.slopes(brick.strides) };
@@ -326,7 +318,7 @@ impl ShadeCells<'_> {
         cell.error = S::select(along.is_unknown & is_in_plane, S::splat(f32::NAN), error);
         let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
         // Also NaN.
-        let is_unsettled = !S::le(cell.error * per_error, S::splat(1.0)) & self.used::<S>(first);
+        let is_unsettled = !S::le(cell.error * per_error, S::splat(1.0)) & self.cells.used::<S>(first);
         if S::bits(is_unsettled) != 0 {
             let [[a, b, c], [d, e, f], [g, h, i]] = along.gradients;
             let [j, k, l] = along.cubics;

@@ -4,14 +4,13 @@
 //! and with the other sign where the least is sought, or where greater numbers are lesser values. Whole numbers have the
 //! render values that the scalar caster gives them.
 
-use glam::Vec3;
 use supervol_format::BrickKey;
 use supervol_format::brick::APRON;
 
 use super::fetch::Stored;
 use super::leap::{MacroRanges, ProximityCloud, macro_cells_of};
 use super::packet::Work;
-use super::packets::{CastTile, PacketTables, packet_brick};
+use super::packets::{CastTile, PacketTables, cast_ray, packet_brick};
 use super::per_brick::PerBrick;
 use super::simd::{Simd, Task, dispatch};
 use super::surfaces::Surfaces;
@@ -19,9 +18,7 @@ use super::tile::{BrickGrid, TileRays};
 use super::values::{Extreme, Host, Mean, ValuePacket, cast};
 use super::walk::PacketBrick;
 use super::{CpuFrame, IsoSides, Skipping};
-use crate::clip::Segment;
-use crate::raycast::scalar::walk::AxisRay;
-use crate::raycast::scalar::{CastRay, LevelVisit, gather_exact_cell};
+use crate::raycast::scalar::{LevelVisit, gather_exact_cell};
 use crate::raycast::volume::{DecodedBrick, ValueMap};
 use crate::scene::Mode;
 
@@ -295,19 +292,6 @@ impl CastTile<'_> {
             self.rays.gathered.iso[ray].known = 0;
         }
     }
-}
-
-/// A ray of a tile whose first pixel is `corner`, on its way through the present brick, as the scalar caster takes it.
-fn cast_ray(frame: &CpuFrame, tables: &PacketTables, rays: &TileRays, corner: [u32; 2], ray: u16) -> CastRay {
-    let [t0, t1] = rays.interval(ray);
-    let to_eye = if frame.lighting.is_some() {
-        let place = super::tile::place_of(usize::from(ray));
-        let [x, y] = [corner[0] + place[0], frame.rows.start + corner[1] + place[1]];
-        -tables.pixel_rays.ray(x, y).direction.as_vec3()
-    } else {
-        Vec3::ZERO
-    };
-    CastRay { axis_ray: AxisRay::new(&rays.index_ray(ray)), to_eye, segment: Segment { t0, t1 }, pixel: [0; 2] }
 }
 
 /// The rays of a tile that meet a brick, packet by packet.

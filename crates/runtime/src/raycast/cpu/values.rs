@@ -12,7 +12,7 @@
 use super::fetch::{Cell, Corners};
 use super::leap::{MacroRanges, ProximityCloud};
 use super::packet::Work;
-use super::simd::{LANES_LIMIT, Simd};
+use super::simd::{LANES_LIMIT, Simd, lanes};
 use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, Walker};
 
 /// Numbers that a ray takes through a brick.
@@ -90,11 +90,6 @@ impl<S: Simd> Rays<'_, S> {
             holes::<S>(corners) & self.walker.in_plane
         }
     }
-}
-
-/// The lanes of a mask.
-pub fn lanes(mask: u32) -> impl Iterator<Item = usize> {
-    (0..LANES_LIMIT).filter(move |lane| mask >> lane & 1 == 1)
 }
 
 /// Cells of which a corner is a hole.

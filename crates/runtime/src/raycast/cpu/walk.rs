@@ -22,6 +22,8 @@ const FAR: f32 = 1e30;
 
 /// Bound on the rounding of a position, in cells: `f32` over the 132 voxels of the largest brick.
 pub const POSITION_ERROR: f32 = 2e-5;
+/// Bound on the rounding of an interpolated value, in parts of it.
+pub const VALUE_ERROR: f32 = 5e-7;
 /// Numbers of one packet, lane by lane.
 pub type PerLane = [f32; LANES_LIMIT];
 

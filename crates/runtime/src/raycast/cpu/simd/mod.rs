@@ -109,6 +109,11 @@ pub trait Simd: Copy + Send + Sync + 'static {
     fn apart<T: Task>(task: T) -> T::Output;
 }
 
+/// The lanes of a mask, from its bits.
+pub fn lanes(mask: u32) -> impl Iterator<Item = usize> {
+    (0..LANES_LIMIT).filter(move |lane| mask >> lane & 1 == 1)
+}
+
 /// Something to be done with whatever lanes the processor has.
 pub trait Task {
     /// What comes of it.
