@@ -85,6 +85,13 @@ pub fn cubic_at<S: Simd>([k0, k1, k2, k3]: [S::F; 4], u: S::F) -> S::F {
 }
 
 impl<S: Simd> Chord<S> {
+    /// No cell.
+    #[inline(always)]
+    pub fn nothing() -> Self {
+        let zero = S::splat(0.0);
+        Self { values: [zero; 3], cubic: zero, length: zero, noise: zero }
+    }
+
     /// How far the middle is from the line between the ends.
     #[inline(always)]
     fn bump(&self) -> S::F {

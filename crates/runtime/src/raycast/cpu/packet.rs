@@ -231,6 +231,7 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
     let round = Round { brick, classifier, precision, weight: front };
     let lanes = round.lanes(packet, &walker);
     let mut parts: Parts = [[[0.0; LANES_LIMIT]; PART_NUMBERS]; ROUND];
+    let mut stages = Stages::<S>::new();
     let mut work = Work::default();
     loop {
         walker.finish(S::le(light.transmittance * front, last));
@@ -241,7 +242,7 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
             break;
         }
         // SAFETY: the caller's promise.
-        unsafe { round.classify(&mut walker, &mut parts, queues, &mut work) };
+        unsafe { round.classify(&mut walker, &mut stages, &mut parts, queues, &mut work) };
         let Queues { to_shade, unsettled } = queues;
         if let Some(lighting) = &brick.lighting
             && to_shade.len() > 0
@@ -260,6 +261,19 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
     }
     S::store(light.transmittance, &mut packet.transmittance);
     work
+}
+
+/// What the stages of a round hand on; kept from round to round, since clearing it takes as long as a stage.
+struct Stages<S: Simd> {
+    chords: [Chord<S>; ROUND],
+    located: [Located<S>; ROUND],
+}
+
+impl<S: Simd> Stages<S> {
+    #[inline(always)]
+    fn new() -> Self {
+        Self { chords: [Chord::nothing(); ROUND], located: [Located::nothing(); ROUND] }
+    }
 }
 
 /// What is the same for all cells of a round.
@@ -287,15 +301,21 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     /// # Safety
     /// As for [`cast`].
     #[inline(always)]
-    unsafe fn classify(&self, walker: &mut Walker<S>, parts: &mut Parts, queues: &mut Queues, work: &mut Work) {
+    unsafe fn classify(
+        &self,
+        walker: &mut Walker<S>,
+        Stages { chords, located }: &mut Stages<S>,
+        parts: &mut Parts,
+        queues: &mut Queues,
+        work: &mut Work,
+    ) {
         let zero = S::splat(0.0);
         let steps = walker.round();
         // One stage after the other for all cells: each is short, so that the processor overlaps several cells.
         // SAFETY: the walk stays in cells of the core, whose corners the apron holds.
-        let chords = unsafe { self.fetch(&steps, &walker.direction) };
+        unsafe { self.fetch(&steps, &walker.direction, chords) };
         let &Classifier { table, narrow, clear } = self.classifier;
         let mut shows = [false; ROUND];
-        let mut located = [Located::nothing(); ROUND];
         for i in 0..ROUND {
             let [low, high] = chords[i].range();
             let is_clear = S::lt(S::splat(clear[0]), low) & S::lt(high, S::splat(clear[1]));
@@ -324,10 +344,8 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     /// # Safety
     /// In every lane, the corners of the cells lie in the brick's array.
     #[inline(always)]
-    unsafe fn fetch(&self, steps: &[Step<S>; ROUND], direction: &[S::F; 3]) -> [Chord<S>; ROUND] {
-        let zero = S::splat(0.0);
+    unsafe fn fetch(&self, steps: &[Step<S>; ROUND], direction: &[S::F; 3], chords: &mut [Chord<S>; ROUND]) {
         let brick = self.brick;
-        let mut chords = [Chord { values: [zero; 3], cubic: zero, length: zero, noise: zero }; ROUND];
         // SAFETY: the caller's promise.
         let mut raw = unsafe { brick.stored.gather::<S>(brick.voxels, steps[0].base, brick.strides) };
         for i in 0..ROUND {
@@ -338,7 +356,6 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
             }
             chords[i] = self.chord(&cell, &steps[i], direction);
         }
-        chords
     }
 
     /// Writes what a cell adds, and puts it into a queue where that is not all.
