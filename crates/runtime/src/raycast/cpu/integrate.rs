@@ -68,6 +68,14 @@ impl<S: Simd> Part<S> {
             colors: zero,
         }
     }
+
+    /// Lower bound on the optical depth; 0 where its error may be anything, or is not known.
+    #[inline(always)]
+    pub fn least_depth(&self) -> S::F {
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let least = S::max(S::mul_add(S::splat(-2.0), self.error, self.tau), zero);
+        S::select(S::lt(self.error, one), least, zero)
+    }
 }
 
 /// `k0 + k1 u + k2 u^2 + k3 u^3` from its values at 0, 1/2 and 1 and from k3.

@@ -25,6 +25,7 @@ mod order;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod packet;
 mod packets;
+mod pending;
 mod per_brick;
 mod queue;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]

@@ -11,10 +11,11 @@
 use super::fetch::Cell;
 use super::integrate::{Chord, Located, Part, integrate_at, locate};
 use super::lookup::Lookup;
+use super::pending::{Light, PART_NUMBERS, Pending, RoundParts};
 use super::queue::QueuedCell;
-use super::refine::{Refine, RefineQueue};
+use super::refine::Refine;
 use super::shade::{PacketLighting, ShadeCells, ShadeQueue};
-use super::simd::{LANES_LIMIT, Simd, exp_minus, for_three};
+use super::simd::{LANES_LIMIT, Simd, for_three};
 use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, VALUE_ERROR, Walker};
 
 /// The number of each lane.
@@ -83,11 +84,6 @@ pub trait Host {
     fn integrate_exactly(&mut self, ray: u16, base: i32) -> [f32; 4];
 }
 
-/// Numbers of a part: red, green, blue, optical depth.
-pub const PART_NUMBERS: usize = 4;
-/// The parts of one round: the numbers of each lane in each cell.
-pub type Parts = [[PerLane; PART_NUMBERS]; ROUND];
-
 /// What the later stages know of the rays of a packet.
 #[derive(Debug, Clone)]
 pub struct Lanes {
@@ -119,68 +115,14 @@ impl Lanes {
 #[derive(Debug, Clone)]
 pub struct Queues {
     to_shade: ShadeQueue,
-    unsettled: RefineQueue,
+    pending: Pending,
 }
 
 impl Queues {
     /// Empty queues.
     #[must_use]
     pub fn new() -> Self {
-        Self { to_shade: ShadeQueue::new(), unsettled: RefineQueue::new() }
-    }
-}
-
-/// Writes the first `N` numbers of the parts of `count` cells.
-#[inline(always)]
-pub fn write_parts<S: Simd, const N: usize>(parts: &mut Parts, slot: S::I, count: usize, numbers: [S::F; N]) {
-    let mut slots = [0; LANES_LIMIT];
-    S::store_int(slot, &mut slots);
-    for (number, values) in numbers.into_iter().enumerate() {
-        let mut lanes = [0.0; LANES_LIMIT];
-        S::store(values, &mut lanes);
-        for (&slot, value) in slots.iter().zip(lanes).take(count) {
-            parts[slot as usize / LANES_LIMIT % ROUND][number][slot as usize % LANES_LIMIT] = value;
-        }
-    }
-}
-
-/// What rays have gathered in a brick.
-struct Light<S: Simd> {
-    /// Transmittance in front of the brick.
-    front: S::F,
-    /// Premultiplied colour, over transmittance 1.
-    color: [S::F; 3],
-    transmittance: S::F,
-    /// Optical depth.
-    depth: S::F,
-}
-
-impl<S: Simd> Light<S> {
-    /// Adds the parts of a round; rays through which no more than `last` gets end there.
-    ///
-    /// A ray ends in the cell that makes it end, not with the round: rounds begin elsewhere where rays leap.
-    #[inline(always)]
-    fn composite(&mut self, parts: &Parts, last: S::F) {
-        // Depth and transmittance in front of each cell, and behind the last: none waits for another's exponential.
-        let mut depths = [self.depth; ROUND + 1];
-        let mut transmittances = [self.transmittance; ROUND + 1];
-        for i in 0..ROUND {
-            depths[i + 1] = depths[i] + S::load(&parts[i][3]);
-            // From the sum, not as a product: thousands of numbers near 1 round to one side where the field is even.
-            transmittances[i + 1] = exp_minus::<S>(depths[i + 1]);
-        }
-        (self.depth, self.transmittance) = (depths[ROUND], transmittances[ROUND]);
-        for i in (0..ROUND).rev() {
-            let goes_on = S::lt(last, transmittances[i] * self.front);
-            self.depth = S::select(goes_on, self.depth, depths[i]);
-            self.transmittance = S::select(goes_on, self.transmittance, transmittances[i]);
-            transmittances[i] = S::select(goes_on, transmittances[i], S::splat(0.0));
-        }
-        for i in 0..ROUND {
-            for c in 0..3 {
-                self.color[c] = S::mul_add(transmittances[i], S::load(&parts[i][c]), self.color[c]);
-            }
-        }
+        Self { to_shade: ShadeQueue::new(), pending: Pending::new() }
     }
 }
 
@@ -223,43 +165,48 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
     (packet, queues): (&mut Packet, &mut Queues),
     host: &mut dyn Host,
 ) -> Work {
-    let (zero, one) = (S::splat(0.0), S::splat(1.0));
     let last = S::splat(precision.last_transmittance);
     let front = S::load(&packet.front);
     let mut walker = Walker::<S>::new(packet, brick);
-    let mut light = Light::<S> { front, color: [zero; 3], transmittance: one, depth: zero };
+    let mut light = Light::<S>::new(front);
     let round = Round { brick, classifier, precision, weight: front };
     let lanes = round.lanes(packet, &walker);
-    let mut parts: Parts = [[[0.0; LANES_LIMIT]; PART_NUMBERS]; ROUND];
+    let mut parts = RoundParts::new();
     let mut stages = Stages::<S>::new();
     let mut work = Work::default();
     loop {
-        walker.finish(S::le(light.transmittance * front, last));
+        walker.finish(light.ended(last));
         if let Some(cloud) = brick.cloud {
             work.leaps += u64::from(walker.leap(cloud, brick));
+        }
+        let is_done = S::bits(walker.active()) == 0;
+        if queues.pending.cells.len() > 0 && (is_done || queues.pending.is_enough()) {
+            let (lighting, lanes, pending) = (brick.lighting.as_ref(), &lanes, &mut queues.pending);
+            work.add(&S::apart(Refine { classifier, lanes, lighting, pending: &mut *pending, host }));
+            light.settle(pending, last);
+            walker.finish(light.ended(last));
         }
         if S::bits(walker.active()) == 0 {
             break;
         }
+        let first = queues.pending.cells.len();
         // SAFETY: the caller's promise.
         unsafe { round.classify(&mut walker, &mut stages, &mut parts, queues, &mut work) };
-        let Queues { to_shade, unsettled } = queues;
+        let Queues { to_shade, pending } = queues;
         if let Some(lighting) = &brick.lighting
             && to_shade.len() > 0
         {
-            let (cells, parts) = (to_shade, &mut parts);
+            let (cells, unsettled, parts) = (to_shade, &mut pending.cells, &mut parts);
             S::apart(ShadeCells { brick, lighting, lanes: &lanes, cells, unsettled, parts });
         }
-        if unsettled.len() > 0 {
-            let (lighting, lanes, cells) = (brick.lighting.as_ref(), &lanes, unsettled);
-            work.add(&S::apart(Refine { classifier, lanes, lighting, cells, parts: &mut parts, host }));
-        }
-        light.composite(&parts, last);
+        let left = pending.take_over(first, &mut parts);
+        light.composite(&parts, &left, pending, last);
     }
+    let (color, transmittance) = light.sum();
     for c in 0..3 {
-        S::store(light.color[c], &mut packet.color[c]);
+        S::store(color[c], &mut packet.color[c]);
     }
-    S::store(light.transmittance, &mut packet.transmittance);
+    S::store(transmittance, &mut packet.transmittance);
     work
 }
 
@@ -305,7 +252,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         &self,
         walker: &mut Walker<S>,
         Stages { chords, located }: &mut Stages<S>,
-        parts: &mut Parts,
+        parts: &mut RoundParts,
         queues: &mut Queues,
         work: &mut Work,
     ) {
@@ -334,7 +281,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
                 let part = integrate_at::<S, L>(table, S::splat(narrow), &chords[i], &located[i]);
                 self.hand_on(i, &steps[i], &chords[i], &part, walker.in_plane & crosses, parts, queues);
             } else {
-                parts[i] = [[0.0; LANES_LIMIT]; PART_NUMBERS];
+                parts.numbers[i] = [[0.0; LANES_LIMIT]; PART_NUMBERS];
             }
         }
     }
@@ -368,15 +315,16 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         chord: &Chord<S>,
         part: &Part<S>,
         crosses_in_plane: S::M,
-        parts: &mut Parts,
+        parts: &mut RoundParts,
         queues: &mut Queues,
     ) {
         let zero = S::splat(0.0);
         let is_hole = S::is_nan(chord.values[1]);
         for c in 0..3 {
-            S::store(S::select(is_hole, zero, part.color[c]), &mut parts[number][c]);
+            S::store(S::select(is_hole, zero, part.color[c]), &mut parts.numbers[number][c]);
         }
-        S::store(S::select(is_hole, zero, part.tau), &mut parts[number][3]);
+        S::store(S::select(is_hole, zero, part.tau), &mut parts.numbers[number][3]);
+        S::store(part.least_depth(), &mut parts.least_depths[number]);
         let per_error = self.weight / S::splat(self.precision.cell_error);
         let is_unsettled = S::lt(S::splat(1.0), part.error * per_error) | (is_hole & crosses_in_plane);
         let slot = S::load_int(&LANE_NUMBERS) + S::splat_int((number * LANES_LIMIT) as i32);
@@ -390,7 +338,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
                 queues.to_shade.push::<S, 10>(shows, &cell, more);
             }
         } else if S::bits(is_unsettled) != 0 {
-            queues.unsettled.push::<S, 0>(is_unsettled, &cell, []);
+            queues.pending.cells.push::<S, 0>(is_unsettled, &cell, []);
         }
     }
 

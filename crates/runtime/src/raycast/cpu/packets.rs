@@ -117,7 +117,7 @@ impl PacketTables {
         let max_error = rule.max_error.clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
         let origin = origin_of(source, frame.map.shift);
         let pieces = TransferPieces::new(source, frame.map.shift + f64::from(origin), FIT_SHARE * max_error);
-        let precision = precision_of(max_error, pieces.has_steps(), frame.lighting.is_some());
+        let precision = precision_of(max_error, pieces.has_steps());
         let set = rule.instructions.unwrap_or_else(InstructionSet::best);
         let ray = frame.camera.ray(0, 0);
         let index_ray = IndexRay::new(&ray, &frame.geometry);
@@ -153,8 +153,6 @@ impl PacketTables {
 
 /// Share of the largest error that one cell may be off by: errors have either sign, and few cells of a ray are near it.
 const CELL_SHARE: f64 = 0.3;
-/// The same where cells are shaded: there neighbours are off to the same side more often.
-const SHADED_CELL_SHARE: f64 = 0.2;
 /// Share of the largest error that extinction, in parts of itself, may be off by.
 const FIT_SHARE: f64 = 0.25;
 /// Share of the largest error that is left out behind the point where a ray ends.
@@ -172,10 +170,9 @@ fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     if is_far { middle as f32 } else { 0.0 }
 }
 
-fn precision_of(max_error: f64, has_steps: bool, is_shaded: bool) -> Precision {
-    let cell_share = if is_shaded { SHADED_CELL_SHARE } else { CELL_SHARE };
+fn precision_of(max_error: f64, has_steps: bool) -> Precision {
     Precision {
-        cell_error: (cell_share * max_error) as f32,
+        cell_error: (CELL_SHARE * max_error) as f32,
         last_transmittance: (END_SHARE * max_error) as f32,
         least_shaded: (LEAST_SHADED_SHARE * max_error) as f32,
         has_steps,

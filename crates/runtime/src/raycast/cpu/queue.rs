@@ -1,17 +1,14 @@
 //! Cells that need more than the others of their round: packed densely, so that no lane runs for nothing.
 
 use super::integrate::Chord;
-use super::simd::{LANES_LIMIT, Simd, for_three};
-use super::walk::ROUND;
+use super::simd::{Simd, for_three};
 
-/// Cells that one round can leave, and room for whole lanes after the last.
-const CAPACITY: usize = (ROUND + 1) * LANES_LIMIT;
-/// Numbers of a [`QueuedCell`].
-const CELL_NUMBERS: usize = 9;
+/// Numbers of a [`QueuedCell`]: slot and base as bits.
+pub const CELL_NUMBERS: usize = 9;
 
-/// Cells of one round, with `MORE` numbers each beside those of all.
+/// Up to `CAPACITY` cells less whole lanes, with `MORE` numbers each beside those of all.
 #[derive(Debug, Clone)]
-pub struct Queue<const MORE: usize> {
+pub struct Queue<const CAPACITY: usize, const MORE: usize> {
     cells: [[f32; CAPACITY]; CELL_NUMBERS],
     more: [[f32; CAPACITY]; MORE],
     length: usize,
@@ -20,7 +17,7 @@ pub struct Queue<const MORE: usize> {
 /// What is kept of every cell.
 #[derive(Clone, Copy)]
 pub struct QueuedCell<S: Simd> {
-    /// Number of the cell in its round times [`LANES_LIMIT`], plus the lane of its ray.
+    /// Number of the cell on its ray times [`LANES_LIMIT`], plus the lane of the ray.
     pub slot: S::I,
     /// Voxel offset of its first corner.
     pub base: S::I,
@@ -30,7 +27,21 @@ pub struct QueuedCell<S: Simd> {
     pub error: S::F,
 }
 
-impl<const MORE: usize> Queue<MORE> {
+impl<S: Simd> QueuedCell<S> {
+    /// A cell from its numbers.
+    #[inline(always)]
+    #[must_use]
+    pub fn from_numbers(n: [S::F; CELL_NUMBERS]) -> Self {
+        Self {
+            slot: S::bits_from_float(n[0]),
+            base: S::bits_from_float(n[1]),
+            chord: Chord { values: [n[2], n[3], n[4]], cubic: n[5], length: n[6], noise: n[7] },
+            error: n[8],
+        }
+    }
+}
+
+impl<const CAPACITY: usize, const MORE: usize> Queue<CAPACITY, MORE> {
     /// An empty queue.
     #[must_use]
     pub fn new() -> Self {
@@ -58,7 +69,7 @@ impl<const MORE: usize> Queue<MORE> {
         let (slot, base) = (S::float_from_bits(slot), S::float_from_bits(base));
         let numbers = [slot, base, first, middle, last, chord.cubic, chord.length, chord.noise, error];
         for (into, number) in self.cells.iter_mut().zip(numbers).chain(self.more.iter_mut().zip(more)) {
-            let room = into[self.length..].first_chunk_mut().expect("a round leaves no more cells than it has");
+            let room = into[self.length..].first_chunk_mut().expect("there is room for whole lanes");
             S::compress(number, lanes, room);
         }
         self.length += S::bits(lanes).count_ones() as usize;
@@ -80,11 +91,20 @@ impl<const MORE: usize> Queue<MORE> {
         for (into, numbers) in n.iter_mut().zip(&self.cells) {
             *into = load::<S>(numbers, first);
         }
-        QueuedCell {
-            slot: S::bits_from_float(n[0]),
-            base: S::bits_from_float(n[1]),
-            chord: Chord { values: [n[2], n[3], n[4]], cubic: n[5], length: n[6], noise: n[7] },
-            error: n[8],
+        QueuedCell::from_numbers(n)
+    }
+
+    /// Slots of the cells from number `first` on, as bits.
+    #[inline(always)]
+    pub fn slots_from(&mut self, first: usize) -> &mut [f32] {
+        &mut self.cells[0][first..self.length]
+    }
+
+    /// Cells from number `first` on into the lanes of a mask, in their order, with the numbers beside those of all.
+    #[inline(always)]
+    pub fn refill<S: Simd>(&self, first: usize, mask: S::M, cells: &mut [S::F; CELL_NUMBERS], more: &mut [S::F; MORE]) {
+        for (into, numbers) in cells.iter_mut().zip(&self.cells).chain(more.iter_mut().zip(&self.more)) {
+            *into = S::expand(load::<S>(numbers, first), mask, *into);
         }
     }
 
@@ -104,6 +124,6 @@ impl<const MORE: usize> Queue<MORE> {
 }
 
 #[inline(always)]
-fn load<S: Simd>(numbers: &[f32; CAPACITY], first: usize) -> S::F {
+fn load<S: Simd>(numbers: &[f32], first: usize) -> S::F {
     S::load(numbers[first..].first_chunk().expect("the queue ends with room for all lanes"))
 }

@@ -8,21 +8,22 @@
 
 use super::integrate::{Chord, Part, cubic_at, cubic_through, integrate};
 use super::lookup::Lookup;
-use super::packet::{Classifier, Host, Lanes, PART_NUMBERS, Parts, Work, write_parts};
-use super::queue::{Queue, QueuedCell};
-use super::shade::PacketLighting;
+use super::packet::{Classifier, Host, Lanes, Work};
+use super::pending::{PART_NUMBERS, PENDING_LIMIT, Pending};
+use super::queue::{CELL_NUMBERS, QueuedCell};
+use super::shade::{LightAt, PacketLighting};
 use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes};
 
 /// Most parts that a cell is cut into at once.
 const PARTS_LIMIT: f32 = 64.0;
 /// Most parts that are tried for one cell.
-const TRIES_LIMIT: u32 = 128;
+const TRIES_LIMIT: f32 = 128.0;
 /// Shortest part, in cells.
 const LEAST_PART: f32 = 1.0 / 4096.0;
 /// Parts per square root of the error: what is left is then well below the tolerance.
 const PARTS_PER_ROOT: f32 = 1.4;
-/// Least share of a cell's tolerance that a part may use up, however short it is.
-const LEAST_SHARE: f32 = 1.0 / 8.0;
+/// Least share of a cell's tolerance that a part may use up, however short it is: few parts of a cell are so hard.
+const LEAST_SHARE: f32 = 1.0 / 4.0;
 /// Share of what is allowed, below which the next part is twice as long.
 const EASY: f32 = 1.0 / 8.0;
 /// Multiple of what is allowed, from which the next part is a quarter as long, not half.
@@ -30,11 +31,10 @@ const HARD: f32 = 16.0;
 /// Error left after refinement, in tolerances, from which a cell is integrated exactly.
 const EXACT_FROM: f32 = 2.5;
 
-/// Numbers of an unsettled cell beside those of all, where it is shaded: the gradient at its beginning, its middle and its
-/// end, and the coefficients of its third power.
-pub type RefineQueue = Queue<12>;
+/// Share of the lanes, as its inverse, that must be without work before they get new cells: that costs a quarter of a part.
+const REFILL_SHARE: u32 = 5;
 
-/// Settles everything in a queue: writes the parts and empties it.
+/// Settles all cells that wait: writes their parts; none are left.
 pub struct Refine<'a, L> {
     /// The transfer function.
     pub classifier: &'a Classifier<'a, L>,
@@ -42,132 +42,241 @@ pub struct Refine<'a, L> {
     pub lanes: &'a Lanes,
     /// The brick's, where it is shaded.
     pub lighting: Option<&'a PacketLighting<'a>>,
-    /// The cells; none are left.
-    pub cells: &'a mut RefineQueue,
-    /// Where colours and optical depths go.
-    pub parts: &'a mut Parts,
+    /// The cells.
+    pub pending: &'a mut Pending,
     /// Who settles what is not settled here.
     pub host: &'a mut dyn Host,
+}
+
+/// Cells that are being cut, one per lane.
+struct Cuts<S: Simd> {
+    /// Numbers of the cells, and those beside.
+    numbers: [S::F; CELL_NUMBERS],
+    more: [S::F; 12],
+    /// Lanes that hold a cell.
+    used: S::M,
+    cell: QueuedCell<S>,
+    /// Tolerances per error.
+    per_error: S::F,
+    /// The field and the gradient along the cell: coefficients.
+    field: [S::F; 4],
+    gradients: [[S::F; 4]; 3],
+    to_eye: [S::F; 3],
+    /// Where the next part begins, and how long it is, in cells.
+    at: S::F,
+    next: S::F,
+    /// Field and light there.
+    begin: S::F,
+    light: LightAt<S>,
+    /// Parts that may still be tried.
+    tries: S::F,
+    /// The parts so far.
+    sum: Part<S>,
+}
+
+/// The part of a cell that is tried.
+struct Trial<S: Simd> {
+    /// Its length and its end, in cells.
+    size: S::F,
+    end: S::F,
+    chord: Chord<S>,
+}
+
+impl<S: Simd> Cuts<S> {
+    /// No cells.
+    #[inline(always)]
+    fn new() -> Self {
+        let zero = S::splat(0.0);
+        let numbers = [zero; CELL_NUMBERS];
+        Self {
+            numbers,
+            more: [zero; 12],
+            used: S::lt(zero, zero),
+            cell: QueuedCell::from_numbers(numbers),
+            per_error: zero,
+            field: [zero; 4],
+            gradients: [[zero; 4]; 3],
+            to_eye: [zero; 3],
+            at: zero,
+            next: zero,
+            begin: zero,
+            light: LightAt::nothing(),
+            tries: zero,
+            sum: Part::nothing(),
+        }
+    }
+
+    /// The next part.
+    #[inline(always)]
+    fn next_part(&self) -> Trial<S> {
+        let (one, half) = (S::splat(1.0), S::splat(0.5));
+        // Nothing shorter than the shortest part is left over.
+        let rest = one - self.at;
+        let size = S::select(S::lt(self.next + S::splat(LEAST_PART), rest), self.next, rest);
+        let end = S::select(S::le(rest, size), one, self.at + size);
+        let middle = S::mul_add(half, size, self.at);
+        let whole = &self.cell.chord;
+        let chord = Chord {
+            values: [self.begin, cubic_at::<S>(self.field, middle), cubic_at::<S>(self.field, end)],
+            cubic: whole.cubic * size * size * size,
+            length: whole.length * size,
+            noise: whole.noise,
+        };
+        Trial { size, end, chord }
+    }
+
+    /// Light in the middle and at the end of a part.
+    #[inline(always)]
+    fn light_behind(&self, trial: &Trial<S>, lighting: &PacketLighting<'_>) -> [LightAt<S>; 2] {
+        let middle = S::mul_add(S::splat(0.5), trial.size, self.at);
+        let at_middle = for_three!(a => cubic_at::<S>(self.gradients[a], middle));
+        let at_end = for_three!(a => cubic_at::<S>(self.gradients[a], trial.end));
+        [lighting.at::<S>(at_middle, &self.to_eye), lighting.at::<S>(at_end, &self.to_eye)]
+    }
+
+    /// Takes a part or halves it; `at_end` is the light there.
+    #[inline(always)]
+    fn end_part(&mut self, trial: &Trial<S>, part: &Part<S>, at_end: &LightAt<S>) {
+        let going = self.going();
+        let (size, sum) = (trial.size, &mut self.sum);
+        let error = sum.transmittance * part.error;
+        let allowed = S::max(size, S::splat(LEAST_SHARE));
+        let (ratio, is_shortest) = (error * self.per_error, S::le(size, S::splat(LEAST_PART)));
+        // NaN is taken, and found in the sum.
+        let is_taken = (!S::lt(allowed, ratio) | is_shortest) & going;
+        for c in 0..3 {
+            let color = S::mul_add(sum.transmittance, part.color[c], sum.color[c]);
+            sum.color[c] = S::select(is_taken, color, sum.color[c]);
+        }
+        sum.error = S::select(is_taken, sum.error + error, sum.error);
+        sum.tau = S::select(is_taken, sum.tau + part.tau, sum.tau);
+        sum.transmittance = S::select(is_taken, sum.transmittance * part.transmittance, sum.transmittance);
+        self.begin = S::select(is_taken, trial.chord.values[2], self.begin);
+        self.at = S::select(is_taken, trial.end, self.at);
+        self.light.replace(is_taken, at_end);
+        let longer = S::select(S::lt(ratio, allowed * S::splat(EASY)), S::splat(2.0), S::splat(1.0));
+        let shorter = S::select(S::lt(allowed * S::splat(HARD), ratio), S::splat(0.25), S::splat(0.5));
+        self.next = S::max(size * S::select(is_taken, longer, shorter), S::splat(LEAST_PART));
+        self.tries = self.tries - S::splat(1.0);
+    }
+
+    /// Lanes whose cells are not at their end.
+    #[inline(always)]
+    fn going(&self) -> S::M {
+        S::lt(self.at, S::splat(1.0)) & S::lt(S::splat(0.0), self.tries) & self.used
+    }
 }
 
 impl<L: Lookup> Task for Refine<'_, L> {
     type Output = Work;
 
     #[inline(always)]
-    fn run<S: Simd>(self) -> Work {
-        let mut work = Work { refined: self.cells.len() as u64, ..Work::default() };
-        for first in (0..self.cells.len()).step_by(S::LANES) {
-            let count = (self.cells.len() - first).min(S::LANES);
-            let cell = self.cells.cells::<S>(first);
-            let (part, samples) = self.cut::<S>(&cell, first);
-            work.samples += samples;
-            let [r, g, b] = part.color;
-            write_parts::<S, PART_NUMBERS>(self.parts, cell.slot, count, [r, g, b, part.tau]);
-            let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
-            // Also NaN: a cell beside a hole.
-            let is_unsettled = !S::le(part.error * per_error, S::splat(EXACT_FROM));
-            let exact = S::bits(is_unsettled & self.cells.used::<S>(first));
-            if exact != 0 {
-                work.exact += u64::from(exact.count_ones());
-                let (mut slots, mut bases) = ([0; LANES_LIMIT], [0; LANES_LIMIT]);
-                S::store_int(cell.slot, &mut slots);
-                S::store_int(cell.base, &mut bases);
-                for lane in lanes(exact) {
-                    let (step, ray) = (slots[lane] as usize / LANES_LIMIT, slots[lane] as usize % LANES_LIMIT);
-                    let [r, g, b, transmittance] = self.host.integrate_exactly(self.lanes.rays[ray], bases[lane]);
-                    let tau = -transmittance.max(f32::MIN_POSITIVE).ln();
-                    for (number, value) in [r, g, b, tau].into_iter().enumerate() {
-                        self.parts[step][number][ray] = value;
-                    }
-                }
+    fn run<S: Simd>(mut self) -> Work {
+        let count = self.pending.cells.len();
+        let mut work = Work { refined: count as u64, ..Work::default() };
+        let mut cuts = Cuts::<S>::new();
+        let mut taken = 0;
+        loop {
+            let mut going = S::bits(cuts.going()).count_ones();
+            let idle = S::LANES as u32 - going;
+            if going == 0 || (taken < count && idle * REFILL_SHARE >= S::LANES as u32) {
+                self.hand_over(&cuts, &mut work);
+                taken += self.refill(&mut cuts, taken);
+                going = S::bits(cuts.going()).count_ones();
             }
+            if going == 0 {
+                break;
+            }
+            work.samples += u64::from(2 * going);
+            self.cut(&mut cuts);
         }
-        self.cells.clear();
+        self.pending.cells.clear();
         work
     }
 }
 
 impl<L: Lookup> Refine<'_, L> {
-    /// Cuts the cells from number `first` on into parts and integrates those; also the number of samples.
+    /// Cells from number `first` on into the lanes that have none left; how many.
     #[inline(always)]
-    fn cut<S: Simd>(&self, cell: &QueuedCell<S>, first: usize) -> (Part<S>, u64) {
-        let (zero, one, half) = (S::splat(0.0), S::splat(1.0), S::splat(0.5));
-        let whole = cell.chord;
-        let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
-        let used = self.cells.used::<S>(first);
-        let field = cubic_through::<S>(whole.values, whole.cubic);
-        #[allow(clippy::manual_map, reason = "nobody promises that a closure is compiled with the set's instructions")]
-        let shading = match self.lighting {
-            Some(lighting) => {
-                Some((lighting, self.gradients::<S>(first), self.lanes.toward_eye::<S>(lighting, cell.slot)))
-            }
-            None => None,
-        };
-        let mut sum = Part::<S>::nothing();
-        // Unknown from the beginning: beside a hole.
-        sum.error = S::select(S::is_nan(cell.error), cell.error, zero);
-        let (mut at, mut next) = (zero, first_part::<S>(cell.error * per_error));
-        let mut begin = field[0];
-        let mut gradient = match &shading {
-            Some((_, curves, _)) => for_three!(a => curves[a][0]),
-            None => [zero; 3],
-        };
-        let mut samples = 0;
-        for _ in 0..TRIES_LIMIT {
-            let going = S::lt(at, one) & used;
-            let lanes = S::bits(going).count_ones();
-            if lanes == 0 {
-                return (sum, samples);
-            }
-            samples += u64::from(2 * lanes);
-            // Nothing shorter than the shortest part is left over.
-            let rest = one - at;
-            let size = S::select(S::lt(next + S::splat(LEAST_PART), rest), next, rest);
-            let is_last = S::le(rest, size);
-            let end = S::select(is_last, one, at + size);
-            let middle = S::mul_add(half, size, at);
-            let values = [begin, cubic_at::<S>(field, middle), cubic_at::<S>(field, end)];
-            let (cubic, length) = (whole.cubic * size * size * size, whole.length * size);
-            let chord = Chord::<S> { values, cubic, length, noise: whole.noise };
-            let mut part = integrate::<S, L>(self.classifier.table, S::splat(self.classifier.narrow), &chord);
-            let mut gradient_at_end = gradient;
-            if let Some((lighting, curves, to_eye)) = &shading {
-                let at_middle = for_three!(a => cubic_at::<S>(curves[a], middle));
-                gradient_at_end = for_three!(a => cubic_at::<S>(curves[a], end));
-                let gradients = [gradient, at_middle, gradient_at_end];
-                (part.color, part.error) = lighting.shade::<S>(&part, &gradients, to_eye);
-            }
-            let error = sum.transmittance * part.error;
-            let allowed = S::max(size, S::splat(LEAST_SHARE));
-            let (ratio, is_shortest) = (error * per_error, S::le(size, S::splat(LEAST_PART)));
-            // NaN is taken, and found in the sum.
-            let is_taken = (!S::lt(allowed, ratio) | is_shortest) & going;
-            for c in 0..3 {
-                let color = S::mul_add(sum.transmittance, part.color[c], sum.color[c]);
-                sum.color[c] = S::select(is_taken, color, sum.color[c]);
-                gradient[c] = S::select(is_taken, gradient_at_end[c], gradient[c]);
-            }
-            sum.error = S::select(is_taken, sum.error + error, sum.error);
-            sum.tau = S::select(is_taken, sum.tau + part.tau, sum.tau);
-            sum.transmittance = S::select(is_taken, sum.transmittance * part.transmittance, sum.transmittance);
-            begin = S::select(is_taken, values[2], begin);
-            at = S::select(is_taken, end, at);
-            let longer = S::select(S::lt(ratio, allowed * S::splat(EASY)), size + size, size);
-            let shorter = size * S::select(S::lt(allowed * S::splat(HARD), ratio), S::splat(0.25), half);
-            next = S::select(is_taken, longer, S::max(shorter, S::splat(LEAST_PART)));
+    fn refill<S: Simd>(&self, cuts: &mut Cuts<S>, first: usize) -> usize {
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let going = cuts.going();
+        let mut bits = S::bits(!going);
+        while bits.count_ones() as usize > self.pending.cells.len() - first {
+            bits &= bits - 1;
         }
-        // Never settled: as if nothing were known.
-        sum.error = S::select(S::lt(at, one), S::splat(f32::NAN), sum.error);
-        (sum, samples)
+        let new = S::mask_from_bits(bits);
+        self.pending.cells.refill::<S>(first, new, &mut cuts.numbers, &mut cuts.more);
+        cuts.used = going | new;
+        cuts.cell = QueuedCell::from_numbers(cuts.numbers);
+        let QueuedCell { slot, chord, error, .. } = &cuts.cell;
+        cuts.per_error = S::lookup16(&self.lanes.per_error, *slot);
+        cuts.field = cubic_through::<S>(chord.values, chord.cubic);
+        cuts.begin = S::select(new, chord.values[0], cuts.begin);
+        if let Some(lighting) = self.lighting {
+            let n = &cuts.more;
+            cuts.gradients = for_three!(a => cubic_through::<S>([n[a], n[3 + a], n[6 + a]], n[9 + a]));
+            cuts.to_eye = self.lanes.toward_eye::<S>(lighting, *slot);
+            cuts.light.replace(new, &lighting.at::<S>([n[0], n[1], n[2]], &cuts.to_eye));
+        }
+        cuts.at = S::select(new, zero, cuts.at);
+        cuts.next = S::select(new, first_part::<S>(*error * cuts.per_error), cuts.next);
+        cuts.tries = S::select(new, S::splat(TRIES_LIMIT), cuts.tries);
+        let sum = &mut cuts.sum;
+        for c in 0..3 {
+            sum.color[c] = S::select(new, zero, sum.color[c]);
+        }
+        sum.tau = S::select(new, zero, sum.tau);
+        sum.transmittance = S::select(new, one, sum.transmittance);
+        // Unknown from the beginning: beside a hole.
+        sum.error = S::select(new, S::select(S::is_nan(*error), *error, zero), sum.error);
+        bits.count_ones() as usize
     }
 
-    /// The gradient along the cells from number `first` on: coefficients for each axis.
+    /// Writes the parts of the cells that are at their end.
     #[inline(always)]
-    fn gradients<S: Simd>(&self, first: usize) -> [[S::F; 4]; 3] {
-        let cells = &self.cells;
-        let (begin, middle) = (cells.three::<S>(0, first), cells.three::<S>(3, first));
-        let (end, cubics) = (cells.three::<S>(6, first), cells.three::<S>(9, first));
-        for_three!(a => cubic_through::<S>([begin[a], middle[a], end[a]], cubics[a]))
+    fn hand_over<S: Simd>(&mut self, cuts: &Cuts<S>, work: &mut Work) {
+        let done = cuts.used & !cuts.going();
+        let sum = &cuts.sum;
+        let [r, g, b] = sum.color;
+        let mut numbers = [[0.0; LANES_LIMIT]; PART_NUMBERS];
+        for (into, values) in numbers.iter_mut().zip([r, g, b, sum.tau]) {
+            S::store(values, into);
+        }
+        let (mut slots, mut bases) = ([0; LANES_LIMIT], [0; LANES_LIMIT]);
+        S::store_int(cuts.cell.slot, &mut slots);
+        S::store_int(cuts.cell.base, &mut bases);
+        // Also NaN, beside a hole; and what was never at its end.
+        let is_settled = S::le(sum.error * cuts.per_error, S::splat(EXACT_FROM)) & !S::lt(cuts.at, S::splat(1.0));
+        let exact = S::bits(!is_settled & done);
+        work.exact += u64::from(exact.count_ones());
+        for lane in lanes(S::bits(done)) {
+            let (number, ray) = (slots[lane] as usize / LANES_LIMIT, slots[lane] as usize % LANES_LIMIT);
+            let mut part = [0, 1, 2, 3].map(|i| numbers[i][lane]);
+            if exact >> lane & 1 == 1 {
+                part = self.host.integrate_exactly(self.lanes.rays[ray], bases[lane]);
+                part[3] = -part[3].max(f32::MIN_POSITIVE).ln();
+            }
+            for (into, value) in self.pending.parts[number % PENDING_LIMIT].iter_mut().zip(part) {
+                into[ray] = value;
+            }
+        }
+    }
+
+    /// Integrates the next part of each cell, and takes it or halves it.
+    #[inline(always)]
+    fn cut<S: Simd>(&self, cuts: &mut Cuts<S>) {
+        let &Classifier { table, narrow, .. } = self.classifier;
+        let trial = cuts.next_part();
+        let mut along = [cuts.light; 3];
+        if let Some(lighting) = self.lighting {
+            [along[1], along[2]] = cuts.light_behind(&trial, lighting);
+        }
+        let mut part = integrate::<S, L>(table, S::splat(narrow), &trial.chord);
+        if let Some(lighting) = self.lighting {
+            (part.color, part.error) = lighting.shade::<S>(&part, &along);
+        }
+        cuts.end_part(&trial, &part, &along[2]);
     }
 }
 

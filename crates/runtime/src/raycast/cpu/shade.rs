@@ -16,10 +16,10 @@ use supervol_format::Geometry;
 
 use super::fetch::Around;
 use super::integrate::Part;
-use super::packet::{Lanes, Parts, write_parts};
+use super::packet::Lanes;
+use super::pending::{RefineQueue, RoundParts, write_parts};
 use super::queue::Queue;
-use super::refine::RefineQueue;
-use super::simd::{Simd, Task, exp_minus, for_three, minus_ln};
+use super::simd::{LANES_LIMIT, Simd, Task, exp_minus, for_three, minus_ln};
 use super::walk::{PacketBrick, ROUND};
 use crate::raycast::scalar::shade::Lighting;
 
@@ -34,12 +34,14 @@ const TURN_SHARE: f32 = 0.1;
 /// Share of the highlights that their mean may be off by, where the square of the turn is the shininess's inverse: that is
 /// how wide a highlight is. Falls with the fourth power.
 const HIGHLIGHT_SHARE: f32 = 0.006;
+/// Greatest whole half of a shininess that is reached by multiplications.
+const WHOLE_LIMIT: u32 = 128;
 /// Least square of |n.h|: a normal `f32`.
 const LEAST_SQUARE: f32 = 1e-37;
 
 /// Numbers of a cell beside those of all: position of its beginning, and of its part the colour, optical depth, front
 /// share and misplaced share.
-pub type ShadeQueue = Queue<10>;
+pub type ShadeQueue = Queue<{ (ROUND + 1) * LANES_LIMIT }, 10>;
 
 /// The lighting of a frame as the voxels of one level see it.
 #[derive(Debug, Clone, Copy)]
@@ -54,6 +56,8 @@ pub struct PacketLighting<'a> {
     light: f32,
     /// Most that a colour can be multiplied by.
     gain: f32,
+    /// Half the shininess, where that is a whole number that multiplications reach sooner than a logarithm.
+    whole_half: Option<u32>,
 }
 
 /// A gradient in world space at the beginning, the middle and the end of a part.
@@ -76,14 +80,35 @@ fn dot<S: Simd>(a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
     S::mul_add(a[0], b[0], S::mul_add(a[1], b[1], a[2] * b[2]))
 }
 
-/// D and S at one place.
+/// The light at one place of a part.
 #[derive(Clone, Copy)]
-struct Lit<S: Simd> {
+pub struct LightAt<S: Simd> {
+    /// In world space.
+    gradient: [S::F; 3],
+    /// 0 where there is no normal.
+    inverse_length: S::F,
+    /// D and S.
     diffuse: S::F,
     specular: S::F,
 }
 
-impl<S: Simd> Lit<S> {
+impl<S: Simd> LightAt<S> {
+    /// Dark.
+    #[inline(always)]
+    pub fn nothing() -> Self {
+        let zero = S::splat(0.0);
+        Self { gradient: [zero; 3], inverse_length: zero, diffuse: zero, specular: zero }
+    }
+
+    /// Where the mask holds `other`.
+    #[inline(always)]
+    pub fn replace(&mut self, mask: S::M, other: &Self) {
+        self.gradient = for_three!(a => S::select(mask, other.gradient[a], self.gradient[a]));
+        self.inverse_length = S::select(mask, other.inverse_length, self.inverse_length);
+        self.diffuse = S::select(mask, other.diffuse, self.diffuse);
+        self.specular = S::select(mask, other.specular, self.specular);
+    }
+
     /// A colour after shading.
     #[inline(always)]
     fn of(&self, color: S::F) -> S::F {
@@ -103,6 +128,7 @@ impl<'a> PacketLighting<'a> {
             world_from_differences: (lighting.world_from_level_gradient(scale) * per_difference).to_cols_array_2d(),
             world_from_cells: world_from_cells.as_mat3().to_cols_array_2d(),
             light,
+            whole_half: (1..=WHOLE_LIMIT).find(|&half| half as f32 * 2.0 == lighting.shininess),
             gain: (lighting.ambient + (lighting.diffuse + lighting.specular) * light).max(1.0),
         }
     }
@@ -114,73 +140,85 @@ impl<'a> PacketLighting<'a> {
         for_three!(a => along[a] * S::splat(-1.0))
     }
 
-    /// The part's colour after shading, and its error.
+    /// The light where the gradient is this, seen from there.
     #[inline(always)]
-    pub fn shade<S: Simd>(&self, part: &Part<S>, gradients: &Gradients<S>, to_eye: &[S::F; 3]) -> ([S::F; 3], S::F) {
-        let (zero, one) = (S::splat(0.0), S::splat(1.0));
-        let mut inverse_lengths = [zero; 3];
-        let floor = self.lighting.gradient_floor.max(f32::MIN_POSITIVE.sqrt());
-        for (inverse, gradient) in inverse_lengths.iter_mut().zip(gradients) {
-            let length = S::sqrt(dot::<S>(gradient, gradient));
-            // 0 where there is no normal.
-            *inverse = S::select(S::le(S::splat(floor), length), one / S::max(length, S::splat(floor)), zero);
-        }
-        let lit = self.light::<S>(gradients, &inverse_lengths, to_eye);
-        let opacity = one - part.transmittance;
-        let per_opacity = one / S::max(opacity, S::splat(f32::MIN_POSITIVE));
-        let mut color = part.color;
-        let mut of_place = zero;
-        for c in 0..3 {
-            let plain = part.color[c] * per_opacity;
-            let f = for_three!(i => lit[i].of(plain));
-            let (mean, error) = mean_of_channel::<S>(part, f);
-            color[c] = opacity * mean;
-            of_place = S::max(of_place, error);
-        }
-        let of_place = of_place + self.error_of_turn::<S>(gradients, &inverse_lengths);
-        (color, S::mul_add(opacity, S::min(of_place, one), part.error * S::splat(self.gain)))
-    }
-
-    /// What three places can miss of a highlight between them.
-    #[inline(always)]
-    fn error_of_turn<S: Simd>(&self, gradients: &Gradients<S>, inverse_lengths: &[S::F; 3]) -> S::F {
-        let lighting = self.lighting;
-        let turn = turn::<S>(gradients, inverse_lengths);
-        let widths = turn * S::splat(lighting.shininess);
-        let highlight = S::min(widths * widths * S::splat(HIGHLIGHT_SHARE), S::splat(1.0));
-        let of_highlight = highlight * S::splat(lighting.specular * self.light);
-        S::mul_add(turn * turn, S::splat(TURN_SHARE * lighting.diffuse * self.light), of_highlight)
-    }
-
-    /// D and S at the three places; 1 and 0 where there is no normal.
-    #[inline(always)]
-    fn light<S: Simd>(&self, gradients: &Gradients<S>, inverse_lengths: &[S::F; 3], to_eye: &[S::F; 3]) -> [Lit<S>; 3] {
+    pub fn at<S: Simd>(&self, gradient: [S::F; 3], to_eye: &[S::F; 3]) -> LightAt<S> {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let lighting = self.lighting;
-        let mut lit = [Lit { diffuse: S::splat(lighting.ambient), specular: zero }; 3];
-        let against_ray = for_three!(i => dot::<S>(&gradients[i], to_eye));
+        let floor = S::splat(lighting.gradient_floor.max(f32::MIN_POSITIVE.sqrt()));
+        let length = S::sqrt(dot::<S>(&gradient, &gradient));
+        let has_normal = S::le(floor, length);
+        let inverse_length = S::select(has_normal, one / S::max(length, floor), zero);
+        let against_ray = dot::<S>(&gradient, to_eye);
+        let (mut diffuse, mut specular) = (S::splat(lighting.ambient), zero);
         for (to_light, intensity) in &lighting.lights {
             let to_light = [S::splat(to_light.x), S::splat(to_light.y), S::splat(to_light.z)];
             // |l + v|^2 = 2 + 2 l.v.
             let square = S::mul_add(S::splat(2.0), dot::<S>(&to_light, to_eye), S::splat(2.0));
             let has_half = S::lt(S::splat(1e-12), square);
             let per_half = S::select(has_half, one / S::sqrt(S::select(has_half, square, one)), zero);
-            for i in 0..3 {
-                let along_light = dot::<S>(&gradients[i], &to_light);
-                let cosine = S::abs(along_light * inverse_lengths[i]);
-                lit[i].diffuse = S::mul_add(cosine, S::splat(lighting.diffuse * intensity), lit[i].diffuse);
-                let along_half = (along_light + against_ray[i]) * (per_half * inverse_lengths[i]);
-                let square = S::min(S::max(along_half * along_half, S::splat(LEAST_SQUARE)), one);
-                let power = exp_minus::<S>(minus_ln::<S>(square) * S::splat(0.5 * lighting.shininess));
-                lit[i].specular = S::mul_add(power, S::splat(lighting.specular * intensity), lit[i].specular);
+            let along_light = dot::<S>(&gradient, &to_light);
+            let cosine = S::abs(along_light * inverse_length);
+            diffuse = S::mul_add(cosine, S::splat(lighting.diffuse * intensity), diffuse);
+            let along_half = (along_light + against_ray) * (per_half * inverse_length);
+            let power = self.highlight::<S>(S::min(along_half * along_half, one));
+            specular = S::mul_add(power, S::splat(lighting.specular * intensity), specular);
+        }
+        LightAt {
+            gradient,
+            inverse_length,
+            diffuse: S::select(has_normal, diffuse, one),
+            specular: S::select(has_normal, specular, zero),
+        }
+    }
+
+    /// The part's colour after shading, and its error, from the light at its beginning, middle and end.
+    #[inline(always)]
+    pub fn shade<S: Simd>(&self, part: &Part<S>, along: &[LightAt<S>; 3]) -> ([S::F; 3], S::F) {
+        let one = S::splat(1.0);
+        let opacity = one - part.transmittance;
+        let per_opacity = one / S::max(opacity, S::splat(f32::MIN_POSITIVE));
+        let mut color = part.color;
+        let mut of_place = S::splat(0.0);
+        for c in 0..3 {
+            let plain = part.color[c] * per_opacity;
+            let f = for_three!(i => along[i].of(plain));
+            let (mean, error) = mean_of_channel::<S>(part, f);
+            color[c] = opacity * mean;
+            of_place = S::max(of_place, error);
+        }
+        let of_place = of_place + self.error_of_turn::<S>(along);
+        (color, S::mul_add(opacity, S::min(of_place, one), part.error * S::splat(self.gain)))
+    }
+
+    /// What three places can miss of a highlight between them.
+    #[inline(always)]
+    fn error_of_turn<S: Simd>(&self, along: &[LightAt<S>; 3]) -> S::F {
+        let lighting = self.lighting;
+        let turn = turn::<S>(along);
+        let widths = turn * S::splat(lighting.shininess);
+        let highlight = S::min(widths * widths * S::splat(HIGHLIGHT_SHARE), S::splat(1.0));
+        let of_highlight = highlight * S::splat(lighting.specular * self.light);
+        S::mul_add(turn * turn, S::splat(TURN_SHARE * lighting.diffuse * self.light), of_highlight)
+    }
+
+    /// |n.h| to the power of the shininess, from its square, at most 1.
+    #[inline(always)]
+    fn highlight<S: Simd>(&self, square: S::F) -> S::F {
+        let Some(mut left) = self.whole_half else {
+            return exp_minus::<S>(
+                minus_ln::<S>(S::max(square, S::splat(LEAST_SQUARE))) * S::splat(0.5 * self.lighting.shininess),
+            );
+        };
+        let (mut power, mut factor) = (S::splat(1.0), square);
+        while left > 1 {
+            if left & 1 == 1 {
+                power = power * factor;
             }
+            factor = factor * factor;
+            left >>= 1;
         }
-        for i in 0..3 {
-            let has_normal = S::lt(zero, inverse_lengths[i]);
-            lit[i].diffuse = S::select(has_normal, lit[i].diffuse, one);
-            lit[i].specular = S::select(has_normal, lit[i].specular, zero);
-        }
-        lit
+        power * factor
     }
 }
 
@@ -204,11 +242,12 @@ fn mean_of_channel<S: Simd>(part: &Part<S>, uncut: [S::F; 3]) -> (S::F, S::F) {
 
 /// Sum of the squares of the differences between neighbouring normals.
 #[inline(always)]
-fn turn<S: Simd>(gradients: &Gradients<S>, inverse_lengths: &[S::F; 3]) -> S::F {
+fn turn<S: Simd>(along: &[LightAt<S>; 3]) -> S::F {
     let mut sum = S::splat(0.0);
     for [a, b] in [[0, 1], [1, 2]] {
-        let scale = inverse_lengths[a] * inverse_lengths[b];
-        let difference = S::mul_add(S::splat(-2.0) * dot::<S>(&gradients[a], &gradients[b]), scale, S::splat(2.0));
+        let scale = along[a].inverse_length * along[b].inverse_length;
+        let cosine = dot::<S>(&along[a].gradient, &along[b].gradient);
+        let difference = S::mul_add(S::splat(-2.0) * cosine, scale, S::splat(2.0));
         sum = sum + S::select(S::lt(S::splat(0.0), scale), S::max(difference, S::splat(0.0)), S::splat(0.0));
     }
     sum
@@ -227,7 +266,7 @@ pub struct ShadeCells<'a> {
     /// Cells that one rule does not settle.
     pub unsettled: &'a mut RefineQueue,
     /// Where colours go.
-    pub parts: &'a mut Parts,
+    pub parts: &'a mut RoundParts,
 }
 
 /// The gradient along the rays through some cells.
@@ -311,8 +350,14 @@ impl ShadeCells<'_> {
             colors: self.cells.one::<S>(9, first),
         };
         let to_eye = self.lanes.toward_eye::<S>(self.lighting, cell.slot);
-        let (shaded, error) = self.lighting.shade::<S>(&part, &along.gradients, &to_eye);
-        write_parts::<S, 3>(self.parts, cell.slot, (self.cells.len() - first).min(S::LANES), shaded);
+        let lit = for_three!(i => self.lighting.at::<S>(along.gradients[i], &to_eye));
+        let (shaded, error) = self.lighting.shade::<S>(&part, &lit);
+        write_parts::<S, 3, ROUND>(
+            &mut self.parts.numbers,
+            cell.slot,
+            (self.cells.len() - first).min(S::LANES),
+            shaded,
+        );
         // Rays for which the hole beside them has no weight have a gradient after all.
         let is_in_plane = S::lt(S::splat(0.0), S::lookup16(&self.lanes.in_plane, cell.slot));
         cell.error = S::select(along.is_unknown & is_in_plane, S::splat(f32::NAN), error);

@@ -167,6 +167,18 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
+    fn expand(values: Floats, mask: Mask, others: Floats) -> Floats {
+        // As for `compress`, the other way.
+        let moved = unsafe {
+            let lane_bytes = _pdep_u64(u64::from(Self::bits(mask)), 0x0101_0101_0101_0101) * 0xff;
+            let lanes = _pdep_u64(0x0706_0504_0302_0100, lane_bytes);
+            let lanes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(lanes as i64));
+            Floats(_mm256_permutevar8x32_ps(values.0, lanes))
+        };
+        Self::select(mask, moved, others)
+    }
+
+    #[inline(always)]
     fn mul_add(a: Floats, b: Floats, c: Floats) -> Floats {
         Floats(unsafe { _mm256_fmadd_ps(a.0, b.0, c.0) })
     }

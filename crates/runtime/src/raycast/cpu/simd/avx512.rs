@@ -169,6 +169,11 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
+    fn expand(values: Floats, mask: Mask, others: Floats) -> Floats {
+        Floats(unsafe { _mm512_mask_expand_ps(others.0, mask.0, values.0) })
+    }
+
+    #[inline(always)]
     fn mul_add(a: Floats, b: Floats, c: Floats) -> Floats {
         Floats(unsafe { _mm512_fmadd_ps(a.0, b.0, c.0) })
     }

@@ -47,6 +47,8 @@ pub trait Simd: Copy + Send + Sync + 'static {
     fn store_int(values: Self::I, into: &mut [i32; LANES_LIMIT]);
     /// The lanes of the mask into an array from its beginning, in their order; anything behind them.
     fn compress(values: Self::F, mask: Self::M, into: &mut [f32; LANES_LIMIT]);
+    /// The first values into the lanes of the mask, in their order; the other lanes from `others`.
+    fn expand(values: Self::F, mask: Self::M, others: Self::F) -> Self::F;
 
     /// `a * b + c`.
     fn mul_add(a: Self::F, b: Self::F, c: Self::F) -> Self::F;

@@ -158,6 +158,18 @@ impl Simd for Portable {
     }
 
     #[inline(always)]
+    fn expand(values: Floats, mask: Mask, others: Floats) -> Floats {
+        let (mut out, mut next) = (others, 0);
+        for lane in 0..LANES {
+            if mask.0[lane] & 1 == 1 {
+                out.0[lane] = values.0[next];
+                next += 1;
+            }
+        }
+        out
+    }
+
+    #[inline(always)]
     fn mul_add(a: Floats, b: Floats, c: Floats) -> Floats {
         // Not fused: without an instruction for it, fusing is a function call per lane.
         a * b + c

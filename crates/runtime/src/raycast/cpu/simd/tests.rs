@@ -61,6 +61,14 @@ impl Task for Outcome<'_> {
         let expected: Vec<u32> = taken.map(|lane| canonical(inputs.a[lane])).collect();
         let together: Vec<u32> = together.into_iter().take(expected.len()).map(canonical).collect();
         assert_eq!(together, expected, "compress");
+        let mut apart = [0.0; LANES_LIMIT];
+        S::store(S::expand(a, mask, b), &mut apart);
+        let mut values = inputs.a.iter();
+        for lane in 0..S::LANES {
+            let from =
+                if inputs.bits >> lane & 1 == 1 { values.next().expect("as many as lanes") } else { &inputs.b[lane] };
+            assert_eq!(canonical(apart[lane]), canonical(*from), "expand, lane {lane}");
+        }
         let floats = [
             ("add", a + b),
             ("sub", a - b),
