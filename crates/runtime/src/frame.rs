@@ -105,7 +105,8 @@ pub struct RenderOptions<'a> {
     pub caster: Caster,
     /// Milliseconds after which the picture is completed from what is there; `None`: it converges.
     pub time_budget_ms: Option<u64>,
-    /// Error of the picture that is aimed for, a share of full scale: chooses levels where they are chosen automatically.
+    /// Error of the picture that is aimed for, a share of full scale: steers packets of rays, within
+    /// [`MAX_ERROR_LIMITS`](crate::raycast::cpu::MAX_ERROR_LIMITS), and chooses levels where they are chosen automatically.
     /// From 1 on any picture will do, and voxels are as large as a pixel.
     pub max_error: f64,
     /// Called after each pass.

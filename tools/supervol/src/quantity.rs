@@ -4,6 +4,9 @@ use std::str::FromStr;
 
 use supervol_format::{Dims, VoxelBox, VoxelType};
 use supervol_preprocess::source::Endian;
+use supervol_runtime::image::GREY_LEVELS;
+use supervol_runtime::lod::by_error::ANY_ERROR;
+use supervol_runtime::raycast::cpu::MAX_ERROR_LIMITS;
 
 /// Bytes: `1048576`, `64MiB`, `1GiB`, `500 MB`, `2G` (binary).
 pub fn bytes(text: &str) -> Result<u64, String> {
@@ -114,7 +117,7 @@ pub fn dtype(text: &str) -> Result<Dtype, String> {
 /// A bound on an error: in data units (`0.5`), as a fraction (`0.5/255`), or in percent of the value range (`1%`).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ErrorBound {
-    /// Data units, or a share of full scale for pictures.
+    /// Data units; [`picture_error`] takes it as a share of full scale.
     Absolute(f64),
     /// Percent of the value range.
     Percent(f64),
@@ -134,6 +137,31 @@ pub fn error_bound(text: &str) -> Result<ErrorBound, String> {
         }
         None => Ok(ErrorBound::Absolute(number(text)?)),
     }
+}
+
+/// An error of a picture as a share of full scale: one that the renderer can be aimed at, or 1, which is any error.
+///
+/// Whatever else there is between would be brought to these limits without a word.
+pub fn picture_error(text: &str) -> Result<f64, String> {
+    let error = match error_bound(text)? {
+        ErrorBound::Absolute(error) => error,
+        ErrorBound::Percent(percent) => percent / 100.0,
+    };
+    let [least, greatest] = MAX_ERROR_LIMITS;
+    if (least..=greatest).contains(&error) || error == ANY_ERROR {
+        return Ok(error);
+    }
+    let levels = |error: f64| format!("{}/255", (error * GREY_LEVELS * 1e4).round() / 1e4);
+    // Who forgets the divisor means grey levels.
+    let means_levels = (least..=greatest).contains(&(error / GREY_LEVELS)) && text.trim().parse::<f64>().is_ok();
+    let advice = if means_levels { format!("; for {text} grey levels of 255, give {text}/255") } else { String::new() };
+    Err(format!(
+        "expected {} to {} of full scale, or {ANY_ERROR} for levels of detail by the size of a pixel alone; found {text}, which \
+         is {}{advice}",
+        levels(least),
+        levels(greatest),
+        levels(error),
+    ))
 }
 
 /// Bytes for people: three digits and a binary unit.
@@ -167,6 +195,21 @@ mod tests {
         assert_eq!(error_bound("0.5/255"), Ok(ErrorBound::Absolute(0.5 / 255.0)));
         assert_eq!(error_bound("1%"), Ok(ErrorBound::Percent(1.0)));
         assert!(error_bound("-1").is_err());
+        for (text, levels) in
+            [("0.05/255", 0.05), ("16/255", 16.0), ("1%", 2.55), ("0.002", 0.51), ("1", 255.0), ("100%", 255.0)]
+        {
+            let found = picture_error(text).unwrap_or_else(|e| panic!("{text}: {e}"));
+            assert!((found * GREY_LEVELS - levels).abs() < 1e-9, "{text}: {found}");
+        }
+        for text in ["0", "0.04/255", "0.0001", "17/255", "0.5", "50%", "2", "1/0", "-1/255", "nan"] {
+            let refused = picture_error(text).expect_err(text);
+            assert!(refused.contains("expected") && refused.contains(text), "{text}: {refused}");
+        }
+        let advised =
+            |text: &str| picture_error(text).is_err_and(|message| message.contains(&format!("give {text}/255")));
+        assert!(
+            advised("0.5") && advised("2") && advised("16") && !advised("0") && !advised("17/255") && !advised("17")
+        );
         assert!(dims("10,0,3").is_err() && dims("1,2").is_err());
         assert_eq!(image_size("1024x768"), Ok([1024, 768]));
         assert!(image_size("1024").is_err() && image_size("0x4").is_err() && image_size("4x-3").is_err());

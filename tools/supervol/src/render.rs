@@ -18,7 +18,7 @@ use supervol_runtime::stats::FrameStats;
 
 use crate::failure::{Failure, with_container, with_output};
 use crate::progress::Reporter;
-use crate::quantity::{self, ErrorBound, show_bytes};
+use crate::quantity::{self, show_bytes};
 
 /// Rays of `--check` without a number.
 const CHECK_RAYS: &str = "1000";
@@ -39,11 +39,11 @@ pub struct Arguments {
     /// Who casts the rays
     #[arg(long, value_enum, default_value = "auto")]
     backend: BackendName,
-    /// Largest error of any channel of any pixel that is aimed for, as a share of full scale: it sets how finely the CPU
-    /// backend integrates (0.05/255 to 16/255; dvr), and with --level auto, coarser levels are drawn only where it
-    /// allows them; 1 goes by the size of a pixel alone
-    #[arg(long, value_name = "E", default_value = "0.5/255", value_parser = quantity::error_bound)]
-    max_error: ErrorBound,
+    /// Largest error of any channel of any pixel that is aimed for, as a share of full scale, 0.05/255 to 16/255: it sets
+    /// how finely the CPU backend integrates (dvr), and with --level auto, coarser levels are drawn only where it allows
+    /// them; or 1: levels go by the size of a pixel alone, and the CPU backend integrates within 16/255
+    #[arg(long, value_name = "E", default_value = "0.5/255", value_parser = quantity::picture_error)]
+    max_error: f64,
     /// Instructions for packets of rays (CPU backend): avx512, avx2 or portable; by default the best that the
     /// processor has
     #[arg(long, value_name = "SET")]
@@ -97,12 +97,8 @@ fn level(text: &str) -> Result<LevelChoice, String> {
 }
 
 impl Arguments {
-    fn options<'a>(&self, progress: &'a (dyn Fn(Progress) + Sync)) -> Result<RenderOptions<'a>, Failure> {
-        let max_error = match self.max_error {
-            ErrorBound::Absolute(error) => error,
-            ErrorBound::Percent(percent) => percent / 100.0,
-        };
-        Ok(RenderOptions {
+    fn options<'a>(&self, progress: &'a (dyn Fn(Progress) + Sync)) -> RenderOptions<'a> {
+        RenderOptions {
             backend: match self.backend {
                 BackendName::Auto => Backend::Auto,
                 BackendName::Cpu => Backend::Cpu,
@@ -119,9 +115,9 @@ impl Arguments {
             },
             time_budget_ms: self.time_budget,
             caster: Caster::Packets(PacketRule { instructions: self.instructions, ..PacketRule::DEFAULT }),
-            max_error,
+            max_error: self.max_error,
             progress: Some(progress),
-        })
+        }
     }
 }
 
@@ -146,7 +142,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         bar.set_position(u64::from(progress.rows_finished));
         bar.set_message(format!("{} read, {} rays wait", show_bytes(progress.bytes_read), progress.rays_waiting));
     };
-    let options = arguments.options(&on_progress)?;
+    let options = arguments.options(&on_progress);
     let result = picture(&container, &scene, &arguments.output, &options, arguments.check);
     bar.finish_and_clear();
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref()))?;

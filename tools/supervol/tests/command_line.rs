@@ -414,3 +414,25 @@ fn stability_is_written_as_a_page_and_as_regimes() {
     }
     assert!(regimes[0]["id"] == *id && read("stability.html").contains(id));
 }
+
+/// What lies outside the caster's limits would be brought to them in silence; 1 is documented as any error.
+#[test]
+fn errors_that_cannot_be_aimed_at_are_refused() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "sphere", "--dims", "16,16,16", "-o", "a.svol"]);
+    std::fs::write(folder.path("s.json"), r#"{"image": {"width": 8, "height": 6}}"#)
+        .expect("a temporary folder has room");
+    let render = ["render", "a.svol", "--scene", "s.json", "--backend", "cpu", "--stats", "s.stats", "-o"];
+    for bound in ["0", "0.01/255", "17/255", "0.5", "1.5", "300%"] {
+        let refused = folder.expect(2, &[&render[..], &["refused.png", "--max-error", bound]].concat());
+        for part in ["--max-error", "expected 0.05/255 to 16/255", "or 1 ", &format!("found {bound}, which is ")] {
+            assert!(refused.contains(part), "{bound}: no '{part}' in {refused}");
+        }
+        assert!(!Path::new(&folder.path("refused.png")).exists(), "--max-error {bound} drew a picture");
+    }
+    for (bound, asked) in [("0.05/255", 0.05 / 255.0), ("16/255", 16.0 / 255.0), ("1%", 0.01), ("1", 1.0)] {
+        folder.expect(0, &[&render[..], &["taken.png", "--max-error", bound]].concat());
+        let stats = json(&std::fs::read_to_string(folder.path("s.stats")).expect("render wrote it"));
+        assert_eq!(stats["max_error_requested"].as_f64(), Some(asked), "{bound}");
+    }
+}
