@@ -1,4 +1,5 @@
-//! `supervol bench`: what pictures cost here, and in other programs; what frames cost while the camera moves.
+//! `supervol bench`: what pictures cost here, and in other programs; what frames cost while the camera moves; whether
+//! random scenes keep the error that is asked for.
 
 use std::io::Write;
 use std::num::NonZero;
@@ -9,7 +10,7 @@ use supervol_chart::ledger::{self, Ledger};
 use supervol_chart::paths::{self, CameraPath};
 use supervol_chart::peers::cases::{Looks, Subject};
 use supervol_chart::peers::{self, Options, PeerOptions, Run, SameSampling, Sizes, report, vtk};
-use supervol_chart::{ChartError, Context, Scale};
+use supervol_chart::{ChartError, Context, Scale, random_scenes};
 use supervol_format::Container;
 use supervol_preprocess::{BuildOptions, Existing};
 
@@ -25,8 +26,8 @@ const DEFAULT_PICTURE: [u32; 2] = [800, 600];
 
 /// What to measure, and against whom.
 ///
-/// Without --peers and --path Supervol's own pictures are measured: cost, and distance from the reference. Benches of
-/// single parts (codecs, builds, pictures) are run by `cargo bench -p supervol-benches`.
+/// Without --peers, --path and --random-scenes Supervol's own pictures are measured: cost, and distance from the
+/// reference. Benches of single parts (codecs, builds, pictures) are run by `cargo bench -p supervol-benches`.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Draw everything with VTK's CPU ray caster, too; it is installed into a private Python environment the first time
@@ -35,6 +36,19 @@ pub struct Arguments {
     /// Measure frames along a camera path instead: orbit, dolly, or a file (see benches/paths)
     #[arg(long, value_name = "NAME|FILE.json", conflicts_with = "peers")]
     path: Option<String>,
+    /// Instead, draw N random scenes (volume, transfer function, camera, shading, clipping; mode dvr) at --max-error 0.1,
+    /// 0.5, 2 and 8 of 255, and compare them with the reference; exit code 1 if one is further off than was asked for.
+    /// 1000 scenes take some 7 minutes on one core
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000),
+          conflicts_with_all = ["peers", "path", "quick", "scene", "volume", "size", "edge", "pixels", "repeats", "record"])]
+    random_scenes: Option<u64>,
+    /// Seed of the random scenes
+    #[arg(long, value_name = "S", default_value = "1", requires = "random_scenes")]
+    seed: u64,
+    /// Number of the first random scene: to draw one again
+    #[arg(long, value_name = "K", default_value = "0", requires = "random_scenes",
+          value_parser = clap::value_parser!(u64).range(..1 << 48))]
+    first_scene: u64,
     /// Small volumes and pictures: seconds instead of minutes
     #[arg(long)]
     quick: bool,
@@ -98,9 +112,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let folder = tempfile::tempdir().map_err(with_output)?;
     let scale = if arguments.quick { Scale::Small } else { Scale::Full };
     let context = Context { scale, folder: folder.path(), say: &announce };
-    match &arguments.path {
-        Some(path) => arguments.along(&context, path),
-        None => arguments.compare(&context),
+    match (&arguments.path, arguments.random_scenes) {
+        (Some(path), _) => arguments.along(&context, path),
+        (None, Some(scenes)) => arguments.random(&context, scenes),
+        (None, None) => arguments.compare(&context),
     }
 }
 
@@ -156,6 +171,26 @@ impl Arguments {
         }
         keep(ledger.as_ref(), &ledger::of_rides(&path.name, &rides, options.threads, options.image))?;
         write!(std::io::stdout(), "{}", paths::markdown(&path, &rides, &options, &command)).map_err(with_output)
+    }
+
+    fn random(&self, context: &Context<'_>, scenes: u64) -> Result<(), Failure> {
+        let (seed, first) = (self.seed, self.first_scene);
+        let found =
+            random_scenes::run(context, random_scenes::Options { seed, first, scenes, threads: self.threads.get() })?;
+        let text = random_scenes::markdown(&found, &command_line());
+        if let Some(output) = &self.output {
+            random_scenes::write(&found, &text, output)?;
+        }
+        write!(std::io::stdout(), "{text}").map_err(with_output)?;
+        match found.scenes_above().as_slice() {
+            [] => Ok(()),
+            above => Err(Failure::Data(format!(
+                "{} of {scenes} random scenes of seed {seed} are further off than was asked for; draw the first of them \
+                 again with --random-scenes 1 --seed {seed} --first-scene {}",
+                above.len(),
+                above[0]
+            ))),
+        }
     }
 
     fn looks(&self) -> Looks {

@@ -436,3 +436,28 @@ fn errors_that_cannot_be_aimed_at_are_refused() {
         assert_eq!(stats["max_error_requested"].as_f64(), Some(asked), "{bound}");
     }
 }
+
+#[test]
+fn bench_draws_random_scenes_and_keeps_the_error() {
+    let folder = Folder::new();
+    let page = folder.expect(0, &["bench", "--random-scenes", "3", "--seed", "5", "--first-scene", "2", "-o", "out"]);
+    assert!(page.contains("Random scenes 2 to 4 of seed 5"), "{page}");
+    let read = |name: &str| std::fs::read_to_string(folder.0.path().join("out").join(name)).expect("bench wrote it");
+    assert!(page == read("random-scenes.md"));
+    let found = json(&read("random-scenes.json"));
+    assert_eq!(
+        (found["seed"].as_u64(), found["first_scene"].as_u64(), found["scenes"].as_u64()),
+        (Some(5), Some(2), Some(3))
+    );
+    let errors = found["errors"].as_array().expect("an entry for each error");
+    let asked: Vec<_> = errors.iter().map(|at| at["asked_grey_levels"].as_f64().expect("a number")).collect();
+    assert_eq!(asked, [0.1, 0.5, 2.0, 8.0]);
+    for at in errors {
+        let largest = at["largest_grey_levels"].as_f64().expect("a number");
+        assert!(at["p999_grey_levels"].as_f64().is_some_and(|p999| p999 <= largest), "{at}");
+        assert!(at["scenes_above"].as_array().is_some_and(Vec::is_empty), "{at}");
+    }
+    for wrong in [&["--random-scenes", "0"][..], &["--random-scenes", "3", "--peers"], &["--seed", "3"]] {
+        folder.expect(2, &[&["bench"][..], wrong].concat());
+    }
+}

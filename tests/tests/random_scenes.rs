@@ -1,0 +1,56 @@
+//! Random scenes by packets of rays: the error that is asked for is kept, with every set of instructions.
+//!
+//! The scenes are the first of those that `supervol bench --random-scenes 1000` draws.
+
+#![allow(clippy::print_stdout, reason = "the distances measured are what these tests are for")]
+
+use supervol_chart::random_scenes::{ERRORS, Options, RandomScene, aimed_at, run};
+use supervol_chart::{Context, Scale};
+use supervol_runtime::frame::RenderOptions;
+use supervol_runtime::raycast::cpu::simd::InstructionSet;
+use supervol_runtime::raycast::cpu::{Caster, PacketRule};
+use supervol_tests::pictures::distance;
+
+const SCENES: u64 = 80;
+const SEED: u64 = 1;
+
+fn with_context<T>(test: impl FnOnce(&Context<'_>) -> T) -> T {
+    let folder = tempfile::tempdir().expect("tests need a temporary folder");
+    test(&Context { scale: Scale::Small, folder: folder.path(), say: &|_| () })
+}
+
+#[test]
+fn random_scenes_keep_the_error() {
+    let options = Options { seed: SEED, first: 0, scenes: SCENES, threads: 2 };
+    let found = with_context(|context| run(context, options)).unwrap_or_else(|e| panic!("seed {SEED}: {e}"));
+    println!("{found:#?}");
+    assert!(found.scenes_above().is_empty(), "further off than was asked for: {found:#?}");
+    assert!(found.scenes_not_judged.is_empty(), "the reference did not converge: {found:#?}");
+    assert!(found.scenes_that_show_something > SCENES / 2, "{found:#?}");
+    let [smallest, greatest] = [0, ERRORS.len() - 1].map(|i| found.errors[i].largest_grey_levels);
+    assert!(greatest > smallest && smallest > 0.0, "the error that is asked for changes nothing: {found:#?}");
+}
+
+#[test]
+fn instruction_sets_agree() {
+    let sets: Vec<InstructionSet> = InstructionSet::available().collect();
+    println!("instructions: {sets:?}");
+    assert!(sets.contains(&InstructionSet::Portable));
+    with_context(|context| {
+        for number in 0..12 {
+            let built = RandomScene::new(SEED + 1, number).build(context);
+            let (volume, scene) = built.unwrap_or_else(|e| panic!("scene {number}: {e}"));
+            let picture = |set: InstructionSet| {
+                let caster = Caster::Packets(PacketRule { instructions: Some(set), ..PacketRule::DEFAULT });
+                let rendered = volume.render(&scene, &RenderOptions { caster, ..aimed_at(0.5, 2) });
+                rendered.unwrap_or_else(|e| panic!("scene {number}, {}: {e}", set.name())).0
+            };
+            let first = picture(InstructionSet::Portable);
+            for &set in &sets {
+                // Fused sums round otherwise; a cell may then be refined or not: a quarter of the error.
+                let change = distance(&picture(set), &first);
+                assert!(change <= 0.125, "scene {number}, {}: {change}/255", set.name());
+            }
+        }
+    });
+}
