@@ -3,6 +3,8 @@
 
 #![allow(clippy::print_stdout, reason = "the distances measured are what these tests are for")]
 
+use supervol_chart::random_scenes::{Options, run};
+use supervol_chart::{Context, Scale};
 use supervol_format::VoxelType;
 use supervol_runtime::frame::Backend;
 use supervol_tests::fields::{Field, options};
@@ -83,4 +85,30 @@ fn windows_of_values_that_f32_does_not_resolve() {
         assert!(lost > 100.0 * BOUND && coarse > BOUND, "{voxel_type}: narrow windows are resolved");
         assert!(fine <= BOUND, "{voxel_type}: 2^-15 of the range is beyond the limit, too");
     }
+}
+
+/// Of 1,000 random scenes at four errors, 5 are further off than was asked for, all but one of them at 0.1 of 255 only
+/// (`supervol bench --random-scenes 1000`). In four, shaded ones, opacity is right and colour is not: 330 (0.309 levels), 611
+/// (0.144), 936 (0.166), and 978 (0.848, at the default error as well). In 611 the scalar caster's roots, to which the worst
+/// cells go, are as far off; in 978 no cell goes there, so that the estimate of what three normals a cell miss is too small.
+/// In 934, unshaded, many small errors of one sign add up to 0.1006. A bound on the turn of the normal over a cell, from the
+/// gradients at its corners, would mend 978.
+#[test]
+fn random_scenes_further_off_than_asked() {
+    let folder = tempfile::tempdir().expect("tests need a temporary folder");
+    let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
+    let mut kept = Vec::new();
+    for (scene, above) in [(330, 1), (611, 1), (934, 1), (936, 1), (978, 2)] {
+        let options = Options { seed: 1, first: scene, scenes: 1, threads: 2 };
+        let found = run(&context, options).unwrap_or_else(|e| panic!("scene {scene}: {e}"));
+        for at in &found.errors {
+            println!("scene {scene}, {} asked for: {:.4}", at.asked_grey_levels, at.largest_grey_levels);
+        }
+        let broken = found.errors.iter().filter(|at| !at.scenes_above.is_empty()).count();
+        assert!(broken <= above && found.greatest_share() < 9.0, "scene {scene} became worse: {found:#?}");
+        if broken < above {
+            kept.push(scene);
+        }
+    }
+    assert!(kept.is_empty(), "scenes {kept:?} keep more errors than before");
 }

@@ -9,10 +9,11 @@
 use supervol_format::{Lod, VoxelType};
 use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::lod::by_error::ANY_ERROR;
+use supervol_runtime::scene::Mode;
 use supervol_runtime::stats::FrameStats;
 use supervol_tests::Random;
 use supervol_tests::fields::{Field, options};
-use supervol_tests::pictures::{Subject, distance, finest, mean_distance};
+use supervol_tests::pictures::{BOUND, Subject, distance, finest, mean_distance};
 
 const CAMERA: &str =
     r#""camera": {"eye": [130, -170, 110], "target": [31.5, 31.5, 31.5], "up": [0, 0, 1], "height": 112}"#;
@@ -30,7 +31,7 @@ fn waves() -> Subject {
 }
 
 fn automatic(max_error: f64) -> RenderOptions<'static> {
-    RenderOptions { level: LevelChoice::Auto, max_error, ..finest(Backend::Cpu) }
+    RenderOptions { level: LevelChoice::Auto, max_error, predict_error: true, ..finest(Backend::Cpu) }
 }
 
 /// Bricks read of level 1 and coarser.
@@ -83,6 +84,8 @@ fn small_voxels_that_keep_their_contrast_are_averaged_and_counted() {
     let scene = subject.scene(&[&far, SIZE, &seen]);
     let (picture, stats) = subject.render(&scene, &RenderOptions { max_error: 0.5 / 255.0, ..automatic(0.0) });
     assert!(stats.bricks_without_bound > 0 && stats.bricks_without_bound == coarse_bricks(&stats), "{stats:#?}");
+    let predicted = stats.error_predicted.expect("packets of rays in mode dvr predict their error");
+    assert!(predicted.levels.grey_levels.is_none() && !predicted.total.is_bound, "{predicted:?}");
     let supersampled = subject.scene(&[&far, SIZE, &seen, r#""samples_per_pixel": 16"#]);
     let averaged = subject.finest(&supersampled, Backend::Cpu);
     let [coarse, fine] =
@@ -119,6 +122,14 @@ fn no_random_transfer_function_breaks_the_target() {
         let error = distance(&image, &subject.finest(&scene, Backend::Cpu));
         assert!(error <= levels + ELSEWHERE, "picture {picture}, {mode}, target {levels}: {error}; {points:?}");
         assert_eq!(stats.bricks_without_bound, 0, "picture {picture}");
+        assert_eq!(stats.error_predicted.is_some(), scene.mode == Mode::Dvr, "picture {picture}");
+        if let Some(predicted) = stats.error_predicted {
+            let [levels, total] = [predicted.levels, predicted.total].map(|term| term.grey_levels);
+            let (levels, total) = levels.zip(total).expect("no brick is without a bound");
+            // Level 0 is itself drawn at the default error.
+            assert!(error <= total + BOUND && predicted.levels.is_bound, "picture {picture}: {error}, {predicted:?}");
+            assert!(coarse_bricks(&stats) > 0 || levels == 0.0, "picture {picture}: nothing is coarse, {predicted:?}");
+        }
         coarse += usize::from(coarse_bricks(&stats) > 0);
         worst = worst.max(error / levels);
     }

@@ -1,4 +1,5 @@
-//! Random scenes by packets of rays: the error that is asked for is kept, with every set of instructions.
+//! Random scenes by packets of rays: the error that is asked for is kept, and so is the one that is predicted, with every
+//! set of instructions.
 //!
 //! The scenes are the first of those that `supervol bench --random-scenes 1000` draws.
 
@@ -27,6 +28,11 @@ fn random_scenes_keep_the_error() {
     assert!(found.scenes_above().is_empty(), "further off than was asked for: {found:#?}");
     assert!(found.scenes_not_judged.is_empty(), "the reference did not converge: {found:#?}");
     assert!(found.scenes_that_show_something > SCENES / 2, "{found:#?}");
+    for at in &found.errors {
+        assert!(at.scenes_above_predicted.is_empty(), "further off than predicted: {at:#?}");
+        // A prediction that is far too large says nothing.
+        assert!(at.largest_share_of_predicted > 0.05, "{at:#?}");
+    }
     let [smallest, greatest] = [0, ERRORS.len() - 1].map(|i| found.errors[i].largest_grey_levels);
     assert!(greatest > smallest && smallest > 0.0, "the error that is asked for changes nothing: {found:#?}");
 }

@@ -10,6 +10,7 @@ use serde::Serialize;
 use supervol_format::Lod;
 
 use crate::frame::check::ErrorMeasured;
+use crate::frame::predict::ErrorPredicted;
 use crate::scene::Mode;
 use crate::streamer::Streamer;
 use crate::streamer::state::{Failure, StateKind};
@@ -142,6 +143,9 @@ pub struct FrameStats {
     pub bricks_without_bound: u64,
     /// Pieces of rays at which the reference integrator did not stand still.
     pub reference_capped_pieces: u64,
+    /// How far the picture may be from the exact one, by what is known without measuring, term by term, each with whether it
+    /// is a bound: of pictures in mode `dvr` by packets of rays; null for others, and where nobody asked.
+    pub error_predicted: Option<ErrorPredicted>,
     /// Distance from the exact picture where that was measured; null where nobody asked.
     pub error_measured: Option<ErrorMeasured>,
 }

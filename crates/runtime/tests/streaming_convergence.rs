@@ -32,6 +32,7 @@ const FINEST: RenderOptions<'_> = RenderOptions {
     caster: Caster::DEFAULT,
     time_budget_ms: None,
     max_error: PacketRule::DEFAULT.max_error,
+    predict_error: false,
     progress: None,
 };
 

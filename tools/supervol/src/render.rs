@@ -66,7 +66,10 @@ pub struct Arguments {
     /// Threads; all processors by default
     #[arg(long)]
     threads: Option<NonZero<usize>>,
-    /// Write what happened, as JSON
+    /// Write what happened, as JSON. `error_predicted` (CPU, dvr) says how far the picture may be from the exact one and
+    /// why, in grey levels of 255: `total`, and its terms `cells`, `ray_ends`, `transfer_function`, `levels` and `rounding`,
+    /// each with `is_bound`: true where it is never more, false where it is an estimate. Summing it up takes 1 to 2 % of the
+    /// time of casting
     #[arg(long, value_name = "STATS.json")]
     stats: Option<PathBuf>,
     /// Cast N rays of the picture again (1000 if no number is given) by the reference integrator, and say how far the
@@ -116,6 +119,7 @@ impl Arguments {
             time_budget_ms: self.time_budget,
             caster: Caster::Packets(PacketRule { instructions: self.instructions, ..PacketRule::DEFAULT }),
             max_error: self.max_error,
+            predict_error: self.stats.is_some(),
             progress: Some(progress),
         }
     }

@@ -196,6 +196,17 @@ fn a_check_says_how_far_the_picture_is_from_the_exact_one() {
     assert!(printed.contains(&figure), "'{figure}' is not in {printed}");
     assert_eq!(check(&["--level", "0", "--check"]).1["largest_grey_levels"], measured["largest_grey_levels"]);
 
+    // What was predicted, term by term, is not less than what was measured.
+    let stats = json(&std::fs::read_to_string(folder.path("t.json")).expect("render wrote it"));
+    let predicted = &stats["error_predicted"];
+    let terms = ["cells", "ray_ends", "transfer_function", "levels", "rounding"];
+    let levels_of =
+        |term: &str| predicted[term]["grey_levels"].as_f64().unwrap_or_else(|| panic!("no {term}: {predicted}"));
+    assert!((terms.map(levels_of).iter().sum::<f64>() - levels_of("total")).abs() < 1e-9, "{predicted}");
+    assert!(largest <= levels_of("total") && predicted["level"] == 0, "{measured}, {predicted}");
+    let bounds = ["total", "cells", "ray_ends", "levels"].map(|term| predicted[term]["is_bound"].as_bool());
+    assert_eq!(bounds, [false, false, true, true].map(Some), "{predicted}");
+
     // More rays than pixels: every pixel, once.
     assert_eq!(number(&check(&["--check", "5000", "--level", "0"]).1, "rays"), 1200.0);
     // The picture of level 1 is exact for level 1 ...

@@ -49,6 +49,8 @@ pub struct CasterTotals {
     pub cells_exact: u64,
     /// Instructions of packets.
     pub instructions: Option<&'static str>,
+    /// What the picture may be off by, where the caster was asked to sum it up and can.
+    pub errors: Option<CasterErrors>,
     /// Macro cells walked cell by cell.
     pub macro_cells: u64,
     /// Macro cells skipped.
@@ -65,6 +67,19 @@ pub struct CasterTotals {
     pub adapter: Option<String>,
     /// Wall time of copying bricks to the graphics device.
     pub upload_time: Duration,
+}
+
+/// What a caster says of its own errors; 1 is white.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CasterErrors {
+    /// The greatest sum, over all rays, of what cells may be off by.
+    pub cells: f64,
+    /// Most that is left out behind the end of a ray that ends early.
+    pub ray_ends: f64,
+    /// What the fit of the transfer function may do to a ray.
+    pub transfer_function: f64,
+    /// Most cells that a ray crosses in a brick.
+    pub cells_per_brick: u32,
 }
 
 /// Casts rays through resident bricks.
@@ -108,6 +123,7 @@ pub struct CpuCaster {
     counters: Counters,
     rays: u64,
     rays_terminated_early: u64,
+    cells_error: f64,
 }
 
 impl CpuCaster {
@@ -115,7 +131,15 @@ impl CpuCaster {
     #[must_use]
     pub fn new(frame: CpuFrame) -> Self {
         let band = frame.clone();
-        Self { frame, band, states: Rays::default(), counters: Counters::default(), rays: 0, rays_terminated_early: 0 }
+        Self {
+            frame,
+            band,
+            states: Rays::default(),
+            counters: Counters::default(),
+            rays: 0,
+            rays_terminated_early: 0,
+            cells_error: 0.0,
+        }
     }
 }
 
@@ -150,6 +174,7 @@ impl RayCaster for CpuCaster {
 
     fn image(&mut self) -> Result<Image, RenderError> {
         self.rays_terminated_early += self.states.terminated_early();
+        self.cells_error = self.cells_error.max(self.states.cells_error());
         Ok(self.band.image(&self.states))
     }
 
@@ -162,6 +187,7 @@ impl RayCaster for CpuCaster {
             cells_refined: self.counters.cells_refined,
             cells_exact: self.counters.cells_exact,
             instructions: self.frame.instructions().map(InstructionSet::name),
+            errors: self.frame.errors(self.cells_error),
             macro_cells: self.counters.macro_cells,
             macro_cells_skipped: self.counters.macro_cells_skipped,
             ..CasterTotals::default()

@@ -72,11 +72,19 @@ pub struct AtError {
     pub p999_grey_levels: f64,
     /// Scenes with a greater error than was asked for.
     pub scenes_above: Vec<u64>,
+    /// Scenes with a greater error than the renderer predicted (`error_predicted` of its statistics).
+    pub scenes_above_predicted: Vec<u64>,
+    /// Greatest error measured over the error predicted.
+    pub largest_share_of_predicted: f64,
+    /// Median of the errors predicted.
+    pub median_predicted_grey_levels: f64,
 }
 
 /// The differences at one error while scenes are drawn.
 struct Differences {
     sizes: Vec<f32>,
+    /// One a scene, grey levels.
+    predicted: Vec<f64>,
     at: AtError,
 }
 
@@ -96,7 +104,8 @@ impl RandomScene {
 /// The default at level 0, aimed at an error in grey levels.
 #[must_use]
 pub fn aimed_at(grey_levels: f64, threads: usize) -> RenderOptions<'static> {
-    RenderOptions { max_error: grey_levels / GREY_LEVELS, threads: Some(threads), ..finest(Backend::Cpu) }
+    let max_error = grey_levels / GREY_LEVELS;
+    RenderOptions { max_error, predict_error: true, threads: Some(threads), ..finest(Backend::Cpu) }
 }
 
 /// Draws and compares.
@@ -118,8 +127,10 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
         shown += u64::from(exact.pixels.iter().any(|pixel| pixel[3] > 0.0));
         for differences in &mut differences {
             let aimed = aimed_at(differences.at.asked_grey_levels, options.threads);
-            let picture = volume.render(&scene, &aimed)?.0;
-            differences.add(number, &picture, &exact);
+            let (picture, stats) = volume.render(&scene, &aimed)?;
+            let predicted = stats.error_predicted.and_then(|predicted| predicted.total.grey_levels);
+            let predicted = predicted.ok_or_else(|| ChartError::Broken(format!("no prediction: {stats:?}")))?;
+            differences.add(number, &picture, &exact, predicted);
         }
         let done = number - options.first + 1;
         pace.tell(|| progress(done, options.scenes, start.elapsed().as_secs_f64(), &differences));
@@ -151,11 +162,14 @@ impl Differences {
             worst_scene: 0,
             p999_grey_levels: 0.0,
             scenes_above: Vec::new(),
+            scenes_above_predicted: Vec::new(),
+            largest_share_of_predicted: 0.0,
+            median_predicted_grey_levels: 0.0,
         };
-        Self { sizes: Vec::new(), at }
+        Self { sizes: Vec::new(), predicted: Vec::new(), at }
     }
 
-    fn add(&mut self, scene: u64, picture: &Image, exact: &Image) {
+    fn add(&mut self, scene: u64, picture: &Image, exact: &Image, predicted: f64) {
         let shows = |(a, b): &(&[f32; 4], &[f32; 4])| a[3] != 0.0 || b[3] != 0.0;
         let seen = picture.pixels.iter().zip(&exact.pixels).filter(shows);
         let sizes = seen.flat_map(|(a, b)| [0, 1, 2, 3].map(|c| GREY_LEVELS as f32 * (a[c] - b[c]).abs()));
@@ -167,13 +181,20 @@ impl Differences {
         if error > self.at.asked_grey_levels {
             self.at.scenes_above.push(scene);
         }
+        self.predicted.push(predicted);
+        if error > predicted {
+            self.at.scenes_above_predicted.push(scene);
+        }
+        self.at.largest_share_of_predicted = self.at.largest_share_of_predicted.max(error / predicted);
     }
 
     fn finish(mut self) -> AtError {
         self.sizes.sort_by(f32::total_cmp);
         let rank = (self.sizes.len() as f64 * 0.999).ceil() as usize;
         let p999 = self.sizes.get(rank.max(1) - 1).copied().unwrap_or(0.0);
-        AtError { p999_grey_levels: f64::from(p999), ..self.at }
+        self.predicted.sort_by(f64::total_cmp);
+        let median = self.predicted.get(self.predicted.len() / 2).copied().unwrap_or(0.0);
+        AtError { p999_grey_levels: f64::from(p999), median_predicted_grey_levels: median, ..self.at }
     }
 }
 
@@ -222,17 +243,22 @@ pub fn markdown(found: &Found, command: &str) -> String {
     let mut text = format!(
         "Random scenes {} to {last} of seed {}, {width} x {height} pixels, {} of {} show something; {:.0} s. Errors are \
          distances from the reference integrator, in grey levels of 255.\n\n    {command}\n\n\
-         | error asked for | largest error | in scene | 99.9th percentile | scenes above |\n|---|---|---|---|---|\n",
+         | error asked for | largest error | in scene | 99.9th percentile | scenes above | predicted, median | largest of \
+         predicted | scenes above predicted |\n|---|---|---|---|---|---|---|---|\n",
         found.first_scene, found.seed, found.scenes_that_show_something, found.scenes, found.seconds
     );
     for at in &found.errors {
-        let named: Vec<String> = at.scenes_above.iter().take(10).map(u64::to_string).collect();
-        let named = if named.is_empty() { String::new() } else { format!(": {}", named.join(", ")) };
-        let above = at.scenes_above.len();
         writeln!(
             text,
-            "| {} | {:.4} | {} | {:.4} | {above}{named} |",
-            at.asked_grey_levels, at.largest_grey_levels, at.worst_scene, at.p999_grey_levels
+            "| {} | {:.4} | {} | {:.4} | {} | {:.2} | {:.2} | {} |",
+            at.asked_grey_levels,
+            at.largest_grey_levels,
+            at.worst_scene,
+            at.p999_grey_levels,
+            counted(&at.scenes_above),
+            at.median_predicted_grey_levels,
+            at.largest_share_of_predicted,
+            counted(&at.scenes_above_predicted)
         )
         .expect(WRITES);
     }
@@ -241,6 +267,12 @@ pub fn markdown(found: &Found, command: &str) -> String {
         writeln!(text, "\nNot judged, because the reference did not stand still: scenes {numbers:?}.").expect(WRITES);
     }
     text
+}
+
+/// How many scenes, and the first of them.
+fn counted(scenes: &[u64]) -> String {
+    let named: Vec<String> = scenes.iter().take(10).map(u64::to_string).collect();
+    if named.is_empty() { "0".into() } else { format!("{}: {}", scenes.len(), named.join(", ")) }
 }
 
 #[cfg(test)]
@@ -264,8 +296,8 @@ mod tests {
         let mut off = exact.clone();
         off.pixels[0][1] += 0.75 / 255.0;
         let mut differences = Differences::new(0.5);
-        differences.add(11, &exact, &exact);
-        differences.add(12, &off, &exact);
+        differences.add(11, &exact, &exact, 0.6);
+        differences.add(12, &off, &exact, 0.6);
         assert_eq!(differences.sizes.len(), 8, "pixels that show nothing do not count");
         let at = differences.finish();
         assert!((at.largest_grey_levels - 0.75).abs() < 1e-3 && at.worst_scene == 12, "{at:?}");
@@ -273,6 +305,7 @@ mod tests {
             (at.scenes_above.as_slice(), at.p999_grey_levels),
             (&[12u64][..], at.largest_grey_levels as f32 as f64)
         );
+        assert_eq!((at.scenes_above_predicted.as_slice(), at.median_predicted_grey_levels), (&[12u64][..], 0.6));
         let found = Found {
             seed: 1,
             first_scene: 11,

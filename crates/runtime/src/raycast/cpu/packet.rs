@@ -11,7 +11,7 @@
 use super::fetch::Cell;
 use super::integrate::{Chord, Located, Part, integrate_at, locate};
 use super::lookup::Lookup;
-use super::pending::{Light, PART_NUMBERS, Pending, RoundParts};
+use super::pending::{DEPTH, ERROR, Light, Pending, RoundParts};
 use super::queue::QueuedCell;
 use super::refine::Refine;
 use super::shade::{PacketLighting, ShadeCells, ShadeQueue};
@@ -43,6 +43,8 @@ pub struct Precision {
     pub last_transmittance: f32,
     /// Whether the transfer function has steps: there rounding can be seen.
     pub has_steps: bool,
+    /// Whether the errors of cells are summed up along rays: 1 to 2 % of the time.
+    pub sums_errors: bool,
 }
 
 /// What was done, over all lanes.
@@ -183,7 +185,7 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
         if queues.pending.cells.len() > 0 && (is_done || queues.pending.is_enough()) {
             let (lighting, lanes, pending) = (brick.lighting.as_ref(), &lanes, &mut queues.pending);
             work.add(&S::apart(Refine { classifier, lanes, lighting, pending: &mut *pending, host }));
-            light.settle(pending, last);
+            light.settle(pending, last, precision.sums_errors);
             walker.finish(light.ended(last));
         }
         if S::bits(walker.active()) == 0 {
@@ -200,13 +202,14 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
             S::apart(ShadeCells { brick, lighting, lanes: &lanes, cells, unsettled, parts });
         }
         let left = pending.take_over(first, &mut parts);
-        light.composite(&parts, &left, pending, last);
+        light.composite(&parts, &left, pending, last, precision.sums_errors);
     }
     let (color, transmittance) = light.sum();
     for c in 0..3 {
         S::store(color[c], &mut packet.color[c]);
     }
     S::store(transmittance, &mut packet.transmittance);
+    S::store(light.error(), &mut packet.error);
     work
 }
 
@@ -281,7 +284,12 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
                 let part = integrate_at::<S, L>(table, S::splat(narrow), &chords[i], &located[i]);
                 self.hand_on(i, &steps[i], &chords[i], &part, walker.in_plane & crosses, parts, queues);
             } else {
-                parts.numbers[i] = [[0.0; LANES_LIMIT]; PART_NUMBERS];
+                for number in [0, 1, 2, DEPTH] {
+                    parts.numbers[i][number] = [0.0; LANES_LIMIT];
+                }
+                if self.precision.sums_errors {
+                    parts.numbers[i][ERROR] = [0.0; LANES_LIMIT];
+                }
             }
         }
     }
@@ -323,10 +331,15 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         for c in 0..3 {
             S::store(S::select(is_hole, zero, part.color[c]), &mut parts.numbers[number][c]);
         }
-        S::store(S::select(is_hole, zero, part.tau), &mut parts.numbers[number][3]);
+        S::store(S::select(is_hole, zero, part.tau), &mut parts.numbers[number][DEPTH]);
         S::store(part.least_depth(), &mut parts.least_depths[number]);
         let per_error = self.weight / S::splat(self.precision.cell_error);
         let is_unsettled = S::lt(S::splat(1.0), part.error * per_error) | (is_hole & crosses_in_plane);
+        if self.precision.sums_errors {
+            // What is hardly seen is not shaded, whatever the light; of all else that is, shading writes the error.
+            let unshaded = if self.brick.lighting.is_some() { S::splat(1.0) - part.transmittance } else { zero };
+            S::store(S::select(is_hole, zero, part.error + unshaded), &mut parts.numbers[number][ERROR]);
+        }
         let slot = S::load_int(&LANE_NUMBERS) + S::splat_int((number * LANES_LIMIT) as i32);
         let cell = QueuedCell { slot, base: step.base, chord: *chord, error: part.error };
         if self.brick.lighting.is_some() {

@@ -46,6 +46,8 @@ pub struct PacketTables {
     table: Table,
     pub(super) set: InstructionSet,
     precision: Precision,
+    /// What extinction and emission may be off by, in parts of the extinction.
+    fit: f64,
     view: View,
     pub(super) pixel_rays: PixelRays,
     to_index: ToIndex,
@@ -89,6 +91,8 @@ pub struct FinishedTile {
     pixels: [[f32; 4]; TILE_RAYS],
     /// Rays that ended before they left the volume.
     terminated_early: u64,
+    /// `dvr`: the greatest sum of the errors of cells, over its rays; 1 is white.
+    cells_error: f64,
 }
 
 impl Tile {
@@ -109,6 +113,15 @@ impl Tile {
             Self::Fresh | Self::Waiting(_) => 0,
         }
     }
+
+    /// The greatest sum of the errors of cells over its rays, once the tile is finished; 1 is white.
+    #[must_use]
+    pub fn cells_error(&self) -> f64 {
+        match self {
+            Self::Finished(tile) => tile.cells_error,
+            Self::Fresh | Self::Waiting(_) => 0.0,
+        }
+    }
 }
 
 impl PacketTables {
@@ -116,8 +129,9 @@ impl PacketTables {
     pub fn new(frame: &CpuFrame, source: &TransferFunction, rule: PacketRule) -> Self {
         let max_error = rule.max_error.clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
         let origin = origin_of(source, frame.map.shift);
-        let pieces = TransferPieces::new(source, frame.map.shift + f64::from(origin), FIT_SHARE * max_error);
-        let precision = precision_of(max_error, pieces.has_steps());
+        let fit = FIT_SHARE * max_error;
+        let pieces = TransferPieces::new(source, frame.map.shift + f64::from(origin), fit);
+        let precision = precision_of(max_error, pieces.has_steps(), rule.sums_errors);
         let set = rule.instructions.unwrap_or_else(InstructionSet::best);
         let ray = frame.camera.ray(0, 0);
         let index_ray = IndexRay::new(&ray, &frame.geometry);
@@ -131,6 +145,7 @@ impl PacketTables {
             origin,
             set,
             precision,
+            fit,
             view,
             pixel_rays: frame.camera.rays(),
             to_index: ToIndex::new(&frame.geometry),
@@ -142,6 +157,22 @@ impl PacketTables {
     /// The instructions that packets are cast with.
     pub fn instructions(&self) -> InstructionSet {
         self.set
+    }
+
+    /// Whether the errors of cells are summed up.
+    pub fn sums_errors(&self) -> bool {
+        self.precision.sums_errors
+    }
+
+    /// What is left out behind the end of a ray that ends early, 1 being white: never more.
+    pub fn end_error(&self) -> f64 {
+        f64::from(self.precision.last_transmittance)
+    }
+
+    /// What the fit of the transfer function may do to a ray, 1 being white: extinction and emission are each off by at most
+    /// this share of the extinction, and no ray gathers more than one whole.
+    pub fn fit_error(&self) -> f64 {
+        2.0 * self.fit
     }
 
     fn cloud(&self, frame: &CpuFrame, key: BrickKey, brick: &DecodedBrick) -> Arc<ProximityCloud> {
@@ -170,12 +201,13 @@ fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     if is_far { middle as f32 } else { 0.0 }
 }
 
-fn precision_of(max_error: f64, has_steps: bool) -> Precision {
+fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision {
     Precision {
         cell_error: (CELL_SHARE * max_error) as f32,
         last_transmittance: (END_SHARE * max_error) as f32,
         least_shaded: (LEAST_SHADED_SHARE * max_error) as f32,
         has_steps,
+        sums_errors,
     }
 }
 
@@ -265,7 +297,8 @@ fn end_tile((frame, tables): (&CpuFrame, &PacketTables), rays: &TileRays) -> Til
     };
     let terminated_early = (0..TILE_RAYS).filter(|&ray| has_ended(ray)).count() as u64;
     let pixels = std::array::from_fn(|ray| frame.pixel(&gathered.state(ray)));
-    Tile::Finished(Box::new(FinishedTile { pixels, terminated_early }))
+    let cells_error = gathered.error.iter().copied().fold(0.0, f64::max);
+    Tile::Finished(Box::new(FinishedTile { pixels, terminated_early, cells_error }))
 }
 
 /// The pixels of all tiles, row by row from the top; unfinished tiles show what they have.
@@ -560,6 +593,9 @@ impl Host for TileHost<'_> {
     fn take_back(&mut self, lane: usize, packet: &Packet) {
         let color = [0, 1, 2].map(|c| packet.color[c][lane]);
         let last = f64::from(self.tables.precision.last_transmittance);
+        if self.tables.precision.sums_errors {
+            self.rays.add_error(packet.rays[lane], packet.error[lane]);
+        }
         self.rays.add(packet.rays[lane], color, packet.transmittance[lane], last);
     }
 

@@ -21,8 +21,14 @@ const ENOUGH: usize = 8 * LANES_LIMIT;
 /// Cells that wait, and room for whole lanes after the last.
 const CAPACITY: usize = (PENDING_LIMIT + 1) * LANES_LIMIT;
 
-/// Numbers of a part: red, green, blue, optical depth.
-pub const PART_NUMBERS: usize = 4;
+/// Numbers of a part: red, green, blue, what these and opacity may be off by, optical depth.
+pub const PART_NUMBERS: usize = 5;
+/// The fourth; there only where errors are summed up.
+pub const ERROR: usize = 3;
+/// The fifth.
+pub const DEPTH: usize = 4;
+/// Numbers of the light in front of a cell: red, green, blue, optical depth.
+const LIGHT_NUMBERS: usize = 4;
 /// Parts of cells: the numbers of each lane, cell after cell.
 pub type Parts<const CELLS: usize> = [[PerLane; PART_NUMBERS]; CELLS];
 
@@ -81,7 +87,7 @@ pub struct Pending {
     pub parts: PendingParts,
     /// Light in front of each: premultiplied colour since the one before, and the optical depth that is known; infinite
     /// behind the end of the ray.
-    light: PendingParts,
+    light: [[PerLane; LIGHT_NUMBERS]; PENDING_LIMIT],
     /// Lower bounds on their optical depths.
     least_depths: [PerLane; PENDING_LIMIT],
     /// Cells of each ray that wait.
@@ -94,10 +100,11 @@ impl Pending {
     /// Nothing waits.
     #[must_use]
     pub fn new() -> Self {
-        let nothing = [[[0.0; LANES_LIMIT]; PART_NUMBERS]; PENDING_LIMIT];
+        let parts = [[[0.0; LANES_LIMIT]; PART_NUMBERS]; PENDING_LIMIT];
+        let light = [[[0.0; LANES_LIMIT]; LIGHT_NUMBERS]; PENDING_LIMIT];
         let least_depths = [[0.0; LANES_LIMIT]; PENDING_LIMIT];
         let counts = [0; LANES_LIMIT];
-        Self { cells: RefineQueue::new(), parts: nothing, light: nothing, least_depths, counts, lit: counts }
+        Self { cells: RefineQueue::new(), parts, light, least_depths, counts, lit: counts }
     }
 
     /// Whether cells are to be refined before the next round: there are many, or a ray has no room for more.
@@ -117,7 +124,7 @@ impl Pending {
             left[step] |= 1 << lane;
             let number = usize::from(self.counts[lane]) % PENDING_LIMIT;
             let least_depth = parts.least_depths[step][lane];
-            for (numbers, value) in parts.numbers[step].iter_mut().zip([0.0, 0.0, 0.0, least_depth]) {
+            for (numbers, value) in parts.numbers[step].iter_mut().zip([0.0, 0.0, 0.0, 0.0, least_depth]) {
                 numbers[lane] = value;
             }
             self.least_depths[number][lane] = least_depth;
@@ -130,7 +137,7 @@ impl Pending {
     /// Notes the light in front of the next waiting cell of each lane of a mask.
     #[inline(always)]
     fn note_light<S: Simd>(&mut self, mask: u32, [r, g, b]: [S::F; 3], depth: S::F) {
-        let mut numbers = [[0.0; LANES_LIMIT]; PART_NUMBERS];
+        let mut numbers = [[0.0; LANES_LIMIT]; LIGHT_NUMBERS];
         for (into, values) in numbers.iter_mut().zip([r, g, b, depth]) {
             S::store(values, into);
         }
@@ -159,6 +166,8 @@ pub struct Light<S: Simd> {
     behind: [S::F; 3],
     /// Optical depth of the cells that waited, less the lower bounds on it.
     hidden: S::F,
+    /// Errors of the cells, each times what is in front of it, as far as that is known.
+    error: S::F,
     /// Rays that have ended in one of them.
     ended: S::M,
 }
@@ -170,7 +179,7 @@ impl<S: Simd> Light<S> {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let (color, behind) = ([zero; 3], [zero; 3]);
         let ended = S::lt(one, zero);
-        Self { front, color, transmittance: one, depth: zero, behind, hidden: zero, ended }
+        Self { front, color, transmittance: one, depth: zero, behind, hidden: zero, error: zero, ended }
     }
 
     /// Rays through which no more than `last` gets, as far as is known.
@@ -190,18 +199,31 @@ impl<S: Simd> Light<S> {
         (color, exp_minus::<S>(self.depth + self.hidden))
     }
 
+    /// What the colour and the opacity may be off by, when nothing waits.
+    #[inline(always)]
+    pub fn error(&self) -> S::F {
+        self.error
+    }
+
     /// Adds the parts of a round, but for the lanes that are `left` at each step; rays through which no more than `last`
     /// gets end there.
     ///
     /// A ray ends in the cell that makes it end, not with the round: rounds begin elsewhere where rays leap.
     #[inline(always)]
-    pub fn composite(&mut self, parts: &RoundParts, left: &[u32; ROUND], pending: &mut Pending, last: S::F) {
+    pub fn composite(
+        &mut self,
+        parts: &RoundParts,
+        left: &[u32; ROUND],
+        pending: &mut Pending,
+        last: S::F,
+        sums_errors: bool,
+    ) {
         let zero = S::splat(0.0);
         // Depth and transmittance in front of each cell, and behind the last: none waits for another's exponential.
         let mut depths = [self.depth; ROUND + 1];
         let mut transmittances = [self.transmittance; ROUND + 1];
         for i in 0..ROUND {
-            depths[i + 1] = depths[i] + S::load(&parts.numbers[i][3]);
+            depths[i + 1] = depths[i] + S::load(&parts.numbers[i][DEPTH]);
             // From the sum, not as a product: thousands of numbers near 1 round to one side where the field is even.
             transmittances[i + 1] = exp_minus::<S>(depths[i + 1]);
         }
@@ -226,11 +248,16 @@ impl<S: Simd> Light<S> {
                 self.color[c] = S::mul_add(transmittances[i], S::load(&parts.numbers[i][c]), self.color[c]);
             }
         }
+        if sums_errors {
+            for i in 0..ROUND {
+                self.error = S::mul_add(transmittances[i], S::load(&parts.numbers[i][ERROR]), self.error);
+            }
+        }
     }
 
     /// Adds the cells that waited, each behind its light; none are left.
     #[inline(always)]
-    pub fn settle(&mut self, pending: &mut Pending, last: S::F) {
+    pub fn settle(&mut self, pending: &mut Pending, last: S::F, sums_errors: bool) {
         let zero = S::splat(0.0);
         let mut counts = [0; LANES_LIMIT];
         for (into, count) in counts.iter_mut().zip(&pending.counts) {
@@ -249,8 +276,11 @@ impl<S: Simd> Light<S> {
                 let in_front = S::mul_add(dimmed, S::load(&light[c]), self.behind[c]);
                 self.behind[c] = S::mul_add(transmittance, S::load(&part[c]), in_front);
             }
+            if sums_errors {
+                self.error = S::mul_add(transmittance, S::load(&part[ERROR]), self.error);
+            }
             let known = S::load(&pending.least_depths[number]);
-            self.hidden = S::select(is_there, self.hidden + (S::load(&part[3]) - known), self.hidden);
+            self.hidden = S::select(is_there, self.hidden + (S::load(&part[DEPTH]) - known), self.hidden);
             let depth = depth + known;
             let ends = is_there & S::le(exp_minus::<S>(depth + self.hidden) * self.front, last);
             // What the ray has gathered behind is left out.
@@ -319,7 +349,7 @@ mod tests {
                             (false, true) => [color, tau],
                             (false, false) => [random(), random()],
                         };
-                        (parts.numbers[step][0][lane], parts.numbers[step][3][lane]) = (color as f32, tau as f32);
+                        (parts.numbers[step][0][lane], parts.numbers[step][DEPTH][lane]) = (color as f32, tau as f32);
                         parts.least_depths[step][lane] = truth[step][lane][1] * random() as f32;
                     }
                     let slots = std::array::from_fn(|lane| (step * LANES_LIMIT + lane) as i32);
@@ -328,19 +358,19 @@ mod tests {
                 }
                 let steps: Vec<_> = pending.cells.slots_from(0).iter().map(|slot| slot.to_bits() as usize).collect();
                 let left = pending.take_over(0, &mut parts);
-                light.composite(&parts, &left, &mut pending, S::splat(self.last));
+                light.composite(&parts, &left, &mut pending, S::splat(self.last), false);
                 let slots: Vec<_> = pending.cells.slots_from(0).iter().map(|slot| slot.to_bits() as usize).collect();
                 for (from, to) in steps.into_iter().zip(slots) {
                     let [color, tau] = truth[from / LANES_LIMIT][from % LANES_LIMIT];
                     let part = &mut pending.parts[to / LANES_LIMIT];
-                    (part[0][to % LANES_LIMIT], part[3][to % LANES_LIMIT]) = (color, tau);
+                    (part[0][to % LANES_LIMIT], part[DEPTH][to % LANES_LIMIT]) = (color, tau);
                 }
                 pending.cells.clear();
                 if pending.is_enough() || random() < 0.3 {
-                    light.settle(&mut pending, S::splat(self.last));
+                    light.settle(&mut pending, S::splat(self.last), false);
                 }
             }
-            light.settle(&mut pending, S::splat(self.last));
+            light.settle(&mut pending, S::splat(self.last), false);
             let (color, transmittance) = light.sum();
             let (mut found, mut through) = ([0.0; LANES_LIMIT], [0.0; LANES_LIMIT]);
             S::store(color[0], &mut found);

@@ -240,7 +240,7 @@ impl<L: Lookup> Refine<'_, L> {
         let sum = &cuts.sum;
         let [r, g, b] = sum.color;
         let mut numbers = [[0.0; LANES_LIMIT]; PART_NUMBERS];
-        for (into, values) in numbers.iter_mut().zip([r, g, b, sum.tau]) {
+        for (into, values) in numbers.iter_mut().zip([r, g, b, sum.error, sum.tau]) {
             S::store(values, into);
         }
         let (mut slots, mut bases) = ([0; LANES_LIMIT], [0; LANES_LIMIT]);
@@ -252,10 +252,12 @@ impl<L: Lookup> Refine<'_, L> {
         work.exact += u64::from(exact.count_ones());
         for lane in lanes(S::bits(done)) {
             let (number, ray) = (slots[lane] as usize / LANES_LIMIT, slots[lane] as usize % LANES_LIMIT);
-            let mut part = [0, 1, 2, 3].map(|i| numbers[i][lane]);
+            let mut part = numbers.map(|values| values[lane]);
             if exact >> lane & 1 == 1 {
-                part = self.host.integrate_exactly(self.lanes.rays[ray], bases[lane]);
-                part[3] = -part[3].max(f32::MIN_POSITIVE).ln();
+                let [r, g, b, transmittance] = self.host.integrate_exactly(self.lanes.rays[ray], bases[lane]);
+                // Nobody says what roots miss: as much as a cell may that is not refined.
+                let error = 1.0 / self.lanes.per_error[ray];
+                part = [r, g, b, error, -transmittance.max(f32::MIN_POSITIVE).ln()];
             }
             for (into, value) in self.pending.parts[number % PENDING_LIMIT].iter_mut().zip(part) {
                 into[ray] = value;

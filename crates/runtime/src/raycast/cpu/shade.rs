@@ -352,15 +352,11 @@ impl ShadeCells<'_> {
         let to_eye = self.lanes.toward_eye::<S>(self.lighting, cell.slot);
         let lit = for_three!(i => self.lighting.at::<S>(along.gradients[i], &to_eye));
         let (shaded, error) = self.lighting.shade::<S>(&part, &lit);
-        write_parts::<S, 3, ROUND>(
-            &mut self.parts.numbers,
-            cell.slot,
-            (self.cells.len() - first).min(S::LANES),
-            shaded,
-        );
         // Rays for which the hole beside them has no weight have a gradient after all.
         let is_in_plane = S::lt(S::splat(0.0), S::lookup16(&self.lanes.in_plane, cell.slot));
         cell.error = S::select(along.is_unknown & is_in_plane, S::splat(f32::NAN), error);
+        let ([r, g, b], count) = (shaded, (self.cells.len() - first).min(S::LANES));
+        write_parts::<S, 4, ROUND>(&mut self.parts.numbers, cell.slot, count, [r, g, b, cell.error]);
         let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
         // Also NaN.
         let is_unsettled = !S::le(cell.error * per_error, S::splat(1.0)) & self.cells.used::<S>(first);

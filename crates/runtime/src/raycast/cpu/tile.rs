@@ -54,6 +54,8 @@ pub struct Gathered {
     pub color: [PerRay; 3],
     /// Share of light from behind that still gets through.
     pub transmittance: PerRay,
+    /// `dvr`: sum of the errors of cells, each times what is in front of it.
+    pub error: PerRay,
     /// `mip`, `minip`: the extreme so far; `mean`: the integral so far; NaN before the first present value.
     pub value: PerRay,
     /// `mean`: present world length so far.
@@ -153,6 +155,7 @@ impl TileRays {
                 t: zero,
                 color: [zero; 3],
                 transmittance: [1.0; TILE_RAYS],
+                error: zero,
                 value: [f64::NAN; TILE_RAYS],
                 length: zero,
                 iso: [IsoSides::default(); TILE_RAYS],
@@ -173,6 +176,7 @@ impl TileRays {
         self.stop.fill(f64::NEG_INFINITY);
         self.gathered.color = [[0.0; TILE_RAYS]; 3];
         self.gathered.transmittance.fill(1.0);
+        self.gathered.error.fill(0.0);
         self.gathered.value.fill(f64::NAN);
         self.gathered.length.fill(0.0);
         self.gathered.iso.fill(IsoSides::default());
@@ -347,6 +351,13 @@ impl TileRays {
         if behind <= last_transmittance {
             self.end(ray);
         }
+    }
+
+    /// Adds what the next part that is added may be off by, over transmittance 1.
+    #[inline(always)]
+    pub fn add_error(&mut self, ray: u16, error: f32) {
+        let ray = usize::from(ray);
+        self.gathered.error[ray] += self.gathered.transmittance[ray] * f64::from(error);
     }
 
     /// A ray goes no further.

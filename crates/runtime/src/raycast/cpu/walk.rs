@@ -42,6 +42,8 @@ pub struct Packet {
     pub color: [PerLane; 3],
     /// Transmittance of the brick.
     pub transmittance: PerLane,
+    /// What colour and opacity may be off by, over transmittance 1.
+    pub error: PerLane,
     /// Which ray each lane is, for those who lent it.
     pub rays: [u16; LANES_LIMIT],
 }
@@ -56,6 +58,7 @@ impl Default for Packet {
             front: zero,
             color: [zero; 3],
             transmittance: [1.0; LANES_LIMIT],
+            error: zero,
             rays: [0; LANES_LIMIT],
         }
     }
