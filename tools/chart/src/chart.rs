@@ -14,7 +14,7 @@ use glam::DVec3;
 use supervol_format::codec::CodecChoice;
 use supervol_runtime::frame::caster::CpuCaster;
 use supervol_runtime::frame::{Backend, FrameWalk, RenderOptions, cpu_frame, plan_host, streamer_for};
-use supervol_runtime::image::Image;
+use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::process;
 use supervol_runtime::raycast::cpu::RayState;
 use supervol_runtime::raycast::gpu::GpuDevice;
@@ -24,7 +24,7 @@ use supervol_runtime::streamer::budget::Bands;
 
 use crate::context::{ChartError, Context};
 use crate::measure::{Spread, distance, flip};
-use crate::methods::{CELLS, MethodSpec, methods};
+use crate::methods::{DEFAULT, MethodSpec, methods};
 use crate::points::{CPU, Point, mark_front};
 use crate::scenes::{Grid, Loaded, Look, SceneSpec, Shading, Shape, Storage};
 use crate::volume::{HOST_MEMORY_BYTES, Volume, build_options, finest, image_size, transfer_function};
@@ -44,7 +44,7 @@ const PICTURED_LOOKS: [Look; 2] =
     [Look { shape: Shape::Smooth, shading: Shading::On }, Look { shape: Shape::Spike, shading: Shading::Off }];
 /// Methods whose pictures the report shows.
 const PICTURED_METHODS: [(&str, &str); 4] = [
-    (CELLS, "density 1"),
+    (DEFAULT, "--max-error 0.5/255"),
     ("midpoint samples", "step 1 voxel"),
     ("pre-integrated", "step 1 voxel"),
     ("pre-classified", "step 1 voxel"),
@@ -219,6 +219,7 @@ fn measure(stored: &mut Stored<'_>, members: &[&str], method: &MethodSpec) -> Re
         level: method.level,
         skipping: method.skipping,
         caster: method.integration.caster(),
+        max_error: method.max_error_grey_levels / GREY_LEVELS,
         host_memory_bytes: HOST_MEMORY_BYTES,
         ..finest(method.backend)
     };
@@ -286,6 +287,7 @@ fn point(row: &PictureRow, method: &MethodSpec, image: &Image, cost: &Cost) -> P
         transfer_function: row.transfer_function.clone(),
         method: method.method.into(),
         parameters: method.parameters.clone(),
+        max_error: method.max_error(),
         backend: cold.adapter.clone().unwrap_or_else(|| CPU.into()),
         cpu_ms: cpu.median_ms,
         cpu_ms_spread: cpu.greatest_ms - cpu.least_ms,
@@ -336,7 +338,7 @@ mod tests {
             chart.points.iter().find(is).unwrap_or_else(|| panic!("{method} {parameters} on {}", look.name()))
         };
         for look in Look::QUICK {
-            let default = find(look, CELLS, "density 1");
+            let default = find(look, DEFAULT, "--max-error 0.5/255");
             assert!(default.default && default.p999 < 0.5 / 255.0 && default.cpu_ms > 0.0, "{default:?}");
             assert_eq!(default.linf, find(look, "level of detail", "level 0").linf);
             assert!(find(look, "midpoint samples", "step 1 voxel").linf > default.linf);

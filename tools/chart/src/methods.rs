@@ -6,11 +6,13 @@
 //! - what a ray gathers in, codecs, storage, reconstruction and the GPU backend on one look a scene (with shading where
 //!   shading matters): their effect hardly depends on the transfer function.
 //!
-//! There are no points for a requested error (`--max-error`): the renderer records the request and does not act on it yet.
+//! The default is a curve over the error that is asked for (`--max-error`, [`ERRORS`]), measured everywhere; what users get
+//! without asking is one point of it.
 
 use supervol_format::Lod;
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_runtime::frame::{Backend, LevelChoice};
+use supervol_runtime::image::GREY_LEVELS;
 use supervol_runtime::raycast::cpu::{Caster, Skipping};
 use supervol_runtime::raycast::scalar::{CellRule, Pairs};
 
@@ -31,7 +33,7 @@ pub enum On {
 /// How rays are integrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Integrated {
-    /// Cell by cell, in packets where there are any.
+    /// Cell by cell, in packets, aimed at the method's error.
     Default,
     /// Cell by cell, ray by ray.
     Cells(CellRule),
@@ -67,6 +69,8 @@ pub struct MethodSpec {
     pub backend: Backend,
     /// How they are integrated.
     pub integration: Integrated,
+    /// `--max-error`, grey levels of 255; only packets are aimed at it.
+    pub max_error_grey_levels: f64,
     /// From which level.
     pub level: LevelChoice,
     /// Whether what cannot be seen is left out.
@@ -84,11 +88,12 @@ impl MethodSpec {
     #[must_use]
     pub fn default_method() -> Self {
         Self {
-            method: CELLS,
-            parameters: "density 1".into(),
+            method: DEFAULT,
+            parameters: aimed_at(DEFAULT_ERROR),
             on: On::Every,
             backend: Backend::Cpu,
             integration: Integrated::DEFAULT,
+            max_error_grey_levels: DEFAULT_ERROR,
             level: LevelChoice::Auto,
             skipping: Skipping::On,
             storage: Storage::Float,
@@ -109,6 +114,13 @@ impl MethodSpec {
         Self { on, ..self }
     }
 
+    /// The error that this method is aimed at, a share of full scale; `None` for methods that cannot be aimed.
+    #[must_use]
+    pub fn max_error(&self) -> Option<f64> {
+        let is_aimed = self.integration == Integrated::Default && self.backend == Backend::Cpu;
+        is_aimed.then_some(self.max_error_grey_levels / GREY_LEVELS)
+    }
+
     /// Whether it is measured on this look.
     #[must_use]
     pub fn is_for(&self, look: Look) -> bool {
@@ -120,8 +132,14 @@ impl MethodSpec {
     }
 }
 
-/// Family of the default.
+/// Family of the default, whatever error it is aimed at.
+pub const DEFAULT: &str = "default";
+/// Family of the default's rule, ray by ray.
 pub const CELLS: &str = "cells, adaptive";
+/// Errors that the default is aimed at, grey levels of 255, from cheap to near.
+pub const ERRORS: [f64; 7] = [8.0, 4.0, 2.0, 1.0, DEFAULT_ERROR, 0.25, 0.1];
+/// The one that users get who ask for none.
+pub const DEFAULT_ERROR: f64 = 0.5;
 /// Sample distances of the methods of comparison, in voxels.
 const STEPS: [(f64, &str); 5] = [(2.0, "2"), (1.0, "1"), (0.5, "1/2"), (0.25, "1/4"), (0.125, "1/8")];
 /// The distance at which operators are compared, in voxels: small enough that its own error does not hide theirs.
@@ -130,15 +148,28 @@ const FINE_STEP: f64 = 0.25;
 /// Every method.
 #[must_use]
 pub fn methods() -> Vec<MethodSpec> {
-    let groups = [cells(), sampled(), operators(), termination(), levels(), stores(), skipping_and_gpu()];
-    let mut all = vec![MethodSpec::default_method()];
-    all.extend(groups.into_iter().flatten());
-    all
+    let groups = [defaults(), cells(), sampled(), operators(), termination(), levels(), stores(), skipping_and_gpu()];
+    groups.into_iter().flatten().collect()
+}
+
+/// How parameters name an error in grey levels: as `--max-error` takes it.
+#[must_use]
+pub fn aimed_at(grey_levels: f64) -> String {
+    format!("--max-error {grey_levels}/255")
+}
+
+fn defaults() -> Vec<MethodSpec> {
+    let spec = |grey_levels: f64| MethodSpec {
+        max_error_grey_levels: grey_levels,
+        is_default: grey_levels == DEFAULT_ERROR,
+        ..MethodSpec::variant(DEFAULT, aimed_at(grey_levels))
+    };
+    ERRORS.map(spec).into()
 }
 
 fn cells() -> Vec<MethodSpec> {
     let rule = |pairs| Integrated::Cells(CellRule { pairs, ..CellRule::DEFAULT });
-    let adaptive = [0.25, 0.5, 2.0, 4.0].map(|density| MethodSpec {
+    let adaptive = [0.25, 0.5, 1.0, 2.0, 4.0].map(|density| MethodSpec {
         integration: rule(Pairs::Adaptive { density }),
         ..MethodSpec::variant(CELLS, format!("density {density}"))
     });
@@ -250,13 +281,14 @@ fn stores() -> Vec<MethodSpec> {
 fn skipping_and_gpu() -> Vec<MethodSpec> {
     vec![
         MethodSpec { skipping: Skipping::Off, ..MethodSpec::variant("without skipping", "skipping off") },
-        MethodSpec { backend: Backend::Gpu, ..MethodSpec::variant("GPU backend", "density 1") }.on(On::Smooth),
+        MethodSpec { backend: Backend::Gpu, ..MethodSpec::variant("GPU backend", "cell by cell") }.on(On::Smooth),
     ]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use supervol_runtime::frame::RenderOptions;
 
     #[test]
     fn names_are_unique_and_exactly_one_method_is_the_default() {
@@ -268,7 +300,10 @@ mod tests {
         }
         let defaults: Vec<_> = all.iter().filter(|m| m.is_default).collect();
         assert_eq!(defaults.len(), 1);
-        assert_eq!(defaults[0].integration, Integrated::DEFAULT);
+        assert_eq!(defaults[0], &MethodSpec::default_method());
+        assert_eq!(defaults[0].max_error(), Some(RenderOptions::default().max_error));
+        let curve: Vec<f64> = all.iter().filter(|m| m.method == DEFAULT).filter_map(MethodSpec::max_error).collect();
+        assert!(curve.len() == ERRORS.len() && curve.is_sorted_by(|a, b| a > b), "{curve:?}");
     }
 
     #[test]

@@ -56,10 +56,12 @@ pub struct Point {
     pub pareto: bool,
     /// Whether this is what users get.
     pub default: bool,
+    /// The error that was asked for, share of full scale; null for methods that cannot be asked.
+    pub max_error: Option<f64>,
 }
 
 /// The columns of `points.csv`, in order: the keys of `points.json`.
-pub const COLUMNS: [&str; 24] = [
+pub const COLUMNS: [&str; 25] = [
     "scene",
     "transfer_function",
     "method",
@@ -84,6 +86,7 @@ pub const COLUMNS: [&str; 24] = [
     "flip",
     "pareto",
     "default",
+    "max_error",
 ];
 
 /// Backend of points whose processor time is comparable.
@@ -163,6 +166,7 @@ pub(crate) mod tests {
             transfer_function: "spike".into(),
             method: method.into(),
             parameters: "step 1, \"fine\"".into(),
+            max_error: None,
             backend: CPU.into(),
             cpu_ms,
             cpu_ms_spread: 0.1,

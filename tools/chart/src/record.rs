@@ -131,13 +131,14 @@ pub fn run(context: &Context<'_>, regimes: &[&Regime]) -> Vec<RegimeRecord> {
     regimes.iter().map(run_one).collect()
 }
 
-/// The records as a JSON array.
+/// The records as a JSON array, one a line.
 ///
 /// # Panics
 /// Never: every field is a number, a text or a truth value.
 #[must_use]
 pub fn to_json(records: &[RegimeRecord]) -> String {
-    serde_json::to_string_pretty(records).expect("records hold nothing that JSON cannot") + "\n"
+    let line = |record| serde_json::to_string(record).expect("records hold nothing that JSON cannot");
+    format!("[\n{}\n]\n", records.iter().map(line).collect::<Vec<_>>().join(",\n"))
 }
 
 #[cfg(test)]

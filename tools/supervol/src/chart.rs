@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use supervol_chart::record::{self, RegimeRecord};
-use supervol_chart::report::{Circumstances, Report, chart_page, stability_page};
+use supervol_chart::report::{Circumstances, Extent, Report, chart_page, stability_page};
 use supervol_chart::scenes::{self, SceneSpec};
 use supervol_chart::stability::{self, Regime};
 use supervol_chart::{Context, Scale, chart, convergence, points};
@@ -33,6 +33,10 @@ pub struct Arguments {
     /// Measure this regime only, S01 to S46; may be given several times
     #[arg(long, value_name = "ID", requires = "stability")]
     only: Vec<String>,
+    /// A report small enough to be kept with the program: all plots and findings, few pictures; no table of all points,
+    /// and neither points.csv nor points.json
+    #[arg(long, conflicts_with = "stability")]
+    summary: bool,
     /// Folder for report.html, points.csv and points.json, or stability.html and stability.json; made if it is not there
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -55,17 +59,26 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.stability {
         run_stability(&context, &regimes, &here, folder)
     } else {
-        run_chart(&context, &scenes, &here, folder)
+        run_chart(&context, &scenes, &here, folder, arguments.extent())
     }
 }
 
-fn run_chart(context: &Context<'_>, scenes: &[&SceneSpec], here: &Circumstances, folder: &Path) -> Result<(), Failure> {
+fn run_chart(
+    context: &Context<'_>,
+    scenes: &[&SceneSpec],
+    here: &Circumstances,
+    folder: &Path,
+    extent: Extent,
+) -> Result<(), Failure> {
     let chart = chart::run(context, scenes)?;
     let stability = recorded_stability(folder)?;
     let convergence = convergence::table(context)?;
-    let page = chart_page(&Report { chart: &chart, convergence: &convergence, stability: stability.as_deref(), here });
-    write_whole(&folder.join("points.json"), &points::to_json(&chart.points))?;
-    write_whole(&folder.join("points.csv"), &points::to_csv(&chart.points))?;
+    let (convergence, stability) = (&convergence, stability.as_deref());
+    let page = chart_page(&Report { chart: &chart, convergence, stability, here, extent });
+    if extent == Extent::Whole {
+        write_whole(&folder.join("points.json"), &points::to_json(&chart.points))?;
+        write_whole(&folder.join("points.csv"), &points::to_csv(&chart.points))?;
+    }
     write_whole(&folder.join("report.html"), &page)?;
     let defaults = chart.points.iter().filter(|p| p.default);
     let worst = defaults.clone().map(|p| p.linf).fold(0.0, f64::max);
@@ -151,12 +164,17 @@ fn chosen_regimes(ids: &[String]) -> Result<Vec<&'static Regime>, Failure> {
 }
 
 impl Arguments {
+    fn extent(&self) -> Extent {
+        if self.summary { Extent::Summary } else { Extent::Whole }
+    }
+
     /// The command as a person would type it again; the folder by its own name, which says nothing of this machine.
     fn command_line(&self) -> String {
         let mut words = vec!["supervol chart".to_string()];
         words.extend(self.quick.then(|| "--quick".into()));
         words.extend(self.scene.iter().map(|name| format!("--scene {name}")));
         words.extend(self.stability.then(|| "--stability".into()));
+        words.extend(self.summary.then(|| "--summary".into()));
         words.extend(self.only.iter().map(|id| format!("--only {id}")));
         let name = self.output.file_name().unwrap_or(self.output.as_os_str());
         words.push(format!("-o {}", name.to_string_lossy()));

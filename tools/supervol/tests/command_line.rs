@@ -393,16 +393,31 @@ fn a_chart_is_written_as_a_page_and_as_points() {
         "bias",
         "pareto",
         "default",
+        "max_error",
     ] {
         assert!(points.iter().all(|point| point.get(key).is_some()), "a point has no {key}");
     }
     let csv = read("points.csv");
     assert_eq!(csv.lines().count(), points.len() + 1);
+    // The default is a curve over the error that is asked for, on every picture; what users get is one point of it.
+    for look in ["smooth", "smooth shaded", "spike"] {
+        let of_look = points.iter().filter(|point| point["transfer_function"] == look && point["method"] == "default");
+        let asked: Vec<_> =
+            of_look.clone().map(|point| point["max_error"].as_f64().expect("a number") * 255.0).collect();
+        assert!(asked.len() == 7 && asked.is_sorted_by(|a, b| a > b), "{look}: {asked:?}");
+        let defaults: Vec<_> = of_look.filter(|point| point["default"] == true).collect();
+        assert!(defaults.len() == 1 && defaults[0]["parameters"] == "--max-error 0.5/255", "{look}: {defaults:?}");
+        assert!(
+            points.iter().any(|point| point["max_error"].is_null()),
+            "methods of comparison are asked for no error"
+        );
+    }
     let page = read("report.html");
     assert!(page.contains("<svg") && page.contains("supervol chart --quick --scene marschner-lobb"));
     let files = std::fs::read_dir(folder.path("report")).expect("the folder can be listed").count();
     assert_eq!(files, 3, "containers and unfinished files are removed");
     assert!(folder.expect(2, &["chart", "--scene", "no-such", "-o", "report"]).contains("marschner-lobb"));
+    folder.expect(2, &["chart", "--stability", "--summary", "-o", "report"]);
 }
 
 #[test]

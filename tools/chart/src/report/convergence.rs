@@ -64,6 +64,7 @@ fn convergence_figure(rows: &[OrderRow]) -> String {
         front: Vec::new(),
         limit: Some((INVISIBLE, "half a grey level".into())),
         ringed: None,
+        named: Vec::new(),
         has_legend: true,
     };
     figure(

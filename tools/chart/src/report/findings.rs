@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::html::{bytes, details, escape, number, number_or_dash, paragraph, table};
 use crate::measure::INVISIBLE;
-use crate::methods::CELLS;
+use crate::methods::{DEFAULT, ERRORS};
 use crate::points::{CPU, Point};
 
 /// Families that integrate a ray in another way than the default's: what it competes with. Variations of the default
@@ -90,6 +90,41 @@ fn comparison_row(c: &Comparison<'_>) -> Vec<String> {
     ]
 }
 
+/// The default's curve over all pictures: what was asked for, what came of it, what it cost.
+pub(super) fn errors_asked_for(points: &[Point]) -> String {
+    let of_look = |look: &[Point], levels: f64| -> Option<[f64; 3]> {
+        let at = |levels: f64| {
+            let asked =
+                |p: &&Point| p.method == DEFAULT && p.max_error.is_some_and(|e| (e * 255.0 - levels).abs() < 1e-9);
+            look.iter().find(asked)
+        };
+        let (point, default) = (at(levels)?, look.iter().find(|p| p.default)?);
+        Some([point.linf * 255.0, point.p999 * 255.0, point.cpu_ms / default.cpu_ms])
+    };
+    let row = |levels: f64| {
+        let mut found: Vec<[f64; 3]> = looks(points).filter_map(|look| of_look(look, levels)).collect();
+        let above = found.iter().filter(|[largest, _, _]| *largest > levels).count();
+        found.sort_by(|a, b| a[2].total_cmp(&b[2]));
+        let middle = found.get(found.len() / 2)?[2];
+        let greatest = |i: usize| found.iter().map(|f| f[i]).fold(0.0, f64::max);
+        let range = format!("{} to {}", number(found[0][2]), number(found[found.len() - 1][2]));
+        let numbers = [number(levels), number(greatest(0)), number(greatest(1)), format!("{above} of {}", found.len())];
+        Some(numbers.into_iter().chain([number(middle), range]).collect::<Vec<String>>())
+    };
+    let rows: Vec<Vec<String>> = ERRORS.into_iter().filter_map(row).collect();
+    if rows.is_empty() {
+        return paragraph("The default was not measured at several errors in this run.");
+    }
+    paragraph(
+        "The default drawn at each error that can be asked for (--max-error), over all pictures. Errors are in grey levels of \
+         255. Cost is the processor time of a picture over that of the same picture at the default error: the median, and from \
+         the least to the greatest.",
+    ) + &table(
+        &["asked for", "largest error", "largest 99.9th percentile", "pictures above", "cost, median", "cost"],
+        &rows,
+    )
+}
+
 /// Bytes read and the first picture's processor time, by codec and storage.
 pub(super) fn storage(points: &[Point]) -> String {
     let mut html = paragraph(
@@ -100,7 +135,7 @@ pub(super) fn storage(points: &[Point]) -> String {
     let is_shown = |p: &&Point| p.method == "codec" || p.method == "storage" || p.default;
     let has_codecs = |look: &&[Point]| look.iter().any(|p| p.method == "codec");
     let row = |p: &Point| {
-        let what = if p.method == CELLS { "default".into() } else { format!("{}: {}", p.method, p.parameters) };
+        let what = if p.default { "default".into() } else { format!("{}: {}", p.method, p.parameters) };
         vec![
             escape(&p.scene),
             escape(&p.transfer_function),
@@ -205,5 +240,26 @@ mod tests {
         assert!(findings(&points).contains("<b>0 of 1</b>"));
         points[0].default = false;
         assert!(compare(&points).is_none());
+    }
+
+    #[test]
+    fn the_curve_is_summed_up_over_pictures() {
+        let aimed = |levels: f64, cpu_ms, linf, look: &str| {
+            let (method, max_error) = (DEFAULT.into(), Some(levels / 255.0));
+            let is_default = levels == 0.5;
+            let base = point("default", cpu_ms, linf / 255.0);
+            Point { method, max_error, default: is_default, transfer_function: look.into(), ..base }
+        };
+        let points = [
+            aimed(8.0, 1.0, 3.0, "a"),
+            aimed(0.5, 4.0, 0.25, "a"),
+            aimed(8.0, 3.0, 9.0, "b"),
+            aimed(0.5, 6.0, 0.125, "b"),
+        ];
+        let html = errors_asked_for(&points);
+        for part in [">8<", ">9<", "1 of 2", ">0.5<", ">0.25 to 0.5<", "0 of 2", ">1 to 1<"] {
+            assert!(html.contains(part), "no {part} in {html}");
+        }
+        assert!(errors_asked_for(&[]).contains("not measured"));
     }
 }

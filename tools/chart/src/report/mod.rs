@@ -3,6 +3,7 @@
 //! Pages are for readers who do not know the code: every figure has a title, units, and one sentence on how to read it.
 //! Nothing is computed here but what a table or a figure shows of the points it is given.
 
+mod compact;
 pub mod convergence;
 pub mod findings;
 pub mod html;
@@ -18,13 +19,24 @@ pub use stability::stability_page;
 
 use crate::chart::Chart;
 use crate::convergence::OrderRow;
-use crate::measure::INVISIBLE;
+use crate::measure::{GREY_LEVELS, INVISIBLE};
+use crate::methods::DEFAULT;
 use crate::points::Point;
 use crate::record::RegimeRecord;
 use crate::scenes::{SceneSpec, scene};
 use html::{Section, escape, paragraph};
 use palette::FAMILIES;
-use plots::{Plot, Scaling, Series};
+use plots::{Named, Plot, Scaling, Series, Side};
+
+/// How much a report shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// All that was measured.
+    Whole,
+    /// All plots and findings; few pictures, no table of all points, and the regimes as a table: small enough to be kept
+    /// with the program.
+    Summary,
+}
 
 /// What a report is made of.
 pub struct Report<'a> {
@@ -36,6 +48,8 @@ pub struct Report<'a> {
     pub stability: Option<&'a [RegimeRecord]>,
     /// Where and when.
     pub here: &'a Circumstances,
+    /// How much of it is shown.
+    pub extent: Extent,
 }
 
 /// `report.html`.
@@ -47,10 +61,11 @@ pub fn chart_page(report: &Report<'_>) -> String {
         Section::new("findings", "What was found", findings::findings(&chart.points)),
         Section::new("speed", "Speed against accuracy", speed_against_accuracy(&chart.points)),
         Section::new("convergence", "Convergence", convergence::section(report.convergence)),
-        Section::new("pictures", "Pictures and their errors", chart.pictures.iter().map(pictures::row).collect()),
+        Section::new("errors", "What an error asked for costs", findings::errors_asked_for(&chart.points)),
+        Section::new("pictures", "Pictures and their errors", shown_pictures(report)),
         Section::new("storage", "What is read: codecs and storage", findings::storage(&chart.points)),
-        Section::new("stability", "Where methods fail", stability::section(report.stability)),
-        Section::new("points", "All points", findings::all_points(&chart.points)),
+        Section::new("stability", "Where methods fail", stability::section(report.stability, report.extent)),
+        Section::new("points", "All points", all_points(report)),
         Section::new("notes", "What was not measured", notes(chart)),
     ];
     sections.push(html::circumstances(report.here));
@@ -84,7 +99,9 @@ fn reading(chart: &Chart) -> String {
          memory: the median of at least three pictures. Error and cost are those of the same picture. The cost of reading \
          is in its own section."
             .into(),
-        "The default is what users get without a GPU. Methods of comparison run through the same pipeline (the same \
+        "The default is what users get without a GPU. It can be asked for an error, the largest of any channel of any pixel \
+         (--max-error): the blue curve goes from 8 to 0.1 of 255 grey levels, and its ring is at half a grey level, which is \
+         asked for where nobody says otherwise. Methods of comparison run through the same pipeline (the same \
          bricks, the same skipping of empty space); only what happens inside a visible region differs."
             .into(),
     ];
@@ -99,9 +116,33 @@ fn describe(spec: &SceneSpec) -> String {
     format!("<li><b>{}</b>: {}</li>", escape(spec.name), escape(spec.about))
 }
 
+/// Scenes whose pictures a summary shows.
+const PICTURED_SCENES: [&str; 2] = ["seismic", "carp"];
+
+fn shown_pictures(report: &Report<'_>) -> String {
+    let all = &report.chart.pictures;
+    if report.extent == Extent::Whole {
+        return all.iter().map(|row| pictures::row(row, usize::MAX)).collect();
+    }
+    // One picture of each, by the default and by one other method.
+    let of = |scene: &&str| all.iter().find(|row| row.scene == **scene).map(|row| pictures::row(row, 2));
+    let shown: String = PICTURED_SCENES.iter().filter_map(of).collect();
+    paragraph("Some of them; the others are made by the command below without --summary.") + &shown
+}
+
+fn all_points(report: &Report<'_>) -> String {
+    match report.extent {
+        Extent::Whole => findings::all_points(&report.chart.points),
+        Extent::Summary => paragraph(&format!(
+            "{} points, which the command below writes to points.csv and points.json, and into this section, without \
+             --summary.",
+            report.chart.points.len()
+        )),
+    }
+}
+
 fn notes(chart: &Chart) -> String {
     let standing = [
-        "A requested error (--max-error) steers the choice of levels only; these pictures are of level 0 unless a method says otherwise, so there are no points for it.",
         "There is no lossy codec yet: the error of every codec is that of the storage it encodes.",
         "A GPU's processor time is that of starting it and of waiting for it, so GPU points are never on a Pareto front; \
          an adapter whose name holds \"llvmpipe\" is the processor itself.",
@@ -152,15 +193,32 @@ fn cost_error_plot(points: &[Point]) -> Plot {
         front,
         limit: Some((INVISIBLE, "half a grey level".into())),
         ringed: default.map(|p| (p.cpu_ms, p.linf, "default".into())),
+        named: ends_of_curve(points),
         has_legend: false,
     }
 }
 
-/// The points of a family as a line joins them: by samples, which grow with every parameter that is swept.
+/// The points of a family as a line joins them: the default by the error asked for, others by samples, which grow with
+/// every parameter that is swept.
 fn in_order_of_cost<'a>(points: &'a [Point], family: &str) -> Vec<&'a Point> {
     let mut of_family: Vec<&Point> = points.iter().filter(|p| p.method == family).collect();
-    of_family.sort_by_key(|p| p.samples);
+    if family == DEFAULT {
+        of_family.sort_by(|a, b| b.max_error.unwrap_or(0.0).total_cmp(&a.max_error.unwrap_or(0.0)));
+    } else {
+        of_family.sort_by_key(|p| p.samples);
+    }
     of_family
+}
+
+/// The errors asked for at both ends of the default's curve.
+fn ends_of_curve(points: &[Point]) -> Vec<Named> {
+    let curve = in_order_of_cost(points, DEFAULT);
+    let (&[first, .., last], [left, right]) = (curve.as_slice(), [Side::Left, Side::Right]) else { return Vec::new() };
+    let named = |(p, side): (&Point, Side)| {
+        let name = format!("{}/255", html::number(p.max_error? * GREY_LEVELS));
+        Some(Named { at: (p.cpu_ms, p.linf), name, side })
+    };
+    [(first, left), (last, right)].into_iter().filter_map(named).collect()
 }
 
 /// Marks and names of the families that have points.
@@ -181,9 +239,10 @@ mod tests {
     #[test]
     fn the_page_is_whole_and_fetches_nothing() {
         let image = Image { width: 4, height: 3, pixels: vec![[0.5, 0.2, 0.1, 1.0]; 12] };
-        let mut points = vec![point("cells, adaptive", 2.0, 1e-3), point("midpoint samples", 9.0, 1e-2)];
-        points[0].default = true;
-        points[0].pareto = true;
+        let mut points =
+            vec![point(DEFAULT, 1.0, 8e-3), point(DEFAULT, 2.0, 1e-3), point("midpoint samples", 9.0, 1e-2)];
+        (points[0].default, points[1].pareto) = (false, true);
+        (points[0].max_error, points[1].max_error) = (Some(8.0 / 255.0), Some(0.5 / 255.0));
         let chart = Chart {
             points,
             pictures: vec![PictureRow {
@@ -197,10 +256,21 @@ mod tests {
             edge: 8,
         };
         let here = Circumstances::now("supervol chart --quick");
-        let page = chart_page(&Report { chart: &chart, convergence: &[], stability: None, here: &here });
-        for part in ["<svg", "data:image/png;base64,", "&lt;left out&gt;", "supervol chart --quick", "--max-error"] {
+        let of = |extent| chart_page(&Report { chart: &chart, convergence: &[], stability: None, here: &here, extent });
+        let page = of(Extent::Whole);
+        // The default is a curve, with its ends named and the default error ringed.
+        for part in
+            ["<svg", "data:image/png;base64,", "&lt;left out&gt;", "supervol chart --quick", ">8/255<", ">0.5/255<"]
+        {
             assert!(page.contains(part), "no {part}");
         }
+        // A summary shows the same plots, and neither all points nor all pictures.
+        let summary = of(Extent::Summary);
+        let section = |page: &str| {
+            page.split("id=\"speed\"").nth(1).map(|rest| rest.split("</section>").next().map(String::from))
+        };
+        assert_eq!(section(&summary), section(&page));
+        assert!(!summary.contains("data:image/png") && !summary.contains("<details>") && summary.contains("3 points"));
         for foreign in ["<script", "http://", "https://", "src=\"/", "url("] {
             assert!(!page.contains(foreign), "{foreign}");
         }

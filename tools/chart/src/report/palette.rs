@@ -41,14 +41,16 @@ const ORANGE: RGBColor = RGBColor(230, 159, 0);
 const SKY: RGBColor = RGBColor(86, 180, 233);
 const GREEN: RGBColor = RGBColor(0, 158, 115);
 const YELLOW: RGBColor = RGBColor(200, 180, 0);
-const BLUE: RGBColor = RGBColor(0, 114, 178);
+/// Blue: the default.
+pub const BLUE: RGBColor = RGBColor(0, 114, 178);
 /// Vermillion: limits.
 pub const VERMILLION: RGBColor = RGBColor(213, 94, 0);
 const PURPLE: RGBColor = RGBColor(204, 121, 167);
 
 /// Every family of the chart, in the order of its legend; the names are those of [`crate::methods`].
-pub const FAMILIES: [(&str, Look); 18] = [
-    ("cells, adaptive", joined(BLUE, Mark::Circle)),
+pub const FAMILIES: [(&str, Look); 19] = [
+    ("default", joined(BLUE, Mark::Circle)),
+    ("cells, adaptive", joined(SKY, Mark::Diamond)),
     ("cells, fixed", joined(SKY, Mark::Circle)),
     ("midpoint samples", joined(ORANGE, Mark::Square)),
     ("midpoint samples, jittered", joined(YELLOW, Mark::Square)),
@@ -80,11 +82,10 @@ const fn loose(color: RGBColor, mark: Mark) -> Look {
 const OTHER_COLORS: [RGBColor; 7] = [ORANGE, GREEN, PURPLE, SKY, VERMILLION, BLACK, YELLOW];
 const OTHER_MARKS: [Mark; 5] = [Mark::Square, Mark::Triangle, Mark::Diamond, Mark::Circle, Mark::Cross];
 
-/// How a family is drawn; `default` as the default's family; other names by their place in the figure.
+/// How a family is drawn; other names by their place in the figure.
 #[must_use]
 pub fn look(name: &str, place: usize) -> Look {
-    let family = if name == "default" { FAMILIES[0].0 } else { name };
-    let found = FAMILIES.iter().find(|(known, _)| *known == family);
+    let found = FAMILIES.iter().find(|(known, _)| *known == name);
     let other = joined(OTHER_COLORS[place % OTHER_COLORS.len()], OTHER_MARKS[place % OTHER_MARKS.len()]);
     found.map_or(other, |(_, look)| Look { joined: true, ..*look })
 }

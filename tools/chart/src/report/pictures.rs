@@ -47,11 +47,11 @@ fn tile(image: &Image, caption: &str) -> String {
     }
 }
 
-/// The exact picture, then each method's picture and its difference.
+/// The exact picture, then the first methods' pictures and their differences.
 #[must_use]
-pub fn row(row: &PictureRow) -> String {
+pub fn row(row: &PictureRow, methods: usize) -> String {
     let mut tiles = vec![tile(&row.exact, "exact")];
-    for (method, parameters, picture) in &row.pictures {
+    for (method, parameters, picture) in row.pictures.iter().take(methods) {
         let error = html::number(distance(picture, &row.exact).linf * 255.0);
         tiles.push(tile(picture, &format!("{method}, {parameters}")));
         let caption = format!("its difference × {AMPLIFICATION}; at most {error} grey levels");

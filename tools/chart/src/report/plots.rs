@@ -6,8 +6,10 @@
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::palette::{self, BLACK as INK, GREY, Look, Mark, VERMILLION};
+use super::compact::compact;
+use super::palette::{self, BLACK as INK, BLUE, GREY, Look, Mark, VERMILLION};
 
 /// Width and height of a plot, SVG units.
 const SIZE: (u32, u32) = (560, 400);
@@ -57,8 +59,30 @@ pub struct Plot {
     pub limit: Option<(f64, String)>,
     /// A point that gets a ring and a name.
     pub ringed: Option<(f64, f64, String)>,
+    /// Points that get a small name.
+    pub named: Vec<Named>,
     /// Whether the plot has its own legend.
     pub has_legend: bool,
+}
+
+/// A point with a name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Named {
+    /// Where it is.
+    pub at: (f64, f64),
+    /// Plain text.
+    pub name: String,
+    /// Where the name stands.
+    pub side: Side,
+}
+
+/// Where a name stands, seen from its point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// On its left.
+    Left,
+    /// On its right, below.
+    Right,
 }
 
 /// An axis: its range and how it runs. On paper a logarithmic axis is a linear one of decimal logarithms.
@@ -204,8 +228,10 @@ impl Plot {
             chart
                 .draw_series(DashedLineSeries::new(ends.map(|p| at(&p)), 7, 4, VERMILLION.stroke_width(1)))
                 .map_err(failed)?;
-            let style = ("sans-serif", 12).into_font().color(&VERMILLION);
-            let text = EmptyElement::at(at(&ends[0])) + Text::new(name.clone(), (6, -15), style);
+            // On the right: what is fast and near to exact is on the left.
+            let anchor = Pos::new(HPos::Right, VPos::Bottom);
+            let style = ("sans-serif", 12).into_font().color(&VERMILLION).pos(anchor);
+            let text = EmptyElement::at(at(&ends[1])) + Text::new(name.clone(), (-4, -4), style);
             chart.draw_series([text]).map_err(failed)?;
         }
         chart
@@ -217,6 +243,15 @@ impl Plot {
                 chart.draw_series(LineSeries::new(points.clone(), series.look.color.mix(0.55))).map_err(failed)?;
             }
             draw_marks(&mut chart, &points, series.look).map_err(failed)?;
+        }
+        for named in self.named.iter().filter(|named| is_point(&named.at)) {
+            let (anchor, offset) = match named.side {
+                Side::Left => (HPos::Right, (-8, 0)),
+                Side::Right => (HPos::Left, (8, 7)),
+            };
+            let style = ("sans-serif", 11).into_font().color(&BLUE).pos(Pos::new(anchor, VPos::Center));
+            let text = EmptyElement::at(at(&named.at)) + Text::new(named.name.clone(), offset, style);
+            chart.draw_series([text]).map_err(failed)?;
         }
         if let Some((a, b, name)) = self.ringed.as_ref().filter(|(a, b, _)| is_point(&(*a, *b))) {
             let style = ("sans-serif", 13).into_font().style(FontStyle::Bold).color(&INK);
@@ -280,11 +315,11 @@ fn superscript(exponent: i32) -> String {
     exponent.to_string().chars().map(digit).collect()
 }
 
-/// The SVG without its fixed size, so that the page decides, and without the namespace that only files need.
+/// The SVG without its fixed size, so that the page decides, without the namespace that only files need, and short.
 fn scalable(svg: &str) -> String {
     let (width, height) = SIZE;
     let sized = format!("<svg width=\"{width}\" height=\"{height}\" ");
-    svg.replacen(&sized, "<svg ", 1).replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1)
+    compact(&svg.replacen(&sized, "<svg ", 1).replacen(" xmlns=\"http://www.w3.org/2000/svg\"", "", 1))
 }
 
 #[cfg(test)]
@@ -301,6 +336,7 @@ mod tests {
             front: points.to_vec(),
             limit: Some((1e-3, "limit".into())),
             ringed: Some((1.0, 0.1, "default".into())),
+            named: vec![Named { at: (2.0, 0.0), name: "E <8>".into(), side: Side::Left }],
             has_legend: true,
         }
     }
@@ -310,7 +346,7 @@ mod tests {
         let plot = plot(&[(1.0, 0.1), (2.0, 0.0), (30.0, 1e-4), (f64::NAN, 1.0)]);
         assert!(plot.svg().starts_with("<svg viewBox"), "{}", &plot.svg()[..80]);
         let html = plot.html();
-        for part in ["error &lt;share&gt;", "a &amp; b", "cost, ms", "default"] {
+        for part in ["error &lt;share&gt;", "a &amp; b", "cost, ms", "default", "E &lt;8&gt;"] {
             assert!(html.contains(part), "no {part}");
         }
         assert!(!html.contains("NaN"));
@@ -321,6 +357,7 @@ mod tests {
         let mut empty = plot(&[]);
         empty.limit = None;
         empty.ringed = None;
+        empty.named.clear();
         assert!(empty.svg().starts_with("<svg"));
         assert!(plot(&[(5.0, 5.0)]).svg().starts_with("<svg"));
     }

@@ -1,10 +1,10 @@
 //! The stability suite as a page of its own, and as a section of the report.
 
-use super::figure;
 use super::html::{self, Section, escape, grid, number, number_or_dash, paragraph, table, verdict};
 use super::machine::Circumstances;
 use super::palette;
 use super::plots::{Plot, Scaling, Series};
+use super::{Extent, figure};
 use crate::record::{RecordedGate, RegimeRecord};
 use crate::stability::WAITING;
 
@@ -17,7 +17,7 @@ pub fn stability_page(records: &[RegimeRecord], here: &Circumstances) -> String 
          and holds the default to a promise (a gate).",
     );
     let sections = [
-        Section::new("results", "Results", overview(records)),
+        Section::new("results", "Results", overview(records, "")),
         Section::new("curves", "Curves into the failure", curves(records)),
         Section::new("waiting", "Regimes that wait", waiting()),
         html::circumstances(here),
@@ -26,9 +26,10 @@ pub fn stability_page(records: &[RegimeRecord], here: &Circumstances) -> String 
 }
 
 /// The section of the chart's report.
-pub(super) fn section(records: Option<&[RegimeRecord]>) -> String {
+pub(super) fn section(records: Option<&[RegimeRecord]>, extent: Extent) -> String {
     match records {
-        Some(records) => overview(records) + &curves(records),
+        Some(records) if extent == Extent::Whole => overview(records, "") + &curves(records),
+        Some(records) => overview(records, PAGE),
         None => paragraph(
             "The stability suite has not been run into this folder; `supervol chart --stability -o FOLDER` does so, and the \
              next report into the folder shows it.",
@@ -36,7 +37,11 @@ pub(super) fn section(records: Option<&[RegimeRecord]>) -> String {
     }
 }
 
-fn overview(records: &[RegimeRecord]) -> String {
+/// Name of the page of its own, beside the report.
+const PAGE: &str = "stability.html";
+
+/// All regimes; `page` is where their curves are, nothing for the same page.
+fn overview(records: &[RegimeRecord], page: &str) -> String {
     let failed: Vec<&str> = records.iter().filter(|r| !r.pass).map(|r| r.id.as_str()).collect();
     let passed = records.len() - failed.len();
     let which = if failed.is_empty() { String::new() } else { format!(" ({})", failed.join(", ")) };
@@ -47,7 +52,7 @@ fn overview(records: &[RegimeRecord]) -> String {
         let first = r.gates.iter().find(|g| !g.pass).or(r.gates.first());
         let value = first.map_or_else(|| "\u{2013}".into(), |g| number_or_dash(g.value));
         vec![
-            format!("<a href=\"#{0}\">{0}</a>", escape(&r.id)),
+            format!("<a href=\"{page}#{0}\">{0}</a>", escape(&r.id)),
             escape(&r.title),
             verdict(r.pass).into(),
             first.map_or_else(String::new, |g| escape(&g.what)),
@@ -113,6 +118,7 @@ fn plot(record: &RegimeRecord) -> Plot {
         front: Vec::new(),
         limit: None,
         ringed: None,
+        named: Vec::new(),
         has_legend: true,
     }
 }
@@ -139,5 +145,9 @@ mod tests {
             assert!(page.contains(part), "no {part}");
         }
         assert!(page.contains("<b>0</b> of 2 regimes pass"));
+        let records = [RegimeRecord::new(&REGIME, &Ok(outcome()), 1.0)];
+        let [whole, summary] = [Extent::Whole, Extent::Summary].map(|extent| section(Some(&records), extent));
+        assert!(whole.contains("<svg") && whole.contains("href=\"#S99\""));
+        assert!(!summary.contains("<svg") && summary.contains("href=\"stability.html#S99\""));
     }
 }
