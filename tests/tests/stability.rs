@@ -112,6 +112,11 @@ fn s21_leaping() {
 }
 
 #[test]
+fn s22_proximity_clouds() {
+    holds("S22");
+}
+
+#[test]
 fn s23_windows_of_values() {
     holds("S23");
 }

@@ -23,7 +23,7 @@ use crate::fixtures;
 use crate::volume::Point;
 
 /// CT of a carp; scan by M. Scheuring, University of Erlangen; BSD-2-Clause; see `tests/data/README.md`.
-const CARP: &[u8] = include_bytes!("../../../tests/data/carp_ct.nii.gz");
+pub(crate) const CARP: &[u8] = include_bytes!("../../../tests/data/carp_ct.nii.gz");
 /// Where the box of the carp begins: at the gills, half of it air.
 const CARP_START: [u64; 3] = [32, 384, 96];
 /// Part of block F3, Dutch North Sea (dGB Earth Sciences, TNO; CC BY-SA), in the developers' data folder.

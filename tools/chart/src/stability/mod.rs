@@ -9,6 +9,7 @@ pub mod classification;
 pub mod compositing;
 mod geometry;
 mod jitter;
+mod leaping;
 mod lod;
 pub(crate) mod parallel;
 pub mod reconstruction;
@@ -144,12 +145,13 @@ impl Outcome {
 /// Every regime that applies to what exists, by id.
 #[must_use]
 pub fn regimes() -> Vec<&'static Regime> {
-    let groups: [&'static [Regime]; 10] = [
+    let groups: [&'static [Regime]; 11] = [
         borders::REGIMES,
         classification::REGIMES,
         compositing::REGIMES,
         geometry::REGIMES,
         jitter::REGIMES,
+        leaping::REGIMES,
         lod::REGIMES,
         reconstruction::REGIMES,
         segments::REGIMES,
@@ -165,7 +167,6 @@ pub fn regimes() -> Vec<&'static Regime> {
 pub const WAITING: &[(&str, &str)] = &[
     ("S19", "wavelet codec"),
     ("S20", "wavelet codec"),
-    ("S22", "proximity clouds"),
     ("S28", "an engine that sorts bricks"),
     ("S29", "shear-warp engine"),
     ("S30", "shear-warp engine"),

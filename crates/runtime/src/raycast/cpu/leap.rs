@@ -45,7 +45,9 @@ impl ProximityCloud {
         Self::of_shown(cells, (0..sides.len()).map(|i| shows(i) || differs(i)))
     }
 
-    fn of_shown(cells: [usize; 3], shown: impl Iterator<Item = bool>) -> Self {
+    /// The cloud of what shows: one truth per macro cell, x fastest.
+    #[must_use]
+    pub fn of_shown(cells: [usize; 3], shown: impl Iterator<Item = bool>) -> Self {
         let most = cells.iter().copied().max().unwrap_or(1).min(255) as u8;
         let mut distances: Vec<u8> = shown.map(|shows| if shows { 0 } else { most }).collect();
         let is_dense = distances.iter().all(|&d| d == 0);
@@ -57,12 +59,18 @@ impl ProximityCloud {
         Self { cells, distances, is_dense, is_empty }
     }
 
+    /// Whether it is the cloud of a brick with so many core voxels along each axis.
+    #[must_use]
+    pub fn covers(&self, core: [usize; 3]) -> bool {
+        self.cells == core.map(|n| n.div_ceil(MACRO_CELL))
+    }
+
     /// Distances of macro cells; 0 outside the mask.
     ///
     /// # Safety
     /// In every lane of the mask, the macro cell is one of the cloud's.
     #[inline(always)]
-    pub unsafe fn gather<S: Simd>(&self, macro_cell: [S::I; 3], mask: S::M) -> S::I {
+    pub(super) unsafe fn gather<S: Simd>(&self, macro_cell: [S::I; 3], mask: S::M) -> S::I {
         // SAFETY: the caller's promise; the padding lets words be read.
         let words = unsafe { S::gather(self.distances.as_ptr(), place_in::<S>(self.cells, macro_cell), mask) };
         S::and_int(words, S::splat_int(255))

@@ -19,7 +19,7 @@
 mod fetch;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod integrate;
-mod leap;
+pub mod leap;
 mod lookup;
 mod order;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
@@ -37,6 +37,7 @@ pub mod simd;
 mod surfaces;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod tile;
+pub mod trace;
 mod value_tiles;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod values;

@@ -244,17 +244,27 @@ impl<S: Simd> Walker<S> {
     pub fn leap(&mut self, cloud: &ProximityCloud, brick: &PacketBrick<'_>) -> u32 {
         let mut leaps = 0;
         loop {
-            let active = self.active();
-            let macro_cell = self.macro_cell();
-            // SAFETY: cells of active rays lie in the core, whose macro cells the cloud covers.
-            let distance = unsafe { cloud.gather::<S>(macro_cell, active) };
-            let leaping = S::lt_int(S::splat_int(0), distance) & active;
-            if S::bits(leaping) == 0 {
+            let leaping = self.leap_once(cloud, brick);
+            if leaping == 0 {
                 return leaps;
             }
-            leaps += S::bits(leaping).count_ones();
+            leaps += leaping.count_ones();
+        }
+    }
+
+    /// One leap of every ray that can; returns which these are, one bit per lane.
+    #[inline(always)]
+    pub fn leap_once(&mut self, cloud: &ProximityCloud, brick: &PacketBrick<'_>) -> u32 {
+        let active = self.active();
+        let macro_cell = self.macro_cell();
+        // SAFETY: cells of active rays lie in the core, whose macro cells the cloud covers.
+        let distance = unsafe { cloud.gather::<S>(macro_cell, active) };
+        let leaping = S::lt_int(S::splat_int(0), distance) & active;
+        let bits = S::bits(leaping);
+        if bits != 0 {
             self.leave(macro_cell, S::to_float(distance), leaping, brick);
         }
+        bits
     }
 
     /// Macro cells of the rays, indices in the brick; those of rays that have left it may lie outside.
