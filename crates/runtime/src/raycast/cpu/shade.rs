@@ -109,6 +109,30 @@ impl<S: Simd> LightAt<S> {
         self.specular = S::select(mask, other.specular, self.specular);
     }
 
+    /// Square of the difference between two normals.
+    #[inline(always)]
+    fn turn(a: &Self, b: &Self) -> S::F {
+        let zero = S::splat(0.0);
+        let scale = a.inverse_length * b.inverse_length;
+        let difference = S::mul_add(S::splat(-2.0) * dot::<S>(&a.gradient, &b.gradient), scale, S::splat(2.0));
+        S::select(S::lt(zero, scale), S::max(difference, zero), zero)
+    }
+
+    /// Share of a part, of whose half the gradient is these at the ends, in which it may be shorter than `floor` unseen: if
+    /// it varies evenly, on the chord through a sphere.
+    #[inline(always)]
+    fn without_normal(a: &Self, b: &Self, floor: f32) -> S::F {
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let (aa, ab) = (dot::<S>(&a.gradient, &a.gradient), dot::<S>(&a.gradient, &b.gradient));
+        let bb = dot::<S>(&b.gradient, &b.gradient);
+        let way = S::max(S::mul_add(S::splat(-2.0), ab, aa + bb), S::splat(f32::MIN_POSITIVE));
+        // Twice as wide, since it does not vary quite evenly.
+        let floor = S::splat(2.0 * floor);
+        let nearest = S::max(S::mul_add(aa, bb, zero - ab * ab), zero) / way;
+        let is_passed = S::lt(ab, aa) & S::lt(ab, bb) & S::lt(nearest, floor * floor);
+        S::select(is_passed, S::min(floor / S::sqrt(way), one), zero)
+    }
+
     /// A colour after shading.
     #[inline(always)]
     fn of(&self, color: S::F) -> S::F {
@@ -145,7 +169,7 @@ impl<'a> PacketLighting<'a> {
     pub fn at<S: Simd>(&self, gradient: [S::F; 3], to_eye: &[S::F; 3]) -> LightAt<S> {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let lighting = self.lighting;
-        let floor = S::splat(lighting.gradient_floor.max(f32::MIN_POSITIVE.sqrt()));
+        let floor = S::splat(self.floor());
         let length = S::sqrt(dot::<S>(&gradient, &gradient));
         let has_normal = S::le(floor, length);
         let inverse_length = S::select(has_normal, one / S::max(length, floor), zero);
@@ -187,19 +211,52 @@ impl<'a> PacketLighting<'a> {
             color[c] = opacity * mean;
             of_place = S::max(of_place, error);
         }
-        let of_place = of_place + self.error_of_turn::<S>(along);
+        let of_place = S::max(of_place, self.error_of_sides::<S>(along)) + self.error_of_turn::<S>(along);
         (color, S::mul_add(opacity, S::min(of_place, one), part.error * S::splat(self.gain)))
     }
 
-    /// What three places can miss of a highlight between them.
+    /// What three places can miss of the light between them: a highlight where the normal turns, and a gradient that is too
+    /// short for a normal.
     #[inline(always)]
     fn error_of_turn<S: Simd>(&self, along: &[LightAt<S>; 3]) -> S::F {
         let lighting = self.lighting;
-        let turn = turn::<S>(along);
+        let mut turn = S::splat(0.0);
+        let mut flat = turn;
+        for [a, b] in [[0, 1], [1, 2]] {
+            let of_pair = LightAt::turn(&along[a], &along[b]);
+            turn = turn + of_pair;
+            flat = flat + LightAt::without_normal(&along[a], &along[b], self.floor());
+        }
         let widths = turn * S::splat(lighting.shininess);
         let highlight = S::min(widths * widths * S::splat(HIGHLIGHT_SHARE), S::splat(1.0));
         let of_highlight = highlight * S::splat(lighting.specular * self.light);
-        S::mul_add(turn * turn, S::splat(TURN_SHARE * lighting.diffuse * self.light), of_highlight)
+        let of_turn = S::mul_add(turn * turn, S::splat(TURN_SHARE * lighting.diffuse * self.light), of_highlight);
+        S::mul_add(flat, S::splat(self.gain), of_turn)
+    }
+
+    /// What the second difference can miss of diffuse light of which one side goes over into the other between two places:
+    /// in the middle, nothing is left.
+    #[inline(always)]
+    fn error_of_sides<S: Simd>(&self, along: &[LightAt<S>; 3]) -> S::F {
+        let zero = S::splat(0.0);
+        let mut error = zero;
+        for (to_light, intensity) in &self.lighting.lights {
+            let to_light = [S::splat(to_light.x), S::splat(to_light.y), S::splat(to_light.z)];
+            let cosines = for_three!(i => dot::<S>(&along[i].gradient, &to_light) * along[i].inverse_length);
+            for [a, b] in [[0, 1], [1, 2]] {
+                // The triangles between |cosine| and the line over it, if the cosine itself is a line: of half the part.
+                let product = S::max(zero - cosines[a] * cosines[b], zero);
+                let sum = S::max(S::abs(cosines[a] - cosines[b]), S::splat(f32::MIN_POSITIVE));
+                error = S::mul_add(product / sum, S::splat(0.5 * self.lighting.diffuse * intensity), error);
+            }
+        }
+        error
+    }
+
+    /// Length of a gradient below which there is no normal.
+    #[inline(always)]
+    fn floor(&self) -> f32 {
+        self.lighting.gradient_floor.max(f32::MIN_POSITIVE.sqrt())
     }
 
     /// |n.h| to the power of the shininess, from its square, at most 1.
@@ -238,19 +295,6 @@ fn mean_of_channel<S: Simd>(part: &Part<S>, uncut: [S::F; 3]) -> (S::F, S::F) {
     let high = S::max(S::max(uncut[0], uncut[2]), uncut[1]) + half;
     let cut = S::select(S::lt(low, one), S::min(S::max(high - one, zero), part.colors), zero);
     (mean, S::mul_add(S::splat(BEND_SHARE), bend, S::mul_add(range, uneven, cut * S::splat(CUT_SHARE))))
-}
-
-/// Sum of the squares of the differences between neighbouring normals.
-#[inline(always)]
-fn turn<S: Simd>(along: &[LightAt<S>; 3]) -> S::F {
-    let mut sum = S::splat(0.0);
-    for [a, b] in [[0, 1], [1, 2]] {
-        let scale = along[a].inverse_length * along[b].inverse_length;
-        let cosine = dot::<S>(&along[a].gradient, &along[b].gradient);
-        let difference = S::mul_add(S::splat(-2.0) * cosine, scale, S::splat(2.0));
-        sum = sum + S::select(S::lt(S::splat(0.0), scale), S::max(difference, S::splat(0.0)), S::splat(0.0));
-    }
-    sum
 }
 
 /// Shades the cells of a round that show something.
