@@ -1,7 +1,7 @@
 //! Regime of what is leapt over: S22. Rays through one brick at a time, by the walker of packets alone.
 
 use rayon::prelude::*;
-use supervol_format::brick::{APRON, MACRO_CELL};
+use supervol_format::brick::APRON;
 use supervol_format::{BrickKey, Dims, Lod, VoxelType};
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::nifti::NiftiSource;
@@ -9,7 +9,8 @@ use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_runtime::clip::{IndexRay, clip_ray};
 use supervol_runtime::frame::value_map;
-use supervol_runtime::raycast::cpu::leap::ProximityCloud;
+use supervol_runtime::raycast::cpu::blocks::cloud_of_blocks;
+use supervol_runtime::raycast::cpu::leap::{Ahead, BLOCK, ProximityCloud};
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::trace::{LocalRay, Stretch, stretches};
 use supervol_runtime::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap, Voxels};
@@ -29,9 +30,9 @@ use crate::volume::{Point, Volume, build_options, image_size};
 pub const REGIMES: &[Regime] = &[Regime {
     id: "S22",
     title: "Proximity clouds",
-    recipe: "Bricks with random macro cells that show, 0.1 to 50 %; rays of which components are 0 and -0, and that start on \
+    recipe: "Bricks with random blocks that show, 0.1 to 50 %; rays of which components are 0 and -0, and that start on \
              faces. Then vessels, CT and a survey's brightest spots, cell by cell: what could be skipped, and what is.",
-    x_label: "macro cells that show something, percent",
+    x_label: "blocks that show something, percent",
     y_label: "ways through what shows nothing, per ray and brick",
     run: leaping,
 }];
@@ -40,9 +41,9 @@ pub const REGIMES: &[Regime] = &[Regime {
 const ON_FACE: f64 = 1e-4;
 /// Least share of what could be skipped that must be.
 const LEAST_SKIPPED: f64 = 0.8;
-/// Core voxels of the random bricks: the default, and one that ends within a macro cell on every axis.
+/// Core voxels of the random bricks: the default, and one that ends within a block on two axes.
 const CORES: [[usize; 3]; 2] = [[64; 3], [37, 22, 61]];
-/// Shares of macro cells that show something.
+/// Shares of blocks that show something.
 const OCCUPANCIES: [f64; 6] = [0.001, 0.005, 0.02, 0.1, 0.25, 0.5];
 /// Random rays that share a brick.
 const RAYS_PER_BRICK: usize = 256;
@@ -56,8 +57,8 @@ struct Findings {
     ways: f64,
     /// Leaps.
     leaps: f64,
-    /// Macro cells that show nothing, one by one.
-    empty_macro_cells: f64,
+    /// Cells that show nothing, one by one.
+    empty_cells: f64,
     /// World length in cells that show nothing, and how much of it was leapt over.
     skippable: f64,
     skipped: f64,
@@ -65,7 +66,7 @@ struct Findings {
     jumped_over: f64,
     /// Rays whose stretches leave a gap, overlap, or do not end where the ray does.
     untiled: f64,
-    /// Greatest distance, in cells, of a leap's end from the nearest face of macro cells or end of the ray.
+    /// Greatest distance, in cells, of a leap's end from the nearest face of blocks or end of the ray.
     beside_faces: f64,
 }
 
@@ -74,7 +75,7 @@ impl Findings {
         Self {
             ways: self.ways + other.ways,
             leaps: self.leaps + other.leaps,
-            empty_macro_cells: self.empty_macro_cells + other.empty_macro_cells,
+            empty_cells: self.empty_cells + other.empty_cells,
             skippable: self.skippable + other.skippable,
             skipped: self.skipped + other.skipped,
             jumped_over: self.jumped_over + other.jumped_over,
@@ -99,7 +100,7 @@ impl Findings {
         for ([from, to], cell) in pieces(ray, core, side) {
             if !shows(cell) {
                 found.skippable += to - from;
-                found.empty_macro_cells += 1.0;
+                found.empty_cells += 1.0;
             }
             for [begin, end] in leaps.iter().map(|leap| [leap[0].max(from), leap[1].min(to)]) {
                 if end <= begin {
@@ -128,12 +129,12 @@ fn is_tiled(ray: &LocalRay, ways: &[Stretch]) -> bool {
     begins_and_ends && ways.windows(2).all(|w| w[0].t[1] == w[1].t[0]) && ways.iter().all(|s| s.t[0] <= s.t[1])
 }
 
-/// Distance of a position from the nearest face of macro cells on any axis, in cells; 0 at the ray's end.
+/// Distance of a position from the nearest face of blocks on any axis, in cells; 0 at the ray's end.
 fn beside_faces(ray: &LocalRay, t: f64) -> f64 {
     if t >= f64::from(ray.length) {
         return 0.0;
     }
-    let side = MACRO_CELL as f64;
+    let side = BLOCK as f64;
     let beside = |p: f64| (p - (p / side).round() * side).abs();
     position(ray, t).map(beside).into_iter().fold(f64::INFINITY, f64::min)
 }
@@ -159,15 +160,21 @@ fn pieces(ray: &LocalRay, core: [usize; 3], side: usize) -> Vec<([f64; 2], [i64;
 }
 
 fn leaping(context: &Context<'_>) -> Result<Outcome, ChartError> {
-    let bricks = context.pick(700, 12);
+    let bricks = context.pick(378, 27);
     let mut curve = Vec::new();
     let mut random = Findings::default();
     for occupancy in OCCUPANCIES {
-        let found = random_bricks(occupancy, bricks);
         let percent = 100.0 * occupancy;
-        curve.push(CurvePoint::new("macro cells, one by one", percent, found.empty_macro_cells / found.ways, None));
-        curve.push(CurvePoint::new("leaps of the proximity cloud", percent, found.leaps / found.ways, None));
-        random = random.add(found);
+        for (name, counts) in
+            [("distance to the nearest", Counts::All), ("distance to the nearest ahead", Counts::Ahead)]
+        {
+            let found = random_bricks(occupancy, bricks, counts);
+            if counts == Counts::All {
+                curve.push(CurvePoint::new("blocks, one by one", percent, found.empty_cells / found.ways, None));
+            }
+            curve.push(CurvePoint::new(name, percent, found.leaps / found.ways, None));
+            random = random.add(found);
+        }
     }
     let mut gates = vec![
         Gate::at_most("cells that show something and are leapt over, random bricks", random.jumped_over, 0.0),
@@ -191,39 +198,55 @@ fn leaping(context: &Context<'_>) -> Result<Outcome, ChartError> {
     Ok(Outcome { curve, gates, note })
 }
 
-/// Rays through bricks of which this share of macro cells shows something.
-fn random_bricks(occupancy: f64, bricks: usize) -> Findings {
+/// Which blocks count in a cloud.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Counts {
+    All,
+    /// Those that rays of the brick may still come to.
+    Ahead,
+}
+
+/// Rays through bricks of which this share of blocks shows something.
+fn random_bricks(occupancy: f64, bricks: usize, counts: Counts) -> Findings {
     let of_brick = |brick: usize| {
         let mut random = Random::new((brick as u64) << 16 | (occupancy * 1e4) as u64);
         let core = CORES[brick % CORES.len()];
-        let cells = core.map(|n| n.div_ceil(MACRO_CELL));
+        let ways = [Ahead::Up, Ahead::Down, Ahead::Both];
+        let allowed = [brick, brick / 3, brick / 9].map(|i| ways[i % ways.len()]);
+        let ahead = if counts == Counts::Ahead { allowed } else { [Ahead::Both; 3] };
+        let cells = core.map(|n| n.div_ceil(BLOCK));
         let shown: Vec<bool> = (0..cells.iter().product()).map(|_| random.unit() < occupancy).collect();
-        let cloud = ProximityCloud::of_shown(cells, shown.iter().copied());
-        let rays: Vec<LocalRay> = (0..RAYS_PER_BRICK).map(|_| random_ray(&mut random, core)).collect();
+        let cloud = ProximityCloud::of_shown(cells, ahead, shown.iter().copied());
+        let rays: Vec<LocalRay> = (0..RAYS_PER_BRICK).map(|_| random_ray(&mut random, core, allowed)).collect();
         let place = |cell: [i64; 3]| {
             let [x, y, z] = std::array::from_fn(|a| (cell[a].max(0) as usize).min(cells[a] - 1));
             x + cells[0] * (y + cells[1] * z)
         };
         let sets: Vec<InstructionSet> = InstructionSet::available().collect();
-        let ways = stretches(sets[brick / CORES.len() % sets.len()], &cloud, core, &rays);
+        let ways = stretches(sets[brick / 2 % sets.len()], &cloud, core, &rays);
         let of_ray = |(ray, ways): (&LocalRay, &Vec<Stretch>)| {
-            Findings::of_ray(ray, ways, core, MACRO_CELL, |cell| shown[place(cell)])
+            Findings::of_ray(ray, ways, core, BLOCK, |cell| shown[place(cell)])
         };
         rays.iter().zip(&ways).map(of_ray).fold(Findings::default(), Findings::add)
     };
     (0..bricks).into_par_iter().map(of_brick).reduce(Findings::default, Findings::add)
 }
 
-/// A ray that begins on a face of the brick, or inside; every other position lies on a plane of macro cells, every third
-/// component is 0 or -0.
-fn random_ray(random: &mut Random, core: [usize; 3]) -> LocalRay {
+/// A ray that begins on a face of the brick, or inside, and goes only ways that are allowed; many positions lie on faces of
+/// blocks, every third component is 0 or -0.
+fn random_ray(random: &mut Random, core: [usize; 3], allowed: [Ahead; 3]) -> LocalRay {
     loop {
         let ends = core.map(|n| [-0.5, n as f64 - 0.5]);
         let mut at: [f64; 3] = std::array::from_fn(|a| ends[a][0] + random.unit() * core[a] as f64);
         let mut direction = random.direction().to_array();
         for a in 0..3 {
+            match allowed[a] {
+                Ahead::Up => direction[a] = direction[a].abs(),
+                Ahead::Down => direction[a] = -direction[a].abs(),
+                Ahead::Both => {}
+            }
             match random.below(6) {
-                0 => at[a] = (random.below((core[a] / MACRO_CELL) as u64 + 1) as usize * MACRO_CELL) as f64,
+                0 => at[a] = (random.below((core[a] / BLOCK) as u64 + 1) as usize * BLOCK) as f64,
                 1 => at[a] = (random.below(core[a] as u64 / 2) * 2) as f64,
                 2 => at[a] = ends[a][random.below(2) as usize],
                 _ => {}
@@ -272,19 +295,23 @@ fn volumes(context: &Context<'_>) -> Result<Vec<(&'static str, Findings)>, Chart
     Ok(found)
 }
 
+/// The rays of a picture that meet the volume, and between which world lengths.
+pub(crate) fn rays_of(volume: &Volume, scene: &ResolvedScene) -> Vec<(IndexRay, [f64; 2])> {
+    let camera = &scene.camera;
+    let pixels = (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y)));
+    let of_pixel = |(x, y)| {
+        let ray = camera.ray(x, y);
+        let index_ray = IndexRay::new(&ray, &volume.facts.geometry);
+        let segment = clip_ray(&ray, &index_ray, volume.facts.dims, &scene.clip)?;
+        Some((index_ray, [segment.t0, segment.t1]))
+    };
+    pixels.filter_map(of_pixel).collect()
+}
+
 /// All rays of a picture through all bricks of level 0 that are entered.
 fn through_volume(volume: &Volume, scene: &ResolvedScene) -> Result<Findings, ChartError> {
     let bricks = ResidentBricks::load(&volume.container)?;
-    let (camera, map) = (&scene.camera, value_map(&volume.container));
-    let pixels = (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y)));
-    let rays: Vec<(IndexRay, [f64; 2])> = pixels
-        .filter_map(|(x, y)| {
-            let ray = camera.ray(x, y);
-            let index_ray = IndexRay::new(&ray, &volume.facts.geometry);
-            let segment = clip_ray(&ray, &index_ray, volume.facts.dims, &scene.clip)?;
-            Some((index_ray, [segment.t0, segment.t1]))
-        })
-        .collect();
+    let (rays, map) = (rays_of(volume, scene), value_map(&volume.container));
     let keys: Vec<BrickKey> = volume.container.pyramid().keys_of(Lod::FINEST).collect();
     let transfer_function = RenderTransferFunction::new(&scene.transfer_function, map.shift);
     let of_brick = |key: &BrickKey| {
@@ -305,7 +332,7 @@ fn through_brick(
     let core = brick.extent.map(|n| n as usize - 2 * APRON);
     let local: Vec<LocalRay> = rays.iter().filter_map(|(ray, t)| local_ray(ray, *t, start, core)).collect();
     let shows = |[low, high]: [f32; 2]| transfer_function.is_visible(low, high);
-    let cloud = ProximityCloud::new(brick, APRON, shows);
+    let cloud = cloud_of_blocks(brick, APRON, ahead_of(&local), map, shows);
     let shows_cell = |cell: [i64; 3]| shows(range_of(brick, cell, map));
     let ways = if cloud.is_empty {
         // Such bricks are not entered.
@@ -317,8 +344,25 @@ fn through_brick(
     local.iter().zip(&ways).map(of_ray).fold(Findings::default(), Findings::add)
 }
 
+/// Which way some rays go.
+pub(crate) fn ahead_of(rays: &[LocalRay]) -> [Ahead; 3] {
+    std::array::from_fn(|a| {
+        let goes = |sign: f32| rays.iter().any(|ray| sign * ray.direction[a] > 0.0);
+        match [goes(1.0), goes(-1.0)] {
+            [_, false] => Ahead::Up,
+            [false, true] => Ahead::Down,
+            [true, true] => Ahead::Both,
+        }
+    })
+}
+
 /// A ray in a brick's own coordinates, if it meets the brick.
-fn local_ray(ray: &IndexRay, [mut from, mut to]: [f64; 2], start: [f64; 3], core: [usize; 3]) -> Option<LocalRay> {
+pub(crate) fn local_ray(
+    ray: &IndexRay,
+    [mut from, mut to]: [f64; 2],
+    start: [f64; 3],
+    core: [usize; 3],
+) -> Option<LocalRay> {
     for a in 0..3 {
         let ends = [start[a] - 0.5, start[a] + core[a] as f64 - 0.5].map(|p| (p - ray.origin[a]) / ray.direction[a]);
         (from, to) = (from.max(ends[0].min(ends[1])), to.min(ends[0].max(ends[1])));

@@ -9,7 +9,7 @@ pub mod classification;
 pub mod compositing;
 mod geometry;
 mod jitter;
-mod leaping;
+pub(crate) mod leaping;
 mod lod;
 pub(crate) mod parallel;
 pub mod reconstruction;

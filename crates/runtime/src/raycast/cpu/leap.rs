@@ -1,22 +1,52 @@
-//! Proximity clouds of a brick: how far each macro cell is from the nearest one that may show something.
+//! Proximity clouds of a brick: how far each of its cubes of cells is from the nearest one that may show something.
 //!
-//! The distance is Chebyshev's, in macro cells (Cohen, Sheffer 1994; Deakin, Knackstedt 2019): at distance k, the cube of
-//! `2k - 1` macro cells around shows nothing, and a ray may leap to its face. Bricks end the cloud: what lies beyond is
+//! The distance is Chebyshev's, in cubes (Cohen, Sheffer 1994; Deakin, Knackstedt 2019). Only what lies ahead counts: along
+//! an axis on which all rays through the brick ascend, nothing behind can be met. At distance k, all cubes less than k ahead
+//! show nothing, and a ray may leap to the far face of the last of them. Bricks end the cloud: what lies beyond is
 //! another brick's, and whole bricks without anything to show are never entered.
+//!
+//! Cubes are macro cells, or in mode `dvr` [`BLOCK`]s, half as wide: see [`super::blocks`].
 
 use super::simd::Simd;
 use crate::raycast::volume::DecodedBrick;
 use supervol_format::brick::MACRO_CELL;
 
+/// Edge of a block, in cells.
+pub const BLOCK: usize = MACRO_CELL / 2;
+
 /// Bytes after the last distance.
 const PADDING: usize = 3;
+/// A distance that stands for none.
+const FAR: u8 = u8::MAX;
 
-/// Distances of a brick's macro cells, x fastest: 0 may show something.
+/// Which way rays may go along an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ahead {
+    /// Up, or not at all.
+    Up,
+    /// Down, or not at all.
+    Down,
+    /// Some this way, some that.
+    Both,
+}
+
+impl Ahead {
+    /// Steps to neighbours that may lie ahead.
+    fn steps(self) -> std::ops::RangeInclusive<isize> {
+        match self {
+            Self::Up => 0..=1,
+            Self::Down => -1..=0,
+            Self::Both => -1..=1,
+        }
+    }
+}
+
+/// Distances of a brick's cubes of `SIDE` cells, x fastest: 0 may show something.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ProximityCloud {
-    /// Macro cells along each axis.
+pub struct ProximityCloud<const SIDE: usize> {
+    /// Cubes along each axis.
     pub cells: [usize; 3],
-    /// One per macro cell, and [`PADDING`] more, so that words can be read.
+    /// One per cube, and [`PADDING`] more, so that words can be read.
     pub distances: Vec<u8>,
     /// Whether all are 0: nothing to leap over.
     pub is_dense: bool,
@@ -24,12 +54,12 @@ pub struct ProximityCloud {
     pub is_empty: bool,
 }
 
-impl ProximityCloud {
-    /// The cloud of a brick; `shows` is asked for each range of render values.
+impl ProximityCloud<MACRO_CELL> {
+    /// The cloud of a brick's macro cells; `shows` is asked for each range of render values.
     #[must_use]
-    pub fn new(brick: &DecodedBrick, apron: usize, shows: impl Fn([f32; 2]) -> bool) -> Self {
+    pub fn new(brick: &DecodedBrick, apron: usize, ahead: [Ahead; 3], shows: impl Fn([f32; 2]) -> bool) -> Self {
         let cells = macro_cells_of(brick, apron);
-        Self::of_shown(cells, brick.macro_ranges.iter().map(|&range| shows(range)))
+        Self::of_shown(cells, ahead, brick.macro_ranges.iter().map(|&range| shows(range)))
     }
 
     /// The cloud of what shows, and of what has another side than a neighbour: a cube around is of one side all over.
@@ -42,18 +72,20 @@ impl ProximityCloud {
             let row = |y: usize, z: usize| around(x, nx).any(|x| sides[x + nx * (y + ny * z)] != sides[i]);
             around(z, nz).any(|z| around(y, ny).any(|y| row(y, z)))
         };
-        Self::of_shown(cells, (0..sides.len()).map(|i| shows(i) || differs(i)))
+        Self::of_shown(cells, [Ahead::Both; 3], (0..sides.len()).map(|i| shows(i) || differs(i)))
     }
+}
 
-    /// The cloud of what shows: one truth per macro cell, x fastest.
+impl<const SIDE: usize> ProximityCloud<SIDE> {
+    /// The cloud of what shows: one truth per cube, x fastest; `cells` along each axis.
     #[must_use]
-    pub fn of_shown(cells: [usize; 3], shown: impl Iterator<Item = bool>) -> Self {
-        let most = cells.iter().copied().max().unwrap_or(1).min(255) as u8;
+    pub fn of_shown(cells: [usize; 3], ahead: [Ahead; 3], shown: impl Iterator<Item = bool>) -> Self {
+        let most = cells.iter().copied().max().unwrap_or(1).min(usize::from(FAR)) as u8;
         let mut distances: Vec<u8> = shown.map(|shows| if shows { 0 } else { most }).collect();
         let is_dense = distances.iter().all(|&d| d == 0);
         let is_empty = distances.iter().all(|&d| d > 0);
         if !is_dense && !is_empty {
-            spread(&mut distances, cells);
+            spread(&mut distances, cells, ahead);
         }
         distances.extend([0; PADDING]);
         Self { cells, distances, is_dense, is_empty }
@@ -62,17 +94,17 @@ impl ProximityCloud {
     /// Whether it is the cloud of a brick with so many core voxels along each axis.
     #[must_use]
     pub fn covers(&self, core: [usize; 3]) -> bool {
-        self.cells == core.map(|n| n.div_ceil(MACRO_CELL))
+        self.cells == core.map(|n| n.div_ceil(SIDE))
     }
 
-    /// Distances of macro cells; 0 outside the mask.
+    /// Distances of cubes; 0 outside the mask.
     ///
     /// # Safety
-    /// In every lane of the mask, the macro cell is one of the cloud's.
+    /// In every lane of the mask, the cube is one of the cloud's.
     #[inline(always)]
-    pub(super) unsafe fn gather<S: Simd>(&self, macro_cell: [S::I; 3], mask: S::M) -> S::I {
+    pub(super) unsafe fn gather<S: Simd>(&self, cube: [S::I; 3], mask: S::M) -> S::I {
         // SAFETY: the caller's promise; the padding lets words be read.
-        let words = unsafe { S::gather(self.distances.as_ptr(), place_in::<S>(self.cells, macro_cell), mask) };
+        let words = unsafe { S::gather(self.distances.as_ptr(), place_in::<S>(self.cells, cube), mask) };
         S::and_int(words, S::splat_int(255))
     }
 
@@ -123,32 +155,63 @@ impl MacroRanges {
     }
 }
 
-/// Lowers every distance to the nearest zero's plus the way to it: two sweeps over the 13 neighbours before and after,
-/// exact for Chebyshev's distance (Borgefors 1986).
-fn spread(distances: &mut [u8], [nx, ny, nz]: [usize; 3]) {
-    let sweep = |distances: &mut [u8], x: usize, y: usize, z: usize, sign: isize| {
-        let mut least = distances[x + nx * (y + ny * z)];
-        for dz in -1..=0isize {
-            for dy in -1..=1isize {
-                for dx in -1..=1isize {
-                    let before = dz < 0 || (dz == 0 && (dy < 0 || (dy == 0 && dx < 0)));
-                    let [px, py, pz] = [(x, dx), (y, dy), (z, dz)].map(|(at, d)| at.wrapping_add_signed(sign * d));
-                    if before && px < nx && py < ny && pz < nz {
-                        least = least.min(distances[px + nx * (py + ny * pz)] + 1);
-                    }
-                }
-            }
-        }
-        distances[x + nx * (y + ny * z)] = least;
-    };
-    let places = |i: usize| (i % nx, i / nx % ny, i / (nx * ny));
-    for i in 0..distances.len() {
-        let (x, y, z) = places(i);
-        sweep(distances, x, y, z, 1);
+/// Lowers every distance to that of the nearest zero ahead: two sweeps, over the neighbours behind and before a cube in the
+/// order of memory, exact for Chebyshev's distance (Borgefors 1986). A row at a time: what comes from other rows is their
+/// elementwise minimum.
+fn spread(distances: &mut [u8], [nx, ny, nz]: [usize; 3], ahead: [Ahead; 3]) {
+    // With a frame of one cube around, nothing needs to be asked about neighbours.
+    let (row, plane) = (nx + 2, (nx + 2) * (ny + 2));
+    let mut framed = vec![FAR; plane * (nz + 2)];
+    let rows = || (0..nz).flat_map(|z| (0..ny).map(move |y| (1 + row * (y + 1) + plane * (z + 1), nx * (y + ny * z))));
+    for (to, from) in rows() {
+        framed[to..to + nx].copy_from_slice(&distances[from..from + nx]);
     }
-    for i in (0..distances.len()).rev() {
-        let (x, y, z) = places(i);
-        sweep(distances, x, y, z, -1);
+    let mut least = vec![FAR; row];
+    let row_starts: Vec<usize> = rows().map(|(framed, _)| framed - 1).collect();
+    for start in row_starts.iter().rev() {
+        sweep(&mut framed, [*start, row, plane], ahead, 1, &mut least);
+    }
+    if ahead.iter().any(|ahead| ahead.steps().contains(&-1)) {
+        for start in &row_starts {
+            sweep(&mut framed, [*start, row, plane], ahead, -1, &mut least);
+        }
+    }
+    for (from, to) in rows() {
+        distances[to..to + nx].copy_from_slice(&framed[from..from + nx]);
+    }
+}
+
+/// One row of a sweep, from those behind it in the order of memory (`sign` 1), or before it (-1).
+fn sweep(framed: &mut [u8], [start, row, plane]: [usize; 3], ahead: [Ahead; 3], sign: isize, least: &mut [u8]) {
+    least.fill(FAR);
+    let mut take = |offset: isize| {
+        let from = start.wrapping_add_signed(offset);
+        least.iter_mut().zip(&framed[from..from + row]).for_each(|(l, &d)| *l = (*l).min(d));
+    };
+    if ahead[2].steps().contains(&sign) {
+        ahead[1].steps().for_each(|dy| take(sign * plane as isize + dy * row as isize));
+    }
+    if ahead[1].steps().contains(&sign) {
+        take(sign * row as isize);
+    }
+    let this = &mut framed[start..start + row];
+    let (up, down, along) =
+        (ahead[0].steps().contains(&1), ahead[0].steps().contains(&-1), ahead[0].steps().contains(&sign));
+    let mut last = FAR;
+    for i in 1..row - 1 {
+        let x = if sign > 0 { row - 1 - i } else { i };
+        let mut nearest = least[x];
+        if up {
+            nearest = nearest.min(least[x + 1]);
+        }
+        if down {
+            nearest = nearest.min(least[x - 1]);
+        }
+        if along {
+            nearest = nearest.min(last);
+        }
+        last = this[x].min(nearest.saturating_add(1));
+        this[x] = last;
     }
 }
 
@@ -178,22 +241,28 @@ mod tests {
     fn distances_are_those_of_brute_force() {
         let cells = [5, 3, 4];
         let mut seed = 3u32;
-        for _ in 0..200 {
-            let mut random = || {
-                seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                seed >> 24
-            };
+        let mut random = || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            seed >> 24
+        };
+        let ways = [Ahead::Up, Ahead::Down, Ahead::Both];
+        for _ in 0..600 {
             let shown: Vec<bool> = (0..60).map(|_| random() < 12).collect();
-            if !shown.contains(&true) {
-                continue;
-            }
+            let ahead: [Ahead; 3] = std::array::from_fn(|_| ways[random() as usize % 3]);
             let mut distances: Vec<u8> = shown.iter().map(|&s| if s { 0 } else { 5 }).collect();
-            spread(&mut distances, cells);
+            spread(&mut distances, cells, ahead);
             let place = |i: usize| [i % 5, i / 5 % 3, i / 15];
             for (i, &found) in distances.iter().enumerate() {
+                let may_meet = |j: usize| {
+                    (0..3).all(|a| match ahead[a] {
+                        Ahead::Up => place(j)[a] >= place(i)[a],
+                        Ahead::Down => place(j)[a] <= place(i)[a],
+                        Ahead::Both => true,
+                    })
+                };
                 let far = |j: usize| (0..3).map(|a| place(i)[a].abs_diff(place(j)[a])).max().unwrap();
-                let expected = (0..60).filter(|&j| shown[j]).map(far).min().unwrap();
-                assert_eq!(found, expected as u8);
+                let expected = (0..60).filter(|&j| shown[j] && may_meet(j)).map(far).min().unwrap_or(5);
+                assert_eq!(found, expected as u8, "{:?} {ahead:?}", place(i));
             }
         }
     }

@@ -16,6 +16,8 @@
 //! compared with goes ray by ray through [`scalar`].
 
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
+pub mod blocks;
+#[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod fetch;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod integrate;

@@ -7,6 +7,7 @@ use glam::DVec3;
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{BrickKey, Lod, Pyramid};
 
+use super::leap::Ahead;
 use super::tile::IndexBox;
 
 /// From where rays come, in index space of level 0.
@@ -35,6 +36,23 @@ pub fn region_of(pyramid: &Pyramid, key: BrickKey) -> IndexBox {
         }
     }
     region
+}
+
+/// Which way rays of a view may go in a brick, along each axis.
+#[must_use]
+pub fn ways_through(pyramid: &Pyramid, key: BrickKey, view: View) -> [Ahead; 3] {
+    let level = pyramid.level_at(key.lod());
+    std::array::from_fn(|a| {
+        let side = level.scale[a] as f64 * pyramid.layout().core() as f64;
+        let low = -HALF_VOXEL + f64::from(key.brick().0[a]) * side;
+        match view {
+            View::Direction(direction) if direction[a] > 0.0 => Ahead::Up,
+            View::Direction(direction) if direction[a] < 0.0 => Ahead::Down,
+            View::Eye(eye) if eye[a] <= low => Ahead::Up,
+            View::Eye(eye) if eye[a] >= low + side => Ahead::Down,
+            View::Direction(_) | View::Eye(_) => Ahead::Both,
+        }
+    })
 }
 
 /// Appends the children of a brick, the farthest first: the nearest is popped first.

@@ -13,10 +13,11 @@ use rayon::prelude::*;
 use supervol_format::brick::APRON;
 use supervol_format::{BrickKey, Lod};
 
+use super::blocks::cloud_of_blocks;
 use super::fetch::Stored;
-use super::leap::ProximityCloud;
+use super::leap::{Ahead, BLOCK, ProximityCloud};
 use super::lookup::{FewPieces, Lookup, ManyPieces};
-use super::order::{View, push_children, region_of};
+use super::order::{View, push_children, region_of, ways_through};
 use super::packet::{Classifier, Host, Precision, Queues, Work, cast};
 use super::per_brick::PerBrick;
 use super::shade::PacketLighting;
@@ -51,7 +52,8 @@ pub struct PacketTables {
     view: View,
     pub(super) pixel_rays: PixelRays,
     to_index: ToIndex,
-    clouds: PerBrick<ProximityCloud>,
+    /// Of bricks, in mode `dvr`.
+    clouds: PerBrick<ProximityCloud<BLOCK>>,
     /// Of bricks, in all modes but `dvr`.
     pub(super) summaries: BrickSummaries,
 }
@@ -175,10 +177,16 @@ impl PacketTables {
         2.0 * self.fit
     }
 
-    fn cloud(&self, frame: &CpuFrame, key: BrickKey, brick: &DecodedBrick) -> Arc<ProximityCloud> {
+    fn cloud(&self, frame: &CpuFrame, key: BrickKey, brick: &DecodedBrick) -> Arc<ProximityCloud<BLOCK>> {
         let shows =
             |[low, high]: [f32; 2]| frame.skipping == Skipping::Off || frame.transfer_function.is_visible(low, high);
-        self.clouds.of(key, ProximityCloud::bytes, || ProximityCloud::new(brick, APRON, shows))
+        let make = || cloud_of_blocks(brick, APRON, self.ahead(frame, key), &frame.map, shows);
+        self.clouds.of(key, ProximityCloud::bytes, make)
+    }
+
+    /// Which way rays may go in a brick.
+    pub(super) fn ahead(&self, frame: &CpuFrame, key: BrickKey) -> [Ahead; 3] {
+        ways_through(&frame.pyramid, key, self.view)
     }
 }
 

@@ -10,6 +10,8 @@
 //! [`super::leap::ProximityCloud::of_sides`]): one look at the macro cell where a leap begins says which side the ray comes
 //! out on. Rays on another side, jumped between levels, do not leap but walk, and settle.
 
+use supervol_format::brick::MACRO_CELL;
+
 use super::fetch::Corners;
 use super::leap::{MacroRanges, ProximityCloud};
 use super::simd::{LANES_LIMIT, Simd, lanes};
@@ -28,7 +30,7 @@ pub struct Surfaces<'a, S: Simd> {
     /// Added to the size of numbers whose rounding the scalar caster sees.
     offset_size: f32,
     /// What to leap by; `None`: every cell is walked.
-    quiet: Option<(&'a ProximityCloud, &'a MacroRanges)>,
+    quiet: Option<(&'a ProximityCloud<MACRO_CELL>, &'a MacroRanges)>,
 }
 
 impl<'a, S: Simd> Surfaces<'a, S> {
@@ -38,7 +40,7 @@ impl<'a, S: Simd> Surfaces<'a, S> {
         is_turned: bool,
         may_have_holes: bool,
         offset_size: f32,
-        quiet: Option<(&'a ProximityCloud, &'a MacroRanges)>,
+        quiet: Option<(&'a ProximityCloud<MACRO_CELL>, &'a MacroRanges)>,
     ) -> Self {
         let zero = S::splat(0.0);
         Self { low: zero, high: zero, is_turned, may_have_holes, offset_size, quiet }
@@ -97,7 +99,7 @@ impl<S: Simd> Gather<S> for Surfaces<'_, S> {
         let Some((cloud, ranges)) = self.quiet else { return };
         loop {
             let active = rays.walker.active();
-            let macro_cell = rays.walker.macro_cell();
+            let macro_cell = rays.walker.cube::<MACRO_CELL>();
             // SAFETY: cloud and ranges are the brick's, and active rays lie in its core.
             let (distance, [low, high]) =
                 unsafe { (cloud.gather::<S>(macro_cell, active), ranges.gather::<S>(macro_cell, active)) };
@@ -111,7 +113,7 @@ impl<S: Simd> Gather<S> for Surfaces<'_, S> {
             }
             rays.work.leaps += u64::from(S::bits(leaping).count_ones());
             let reach = S::max(S::to_float(distance), S::splat(1.0));
-            rays.walker.leave(macro_cell, reach, leaping, rays.brick);
+            rays.walker.leave::<MACRO_CELL>(macro_cell, reach, leaping, rays.brick);
             let changes = leaping & ((unknown & !is_empty) | (is_empty & !unknown));
             if S::bits(changes) != 0 {
                 self.meet(rays, changes, changes, [low, high], S::splat_int(0));

@@ -1,7 +1,7 @@
 //! The ways of rays through one brick, for whoever wants to check them: the walker of packets, and nothing else.
 
 use super::fetch::Stored;
-use super::leap::ProximityCloud;
+use super::leap::{BLOCK, ProximityCloud};
 use super::simd::{InstructionSet, LANES_LIMIT, Simd, Task, dispatch};
 use super::walk::{Packet, PacketBrick, Walker};
 
@@ -33,16 +33,16 @@ pub struct Stretch {
 #[must_use]
 pub fn stretches(
     set: InstructionSet,
-    cloud: &ProximityCloud,
+    cloud: &ProximityCloud<BLOCK>,
     core: [usize; 3],
     rays: &[LocalRay],
 ) -> Vec<Vec<Stretch>> {
-    assert!(cloud.covers(core), "a cloud of {:?} macro cells for {core:?} voxels", cloud.cells);
+    assert!(cloud.covers(core), "a cloud of {:?} blocks for {core:?} voxels", cloud.cells);
     dispatch(set, Trace { cloud, core, rays })
 }
 
 struct Trace<'a> {
-    cloud: &'a ProximityCloud,
+    cloud: &'a ProximityCloud<BLOCK>,
     core: [usize; 3],
     rays: &'a [LocalRay],
 }

@@ -5,10 +5,10 @@
 //! render values that the scalar caster gives them.
 
 use supervol_format::BrickKey;
-use supervol_format::brick::APRON;
+use supervol_format::brick::{APRON, MACRO_CELL};
 
 use super::fetch::Stored;
-use super::leap::{MacroRanges, ProximityCloud, macro_cells_of};
+use super::leap::{Ahead, MacroRanges, ProximityCloud, macro_cells_of};
 use super::packet::Work;
 use super::packets::{CastTile, PacketTables, cast_ray, packet_brick};
 use super::per_brick::PerBrick;
@@ -37,13 +37,13 @@ pub struct BrickSummary {
     /// Of the whole brick; the first is greater where nothing is present.
     range: [f32; 2],
     /// What can be leapt over, whatever a ray has; `None` where that cannot be said, or nothing is.
-    cloud: Option<ProximityCloud>,
+    cloud: Option<ProximityCloud<MACRO_CELL>>,
     /// Iso values: numbers not below are above the surface.
     thresholds: Vec<f32>,
 }
 
 impl BrickSummary {
-    fn new(frame: &CpuFrame, brick: &DecodedBrick, stored: Stored, origin: f32) -> Self {
+    fn new(frame: &CpuFrame, brick: &DecodedBrick, stored: Stored, origin: f32, ahead: [Ahead; 3]) -> Self {
         let numbers = Numbers::new(frame, brick, stored, origin);
         let ranges: Vec<[f32; 2]> = brick.macro_ranges.iter().map(|&range| numbers.range(range)).collect();
         let thresholds: Vec<f32> = frame.iso.iter().map(|surface| numbers.threshold(surface.value)).collect();
@@ -51,7 +51,7 @@ impl BrickSummary {
         let cells = macro_cells_of(brick, APRON);
         let cloud = match frame.mode {
             _ if frame.skipping == Skipping::Off => None,
-            Mode::Mean => Some(ProximityCloud::new(brick, APRON, |[low, high]| low <= high)),
+            Mode::Mean => Some(ProximityCloud::new(brick, APRON, ahead, |[low, high]| low <= high)),
             Mode::Iso => {
                 let is_empty = |[low, high]: [f32; 2]| low > high;
                 let sides: Vec<_> = ranges.iter().map(|&r| (!is_empty(r)).then(|| passed(r[0]))).collect();
@@ -230,7 +230,7 @@ impl CastTile<'_> {
     pub(super) fn gather_brick(&mut self, key: BrickKey, brick: &DecodedBrick) {
         let (frame, tables) = (self.frame, self.tables);
         let (packet_brick, grid) = packet_brick(frame, key, brick);
-        let make = || BrickSummary::new(frame, brick, packet_brick.stored, tables.origin);
+        let make = || BrickSummary::new(frame, brick, packet_brick.stored, tables.origin, tables.ahead(frame, key));
         let summary = tables.summaries.of(key, BrickSummary::bytes, make);
         if frame.skipping == Skipping::On && !self.may_change(&summary) {
             self.feedback.counters.macro_cells_skipped += self.rays.hits().len() as u64;

@@ -9,6 +9,8 @@
 //! Whether rays leap or walk, the same cells change what they have: no bit depends on skipping. Cells with holes change
 //! nothing. What `f32` cannot decide, a [`Host`] settles in `f64`: holes beside a ray that runs exactly in a plane of voxels.
 
+use supervol_format::brick::MACRO_CELL;
+
 use super::fetch::{Cell, Corners};
 use super::leap::{MacroRanges, ProximityCloud};
 use super::packet::Work;
@@ -306,7 +308,7 @@ impl<S: Simd> Gather<S> for Extreme<'_, S> {
         let Some(ranges) = self.ranges else { return };
         loop {
             let active = rays.walker.active();
-            let macro_cell = rays.walker.macro_cell();
+            let macro_cell = rays.walker.cube::<MACRO_CELL>();
             // SAFETY: the ranges are the brick's, and active rays lie in its core.
             let [_, high] = unsafe { ranges.gather::<S>(macro_cell, active) };
             let leaping = S::le(high, self.best) & active;
@@ -314,7 +316,7 @@ impl<S: Simd> Gather<S> for Extreme<'_, S> {
                 return;
             }
             rays.work.leaps += u64::from(S::bits(leaping).count_ones());
-            rays.walker.leave(macro_cell, S::splat(1.0), leaping, rays.brick);
+            rays.walker.leave::<MACRO_CELL>(macro_cell, S::splat(1.0), leaping, rays.brick);
         }
     }
 
@@ -353,13 +355,13 @@ pub struct Mean<'a, S: Simd> {
     /// What integrals are multiplied with, so that the largest numbers do not overflow.
     scale: f32,
     /// Macro cells that hold nothing.
-    cloud: Option<&'a ProximityCloud>,
+    cloud: Option<&'a ProximityCloud<MACRO_CELL>>,
 }
 
 impl<'a, S: Simd> Mean<'a, S> {
     /// See the fields.
     #[inline(always)]
-    pub fn new(scale: f32, cloud: Option<&'a ProximityCloud>) -> Self {
+    pub fn new(scale: f32, cloud: Option<&'a ProximityCloud<MACRO_CELL>>) -> Self {
         let zero = S::splat(0.0);
         Self { integral: zero, present: zero, absent: zero, scale, cloud }
     }

@@ -10,7 +10,7 @@
 use supervol_format::brick::{APRON, MACRO_CELL};
 
 use super::fetch::Stored;
-use super::leap::ProximityCloud;
+use super::leap::{BLOCK, ProximityCloud};
 use super::shade::PacketLighting;
 use super::simd::{LANES_LIMIT, Simd};
 
@@ -84,7 +84,7 @@ pub struct PacketBrick<'a> {
     /// Stored number of holes.
     pub absent: Option<u16>,
     /// What to leap over.
-    pub cloud: Option<&'a ProximityCloud>,
+    pub cloud: Option<&'a ProximityCloud<BLOCK>>,
     /// `None`: unshaded.
     pub lighting: Option<PacketLighting<'a>>,
 }
@@ -238,10 +238,10 @@ impl<S: Simd> Walker<S> {
         step
     }
 
-    /// Takes rays out of macro cells that show nothing, to the face of the cube around that shows nothing either; returns
-    /// the number of leaps.
+    /// Takes rays out of cubes that show nothing, to the face of the last ahead that shows nothing either; returns the number
+    /// of leaps.
     #[inline(always)]
-    pub fn leap(&mut self, cloud: &ProximityCloud, brick: &PacketBrick<'_>) -> u32 {
+    pub fn leap<const SIDE: usize>(&mut self, cloud: &ProximityCloud<SIDE>, brick: &PacketBrick<'_>) -> u32 {
         let mut leaps = 0;
         loop {
             let leaping = self.leap_once(cloud, brick);
@@ -254,42 +254,45 @@ impl<S: Simd> Walker<S> {
 
     /// One leap of every ray that can; returns which these are, one bit per lane.
     #[inline(always)]
-    pub fn leap_once(&mut self, cloud: &ProximityCloud, brick: &PacketBrick<'_>) -> u32 {
+    pub fn leap_once<const SIDE: usize>(&mut self, cloud: &ProximityCloud<SIDE>, brick: &PacketBrick<'_>) -> u32 {
         let active = self.active();
-        let macro_cell = self.macro_cell();
-        // SAFETY: cells of active rays lie in the core, whose macro cells the cloud covers.
-        let distance = unsafe { cloud.gather::<S>(macro_cell, active) };
+        let cube = self.cube::<SIDE>();
+        // SAFETY: cells of active rays lie in the core, whose cubes the cloud covers.
+        let distance = unsafe { cloud.gather::<S>(cube, active) };
         let leaping = S::lt_int(S::splat_int(0), distance) & active;
         let bits = S::bits(leaping);
         if bits != 0 {
-            self.leave(macro_cell, S::to_float(distance), leaping, brick);
+            self.leave::<SIDE>(cube, S::to_float(distance), leaping, brick);
         }
         bits
     }
 
-    /// Macro cells of the rays, indices in the brick; those of rays that have left it may lie outside.
+    /// Cubes of `SIDE` cells in which the rays are, indices in the brick; those of rays that have left it may lie outside.
     #[inline(always)]
-    pub fn macro_cell(&self) -> [S::I; 3] {
-        let mut macro_cell = [S::splat_int(0); 3];
+    pub fn cube<const SIDE: usize>(&self) -> [S::I; 3] {
+        let mut cube = [S::splat_int(0); 3];
         for a in 0..3 {
-            // Cell -1 belongs to the first macro cell.
+            // Cell -1 belongs to the first cube.
             let cell = S::max(self.plane[a] - self.ahead[a], S::splat(0.0));
-            macro_cell[a] = S::shift_right::<{ MACRO_CELL.ilog2() }>(S::to_int(cell));
+            cube[a] = match SIDE {
+                BLOCK => S::shift_right::<{ BLOCK.ilog2() }>(S::to_int(cell)),
+                _ => S::shift_right::<{ MACRO_CELL.ilog2() }>(S::to_int(cell)),
+            };
         }
-        macro_cell
+        cube
     }
 
-    /// Takes rays of the mask to the face of the cube around their macro cells: `2 reach - 1` macro cells wide.
+    /// Takes rays of the mask to the far face of the cubes less than `reach` ahead of their own.
     #[inline(always)]
-    pub fn leave(&mut self, macro_cell: [S::I; 3], reach: S::F, leaping: S::M, brick: &PacketBrick<'_>) {
-        let side = S::splat(MACRO_CELL as f32);
+    pub fn leave<const SIDE: usize>(&mut self, cube: [S::I; 3], reach: S::F, leaping: S::M, brick: &PacketBrick<'_>) {
+        let side = S::splat(SIDE as f32);
         let mut faces = [[reach; 2]; 3];
         let mut exits = [self.end; 3];
         for a in 0..3 {
-            let m = S::to_float(macro_cell[a]);
+            let m = S::to_float(cube[a]);
             let low = (m - reach + S::splat(1.0)) * side;
-            // What lies before the first macro cell lies outside the brick.
-            let low = S::select(S::le(low, S::splat(0.0)), S::splat(-2.0 * MACRO_CELL as f32), low);
+            // What lies before the first cube lies outside the brick.
+            let low = S::select(S::le(low, S::splat(0.0)), S::splat(-2.0 * SIDE as f32), low);
             faces[a] = [low, (m + reach) * side];
             let ascends = S::lt(S::splat(0.0), self.plane_step[a]);
             let face = S::select(ascends, faces[a][1], low);
