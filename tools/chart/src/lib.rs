@@ -5,6 +5,7 @@
 //! - `supervol chart --stability`: every regime in which a method breaks, as a curve with a gate ([`stability`]);
 //! - `supervol bench --peers`: the same pictures by other programs ([`peers`]); `supervol bench --path`: frames along a
 //!   camera path ([`paths`]); `supervol bench --random-scenes`: is the error that is asked for kept ([`random_scenes`])?
+//!   `supervol bench --leaping`: what it costs to know where nothing shows ([`leaping`]).
 //!
 //! In the order of the data path:
 //! - [`fixtures`], [`ricker`], [`virtual_volume`]: volumes computed from coordinates; the last
@@ -13,7 +14,7 @@
 //! - [`volume`]: a volume built into a container, its scenes and its pictures;
 //! - [`comparison`]: the methods that the renderer's own is compared with; they plug into its scalar caster;
 //! - [`measure`]: the distance between two pictures; [`convergence`]: how fast rules come to the exact one;
-//! - [`chart`], [`stability`], [`peers`], [`paths`], [`random_scenes`]: what is run;
+//! - [`chart`], [`stability`], [`peers`], [`paths`], [`leaping`], [`random_scenes`]: what is run;
 //! - [`report`]: what is written; [`ledger`]: records kept by machine and date.
 //!
 //! Nothing here is needed to build or to render: it calls the crates as any other program does. Everything random is
@@ -24,6 +25,7 @@ pub mod comparison;
 pub mod context;
 pub mod convergence;
 pub mod fixtures;
+pub mod leaping;
 pub mod ledger;
 pub mod measure;
 pub mod methods;

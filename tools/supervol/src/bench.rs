@@ -6,6 +6,7 @@ use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use supervol_chart::leaping;
 use supervol_chart::ledger::{self, Ledger};
 use supervol_chart::paths::{self, CameraPath};
 use supervol_chart::peers::cases::{Looks, Subject};
@@ -26,8 +27,8 @@ const DEFAULT_PICTURE: [u32; 2] = [800, 600];
 
 /// What to measure, and against whom.
 ///
-/// Without --peers, --path and --random-scenes Supervol's own pictures are measured: cost, and distance from the
-/// reference. Benches of single parts (codecs, builds, pictures) are run by `cargo bench -p supervol-benches`.
+/// Without --peers, --path, --leaping and --random-scenes Supervol's own pictures are measured: cost, and distance from
+/// the reference. Benches of single parts (codecs, builds, pictures) are run by `cargo bench -p supervol-benches`.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Draw everything with VTK's CPU ray caster, too; it is installed into a private Python environment the first time
@@ -40,7 +41,7 @@ pub struct Arguments {
     /// 0.5, 2 and 8 of 255, and compare them with the reference; exit code 1 if one is further off than was asked for.
     /// 1000 scenes take some 7 minutes on one core
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000),
-          conflicts_with_all = ["peers", "path", "quick", "scene", "volume", "size", "edge", "pixels", "repeats", "record"])]
+          conflicts_with_all = ["peers", "path", "leaping", "quick", "scene", "volume", "size", "edge", "pixels", "repeats", "record"])]
     random_scenes: Option<u64>,
     /// Seed of the random scenes
     #[arg(long, value_name = "S", default_value = "1", requires = "random_scenes")]
@@ -49,6 +50,9 @@ pub struct Arguments {
     #[arg(long, value_name = "K", default_value = "0", requires = "random_scenes",
           value_parser = clap::value_parser!(u64).range(..1 << 48))]
     first_scene: u64,
+    /// Measure what it costs to know where nothing shows, and what that saves
+    #[arg(long, conflicts_with_all = ["peers", "path", "record", "output", "shading"])]
+    leaping: bool,
     /// Small volumes and pictures: seconds instead of minutes
     #[arg(long)]
     quick: bool,
@@ -115,6 +119,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match (&arguments.path, arguments.random_scenes) {
         (Some(path), _) => arguments.along(&context, path),
         (None, Some(scenes)) => arguments.random(&context, scenes),
+        (None, None) if arguments.leaping => arguments.leap(&context),
         (None, None) => arguments.compare(&context),
     }
 }
@@ -191,6 +196,19 @@ impl Arguments {
                 above[0]
             ))),
         }
+    }
+
+    fn leap(&self, context: &Context<'_>) -> Result<(), Failure> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.get()).build();
+        let pool = pool.map_err(|e| ChartError::Command(format!("{} threads: {e}", self.threads)))?;
+        let options = leaping::Options {
+            subject: self.subject(context)?,
+            edge: self.edge,
+            image: self.sizes(context.scale).image,
+            carp_nifti_gz: CARP,
+        };
+        let measured = pool.install(|| leaping::run(context, &options))?;
+        write!(std::io::stdout(), "{}", leaping::markdown(&measured)).map_err(with_output)
     }
 
     fn looks(&self) -> Looks {

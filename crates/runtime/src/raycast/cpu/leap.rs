@@ -168,10 +168,13 @@ fn spread(distances: &mut [u8], [nx, ny, nz]: [usize; 3], ahead: [Ahead; 3]) {
     }
     let mut least = vec![FAR; row];
     let row_starts: Vec<usize> = rows().map(|(framed, _)| framed - 1).collect();
-    for start in row_starts.iter().rev() {
-        sweep(&mut framed, [*start, row, plane], ahead, 1, &mut least);
+    let goes = |sign: isize| ahead.iter().any(|ahead| ahead.steps().contains(&sign));
+    if goes(1) {
+        for start in row_starts.iter().rev() {
+            sweep(&mut framed, [*start, row, plane], ahead, 1, &mut least);
+        }
     }
-    if ahead.iter().any(|ahead| ahead.steps().contains(&-1)) {
+    if goes(-1) {
         for start in &row_starts {
             sweep(&mut framed, [*start, row, plane], ahead, -1, &mut least);
         }
