@@ -10,7 +10,8 @@
 //! The picture depends neither on the number of threads, nor on which bricks came when, nor on skipping: to the last bit. On
 //! the size of bricks it depends where packets cast, by less than shows (docs/decisions/006-packets.md).
 //!
-//! Packets, in the order of the data: `tile` (rays) and `order` (bricks), `packets` (their passes), `leap`, `walk`, `fetch`;
+//! Packets, in the order of the data: `tile` (rays) and `order` (bricks), `packets` (their passes), `blocks` and `leap` (what
+//! shows nothing), `walk` (`trace`: for who checks it), `fetch`;
 //! then in `dvr` `packet`, `lookup` and `integrate` (one cell), `shade`, `queue` and `refine` (cells that are not settled by
 //! that), and in the other modes `value_tiles` (bricks), `values` (`mip`, `minip`, `mean`), `surfaces` (`iso`). What packets are
 //! compared with goes ray by ray through [`scalar`].
