@@ -191,7 +191,7 @@ impl PacketTables {
 }
 
 /// Share of the largest error that one cell may be off by: errors have either sign, and few cells of a ray are near it.
-const CELL_SHARE: f64 = 0.3;
+const CELL_SHARE: f64 = 0.28;
 /// Share of the largest error that extinction, in parts of itself, may be off by.
 const FIT_SHARE: f64 = 0.25;
 /// Share of the largest error that is left out behind the point where a ray ends.

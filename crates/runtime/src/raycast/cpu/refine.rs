@@ -16,8 +16,8 @@ use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes};
 
 /// Most parts that a cell is cut into at once.
 const PARTS_LIMIT: f32 = 64.0;
-/// Most parts that are tried for one cell.
-const TRIES_LIMIT: f32 = 128.0;
+/// Most parts that are tried for one cell: few need more than a hundred.
+const TRIES_LIMIT: f32 = 512.0;
 /// Shortest part, in cells.
 const LEAST_PART: f32 = 1.0 / 4096.0;
 /// Parts per square root of the error: what is left is then well below the tolerance.
@@ -28,8 +28,9 @@ const LEAST_SHARE: f32 = 1.0 / 4.0;
 const EASY: f32 = 1.0 / 8.0;
 /// Multiple of what is allowed, from which the next part is a quarter as long, not half.
 const HARD: f32 = 16.0;
-/// Error left after refinement, in tolerances, from which a cell is integrated exactly.
-const EXACT_FROM: f32 = 2.5;
+/// Error left after refinement, in tolerances, from which a cell is integrated exactly. What parts miss has either sign, and
+/// roots are no better where a normal turns over.
+const EXACT_FROM: f32 = 8.0;
 
 /// Share of the lanes, as its inverse, that must be without work before they get new cells: that costs a quarter of a part.
 const REFILL_SHARE: u32 = 5;
