@@ -46,7 +46,7 @@ impl Ahead {
 pub struct ProximityCloud<const SIDE: usize> {
     /// Cubes along each axis.
     pub cells: [usize; 3],
-    /// One per cube, and [`PADDING`] more, so that words can be read.
+    /// One per cube, and `PADDING` more, so that words can be read.
     pub distances: Vec<u8>,
     /// Whether all are 0: nothing to leap over.
     pub is_dense: bool,

@@ -11,7 +11,7 @@
 //! light by light and part by part.
 
 use super::queue::Queue;
-use super::simd::{LANES_LIMIT, Simd, exp_minus, lanes};
+use super::simd::{LANES_LIMIT, Simd, exp_minus, for_three, lanes};
 use super::walk::{PerLane, ROUND};
 
 /// Most cells of one ray that wait.
@@ -192,10 +192,7 @@ impl<S: Simd> Light<S> {
     #[inline(always)]
     pub fn sum(&self) -> ([S::F; 3], S::F) {
         let dimmed = exp_minus::<S>(self.hidden);
-        let mut color = self.behind;
-        for c in 0..3 {
-            color[c] = S::mul_add(dimmed, self.color[c], color[c]);
-        }
+        let color = for_three!(c => S::mul_add(dimmed, self.color[c], self.behind[c]));
         (color, exp_minus::<S>(self.depth + self.hidden))
     }
 
@@ -249,8 +246,8 @@ impl<S: Simd> Light<S> {
             }
         }
         if sums_errors {
-            for i in 0..ROUND {
-                self.error = S::mul_add(transmittances[i], S::load(&parts.numbers[i][ERROR]), self.error);
+            for (transmittance, numbers) in transmittances.iter().zip(&parts.numbers) {
+                self.error = S::mul_add(*transmittance, S::load(&numbers[ERROR]), self.error);
             }
         }
     }
@@ -331,12 +328,12 @@ mod tests {
                 let mut truth = [[[0.0f32; 2]; LANES_LIMIT]; ROUND];
                 // Those do not walk on.
                 let ended = S::bits(light.ended(S::splat(self.last)));
-                for step in 0..ROUND {
+                for (step, truth) in truth.iter_mut().enumerate() {
                     let mut waits = 0;
                     for lane in 0..S::LANES {
                         let tau = self.depth * random();
                         let color = random() * (1.0 - (-tau).exp());
-                        truth[step][lane] = [color as f32, tau as f32];
+                        truth[lane] = [color as f32, tau as f32];
                         let [sum, through] = &mut exact[lane];
                         *sum += *through * color;
                         *through *= (-tau).exp();
@@ -350,7 +347,7 @@ mod tests {
                             (false, false) => [random(), random()],
                         };
                         (parts.numbers[step][0][lane], parts.numbers[step][DEPTH][lane]) = (color as f32, tau as f32);
-                        parts.least_depths[step][lane] = truth[step][lane][1] * random() as f32;
+                        parts.least_depths[step][lane] = truth[lane][1] * random() as f32;
                     }
                     let slots = std::array::from_fn(|lane| (step * LANES_LIMIT + lane) as i32);
                     let cell = QueuedCell { slot: S::load_int(&slots), base: S::splat_int(0), chord, error: zero };

@@ -64,10 +64,10 @@ impl Task for Outcome<'_> {
         let mut apart = [0.0; LANES_LIMIT];
         S::store(S::expand(a, mask, b), &mut apart);
         let mut values = inputs.a.iter();
-        for lane in 0..S::LANES {
+        for (lane, found) in apart.into_iter().enumerate().take(S::LANES) {
             let from =
                 if inputs.bits >> lane & 1 == 1 { values.next().expect("as many as lanes") } else { &inputs.b[lane] };
-            assert_eq!(canonical(apart[lane]), canonical(*from), "expand, lane {lane}");
+            assert_eq!(canonical(found), canonical(*from), "expand, lane {lane}");
         }
         let floats = [
             ("add", a + b),
