@@ -4,7 +4,8 @@
 //! 1. leap: rays before macro cells that show nothing go to the face of the proximity cloud's cube ([`super::walk`]);
 //! 2. walk: base and fractions of the next cells;
 //! 3. fetch: the field along each cell; locate it in the transfer function's table; integrate it ([`super::integrate`]);
-//! 4. shade what shows ([`super::shade`]), refine the parts whose error is too large ([`super::refine`]); composite.
+//! 4. shade what shows ([`super::shade`]); composite. Cells whose error is too large wait ([`super::pending`]) until there are
+//!    enough to be refined together ([`super::refine`]).
 //!
 //! The cells of a round go through each stage together: stages are short, so that the processor overlaps several cells.
 

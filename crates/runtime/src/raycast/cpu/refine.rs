@@ -1,4 +1,5 @@
-//! Cells that one rule does not settle: packed densely, cut into as many parts as their error asks for.
+//! Cells that one rule does not settle: one per lane, cut into as many parts as their error asks for; a lane whose cell is done
+//! takes the next.
 //!
 //! The first part is as long as the square root of the error says: where nothing happens in particular, the rule's error
 //! falls with the square of the number of parts. Parts that are still too uncertain are halved, and lengthen again behind
@@ -31,7 +32,6 @@ const HARD: f32 = 16.0;
 /// Error left after refinement, in tolerances, from which a cell is integrated exactly. What parts miss has either sign, and
 /// roots are no better where a normal turns over.
 const EXACT_FROM: f32 = 8.0;
-
 /// Share of the lanes, as its inverse, that must be without work before they get new cells: that costs a quarter of a part.
 const REFILL_SHARE: u32 = 5;
 
