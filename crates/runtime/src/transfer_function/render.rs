@@ -14,8 +14,6 @@ use super::{ALPHA_LIMIT, ControlPoint, TransferFunction};
 const BINS_PER_POINT: usize = 4;
 /// Least number of bins.
 const MIN_BINS: usize = 64;
-/// Most intervals of values that show something that are asked one after the other.
-const FEW_INTERVALS: usize = 4;
 /// Change of opacity or colour, by a change of slope, below which a point is no knot.
 const KNOT_TOLERANCE: f64 = 1e-6;
 
@@ -54,10 +52,8 @@ pub struct RenderTransferFunction {
     pub bins_per_value: f32,
     /// 1 / unit distance, per world length.
     pub inverse_unit_distance: f32,
-    /// Number of points whose alpha is positive.
+    /// Whether any opacity is positive anywhere.
     visible_points: u32,
-    /// Closed intervals of values with positive opacity, where they are few; `None`: all points are asked.
-    visible: Option<Vec<[f32; 2]>>,
 }
 
 impl RenderTransferFunction {
@@ -73,9 +69,8 @@ impl RenderTransferFunction {
         let bins_per_value = if width > 0.0 { (bin_count as f32 / width).min(f32::MAX) } else { 0.0 };
         let visible_points = source_points.iter().filter(|p| p.alpha > 0.0).count() as u32;
         let inverse_unit_distance = (1.0 / source.unit_distance()) as f32;
-        let visible = Some(visible_intervals(&points)).filter(|intervals| intervals.len() <= FEW_INTERVALS);
-        let bins = vec![0; bin_count];
-        let mut table = Self { points, knots, bins, bins_per_value, inverse_unit_distance, visible_points, visible };
+        let mut table =
+            Self { points, knots, bins: vec![0; bin_count], bins_per_value, inverse_unit_distance, visible_points };
         // A value maps to its bin by a monotone expression, so every point in an earlier bin lies below the value.
         let bins_of_points: Vec<usize> = values.iter().map(|&v| table.bin(v)).collect();
         let mut last = 0;
@@ -125,17 +120,6 @@ impl RenderTransferFunction {
     #[inline]
     #[must_use]
     pub fn is_visible(&self, low: f32, high: f32) -> bool {
-        match &self.visible {
-            // Both are asked without branches: this is asked for millions of macro cells.
-            Some(few) => {
-                few.iter().fold(false, |shows, &[first, last]| shows | ((low <= last) & (first <= high)))
-                    & (low <= high)
-            }
-            None => self.is_visible_by_points(low, high),
-        }
-    }
-
-    fn is_visible_by_points(&self, low: f32, high: f32) -> bool {
         if low > high || self.visible_points == 0 {
             return false;
         }
@@ -223,38 +207,6 @@ pub fn with_limit_points(points: &[ControlPoint]) -> Vec<ControlPoint> {
 fn channels(point: &ControlPoint) -> [f64; 4] {
     let [r, g, b] = point.color;
     [r, g, b, point.alpha]
-}
-
-/// Closed intervals of values at which opacity may be positive, ascending: what lies between two points shows where one of
-/// them does; an end without opacity is left out, and of points of one value all but the last.
-fn visible_intervals(points: &[RenderPoint]) -> Vec<[f32; 2]> {
-    let mut intervals: Vec<[f32; 2]> = Vec::new();
-    let mut add = |[first, last]: [f32; 2]| match intervals.last_mut() {
-        Some(before) if first <= before[1].next_up() => before[1] = before[1].max(last),
-        _ => intervals.push([first, last]),
-    };
-    let shows = |point: &RenderPoint| point.rgba[3] > 0.0;
-    for (i, point) in points.iter().enumerate() {
-        let is_last_at_value = points.get(i + 1).is_none_or(|next| point.value < next.value);
-        let first = if i == 0 { f32::NEG_INFINITY } else { point.value };
-        let last = match (i + 1 == points.len(), is_last_at_value) {
-            (true, _) => f32::INFINITY,
-            (false, true) => point.value,
-            // The value itself has the next point's opacity.
-            (false, false) => point.value.next_down(),
-        };
-        if shows(point) && first <= last {
-            add([first, last]);
-        }
-        let Some(next) = points.get(i + 1) else { continue };
-        if (shows(point) || shows(next)) && point.value < next.value {
-            let inner = [point.value.next_up(), next.value.next_down()];
-            if inner[0] <= inner[1] {
-                add(inner);
-            }
-        }
-    }
-    intervals
 }
 
 /// Values of the points at which something changes: a step, or a slope by enough to matter over the shorter side.
@@ -349,9 +301,6 @@ mod tests {
         let visible = |a: f32, b: f32| render.is_visible(a - 32768.0, b - 32768.0);
         assert!(visible(0.0, 65535.0) && visible(1000.5, 1000.5) && visible(999.0, 1000.0));
         assert!(!visible(0.0, 999.0) && !visible(1001.0, 65535.0) && !visible(5.0, 4.0));
-        let beside = |v: f32, up: bool| if up { v.next_up() } else { v.next_down() };
-        let (first, last) = (1000.0 - 32768.0, 1001.0 - 32768.0);
-        assert!(!render.is_visible(-1e9, beside(first, false)) && render.is_visible(beside(last, false), 1e9));
         assert!(render.variation(0.0 - 32768.0, 65535.0 - 32768.0) >= 1.8);
     }
 

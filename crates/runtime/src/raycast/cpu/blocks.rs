@@ -7,6 +7,7 @@
 use supervol_format::brick::MACRO_CELL;
 
 use super::leap::{Ahead, BLOCK, ProximityCloud, macro_cells_of};
+use super::walk::VALUE_ERROR;
 use crate::raycast::volume::{DecodedBrick, ValueMap, Voxels};
 
 /// Greatest share of macro cells that show something, in quarters, up to which voxels are looked at.
@@ -68,10 +69,15 @@ fn ranges_of_blocks(brick: &DecodedBrick, apron: usize, cell: [usize; 3], map: &
     }
 }
 
-/// A range and what interpolation in `f32` may find beside it.
+/// Share of a range by which the line that stands for the field in a cell may reach beyond it and see something there.
+const OVERSHOOT: f32 = 0.25;
+
+/// A range and what packets may find beside it: interpolation in `f32`, and lines that stand for curves. What the walk through
+/// a block would add, however little, is not leapt over.
 fn widened([low, high]: [f32; 2], offset: f32) -> [f32; 2] {
-    let rounding = 2.0 * f32::EPSILON * (low.abs().max(high.abs()) + offset.abs());
-    [low - rounding, high + rounding]
+    let rounding = 2.0 * VALUE_ERROR * (low.abs().max(high.abs()) + offset.abs());
+    let margin = OVERSHOOT * (high - low) + rounding;
+    [low - margin, high + margin]
 }
 
 /// Least and greatest number of the voxels that interpolation in each of the eight blocks of a macro cell reaches; the ends
