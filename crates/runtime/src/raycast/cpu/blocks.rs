@@ -16,6 +16,8 @@ const SPARSE_QUARTERS: usize = 3;
 const HALVES: usize = MACRO_CELL / BLOCK;
 /// Voxels that are read at once along x: those of a macro cell's cells, and some.
 const ROW: usize = 16;
+/// Share of a range by which the line that stands for the field in a cell may reach beyond it and see something there.
+const OVERSHOOT: f32 = 0.25;
 
 /// The cloud of a brick's blocks; `shows` is asked for ranges of render values.
 #[must_use]
@@ -68,9 +70,6 @@ fn ranges_of_blocks(brick: &DecodedBrick, apron: usize, cell: [usize; 3], map: &
         Voxels::F32(v) => extremes(v, [f32::INFINITY, f32::NEG_INFINITY], extent, apron, cell).map(|r| widened(r, 0.0)),
     }
 }
-
-/// Share of a range by which the line that stands for the field in a cell may reach beyond it and see something there.
-const OVERSHOOT: f32 = 0.25;
 
 /// A range and what packets may find beside it: interpolation in `f32`, and lines that stand for curves. What the walk through
 /// a block would add, however little, is not leapt over.

@@ -7,8 +7,9 @@
 //!
 //! A ray walks on while its cells wait, and weighs what it gathers by the transmittance that is known: of its settled
 //! cells, and of a lower bound on the optical depth of those that wait. When enough cells wait to fill all lanes again and
-//! again, they are refined together, and what lies behind them is dimmed by what else they absorb ([`Light::settle`]). What comes of a ray does not depend on when that happens: cells are added in the ray's own order,
-//! light by light and part by part.
+//! again, they are refined together, and what lies behind them is dimmed by what else they absorb ([`Light::settle`]). What
+//! comes of a ray does not depend on when that happens: cells are added in the ray's own order, light by light and part by
+//! part.
 
 use super::queue::Queue;
 use super::simd::{LANES_LIMIT, Simd, exp_minus, for_three, lanes};
@@ -49,6 +50,20 @@ impl RoundParts {
         let nothing = [0.0; LANES_LIMIT];
         Self { numbers: [[nothing; PART_NUMBERS]; ROUND], least_depths: [nothing; ROUND] }
     }
+
+    /// Writes all numbers but the depth of the parts of `count` cells.
+    #[inline(always)]
+    pub fn write_colors<S: Simd>(&mut self, slot: S::I, count: usize, numbers: [S::F; DEPTH]) {
+        let mut slots = [0; LANES_LIMIT];
+        S::store_int(slot, &mut slots);
+        for (number, values) in numbers.into_iter().enumerate() {
+            let mut lanes = [0.0; LANES_LIMIT];
+            S::store(values, &mut lanes);
+            for (&slot, value) in slots.iter().zip(lanes).take(count) {
+                self.numbers[slot as usize / LANES_LIMIT % ROUND][number][slot as usize % LANES_LIMIT] = value;
+            }
+        }
+    }
 }
 
 /// The parts of cells that wait.
@@ -57,25 +72,6 @@ pub type PendingParts = Parts<PENDING_LIMIT>;
 /// Numbers of an unsettled cell beside those of all, where it is shaded: the gradient at its beginning, its middle and its
 /// end, and the coefficients of its third power.
 pub type RefineQueue = Queue<CAPACITY, 12>;
-
-/// Writes the first `N` numbers of the parts of `count` cells.
-#[inline(always)]
-pub fn write_parts<S: Simd, const N: usize, const CELLS: usize>(
-    parts: &mut Parts<CELLS>,
-    slot: S::I,
-    count: usize,
-    numbers: [S::F; N],
-) {
-    let mut slots = [0; LANES_LIMIT];
-    S::store_int(slot, &mut slots);
-    for (number, values) in numbers.into_iter().enumerate() {
-        let mut lanes = [0.0; LANES_LIMIT];
-        S::store(values, &mut lanes);
-        for (&slot, value) in slots.iter().zip(lanes).take(count) {
-            parts[slot as usize / LANES_LIMIT % CELLS][number][slot as usize % LANES_LIMIT] = value;
-        }
-    }
-}
 
 /// Cells of a packet that wait. See the module.
 #[derive(Debug, Clone)]

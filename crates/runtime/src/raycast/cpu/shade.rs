@@ -17,7 +17,7 @@ use supervol_format::Geometry;
 use super::fetch::Around;
 use super::integrate::Part;
 use super::packet::Lanes;
-use super::pending::{RefineQueue, RoundParts, write_parts};
+use super::pending::{RefineQueue, RoundParts};
 use super::queue::Queue;
 use super::simd::{LANES_LIMIT, Simd, Task, exp_minus, for_three, minus_ln};
 use super::walk::{PacketBrick, ROUND};
@@ -400,7 +400,7 @@ impl ShadeCells<'_> {
         let is_in_plane = S::lt(S::splat(0.0), S::lookup16(&self.lanes.in_plane, cell.slot));
         cell.error = S::select(along.is_unknown & is_in_plane, S::splat(f32::NAN), error);
         let ([r, g, b], count) = (shaded, (self.cells.len() - first).min(S::LANES));
-        write_parts::<S, 4, ROUND>(&mut self.parts.numbers, cell.slot, count, [r, g, b, cell.error]);
+        self.parts.write_colors::<S>(cell.slot, count, [r, g, b, cell.error]);
         let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
         // Also NaN.
         let is_unsettled = !S::le(cell.error * per_error, S::splat(1.0)) & self.cells.used::<S>(first);

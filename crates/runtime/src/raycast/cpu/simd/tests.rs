@@ -55,20 +55,7 @@ impl Task for Outcome<'_> {
         let places = S::and_int(i, S::splat_int(63));
         // SAFETY: the places are 0 to 63, and the array goes on for 4 bytes.
         let gathered = unsafe { S::gather(bytes.as_ptr(), places, mask) };
-        let mut together = [0.0; LANES_LIMIT];
-        S::compress(a, mask, &mut together);
-        let taken = (0..S::LANES).filter(|lane| inputs.bits >> lane & 1 == 1);
-        let expected: Vec<u32> = taken.map(|lane| canonical(inputs.a[lane])).collect();
-        let together: Vec<u32> = together.into_iter().take(expected.len()).map(canonical).collect();
-        assert_eq!(together, expected, "compress");
-        let mut apart = [0.0; LANES_LIMIT];
-        S::store(S::expand(a, mask, b), &mut apart);
-        let mut values = inputs.a.iter();
-        for (lane, found) in apart.into_iter().enumerate().take(S::LANES) {
-            let from =
-                if inputs.bits >> lane & 1 == 1 { values.next().expect("as many as lanes") } else { &inputs.b[lane] };
-            assert_eq!(canonical(found), canonical(*from), "expand, lane {lane}");
-        }
+        check_moves::<S>(inputs);
         let floats = [
             ("add", a + b),
             ("sub", a - b),
@@ -105,26 +92,57 @@ impl Task for Outcome<'_> {
             ("or", mask | S::lt(a, b)),
             ("not", !mask),
         ];
-        let mut out = Vec::new();
-        for (name, value) in floats {
-            let mut lanes = [0.0; LANES_LIMIT];
-            S::store(value, &mut lanes);
-            out.extend((0..S::LANES).map(|lane| (name, lane, canonical(lanes[lane]))));
-        }
-        for (name, value) in ints {
-            let mut lanes = [0; LANES_LIMIT];
-            S::store_int(value, &mut lanes);
-            // What NaN becomes is nobody's business.
-            let unknown = |lane: usize| name == "to_int" && inputs.a[lane].is_nan() && inputs.c[lane].is_nan();
-            out.extend((0..S::LANES).filter(|&lane| !unknown(lane)).map(|lane| (name, lane, lanes[lane] as u32)));
-        }
-        for (name, value) in masks {
-            let bits = S::bits(value);
-            assert_eq!(bits >> S::LANES.min(31), 0, "{name}: bits beyond the lanes");
-            out.extend((0..S::LANES).map(|lane| (name, lane, bits >> lane & 1)));
-        }
-        out
+        listed::<S>(inputs, &floats, &ints, &masks)
     }
+}
+
+/// Numbers that change their lanes go where the mask says.
+#[inline(always)]
+fn check_moves<S: Simd>(inputs: &Inputs) {
+    let (a, b, mask) = (S::load(&inputs.a), S::load(&inputs.b), S::mask_from_bits(inputs.bits));
+    let mut together = [0.0; LANES_LIMIT];
+    S::compress(a, mask, &mut together);
+    let taken = (0..S::LANES).filter(|lane| inputs.bits >> lane & 1 == 1);
+    let expected: Vec<u32> = taken.map(|lane| canonical(inputs.a[lane])).collect();
+    let together: Vec<u32> = together.into_iter().take(expected.len()).map(canonical).collect();
+    assert_eq!(together, expected, "compress");
+    let mut apart = [0.0; LANES_LIMIT];
+    S::store(S::expand(a, mask, b), &mut apart);
+    let mut values = inputs.a.iter();
+    for (lane, found) in apart.into_iter().enumerate().take(S::LANES) {
+        let from =
+            if inputs.bits >> lane & 1 == 1 { values.next().expect("as many as lanes") } else { &inputs.b[lane] };
+        assert_eq!(canonical(found), canonical(*from), "expand, lane {lane}");
+    }
+}
+
+/// All results, lane by lane.
+#[inline(always)]
+fn listed<S: Simd>(
+    inputs: &Inputs,
+    floats: &[(&'static str, S::F)],
+    ints: &[(&'static str, S::I)],
+    masks: &[(&'static str, S::M)],
+) -> Vec<(&'static str, usize, u32)> {
+    let mut out = Vec::new();
+    for &(name, value) in floats {
+        let mut lanes = [0.0; LANES_LIMIT];
+        S::store(value, &mut lanes);
+        out.extend((0..S::LANES).map(|lane| (name, lane, canonical(lanes[lane]))));
+    }
+    for &(name, value) in ints {
+        let mut lanes = [0; LANES_LIMIT];
+        S::store_int(value, &mut lanes);
+        // What NaN becomes is nobody's business.
+        let unknown = |lane: usize| name == "to_int" && inputs.a[lane].is_nan() && inputs.c[lane].is_nan();
+        out.extend((0..S::LANES).filter(|&lane| !unknown(lane)).map(|lane| (name, lane, lanes[lane] as u32)));
+    }
+    for &(name, value) in masks {
+        let bits = S::bits(value);
+        assert_eq!(bits >> S::LANES.min(31), 0, "{name}: bits beyond the lanes");
+        out.extend((0..S::LANES).map(|lane| (name, lane, bits >> lane & 1)));
+    }
+    out
 }
 
 #[test]
