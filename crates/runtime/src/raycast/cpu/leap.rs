@@ -52,6 +52,8 @@ pub struct ProximityCloud<const SIDE: usize> {
     pub is_dense: bool,
     /// Whether none is 0: nothing to see.
     pub is_empty: bool,
+    /// How many are not 0.
+    pub hidden: usize,
 }
 
 impl ProximityCloud<MACRO_CELL> {
@@ -82,13 +84,13 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
     pub fn of_shown(cells: [usize; 3], ahead: [Ahead; 3], shown: impl Iterator<Item = bool>) -> Self {
         let most = cells.iter().copied().max().unwrap_or(1).min(usize::from(FAR)) as u8;
         let mut distances: Vec<u8> = shown.map(|shows| if shows { 0 } else { most }).collect();
-        let is_dense = distances.iter().all(|&d| d == 0);
-        let is_empty = distances.iter().all(|&d| d > 0);
+        let hidden = distances.iter().filter(|&&d| d > 0).count();
+        let (is_dense, is_empty) = (hidden == 0, hidden == distances.len());
         if !is_dense && !is_empty {
             spread(&mut distances, cells, ahead);
         }
         distances.extend([0; PADDING]);
-        Self { cells, distances, is_dense, is_empty }
+        Self { cells, distances, is_dense, is_empty, hidden }
     }
 
     /// Whether it is the cloud of a brick with so many core voxels along each axis.
@@ -106,6 +108,12 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
         // SAFETY: the caller's promise; the padding lets words be read.
         let words = unsafe { S::gather(self.distances.as_ptr(), place_in::<S>(self.cells, cube), mask) };
         S::and_int(words, S::splat_int(255))
+    }
+
+    /// How many cubes there are.
+    #[must_use]
+    pub fn cubes(&self) -> usize {
+        self.cells.iter().product()
     }
 
     /// Bytes held.

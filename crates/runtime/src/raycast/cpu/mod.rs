@@ -36,6 +36,7 @@ mod refine;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod shade;
 pub mod simd;
+mod span;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod surfaces;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]

@@ -10,7 +10,7 @@
 //! The cells of a round go through each stage together: stages are short, so that the processor overlaps several cells.
 
 use super::fetch::Cell;
-use super::integrate::{Chord, Located, Part, integrate_at, locate};
+use super::integrate::{Chord, Line, Located, Part, integrate_at, locate};
 use super::lookup::Lookup;
 use super::pending::{DEPTH, ERROR, Light, Pending, RoundParts};
 use super::queue::QueuedCell;
@@ -31,6 +31,14 @@ pub struct Classifier<'a, L> {
     pub narrow: f32,
     /// See [`TransferPieces::clear`](crate::transfer_function::pieces::TransferPieces::clear).
     pub clear: [f32; 2],
+}
+
+/// Something to be done with whatever lanes the processor has, and whatever table holds the transfer function's pieces.
+pub trait ClassifyTask {
+    /// What comes of it.
+    type Output;
+    /// See [`Task::run`](super::simd::Task::run).
+    fn run<S: Simd, L: Lookup>(self, classifier: &Classifier<'_, L>) -> Self::Output;
 }
 
 /// What integration may cost and miss.
@@ -203,7 +211,11 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
             S::apart(ShadeCells { brick, lighting, lanes: &lanes, cells, unsettled, parts });
         }
         let left = pending.take_over(first, &mut parts);
-        light.composite(&parts, &left, pending, last, precision.sums_errors);
+        match brick.span {
+            6 => light.composite::<6>(&parts, &left, pending, last, precision.sums_errors),
+            3 => light.composite::<3>(&parts, &left, pending, last, precision.sums_errors),
+            _ => light.composite::<1>(&parts, &left, pending, last, precision.sums_errors),
+        }
     }
     let (color, transmittance) = light.sum();
     for c in 0..3 {
@@ -227,13 +239,24 @@ impl<S: Simd> Stages<S> {
     }
 }
 
+/// Where the stages after fetching write.
+struct LaterStages<'a, S: Simd> {
+    stages: &'a mut Stages<S>,
+    parts: &'a mut RoundParts,
+    queues: &'a mut Queues,
+    work: &'a mut Work,
+}
+
 /// What is the same for all cells of a round.
-struct Round<'a, S: Simd, L: Lookup> {
-    brick: &'a PacketBrick<'a>,
-    classifier: &'a Classifier<'a, L>,
-    precision: Precision,
+pub struct Round<'a, S: Simd, L: Lookup> {
+    /// Where the cells are.
+    pub brick: &'a PacketBrick<'a>,
+    /// What they are looked up in.
+    pub classifier: &'a Classifier<'a, L>,
+    /// How exactly.
+    pub precision: Precision,
     /// Transmittance in front of the brick: whatever is nearer depends on how rays are cut into rounds.
-    weight: S::F,
+    pub weight: S::F,
 }
 
 impl<S: Simd, L: Lookup> Round<'_, S, L> {
@@ -255,44 +278,81 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     unsafe fn classify(
         &self,
         walker: &mut Walker<S>,
-        Stages { chords, located }: &mut Stages<S>,
+        stages: &mut Stages<S>,
         parts: &mut RoundParts,
         queues: &mut Queues,
         work: &mut Work,
     ) {
-        let zero = S::splat(0.0);
         let steps = walker.round();
         // One stage after the other for all cells: each is short, so that the processor overlaps several cells.
         // SAFETY: the walk stays in cells of the core, whose corners the apron holds.
-        unsafe { self.fetch(&steps, &walker.direction, chords) };
-        let &Classifier { table, narrow, clear } = self.classifier;
+        unsafe { self.fetch(&steps, &walker.direction, &mut stages.chords) };
+        for step in &steps {
+            work.cells += u64::from(S::bits(step.crosses()).count_ones());
+        }
+        let later = LaterStages { stages, parts, queues, work };
+        match self.brick.span {
+            6 => self.integrate_spans::<6>(&steps, walker.in_plane, later),
+            3 => self.integrate_spans::<3>(&steps, walker.in_plane, later),
+            _ => self.integrate_cells(&steps, walker.in_plane, later),
+        }
+    }
+
+    /// Integrates each cell once.
+    #[inline(always)]
+    fn integrate_cells(&self, steps: &[Step<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
+        let LaterStages { stages: Stages { chords, located }, parts, queues, work } = later;
+        let &Classifier { table, narrow, .. } = self.classifier;
         let mut shows = [false; ROUND];
         for i in 0..ROUND {
-            let [low, high] = chords[i].range();
-            let is_clear = S::lt(S::splat(clear[0]), low) & S::lt(high, S::splat(clear[1]));
-            // Holes are not clear: what lies beside them may be.
-            shows[i] = S::bits(!is_clear & S::lt(zero, steps[i].length)) != 0;
+            shows[i] = S::bits(self.shows(chords[i].range(), steps[i].crosses())) != 0;
             if shows[i] {
-                located[i] = locate::<S, L>(table, &chords[i]);
+                located[i] = locate::<S, L>(table, &chords[i].line());
             }
         }
         for i in 0..ROUND {
-            let crosses = S::lt(zero, steps[i].length);
-            let crossed = S::bits(crosses).count_ones();
-            work.cells += u64::from(crossed);
             if shows[i] {
-                work.samples += u64::from(2 * crossed);
-                let part = integrate_at::<S, L>(table, S::splat(narrow), &chords[i], &located[i]);
-                self.hand_on(i, &steps[i], &chords[i], &part, walker.in_plane & crosses, parts, queues);
+                let crosses = steps[i].crosses();
+                work.samples += u64::from(2 * S::bits(crosses).count_ones());
+                let part = integrate_at::<S, L>(table, S::splat(narrow), &located[i]);
+                self.hand_on(i, &steps[i], &chords[i], &part, in_plane & crosses, parts, queues);
             } else {
-                for number in [0, 1, 2, DEPTH] {
-                    parts.numbers[i][number] = [0.0; LANES_LIMIT];
-                }
-                if self.precision.sums_errors {
-                    parts.numbers[i][ERROR] = [0.0; LANES_LIMIT];
-                }
+                parts.clear(i, self.precision.sums_errors);
             }
         }
+    }
+
+    /// Integrates each `SPAN` cells once; those of spans that are not settled by that wait, one by one.
+    #[inline(always)]
+    fn integrate_spans<const SPAN: usize>(&self, steps: &[Step<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
+        let LaterStages { stages: Stages { chords, located }, parts, queues, work } = later;
+        let &Classifier { table, narrow, .. } = self.classifier;
+        let mut shows = [false; ROUND];
+        for first in (0..ROUND).step_by(SPAN) {
+            let line = Line::over(&chords[first..first + SPAN]);
+            shows[first] = S::bits(self.shows(line.range(), line.crosses())) != 0;
+            if shows[first] {
+                located[first] = locate::<S, L>(table, &line);
+            }
+        }
+        for first in (0..ROUND).step_by(SPAN) {
+            if shows[first] {
+                let crosses = located[first].crosses();
+                work.samples += u64::from(2 * S::bits(crosses).count_ones());
+                let part = integrate_at::<S, L>(table, S::splat(narrow), &located[first]);
+                self.hand_on_span::<SPAN>(first, (steps, chords), &part, (crosses, in_plane), parts, queues);
+            } else {
+                parts.clear(first, self.precision.sums_errors);
+            }
+        }
+    }
+
+    /// Rays that may see something where the field is in a range. Holes are not clear: what lies beside them may be.
+    #[inline(always)]
+    pub fn shows(&self, [low, high]: [S::F; 2], crosses: S::M) -> S::M {
+        let clear = self.classifier.clear;
+        let is_clear = S::lt(S::splat(clear[0]), low) & S::lt(high, S::splat(clear[1]));
+        !is_clear & crosses
     }
 
     /// The field in each cell of a round.
@@ -300,7 +360,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     /// # Safety
     /// In every lane, the corners of the cells lie in the brick's array.
     #[inline(always)]
-    unsafe fn fetch(&self, steps: &[Step<S>; ROUND], direction: &[S::F; 3], chords: &mut [Chord<S>; ROUND]) {
+    pub unsafe fn fetch(&self, steps: &[Step<S>; ROUND], direction: &[S::F; 3], chords: &mut [Chord<S>; ROUND]) {
         let brick = self.brick;
         // SAFETY: the caller's promise.
         let mut raw = unsafe { brick.stored.gather::<S>(brick.voxels, steps[0].base, brick.strides) };
@@ -353,6 +413,46 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
             }
         } else if S::bits(is_unsettled) != 0 {
             queues.pending.cells.push::<S, 0>(is_unsettled, &cell, []);
+        }
+    }
+
+    /// Writes what a span of cells adds where one rule settles it, and puts each of its cells into the queue where it does not.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "inlined into its one caller: the arguments are its variables")]
+    fn hand_on_span<const SPAN: usize>(
+        &self,
+        first: usize,
+        (steps, chords): (&[Step<S>; ROUND], &[Chord<S>; ROUND]),
+        part: &Part<S>,
+        (crosses, in_plane): (S::M, S::M),
+        parts: &mut RoundParts,
+        queues: &mut Queues,
+    ) {
+        let zero = S::splat(0.0);
+        let per_error = self.weight / S::splat(self.precision.cell_error);
+        // False also where the error is NaN: beside a hole.
+        let is_settled = S::le(part.error * per_error, S::splat(1.0)) & crosses;
+        for c in 0..3 {
+            S::store(S::select(is_settled, part.color[c], zero), &mut parts.numbers[first][c]);
+        }
+        S::store(S::select(is_settled, part.tau, zero), &mut parts.numbers[first][DEPTH]);
+        if self.precision.sums_errors {
+            S::store(S::select(is_settled, part.error, zero), &mut parts.numbers[first][ERROR]);
+        }
+        let is_left = crosses & !is_settled;
+        if S::bits(is_left) == 0 {
+            return;
+        }
+        for number in first..first + SPAN {
+            let chord = &chords[number];
+            let is_hole = S::is_nan(chord.values[1]) & !in_plane;
+            let waits = is_left & steps[number].crosses() & !is_hole;
+            parts.least_depths[number] = [0.0; LANES_LIMIT];
+            let slot = S::load_int(&LANE_NUMBERS) + S::splat_int((number * LANES_LIMIT) as i32);
+            // As a whole, each may be settled by one rule.
+            let error = S::select(S::is_nan(chord.values[1]), chord.values[1], S::splat(0.0));
+            let cell = QueuedCell { slot, base: steps[number].base, chord: *chord, error };
+            queues.pending.cells.push::<S, 0>(waits, &cell, []);
         }
     }
 

@@ -18,10 +18,11 @@ use super::fetch::Stored;
 use super::leap::{Ahead, BLOCK, ProximityCloud};
 use super::lookup::{FewPieces, Lookup, ManyPieces};
 use super::order::{View, push_children, region_of, ways_through};
-use super::packet::{Classifier, Host, Precision, Queues, Work, cast};
+use super::packet::{Classifier, ClassifyTask, Host, Precision, Queues, Work, cast};
 use super::per_brick::PerBrick;
 use super::shade::PacketLighting;
 use super::simd::{InstructionSet, Simd, Task, dispatch};
+use super::span::ChooseSpan;
 use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays, place_of};
 use super::value_tiles::BrickSummaries;
 use super::walk::{Packet, PacketBrick};
@@ -53,10 +54,31 @@ pub struct PacketTables {
     pub(super) pixel_rays: PixelRays,
     to_index: ToIndex,
     /// Of bricks, in mode `dvr`.
-    clouds: PerBrick<ProximityCloud<BLOCK>>,
+    plans: PerBrick<BrickPlan>,
     /// Of bricks, in all modes but `dvr`.
     pub(super) summaries: BrickSummaries,
 }
+
+/// How packets go through a brick in mode `dvr`.
+#[derive(Debug)]
+struct BrickPlan {
+    /// What there is to leap over.
+    cloud: ProximityCloud<BLOCK>,
+    /// Whether that pays.
+    leaps: bool,
+    /// Cells that are integrated together: only where rays do not leap, or where they land would decide what goes together.
+    span: usize,
+}
+
+impl BrickPlan {
+    /// Bytes held.
+    fn bytes(&self) -> u64 {
+        size_of::<Self>() as u64 + self.cloud.bytes()
+    }
+}
+
+/// Share of a brick's blocks that show nothing from which rays leap.
+const LEAST_LEAPT: f64 = 0.125;
 
 /// The pieces in the smallest table that holds them.
 #[derive(Debug)]
@@ -71,6 +93,27 @@ impl Table {
         let up_to_16 = FewPieces::new(pieces).map(|few| Self::UpTo16(Box::new(few)));
         let up_to_32 = || FewPieces::new(pieces).map(|few| Self::UpTo32(Box::new(few)));
         up_to_16.or_else(up_to_32).unwrap_or(Self::Many)
+    }
+}
+
+/// A task that looks up the transfer function of a frame.
+struct WithTable<'a, T> {
+    tables: &'a PacketTables,
+    task: T,
+}
+
+impl<T: ClassifyTask> Task for WithTable<'_, T> {
+    type Output = T::Output;
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> T::Output {
+        let Self { tables: PacketTables { pieces, table, .. }, task } = self;
+        let TransferPieces { narrow, clear, .. } = *pieces;
+        match table {
+            Table::UpTo16(few) => task.run::<S, _>(&Classifier { table: &**few, narrow, clear }),
+            Table::UpTo32(few) => task.run::<S, _>(&Classifier { table: &**few, narrow, clear }),
+            Table::Many => task.run::<S, _>(&Classifier { table: &ManyPieces::new(pieces), narrow, clear }),
+        }
     }
 }
 
@@ -151,7 +194,7 @@ impl PacketTables {
             view,
             pixel_rays: frame.camera.rays(),
             to_index: ToIndex::new(&frame.geometry),
-            clouds: PerBrick::default(),
+            plans: PerBrick::default(),
             summaries: BrickSummaries::default(),
         }
     }
@@ -177,11 +220,48 @@ impl PacketTables {
         2.0 * self.fit
     }
 
-    fn cloud(&self, frame: &CpuFrame, key: BrickKey, brick: &DecodedBrick) -> Arc<ProximityCloud<BLOCK>> {
-        let shows =
-            |[low, high]: [f32; 2]| frame.skipping == Skipping::Off || frame.transfer_function.is_visible(low, high);
-        let make = || cloud_of_blocks(brick, APRON, self.ahead(frame, key), &frame.map, shows);
-        self.clouds.of(key, ProximityCloud::bytes, make)
+    /// How to go through a brick.
+    fn plan(
+        &self,
+        frame: &CpuFrame,
+        key: BrickKey,
+        brick: &DecodedBrick,
+        packet_brick: &PacketBrick<'_>,
+    ) -> Arc<BrickPlan> {
+        let shows = |[low, high]: [f32; 2]| frame.transfer_function.is_visible(low, high);
+        let make = || {
+            let cloud = cloud_of_blocks(brick, APRON, self.ahead(frame, key), &frame.map, shows);
+            let leaps = LEAST_LEAPT * cloud.cubes() as f64 <= cloud.hidden as f64;
+            let may_span = !leaps && packet_brick.lighting.is_none();
+            let span = if may_span { self.choose_span(frame, key, packet_brick) } else { 1 };
+            BrickPlan { cloud, leaps: leaps && frame.skipping == Skipping::On, span }
+        };
+        self.plans.of(key, BrickPlan::bytes, make)
+    }
+
+    /// How many cells of a brick to integrate together.
+    fn choose_span(&self, frame: &CpuFrame, key: BrickKey, brick: &PacketBrick<'_>) -> usize {
+        let direction = self.direction_through(frame, key);
+        self.dispatch(ChooseSpan { brick, precision: self.precision, direction })
+    }
+
+    /// Direction of rays through a brick's middle, in cells per world length.
+    fn direction_through(&self, frame: &CpuFrame, key: BrickKey) -> [f32; 3] {
+        let scale = frame.pyramid.level_at(key.lod()).scale.map(|s| s as f64);
+        let core = frame.pyramid.core_box(key);
+        let middle = DVec3::from_array(std::array::from_fn(|a| scale[a] * 0.5 * (core.start[a] + core.end[a]) as f64));
+        let direction = match self.view {
+            View::Direction(direction) => direction,
+            View::Eye(eye) => middle - eye,
+        };
+        let world: DVec3 = frame.geometry.linear() * direction;
+        let per_world = 1.0 / world.length();
+        std::array::from_fn(|a| (direction[a] * per_world / scale[a]) as f32)
+    }
+
+    /// Runs a task with the frame's instructions and its table.
+    fn dispatch<T: ClassifyTask>(&self, task: T) -> T::Output {
+        dispatch(self.set, WithTable { tables: self, task })
     }
 
     /// Which way rays may go in a brick.
@@ -441,21 +521,22 @@ impl CastTile<'_> {
 
     fn cast_brick(&mut self, key: BrickKey, brick: &DecodedBrick) {
         let (frame, tables) = (self.frame, self.tables);
-        let cloud = tables.cloud(frame, key, brick);
-        if cloud.is_empty {
-            self.feedback.counters.macro_cells_skipped += self.rays.hits().len() as u64;
-            return;
-        }
         let (packet_brick, grid) = packet_brick(frame, key, brick);
         let [centre, scale, offset] = packet_brick.stored.to_values_from(tables.origin, &frame.map);
-        let cloud = (!cloud.is_dense).then_some(&*cloud);
         let lighting = frame.lighting.as_ref().map(|lighting| {
             let level_scale = frame.pyramid.level_at(key.lod()).scale;
             PacketLighting::new(lighting, &frame.geometry, level_scale, scale)
         });
-        let packet_brick = PacketBrick { centre, scale, offset, cloud, lighting, ..packet_brick };
+        let packet_brick = PacketBrick { centre, scale, offset, lighting, ..packet_brick };
+        let plan = tables.plan(frame, key, brick, &packet_brick);
+        if plan.cloud.is_empty && frame.skipping == Skipping::On {
+            self.feedback.counters.macro_cells_skipped += self.rays.hits().len() as u64;
+            return;
+        }
+        let cloud = plan.leaps.then_some(&plan.cloud);
+        let packet_brick = PacketBrick { cloud, span: plan.span, ..packet_brick };
         let host = TileHost { frame, tables, key, brick, grid, corner: self.corner, rays: self.rays, next: 0 };
-        let work = dispatch(tables.set, CastBrick { packet_brick, host, queues: self.queues });
+        let work = tables.dispatch(CastBrick { packet_brick, host, queues: self.queues });
         self.feedback.counters.add_work(&work);
     }
 }
@@ -507,6 +588,7 @@ pub(super) fn packet_brick<'a>(
         centre: 0.0,
         scale: 1.0,
         offset: 0.0,
+        span: 1,
         absent: frame.map.absent,
         cloud: None,
         lighting: None,
@@ -547,30 +629,14 @@ struct CastBrick<'a> {
     queues: &'a mut Queues,
 }
 
-impl Task for CastBrick<'_> {
+impl ClassifyTask for CastBrick<'_> {
     type Output = Work;
 
     #[inline(always)]
-    fn run<S: Simd>(self) -> Work {
-        let tables = self.host.tables;
-        match &tables.table {
-            Table::UpTo16(few) => self.cast::<S, _>(&**few),
-            Table::UpTo32(few) => self.cast::<S, _>(&**few),
-            Table::Many => {
-                let many = ManyPieces::new(&tables.pieces);
-                self.cast::<S, _>(&many)
-            }
-        }
-    }
-}
-
-impl CastBrick<'_> {
-    #[inline(always)]
-    fn cast<S: Simd, L: Lookup>(mut self, table: &L) -> Work {
-        let tables = self.host.tables;
-        let classifier = Classifier { table, narrow: tables.pieces.narrow, clear: tables.pieces.clear };
+    fn run<S: Simd, L: Lookup>(mut self, classifier: &Classifier<'_, L>) -> Work {
+        let precision = self.host.tables.precision;
         // SAFETY: `packet_brick` compared strides, core and length of the voxels.
-        unsafe { cast::<S, L>(&self.packet_brick, &classifier, tables.precision, self.queues, &mut self.host) }
+        unsafe { cast::<S, L>(&self.packet_brick, classifier, precision, self.queues, &mut self.host) }
     }
 }
 

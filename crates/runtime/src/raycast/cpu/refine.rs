@@ -283,11 +283,12 @@ impl<L: Lookup> Refine<'_, L> {
     }
 }
 
-/// Length of the first part of cells with these errors, in tolerances.
+/// Length of the first part of cells with these errors, in tolerances: all of it where the cell may be settled as a whole.
 #[inline(always)]
 fn first_part<S: Simd>(ratio: S::F) -> S::F {
     let (one, two, most) = (S::splat(1.0), S::splat(2.0), S::splat(PARTS_LIMIT));
     let root = S::sqrt(S::min(ratio, most * most));
     let parts = S::floor(S::splat(PARTS_PER_ROOT) * root) + one;
-    one / S::min(S::max(parts, two), most)
+    let least = S::select(S::le(ratio, one), one, two);
+    one / S::min(S::max(parts, least), most)
 }

@@ -100,6 +100,7 @@ impl Trace<'_> {
             centre: 0.0,
             scale: 1.0,
             offset: 0.0,
+            span: 1,
             absent: None,
             cloud: None,
             lighting: None,

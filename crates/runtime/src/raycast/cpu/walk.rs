@@ -81,6 +81,8 @@ pub struct PacketBrick<'a> {
     pub scale: f32,
     /// See `scale`.
     pub offset: f32,
+    /// Cells that are integrated together, where one rule settles them: one of [`SPANS`](super::span::SPANS).
+    pub span: usize,
     /// Stored number of holes.
     pub absent: Option<u16>,
     /// What to leap over.
@@ -127,6 +129,14 @@ pub struct Step<S: Simd> {
     pub fraction: [S::F; 3],
     /// World length in it.
     pub length: S::F,
+}
+
+impl<S: Simd> Step<S> {
+    /// Rays that go through the cell at all.
+    #[inline(always)]
+    pub fn crosses(&self) -> S::M {
+        S::lt(S::splat(0.0), self.length)
+    }
 }
 
 impl<S: Simd> Walker<S> {
