@@ -13,8 +13,8 @@ use super::packet::{Classifier, ClassifyTask, Precision, Round};
 use super::simd::{LANES_LIMIT, Simd};
 use super::walk::{Packet, PacketBrick, ROUND, Walker};
 
-/// Numbers of cells that are tried, the greatest first: divisors of a round's.
-pub const SPANS: [usize; 3] = [6, 3, 1];
+/// Numbers of cells that are tried, the greatest first: divisors of a round's. One is what is left.
+pub const SPANS: [usize; 2] = [6, 3];
 /// Rounds of cells that are tried, in a brick that is large enough.
 const SAMPLES: usize = 96;
 /// Share of spans that one line has to settle: a cell that waits costs as much as ten that do not.
@@ -96,12 +96,12 @@ impl ChooseSpan<'_> {
         /// Powers of 1 / 1.2207..., the positive root of x^4 = x + 1.
         const STEPS: [f64; 3] = [0.819_172_513_396_164_5, 0.671_043_606_703_789_2, 0.549_700_477_901_970_3];
         let mut length = f32::INFINITY;
-        for a in 0..3 {
+        for (a, step) in STEPS.into_iter().enumerate() {
             let last = (self.brick.core[a] - 1) as f32;
-            let origin = last * (number as f64 * STEPS[a]).fract() as f32;
+            let origin = last * (number as f64 * step).fract() as f32;
             let direction = self.direction[a];
             let ahead = if direction > 0.0 { last - origin } else { origin };
-            // At most a round's cells are wanted, but none outside the brick.
+            // None leaves the brick.
             length = length.min(ahead / direction.abs());
             packet.origin[a][lane] = origin;
             packet.direction[a][lane] = direction;

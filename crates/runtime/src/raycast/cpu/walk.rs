@@ -81,7 +81,7 @@ pub struct PacketBrick<'a> {
     pub scale: f32,
     /// See `scale`.
     pub offset: f32,
-    /// Cells that are integrated together, where one rule settles them: one of [`SPANS`](super::span::SPANS).
+    /// Cells that are integrated together, where one rule settles them: 1 or one of [`SPANS`](super::span::SPANS).
     pub span: usize,
     /// Stored number of holes.
     pub absent: Option<u16>,
