@@ -59,6 +59,8 @@ pub struct Camera {
     pub width: u32,
     /// Pixels along y; at least 1.
     pub height: u32,
+    /// Pixels that the view itself has along x and y: as many, or a part of one less where it ends in the last ones.
+    pub extent: [f64; 2],
 }
 
 /// The rays of a camera, one per pixel.
@@ -110,22 +112,29 @@ impl Camera {
             return Err(CameraError::UpIsForward);
         }
         let right = across.normalize();
-        Ok(Self { eye, forward, right, up: right.cross(forward), projection, width: size[0], height: size[1] })
+        let ([width, height], extent) = (size, size.map(f64::from));
+        Ok(Self { eye, forward, right, up: right.cross(forward), projection, width, height, extent })
     }
 
     /// The same view with `factor` times as many pixels along each axis.
     #[must_use]
     pub fn supersampled(self, factor: u32) -> Self {
-        Self { width: self.width * factor, height: self.height * factor, ..self }
+        let extent = self.extent.map(|pixels| pixels * f64::from(factor));
+        Self { width: self.width * factor, height: self.height * factor, extent, ..self }
     }
 
-    /// Normalised device coordinates of a pixel's centre: x to the right, y up, both in (-1, 1).
+    /// The same view with pixels `factor` times as large along each axis, the first where the first were; the last ones may
+    /// stand over.
+    #[must_use]
+    pub fn coarser(self, factor: u32) -> Self {
+        let extent = self.extent.map(|pixels| pixels / f64::from(factor));
+        Self { width: self.width.div_ceil(factor), height: self.height.div_ceil(factor), extent, ..self }
+    }
+
+    /// Normalised device coordinates of a pixel's centre: x to the right, y up, both in (-1, 1) where the pixel does not stand over.
     #[must_use]
     pub fn ndc(&self, x: u32, y: u32) -> [f64; 2] {
-        [
-            (f64::from(x) + 0.5) * 2.0 / f64::from(self.width) - 1.0,
-            1.0 - (f64::from(y) + 0.5) * 2.0 / f64::from(self.height),
-        ]
+        [(f64::from(x) + 0.5) * 2.0 / self.extent[0] - 1.0, 1.0 - (f64::from(y) + 0.5) * 2.0 / self.extent[1]]
     }
 
     /// The ray through the centre of pixel (x, y); row 0 is on top.
@@ -141,7 +150,7 @@ impl Camera {
             Projection::Perspective { fov_y } => (fov_y.to_radians() / 2.0).tan(),
             Projection::Orthographic { height } => height / 2.0,
         };
-        let aspect = f64::from(self.width) / f64::from(self.height);
+        let aspect = self.extent[0] / self.extent[1];
         PixelRays { camera: *self, half_size: [half_height * aspect, half_height] }
     }
 
@@ -149,8 +158,8 @@ impl Camera {
     #[must_use]
     pub fn pixel_height(&self) -> f64 {
         match self.projection {
-            Projection::Perspective { fov_y } => 2.0 * (fov_y.to_radians() / 2.0).tan() / f64::from(self.height),
-            Projection::Orthographic { height } => height / f64::from(self.height),
+            Projection::Perspective { fov_y } => 2.0 * (fov_y.to_radians() / 2.0).tan() / self.extent[1],
+            Projection::Orthographic { height } => height / self.extent[1],
         }
     }
 }
@@ -182,6 +191,19 @@ mod tests {
             assert!((ray.direction - expected.normalize()).length() < 1e-12);
             assert!((ray.direction.length() - 1.0).abs() < 1e-15);
             assert_eq!((ray.origin, ray.t_min), (camera.eye, 0.0));
+        }
+    }
+
+    /// A ray of a coarser camera runs through the middle of the rays that it stands for.
+    #[test]
+    fn coarser_pixels_cover_those_of_the_picture() {
+        let projection = Projection::Orthographic { height: 7.0 };
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::X, DVec3::Z, projection, [10, 7]).unwrap();
+        let coarser = camera.coarser(4);
+        assert_eq!((coarser.width, coarser.height, coarser.pixel_height()), (3, 2, 4.0));
+        for (x, y) in [(0, 0), (1, 1), (2, 1)] {
+            let corners = [[0, 0], [3, 3]].map(|[i, j]| camera.ray(4 * x + i, 4 * y + j).origin);
+            assert!((coarser.ray(x, y).origin - 0.5 * (corners[0] + corners[1])).length() < 1e-12);
         }
     }
 

@@ -5,12 +5,14 @@
 //! ```
 //!
 //! Without a time budget the picture always converges: it depends neither on the budgets, nor on the number of threads,
-//! nor on the order in which bricks arrive. With one, the coarsest level is fetched first and kept; when the time is up,
-//! rays that wait go on through coarser bricks, so that the picture is complete, and the statistics say that it has not
-//! converged. Time is looked at between passes and between batches of reads: a frame ends at most one of these late.
+//! nor on the order in which bricks arrive. With one, the coarsest level is fetched first and kept. On the CPU pictures of
+//! ever smaller pixels follow ([`deadline`]), which stop where they are when the time is up. Other casters' rays that wait
+//! then go on through coarser bricks: time is looked at between passes and between batches of reads, and a frame ends at most
+//! one of these late. Either way the picture is complete, and the statistics say that it has not converged.
 
 pub mod caster;
 pub mod check;
+mod deadline;
 mod gpu;
 pub mod predict;
 pub mod reference;
@@ -356,7 +358,12 @@ fn render_cpu(
     start: Instant,
 ) -> Result<(Image, FrameStats), RenderError> {
     let plan = plan_host(container, scene, options, size_of::<RayState>() as u64, Bands::Allowed)?;
-    render_cpu_with(container, scene, options, plan, start)
+    match options.time_budget_ms {
+        Some(ms) if options.caster.is_default() => {
+            deadline::render_until(container, scene, options, plan, start, Duration::from_millis(ms))
+        }
+        _ => render_cpu_with(container, scene, options, plan, start),
+    }
 }
 
 /// [`render`] on the CPU, on the calling thread's pool, with the host budget already divided. The time budget began at
@@ -428,6 +435,12 @@ impl<'a> FrameWalk<'a> {
         Self { streamer, plan, options, start, deadline, stats, rows: 0, rows_finished: 0 }
     }
 
+    /// The same walk with another deadline, after walks of the same frame that have these statistics.
+    #[must_use]
+    fn until(self, deadline: Instant, stats: FrameStats) -> Self {
+        Self { deadline: Some(deadline), stats: FrameStats { converged: true, ..stats }, ..self }
+    }
+
     /// Statistics of the walk; what the streamer counts, it counts since it was made.
     #[must_use]
     pub fn into_stats(self) -> FrameStats {
@@ -458,6 +471,53 @@ impl<'a> FrameWalk<'a> {
         Ok(image)
     }
 
+    /// Casts until the caster's frame stops, and writes the pixels that are finished over those of `picture`; how many.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    fn run_over(&mut self, caster: &mut CpuCaster, picture: &mut Image) -> Result<u64, RenderError> {
+        self.rows = picture.height;
+        self.streamer.begin_frame();
+        let mut written = 0;
+        let mut is_stopped = false;
+        for first in (0..picture.height).step_by(self.plan.band_rows as usize) {
+            self.streamer.begin_band();
+            caster.begin(first..(first + self.plan.band_rows).min(picture.height))?;
+            is_stopped = self.cast_band_until(caster)?;
+            written += picture.write_over(first, &caster.finished_pixels());
+            self.stats.bands += 1;
+            if is_stopped {
+                break;
+            }
+            self.rows_finished = (first + self.plan.band_rows).min(picture.height);
+        }
+        self.stats.converged &= !is_stopped;
+        self.gather_stats(caster);
+        Ok(written)
+    }
+
+    /// The pass loop of one band of a frame that stops at the deadline; whether it has.
+    fn cast_band_until(&mut self, caster: &mut CpuCaster) -> Result<bool, RenderError> {
+        let mut unfinished_rays = 0;
+        for pass in 1..=PASS_LIMIT {
+            let report = self.cast_pass(caster, OnMissing::Wait)?;
+            if report.is_stopped || report.unfinished_rays == 0 {
+                return Ok(report.is_stopped);
+            }
+            unfinished_rays = report.unfinished_rays;
+            let room = Room { bricks: caster.room(), deadline: self.deadline };
+            let fetched = self.streamer.fetch(&report.misses, room)?;
+            if self.is_late() {
+                self.stats.bricks_missing_at_deadline += fetched.left as u64;
+                return Ok(true);
+            }
+            if !fetched.is_progress() {
+                return Err(no_progress(pass, &report));
+            }
+        }
+        Err(RenderError::TooManyPasses { unfinished_rays })
+    }
+
     /// The pass loop of one band.
     fn cast_band(&mut self, caster: &mut dyn RayCaster) -> Result<(), RenderError> {
         let mut waiting = 0;
@@ -480,9 +540,7 @@ impl<'a> FrameWalk<'a> {
             let room = Room { bricks: caster.room(), deadline: self.deadline };
             let fetched = self.streamer.fetch(&report.misses, room)?;
             if is_late || !fetched.is_progress() {
-                let first = report.misses.first().map_or("none".into(), ToString::to_string);
-                let (unfinished_rays, misses) = (report.unfinished_rays, report.misses.len());
-                return Err(RenderError::NoProgress { pass, unfinished_rays, misses, first });
+                return Err(no_progress(pass, &report));
             }
             caster.update(&self.streamer.view(OnMissing::Wait), &fetched)?;
         }
@@ -565,6 +623,12 @@ impl<'a> FrameWalk<'a> {
         let predict = |errors| predict::predict(&errors, &self.stats, self.options, level);
         self.stats.error_predicted = totals.errors.map(predict);
     }
+}
+
+/// A pass after which nothing could be done for rays that wait.
+fn no_progress(pass: u64, report: &PassReport) -> RenderError {
+    let first = report.misses.first().map_or("none".into(), ToString::to_string);
+    RenderError::NoProgress { pass, unfinished_rays: report.unfinished_rays, misses: report.misses.len(), first }
 }
 
 fn milliseconds(time: Duration) -> f64 {

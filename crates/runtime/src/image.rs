@@ -99,6 +99,47 @@ impl Image {
         Self { width, height, pixels }
     }
 
+    /// The picture with pixels `factor` times as large, the first where the first of this one are, brought to
+    /// `width` x `height` pixels: what lies between the middles of its pixels is interpolated, so that no blocks show.
+    #[must_use]
+    pub fn enlarged(&self, factor: u32, [width, height]: [u32; 2]) -> Self {
+        // The two pixels beside a place and the weight of the second, clamped at the ends.
+        let beside = |i: u32, pixels: u32| {
+            let place = ((f64::from(i) + 0.5) / f64::from(factor) - 0.5).clamp(0.0, f64::from(pixels - 1));
+            let first = place as u32;
+            (first as usize, (first + 1).min(pixels - 1) as usize, (place - f64::from(first)) as f32)
+        };
+        let columns: Vec<_> = (0..width).map(|x| beside(x, self.width)).collect();
+        let mut pixels = Vec::with_capacity(width as usize * height as usize);
+        for (above, below, down) in (0..height).map(|y| beside(y, self.height)) {
+            let rows = [above, below].map(|row| &self.pixels[row * self.width as usize..][..self.width as usize]);
+            pixels.extend(columns.iter().map(|&(left, right, across)| {
+                std::array::from_fn(|c| {
+                    let [top, bottom] = rows.map(|row| row[left][c] + across * (row[right][c] - row[left][c]));
+                    top + down * (bottom - top)
+                })
+            }));
+        }
+        Self { width, height, pixels }
+    }
+
+    /// Writes the pixels of a band that are numbers over those from row `first_row` on; how many there were.
+    ///
+    /// # Panics
+    /// If the band is not as wide as the picture, or stands over it.
+    pub fn write_over(&mut self, first_row: u32, band: &Self) -> u64 {
+        assert_eq!(self.width, band.width, "pixels along x");
+        let first = first_row as usize * self.width as usize;
+        let mut written = 0;
+        for (pixel, new) in self.pixels[first..first + band.pixels.len()].iter_mut().zip(&band.pixels) {
+            if !new[0].is_nan() {
+                *pixel = *new;
+                written += 1;
+            }
+        }
+        written
+    }
+
     /// Whether every channel of every pixel is a finite number.
     #[must_use]
     pub fn is_finite(&self) -> bool {
@@ -227,6 +268,26 @@ impl From<png::EncodingError> for WriteFailure {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A ramp stays one between the middles of the large pixels, and ends level beyond them.
+    #[test]
+    fn enlarged_pictures_are_interpolated() {
+        let pixels = (0..2).flat_map(|y| (0..3).map(move |x| [(10 * y + 4 * x) as f32; 4])).collect();
+        let large = Image { width: 3, height: 2, pixels }.enlarged(2, [5, 4]);
+        let row = |y: usize| large.pixels[5 * y..5 * (y + 1)].iter().map(|p| p[0]).collect::<Vec<_>>();
+        assert_eq!(row(0), [0.0, 1.0, 3.0, 5.0, 7.0]);
+        assert_eq!(row(1), [2.5, 3.5, 5.5, 7.5, 9.5]);
+        assert_eq!(row(3), [10.0, 11.0, 13.0, 15.0, 17.0]);
+        assert_eq!(large.clone().enlarged(1, [5, 4]), large);
+    }
+
+    #[test]
+    fn only_numbers_are_written_over_a_picture() {
+        let mut picture = Image { width: 2, height: 3, pixels: vec![[1.0; 4]; 6] };
+        let band = Image { width: 2, height: 1, pixels: vec![[2.0; 4], [f32::NAN; 4]] };
+        assert_eq!(picture.write_over(1, &band), 1);
+        assert_eq!(picture.pixels.iter().map(|p| p[0]).collect::<Vec<_>>(), [1.0, 1.0, 2.0, 1.0, 1.0, 1.0]);
+    }
 
     fn image() -> Image {
         let pixels = (0..6).map(|i| [0.1 * i as f32, 0.5, 0.0, 0.5]).collect();

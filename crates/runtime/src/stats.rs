@@ -126,6 +126,10 @@ pub struct FrameStats {
     pub fallbacks: u64,
     /// Bricks that rays waited for when the time was up.
     pub bricks_missing_at_deadline: u64,
+    /// Pixels that were not finished when the time was up: they are taken from a picture of larger pixels.
+    pub pixels_unfinished: u64,
+    /// How many pixels along an edge a pixel of that picture covers; 0 where all are finished.
+    pub coarsest_pixel: u32,
     /// Bricks that failed.
     pub bricks_failed: u64,
     /// The first failures.

@@ -48,7 +48,9 @@ pub struct Arguments {
     /// processor has
     #[arg(long, value_name = "SET")]
     instructions: Option<InstructionSet>,
-    /// Complete the picture from what is there after this time; without it, it converges
+    /// Hand over the picture after this time, counted from the start of the command, as far as it has come: the CPU backend
+    /// draws large pixels first, then ever smaller ones; others complete it from the bricks that are there. Without it, the
+    /// picture converges
     #[arg(long, value_name = "MS", value_parser = quantity::milliseconds)]
     time_budget: Option<u64>,
     /// Most graphics memory to use
@@ -100,7 +102,9 @@ fn level(text: &str) -> Result<LevelChoice, String> {
 }
 
 impl Arguments {
-    fn options<'a>(&self, progress: &'a (dyn Fn(Progress) + Sync)) -> RenderOptions<'a> {
+    /// What the command line asks for; its time budget began at `start`.
+    fn options<'a>(&self, progress: &'a (dyn Fn(Progress) + Sync), start: Instant) -> RenderOptions<'a> {
+        let passed = u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX);
         RenderOptions {
             backend: match self.backend {
                 BackendName::Auto => Backend::Auto,
@@ -116,7 +120,7 @@ impl Arguments {
                 SkippingName::On => Skipping::On,
                 SkippingName::Off => Skipping::Off,
             },
-            time_budget_ms: self.time_budget,
+            time_budget_ms: self.time_budget.map(|budget| budget.saturating_sub(passed)),
             caster: Caster::Packets(PacketRule { instructions: self.instructions, ..PacketRule::DEFAULT }),
             max_error: self.max_error,
             predict_error: self.stats.is_some(),
@@ -127,6 +131,7 @@ impl Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let start = Instant::now();
     let path = &arguments.container;
     let container = Arc::new(Container::open(path).map_err(|e| with_container(path, e))?);
     if let LevelChoice::Fixed(lod) = arguments.level
@@ -146,7 +151,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         bar.set_position(u64::from(progress.rows_finished));
         bar.set_message(format!("{} read, {} rays wait", show_bytes(progress.bytes_read), progress.rays_waiting));
     };
-    let options = arguments.options(&on_progress);
+    let options = arguments.options(&on_progress, start);
     let result = picture(&container, &scene, &arguments.output, &options, arguments.check);
     bar.finish_and_clear();
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
@@ -243,6 +248,15 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
         show_bytes(stats.peak_rss_bytes),
         if stats.converged { "" } else { ", not converged" },
     )?;
+    if stats.pixels_unfinished > 0 {
+        let pixels = f64::from(stats.image_width) * f64::from(stats.image_height);
+        let share = 100.0 * stats.pixels_unfinished as f64 / pixels;
+        let edge = stats.coarsest_pixel;
+        writeln!(
+            out,
+            "the time was up: {share:.0} % of the pixels are taken from a picture of pixels {edge} times as large"
+        )?;
+    }
     if let Some(measured) = &stats.error_measured {
         writeln!(
             out,

@@ -30,6 +30,8 @@ pub struct PassReport {
     pub unfinished_rays: u64,
     /// Times a ray took a coarser brick than it wanted.
     pub fallbacks: u64,
+    /// Whether it was time to stop before all rays were finished or waited.
+    pub is_stopped: bool,
 }
 
 /// Sums over all passes and bands.
@@ -143,6 +145,20 @@ impl CpuCaster {
     }
 }
 
+impl CpuCaster {
+    /// The pixels of the band that are finished; NaN elsewhere.
+    pub fn finished_pixels(&mut self) -> Image {
+        self.note_band();
+        self.band.finished_pixels(&self.states)
+    }
+
+    /// Sums up what the rays of a band say at its end.
+    fn note_band(&mut self) {
+        self.rays_terminated_early += self.states.terminated_early();
+        self.cells_error = self.cells_error.max(self.states.cells_error());
+    }
+}
+
 impl RayCaster for CpuCaster {
     fn room(&self) -> usize {
         usize::MAX
@@ -165,6 +181,7 @@ impl RayCaster for CpuCaster {
             misses: feedback.misses.into_iter().map(|miss| miss.key).collect(),
             uses: feedback.uses,
             fallbacks: feedback.counters.parent_bricks,
+            is_stopped: feedback.is_stopped,
         })
     }
 
@@ -173,8 +190,7 @@ impl RayCaster for CpuCaster {
     }
 
     fn image(&mut self) -> Result<Image, RenderError> {
-        self.rays_terminated_early += self.states.terminated_early();
-        self.cells_error = self.cells_error.max(self.states.cells_error());
+        self.note_band();
         Ok(self.band.image(&self.states))
     }
 

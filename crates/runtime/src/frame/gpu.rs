@@ -166,6 +166,7 @@ impl RayCaster for GpuCaster {
             uses: feedback.uses,
             unfinished_rays: feedback.unfinished_rays,
             fallbacks: feedback.counters.parent_bricks,
+            is_stopped: false,
         })
     }
 

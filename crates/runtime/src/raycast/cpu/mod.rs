@@ -51,6 +51,7 @@ mod walk;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::Arc;
+use std::time::Instant;
 
 use rayon::prelude::*;
 use supervol_format::{BrickKey, Geometry, Lod, Pyramid, ValueRange};
@@ -121,6 +122,8 @@ pub struct CpuFrame {
     termination_opacity: f64,
     /// What packets look up; `None` where rays are cast one by one.
     packets: Option<Arc<PacketTables>>,
+    /// When packets stop where they are.
+    deadline: Option<Instant>,
 }
 
 /// One ray between passes.
@@ -314,13 +317,15 @@ pub struct PassFeedback {
     pub uses: Vec<BrickKey>,
     /// Sums over the pass.
     pub counters: Counters,
+    /// Whether it ended before some tile was finished, or waits, because it was time to stop.
+    pub is_stopped: bool,
 }
 
 impl PassFeedback {
     /// Whether every ray is finished.
     #[must_use]
     pub fn is_converged(&self) -> bool {
-        self.misses.is_empty()
+        self.misses.is_empty() && !self.is_stopped
     }
 }
 
@@ -368,11 +373,23 @@ impl CpuFrame {
             integrator: quality.caster.integrator(scene, geometry),
             termination_opacity: quality.caster.termination_opacity(),
             packets: None,
+            deadline: None,
         };
         if let Caster::Packets(rule) = quality.caster {
             frame.packets = Some(Arc::new(PacketTables::new(&frame, &scene.transfer_function, rule)));
         }
         frame
+    }
+
+    /// The same frame, whose packets stop at a time: tiles that are not finished by then stay as they were before the pass.
+    #[must_use]
+    pub fn until(self, deadline: Instant) -> Self {
+        Self { deadline: Some(deadline), ..self }
+    }
+
+    /// Whether it is time to stop.
+    pub(crate) fn is_late(&self) -> bool {
+        self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 
     /// The same frame for some rows of pixels only, numbered from the top: its picture is that band of the picture.
@@ -427,6 +444,23 @@ impl CpuFrame {
         rays.map(|ray| RayState::new(self.segment(&ray))).collect()
     }
 
+    /// Whether rays are cast in packets.
+    #[must_use]
+    pub fn has_packets(&self) -> bool {
+        self.packets.is_some()
+    }
+
+    /// The picture of finished tiles, sub-grid averaged: NaN elsewhere.
+    ///
+    /// # Panics
+    /// If the states are not this frame's, or not of packets.
+    #[must_use]
+    pub fn finished_pixels(&self, rays: &Rays) -> Image {
+        let Rays::Tiles(tiles) = rays else { panic!("rays of another frame") };
+        let pixels = pixels_of(self, tiles, |_| [f32::NAN; 4]);
+        Image { width: self.camera.width, height: self.rows.len() as u32, pixels }.downsampled(self.subgrid)
+    }
+
     /// The picture of what the rays have gathered, sub-grid averaged.
     ///
     /// # Panics
@@ -439,7 +473,7 @@ impl CpuFrame {
                 assert_eq!(states.len(), width as usize * height as usize, "states of another frame");
                 states.iter().map(|state| self.pixel(state)).collect()
             }
-            Rays::Tiles(tiles) => pixels_of(self, tiles),
+            Rays::Tiles(tiles) => pixels_of(self, tiles, |state| self.pixel(state)),
         };
         Image { width, height, pixels }.downsampled(self.subgrid)
     }
@@ -610,6 +644,7 @@ pub(crate) struct BlockFeedback {
     pub(crate) misses: BTreeMap<BrickKey, (u64, f64)>,
     pub(crate) uses: BTreeSet<BrickKey>,
     pub(crate) counters: Counters,
+    pub(crate) is_stopped: bool,
 }
 
 /// Casts every unfinished ray as far as resident bricks allow.
@@ -660,7 +695,9 @@ fn merge(blocks: Vec<BlockFeedback>) -> PassFeedback {
     let mut misses: BTreeMap<BrickKey, (u64, f64)> = BTreeMap::new();
     let mut uses = BTreeSet::new();
     let mut counters = Counters::default();
+    let mut is_stopped = false;
     for block in blocks {
+        is_stopped |= block.is_stopped;
         for (key, (rays, nearest)) in block.misses {
             let entry = misses.entry(key).or_insert((0, f64::INFINITY));
             *entry = (entry.0 + rays, entry.1.min(nearest));
@@ -670,7 +707,7 @@ fn merge(blocks: Vec<BlockFeedback>) -> PassFeedback {
     }
     let mut misses: Vec<Miss> = misses.into_iter().map(|(key, (rays, nearest))| Miss { key, rays, nearest }).collect();
     misses.sort_by(|a, b| a.nearest.total_cmp(&b.nearest).then(a.key.cmp(&b.key)));
-    PassFeedback { misses, uses: uses.into_iter().collect(), counters }
+    PassFeedback { misses, uses: uses.into_iter().collect(), counters, is_stopped }
 }
 
 impl Counters {

@@ -26,7 +26,7 @@ use super::span::ChooseSpan;
 use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays, place_of};
 use super::value_tiles::BrickSummaries;
 use super::walk::{Packet, PacketBrick};
-use super::{BlockFeedback, Counters, CpuFrame, MAX_ERROR_LIMITS, PacketRule, Skipping};
+use super::{BlockFeedback, Counters, CpuFrame, MAX_ERROR_LIMITS, PacketRule, RayState, Skipping};
 use crate::camera::{PixelRays, Projection};
 use crate::clip::{IndexRay, Segment, ToIndex};
 use crate::raycast::scalar::walk::AxisRay;
@@ -327,6 +327,9 @@ pub(super) fn cast_tiles(
                 rays.bound();
                 CastTile { view, frame, tables, corner, rays, queues, feedback: &mut feedback }.run();
             }
+            if feedback.is_stopped {
+                return feedback;
+            }
             *tile = end_tile((frame, tables), rays);
             feedback.counters.rays_waiting += tile.waiting();
             feedback.counters.rays_finished += begun as u64 - tile.waiting();
@@ -389,9 +392,9 @@ fn end_tile((frame, tables): (&CpuFrame, &PacketTables), rays: &TileRays) -> Til
     Tile::Finished(Box::new(FinishedTile { pixels, terminated_early, cells_error }))
 }
 
-/// The pixels of all tiles, row by row from the top; unfinished tiles show what they have.
+/// The pixels of all tiles, row by row from the top; of rays that wait `waiting` makes one.
 #[must_use]
-pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
+pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile], waiting: impl Fn(&RayState) -> [f32; 4]) -> Vec<[f32; 4]> {
     let (width, height) = (frame.camera.width as usize, frame.rows.len());
     let columns = tiles_of(frame)[0] as usize;
     let mut pixels = vec![[0.0; 4]; width * height];
@@ -402,9 +405,9 @@ pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
             let (x, y) = (corner[0] + x, corner[1] + y);
             if x < width && y < height {
                 pixels[y * width + x] = match tile {
-                    Tile::Fresh => [0.0; 4],
+                    Tile::Fresh => waiting(&RayState::new(None)),
                     Tile::Finished(finished) => finished.pixels[ray],
-                    Tile::Waiting(gathered) => frame.pixel(&gathered.state(ray)),
+                    Tile::Waiting(gathered) => waiting(&gathered.state(ray)),
                 };
             }
         }
@@ -431,6 +434,10 @@ impl CastTile<'_> {
         while let Some(key) = stack.pop() {
             if self.rays.going() == 0 {
                 break;
+            }
+            if self.frame.is_late() {
+                self.feedback.is_stopped = true;
+                return;
             }
             let region = region_of(pyramid, key);
             if !self.rays.may_meet(&region) {
