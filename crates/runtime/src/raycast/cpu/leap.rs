@@ -113,6 +113,12 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
     pub fn bytes(&self) -> u64 {
         (size_of::<Self>() + size_of_val(&self.distances[..])) as u64
     }
+
+    /// Bytes held by the cloud of a brick with so many core voxels along each axis.
+    #[must_use]
+    pub fn most_bytes(core: usize) -> u64 {
+        (size_of::<Self>() + core.div_ceil(SIDE).pow(3) + PADDING) as u64
+    }
 }
 
 /// Macro cells of a brick along each axis.

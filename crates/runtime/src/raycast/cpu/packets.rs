@@ -19,11 +19,11 @@ use super::leap::{Ahead, BLOCK, ProximityCloud};
 use super::lookup::{FewPieces, Lookup, ManyPieces};
 use super::order::{View, push_children, region_of, ways_through};
 use super::packet::{Classifier, Host, Precision, Queues, Work, cast};
-use super::per_brick::PerBrick;
+use super::per_brick::{PerBrick, bytes_kept};
 use super::shade::PacketLighting;
 use super::simd::{InstructionSet, Simd, Task, dispatch};
 use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays, place_of};
-use super::value_tiles::BrickSummaries;
+use super::value_tiles::{BrickSummaries, BrickSummary};
 use super::walk::{Packet, PacketBrick};
 use super::{BlockFeedback, Counters, CpuFrame, MAX_ERROR_LIMITS, PacketRule, Skipping};
 use crate::camera::{PixelRays, Projection};
@@ -32,11 +32,16 @@ use crate::raycast::scalar::walk::AxisRay;
 use crate::raycast::scalar::{CastRay, LevelVisit, exact_cell};
 use crate::raycast::volume::{BrickView, DecodedBrick, Resident, Voxels};
 use crate::scene::Mode;
+use crate::streamer::budget::{Bands, CasterBytes};
 use crate::transfer_function::TransferFunction;
 use crate::transfer_function::pieces::{CHANNELS, Column, TransferPieces};
 
 /// Most tiles that one task casts: tiles cost very different amounts, and threads that have none left take over tasks.
 const TASK_TILES: usize = 8;
+
+/// What is made of a brick, what it is made from, and what a thread still uses of what is no longer kept: so many times its
+/// bytes.
+const MAKING: u64 = 4;
 
 /// What packets look up, the same for all rays of a frame.
 #[derive(Debug)]
@@ -128,7 +133,7 @@ impl Tile {
 
 impl PacketTables {
     /// The tables of a frame.
-    pub fn new(frame: &CpuFrame, source: &TransferFunction, rule: PacketRule) -> Self {
+    pub fn new(frame: &CpuFrame, source: &TransferFunction, rule: PacketRule, made_bytes: u64) -> Self {
         let max_error = rule.max_error.clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
         let origin = origin_of(source, frame.map.shift);
         let fit = FIT_SHARE * max_error;
@@ -151,8 +156,9 @@ impl PacketTables {
             view,
             pixel_rays: frame.camera.rays(),
             to_index: ToIndex::new(&frame.geometry),
-            clouds: PerBrick::default(),
-            summaries: BrickSummaries::default(),
+            // A frame has one mode: only one of the two is filled.
+            clouds: PerBrick::new(made_bytes),
+            summaries: BrickSummaries::new(made_bytes),
         }
     }
 
@@ -216,6 +222,23 @@ fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision
         least_shaded: (LEAST_SHADED_SHARE * max_error) as f32,
         has_steps,
         sums_errors,
+    }
+}
+
+/// What packets hold in host memory beside their tables; `core`: voxels along an edge of a full brick's core.
+#[must_use]
+pub fn bytes_held(core: usize) -> CasterBytes {
+    let made = ProximityCloud::<BLOCK>::most_bytes(core).max(BrickSummary::most_bytes(core));
+    let made_of_brick = bytes_kept(made);
+    let gathered = size_of::<Gathered>();
+    const { assert!(size_of::<FinishedTile>() <= size_of::<Gathered>()) };
+    CasterBytes {
+        bands: Bands::Allowed,
+        tile_side: TILE_SIDE,
+        tile: (size_of::<Tile>() + gathered + size_of::<BlockFeedback>()) as u64,
+        // A tile that goes on to wait is there twice for a moment.
+        thread: (size_of::<TileRays>() + size_of::<Queues>() + gathered) as u64 + MAKING * made_of_brick,
+        made_of_brick,
     }
 }
 
