@@ -249,30 +249,33 @@ mod tests {
 
     #[test]
     fn distances_are_those_of_brute_force() {
-        let cells = [5, 3, 4];
         let mut seed = 3u32;
         let mut random = || {
             seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             seed >> 24
         };
         let ways = [Ahead::Up, Ahead::Down, Ahead::Both];
-        for _ in 0..600 {
-            let shown: Vec<bool> = (0..60).map(|_| random() < 12).collect();
-            let ahead: [Ahead; 3] = std::array::from_fn(|_| ways[random() as usize % 3]);
-            let mut distances: Vec<u8> = shown.iter().map(|&s| if s { 0 } else { 5 }).collect();
-            spread(&mut distances, cells, ahead);
-            let place = |i: usize| [i % 5, i / 5 % 3, i / 15];
-            for (i, &found) in distances.iter().enumerate() {
-                let may_meet = |j: usize| {
-                    (0..3).all(|a| match ahead[a] {
-                        Ahead::Up => place(j)[a] >= place(i)[a],
-                        Ahead::Down => place(j)[a] <= place(i)[a],
-                        Ahead::Both => true,
-                    })
-                };
-                let far = |j: usize| (0..3).map(|a| place(i)[a].abs_diff(place(j)[a])).max().unwrap();
-                let expected = (0..60).filter(|&j| shown[j] && may_meet(j)).map(far).min().unwrap_or(5);
-                assert_eq!(found, expected as u8, "{:?} {ahead:?}", place(i));
+        // Rows shorter than a vector, as long, and longer.
+        for cells in [[5, 3, 4], [16, 2, 3], [17, 3, 2], [33, 1, 3], [1, 7, 1]] {
+            for _ in 0..300 {
+                let count = cells.iter().product();
+                let shown: Vec<bool> = (0..count).map(|_| random() < 12).collect();
+                let ahead: [Ahead; 3] = std::array::from_fn(|_| ways[random() as usize % 3]);
+                let mut distances: Vec<u8> = shown.iter().map(|&s| if s { 0 } else { 40 }).collect();
+                spread(&mut distances, cells, ahead);
+                let place = |i: usize| [i % cells[0], i / cells[0] % cells[1], i / (cells[0] * cells[1])];
+                for (i, &found) in distances.iter().enumerate() {
+                    let may_meet = |j: usize| {
+                        (0..3).all(|a| match ahead[a] {
+                            Ahead::Up => place(j)[a] >= place(i)[a],
+                            Ahead::Down => place(j)[a] <= place(i)[a],
+                            Ahead::Both => true,
+                        })
+                    };
+                    let far = |j: usize| (0..3).map(|a| place(i)[a].abs_diff(place(j)[a])).max().unwrap();
+                    let expected = (0..count).filter(|&j| shown[j] && may_meet(j)).map(far).min().unwrap_or(40);
+                    assert_eq!(found, expected as u8, "{:?} of {cells:?} {ahead:?}", place(i));
+                }
             }
         }
     }
