@@ -83,8 +83,9 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
     #[must_use]
     pub fn of_shown(cells: [usize; 3], ahead: [Ahead; 3], shown: impl Iterator<Item = bool>) -> Self {
         let most = cells.iter().copied().max().unwrap_or(1).min(usize::from(FAR)) as u8;
+        let mut distances = Vec::with_capacity(cells.iter().product::<usize>() + PADDING);
         // A product, because what shows comes and goes too often for a branch.
-        let mut distances: Vec<u8> = shown.map(|shows| most * u8::from(!shows)).collect();
+        distances.extend(shown.map(|shows| most * u8::from(!shows)));
         let shown_count = distances.iter().filter(|&&distance| distance == 0).count();
         let (is_dense, is_empty) = (shown_count == distances.len(), shown_count == 0);
         if !is_dense && !is_empty {
