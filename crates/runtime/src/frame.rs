@@ -29,13 +29,13 @@ use crate::image::Image;
 use crate::lod::by_error::{DataScale, LevelsByError};
 use crate::lod::{LodChoice, LodRule};
 use crate::process;
-use crate::raycast::cpu::{Caster, CpuFrame, CpuQuality, RayState, Skipping};
+use crate::raycast::cpu::{Caster, CpuFrame, CpuQuality, Skipping};
 use crate::raycast::gpu::{GpuDevice, GpuError, may_have_hardware};
 use crate::raycast::reference::render_reference_counted;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{DataKind, Mode, ResolvedScene, VolumeFacts};
 use crate::stats::{FrameStats, mode_name};
-use crate::streamer::budget::{Bands, BrickBytes, BudgetError, Demand, HostPlan};
+use crate::streamer::budget::{BrickBytes, BudgetError, CasterBytes, Demand, HostPlan};
 use crate::streamer::classify::Classifier;
 use crate::streamer::priority::FrontToBack;
 use crate::streamer::{OnMissing, Room, StreamError, Streamer};
@@ -252,7 +252,7 @@ pub fn value_map(container: &Container) -> ValueMap {
     ValueMap::for_container(d.voxel_type, d.scale, d.offset, d.absence.nodata, range)
 }
 
-/// Divides the host budget for a frame that a caster with this much state per ray makes.
+/// Divides the host budget for a frame that the CPU makes.
 ///
 /// # Errors
 /// If it is too small.
@@ -260,17 +260,23 @@ pub fn plan_host(
     container: &Container,
     scene: &ResolvedScene,
     options: &RenderOptions<'_>,
-    ray_state_bytes: u64,
-    bands: Bands,
+) -> Result<HostPlan, BudgetError> {
+    plan_host_for(options.caster.bytes(container.pyramid().layout().core()), container, scene, options)
+}
+
+/// Divides the host budget for a frame that a ray caster makes who holds so much.
+fn plan_host_for(
+    caster: CasterBytes,
+    container: &Container,
+    scene: &ResolvedScene,
+    options: &RenderOptions<'_>,
 ) -> Result<HostPlan, BudgetError> {
     let demand = Demand {
         image_size: scene.image_size,
         subgrid: scene.subgrid,
-        ray_state_bytes,
-        bands,
+        caster,
         brick: BrickBytes::of(container),
-        // With a deadline the coarsest brick stays, beside the one that makes progress.
-        least_bricks: if options.time_budget_ms.is_some() { 2 } else { 1 },
+        has_deadline: options.time_budget_ms.is_some(),
         threads: rayon::current_num_threads() as u64,
         toc_pages: toc::pages_for(container.pyramid().brick_count()),
     };
@@ -288,12 +294,18 @@ pub fn lod_choice(options: &RenderOptions<'_>) -> LodChoice {
 
 /// What all rays of the CPU ray caster share in a frame.
 #[must_use]
-pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderOptions<'_>) -> CpuFrame {
+pub fn cpu_frame(
+    container: &Container,
+    scene: &ResolvedScene,
+    options: &RenderOptions<'_>,
+    plan: &HostPlan,
+) -> CpuFrame {
     let descriptor = container.descriptor();
     let value_range = volume_facts(container).value_range;
     let caster = options.caster.clone().with_max_error(options.max_error);
     let caster = if options.predict_error { caster.summing_errors() } else { caster };
-    let quality = CpuQuality { lod: lod_choice(options), skipping: options.skipping, caster };
+    let quality =
+        CpuQuality { lod: lod_choice(options), skipping: options.skipping, caster, made_bytes: plan.made_bytes };
     CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, value_map(container), value_range, quality)
 }
 
@@ -357,7 +369,7 @@ fn render_cpu(
     options: &RenderOptions<'_>,
     start: Instant,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let plan = plan_host(container, scene, options, size_of::<RayState>() as u64, Bands::Allowed)?;
+    let plan = plan_host(container, scene, options)?;
     match options.time_budget_ms {
         Some(ms) if options.caster.is_default() => {
             deadline::render_until(container, scene, options, plan, start, Duration::from_millis(ms))
@@ -378,7 +390,7 @@ pub fn render_cpu_with(
     plan: HostPlan,
     start: Instant,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let frame = cpu_frame(container, scene, options);
+    let frame = cpu_frame(container, scene, options, &plan);
     let mut streamer = streamer_for(container, scene, options, plan);
     let mut walk = FrameWalk::new(&mut streamer, plan, options, start);
     let image = walk.run(&mut CpuCaster::new(frame), scene.image_size)?;

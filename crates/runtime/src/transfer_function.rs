@@ -4,6 +4,7 @@
 //! in `f32` and in render values, with tables for the questions a ray caster asks millions of times.
 //! Colours are display-referred, channels in [0, 1]. `alpha` is the opacity gathered over the unit distance.
 
+pub mod edges;
 pub mod intervals;
 pub mod pieces;
 pub mod render;

@@ -8,9 +8,10 @@ use std::sync::Mutex;
 
 use supervol_format::{BrickKey, Lod, ValueRange, VoxelType};
 use supervol_runtime::lod::LodChoice;
-use supervol_runtime::raycast::cpu::{Skipping, cast_pass};
+use supervol_runtime::raycast::cpu::{CpuQuality, Skipping, cast_pass};
 use supervol_runtime::raycast::volume::{BrickView, Resident};
 use supervol_runtime::scene::{Mode, ResolvedScene};
+use supervol_runtime::streamer::budget::MADE_LIMIT;
 use support::{Bricked, Trickle, Volume, marschner_lobb, noise, points, scene};
 
 fn volumes() -> Vec<Volume> {
@@ -88,6 +89,17 @@ fn with_best_ranges(volume: &Volume, scene: &ResolvedScene, core: u32) -> Bricke
         bricked.bricks.get_mut(&key).expect("every key has its brick").macro_ranges = best;
     }
     bricked
+}
+
+#[test]
+fn what_is_made_of_bricks_need_not_be_kept() {
+    let volume = &volumes()[0];
+    let bricked = Bricked::new(volume, 16);
+    for (i, scene) in scenes(volume).iter().enumerate() {
+        let render =
+            |made_bytes| bricked.render_of(scene, CpuQuality { lod: FINEST, made_bytes, ..CpuQuality::default() });
+        assert_eq!(render(0), render(MADE_LIMIT), "scene {i}");
+    }
 }
 
 /// S21. At least four fifths of what the best ranges would let the same rays skip.

@@ -221,7 +221,7 @@ impl BrickView for Nothing<'_> {
 fn wanted(setting: &Setting, places: &[Place], failed: &HashSet<BrickKey>) -> Vec<BrickKey> {
     // The shader's twin, whose rays can be put anywhere.
     let caster = Caster::Cells(CellRule::DEFAULT);
-    let quality = CpuQuality { lod: setting.lod, skipping: Skipping::On, caster };
+    let quality = CpuQuality { lod: setting.lod, caster, ..CpuQuality::default() };
     let frame = CpuFrame::new(&setting.scene, &setting.pyramid, &setting.geometry, setting.map, RANGE, quality);
     let mut rays = frame.begin();
     places.iter().for_each(|place| rays.states_mut()[place.pixel].t = place.t);

@@ -107,11 +107,16 @@ fn random_scene(random: &mut Random, volume: &Volume, mode: &str) -> ResolvedSce
 const MODES: [&str; 5] = ["mip", "minip", "mean", "iso", "iso shaded"];
 
 fn packets(lod: LodChoice, skipping: Skipping, instructions: Option<InstructionSet>) -> CpuQuality {
-    CpuQuality { lod, skipping, caster: Caster::Packets(PacketRule { instructions, ..PacketRule::DEFAULT }) }
+    CpuQuality {
+        lod,
+        skipping,
+        caster: Caster::Packets(PacketRule { instructions, ..PacketRule::DEFAULT }),
+        ..CpuQuality::default()
+    }
 }
 
 fn cells(lod: LodChoice) -> CpuQuality {
-    CpuQuality { lod, skipping: Skipping::On, caster: Caster::Cells(CellRule::DEFAULT) }
+    CpuQuality { lod, skipping: Skipping::On, caster: Caster::Cells(CellRule::DEFAULT), ..CpuQuality::default() }
 }
 
 /// Grey levels that packets may be off the scalar caster.

@@ -10,13 +10,14 @@ use std::time::{Duration, Instant};
 
 use containers::{Faulty, container_bytes, open, plan, render_planned};
 use supervol_format::{Container, Lod, VoxelType};
-use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions, render};
+use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions, plan_host, render};
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::raycast::cpu::{Caster, CpuQuality, PacketRule, Skipping};
 use supervol_runtime::raycast::scalar::CellRule;
 use supervol_runtime::stats::FrameStats;
+use supervol_runtime::streamer::budget::MADE_LIMIT;
 use support::{Bricked, Volume, difference, marschner_lobb, noise, points, scene};
 
 const OUTSIDE: &str = r#""eye": [190, -130, 120], "target": [31, 31, 31], "up": [0, 0, 1], "fov_y": 25"#;
@@ -91,7 +92,7 @@ fn levels_chosen_by_distance_converge_too() {
     // By the size of voxels alone.
     let automatic = RenderOptions { level: LevelChoice::Auto, max_error: ANY_ERROR, ..FINEST };
     let caster = Caster::DEFAULT.with_max_error(ANY_ERROR);
-    let quality = CpuQuality { lod: LodChoice::Auto { voxel_pixels: 1.0 }, skipping: Skipping::On, caster };
+    let quality = CpuQuality { lod: LodChoice::Auto { voxel_pixels: 1.0 }, caster, ..CpuQuality::default() };
     let expected = Bricked::new(&volume, 16).render_of(&scene, quality).0;
     for bricks in [1, 2, 5, 100] {
         let plan = plan(&container, &scene, bricks);
@@ -241,6 +242,26 @@ fn the_least_host_budget_is_told_and_suffices() {
     assert!(image == expected);
     assert!(stats.host_cache_budget_bytes < 2 * 40_000, "about one brick of 20^3 floats: {stats:#?}");
     assert!(stats.host_budget_bytes == budget && stats.bands > 1, "bands of rays: {stats:#?}");
+}
+
+#[test]
+fn the_plan_counts_what_packets_hold() {
+    let container = open(&container_bytes(&volume(), 16));
+    let scene = scene(&volume(), &json(OUTSIDE, r#""dvr""#));
+    let cells = RenderOptions { caster: Caster::Cells(CellRule::DEFAULT), ..FINEST };
+    let [packets, cells] = [FINEST, cells].map(|options| {
+        let held = options.caster.bytes(16);
+        (held, plan_host(&container, &scene, &options).unwrap())
+    });
+    let rays = 40 * 36;
+    let thread_bytes = rayon::current_num_threads() as u64 * packets.0.thread;
+    // 3 x 3 tiles of 16 x 16.
+    let difference = (9 * packets.0.tile + thread_bytes) - rays * cells.0.tile;
+    assert_eq!(packets.1.fixed_bytes - cells.1.fixed_bytes, difference);
+    assert!(packets.0.tile >= 256 * 80 && packets.0.thread > packets.0.tile, "{:?}", packets.0);
+    // 4^3 blocks of a cloud, or 2^3 ranges of macro cells and 32 iso values.
+    assert!((64..1024).contains(&packets.0.made_of_brick), "{:?}", packets.0);
+    assert_eq!((packets.1.made_bytes, cells.1.made_bytes), (MADE_LIMIT, 0));
 }
 
 #[test]

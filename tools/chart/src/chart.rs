@@ -16,11 +16,9 @@ use supervol_runtime::frame::caster::CpuCaster;
 use supervol_runtime::frame::{Backend, FrameWalk, RenderOptions, cpu_frame, plan_host, streamer_for};
 use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::process;
-use supervol_runtime::raycast::cpu::RayState;
 use supervol_runtime::raycast::gpu::GpuDevice;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
-use supervol_runtime::streamer::budget::Bands;
 
 use crate::context::{ChartError, Context};
 use crate::measure::{Spread, distance, flip};
@@ -246,9 +244,8 @@ fn time_cpu(
     cost: &mut Cost,
 ) -> Result<(), ChartError> {
     let container = &volume.container;
-    let plan = plan_host(container, scene, options, size_of::<RayState>() as u64, Bands::Allowed)
-        .map_err(supervol_runtime::frame::RenderError::from)?;
-    let mut caster = CpuCaster::new(cpu_frame(container, scene, options));
+    let plan = plan_host(container, scene, options).map_err(supervol_runtime::frame::RenderError::from)?;
+    let mut caster = CpuCaster::new(cpu_frame(container, scene, options, &plan));
     let mut streamer = streamer_for(container, scene, options, plan);
     // The first picture fetches the bricks.
     FrameWalk::new(&mut streamer, plan, options, Instant::now()).run(&mut caster, scene.image_size)?;

@@ -2,8 +2,12 @@
 //!
 //! Two tables. *Rebuilding*: processor time of the proximity clouds of so many macro cells, as a new transfer function asks for
 //! them: a scene's bricks, over and over. *Ways*: the rays of a picture through every brick of level 0, by the walker of
-//! packets alone, without voxels: how often they leap, how much of their way is left to walk, and what that takes.
+//! packets alone, without voxels: how often they leap, how much of their way is left to walk, and what that takes. Then the
+//! same ray by ray, over an octree, too: processor times of either kind of walker compare among each other only.
 
+mod by_rays;
+
+use std::convert::identity;
 use std::hint::black_box;
 
 use rayon::prelude::*;
@@ -15,9 +19,11 @@ use supervol_runtime::process;
 use supervol_runtime::raycast::cpu::blocks::cloud_of_blocks;
 use supervol_runtime::raycast::cpu::leap::{Ahead, BLOCK, ProximityCloud};
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
-use supervol_runtime::raycast::cpu::trace::{LocalRay, stretches};
+use supervol_runtime::raycast::cpu::trace::{LocalRay, Stretch, stretches};
 use supervol_runtime::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap};
 use supervol_runtime::transfer_function::render::RenderTransferFunction;
+
+use by_rays::Octree;
 
 use crate::context::{ChartError, Context};
 use crate::peers::cases::{Looks, Subject, planned};
@@ -163,28 +169,40 @@ fn ways(bricks: &[Met<'_>], map: &ValueMap, transfer_function: &RenderTransferFu
         let cells = met.core.map(|n| n.div_ceil(BLOCK));
         ProximityCloud::of_shown(cells, [Ahead::Both; 3], (0..cells.iter().product()).map(|_| true))
     };
+    let nearest_ahead = |met: &Met<'_>| nearest(met, ahead_of(&met.rays));
+    let set = InstructionSet::best();
+    let packets = |met: &Met<'_>, cloud: &ProximityCloud<BLOCK>| stretches(set, cloud, met.core, &met.rays);
+    let rays = |met: &Met<'_>, cloud: &ProximityCloud<BLOCK>| {
+        by_rays::stretches(&met.rays, met.core, |block| by_rays::around(cloud, block))
+    };
+    let rays_in_octree =
+        |met: &Met<'_>, octree: &Octree| by_rays::stretches(&met.rays, met.core, |block| octree.around(block));
     vec![
-        ways_by("none", bricks, none),
-        ways_by("blocks of macro cells, one by one", bricks, one_by_one),
-        ways_by("macro cells, nearest", bricks, of_macro_cells),
-        ways_by("blocks, nearest", bricks, |met| nearest(met, [Ahead::Both; 3])),
-        ways_by("blocks, nearest ahead", bricks, |met| nearest(met, ahead_of(&met.rays))),
+        ways_by("none", bricks, none, identity, packets),
+        ways_by("blocks of macro cells, one by one", bricks, one_by_one, identity, packets),
+        ways_by("macro cells, nearest", bricks, of_macro_cells, identity, packets),
+        ways_by("blocks, nearest", bricks, |met| nearest(met, [Ahead::Both; 3]), identity, packets),
+        ways_by("blocks, nearest ahead", bricks, nearest_ahead, identity, packets),
+        ways_by("blocks, nearest ahead, ray by ray", bricks, nearest_ahead, identity, rays),
+        ways_by("blocks, octree, ray by ray", bricks, nearest_ahead, Octree::new, rays_in_octree),
     ]
 }
 
-fn ways_by(
+/// What the rays do with something that is made of each brick's cloud; bricks that show nothing are not entered.
+fn ways_by<T: Send>(
     kind: &'static str,
     bricks: &[Met<'_>],
     cloud_of: impl Fn(&Met<'_>) -> ProximityCloud<BLOCK> + Send + Sync,
+    made_of: impl Fn(ProximityCloud<BLOCK>) -> T + Send + Sync,
+    walk: impl Fn(&Met<'_>, &T) -> Vec<Vec<Stretch>>,
 ) -> Ways {
-    let clouds: Vec<ProximityCloud<BLOCK>> = bricks.par_iter().map(cloud_of).collect();
-    let pairs = || bricks.iter().zip(&clouds).filter(|(met, cloud)| !met.rays.is_empty() && !cloud.is_empty);
-    let set = InstructionSet::best();
-    let walk = || pairs().map(|(met, cloud)| stretches(set, cloud, met.core, &met.rays).len()).sum::<usize>();
-    let cpu_ms = cpu_ms(walk);
+    let make = |met| Some(cloud_of(met)).filter(|cloud| !cloud.is_empty).map(&made_of);
+    let made: Vec<Option<T>> = bricks.par_iter().map(make).collect();
+    let pairs = || bricks.iter().zip(&made).filter_map(|(met, made)| Some((met, made.as_ref()?)));
+    let cpu_ms = cpu_ms(|| pairs().map(|(met, made)| walk(met, made).len()).sum::<usize>());
     let (mut leaps, mut walked) = (0, 0.0);
-    for (met, cloud) in pairs() {
-        for stretch in stretches(set, cloud, met.core, &met.rays).iter().flatten() {
+    for (met, made) in pairs() {
+        for stretch in walk(met, made).iter().flatten() {
             leaps += u64::from(stretch.is_leap);
             walked += if stretch.is_leap { 0.0 } else { f64::from(stretch.t[1] - stretch.t[0]) };
         }
@@ -236,9 +254,15 @@ mod tests {
             carp_nifti_gz: &[],
         };
         let all = run(&context, &options).expect("vessels can be measured");
-        let [none, one_by_one, macro_cells, blocks, ahead] = &all[0].ways[..] else { panic!("five kinds") };
+        let [none, one_by_one, macro_cells, blocks, ahead, by_rays, octree] = &all[0].ways[..] else {
+            panic!("seven kinds")
+        };
         assert!(none.leaps == 0 && one_by_one.leaps > macro_cells.leaps && blocks.leaps > ahead.leaps);
         assert!(none.walked > macro_cells.walked && macro_cells.walked > blocks.walked);
+        // Ray by ray as packets do, but for rounding; an octree's nodes end where others begin.
+        assert!(by_rays.leaps.abs_diff(ahead.leaps) <= ahead.leaps / 100, "{} and {}", by_rays.leaps, ahead.leaps);
+        assert!((by_rays.walked / ahead.walked - 1.0).abs() < 0.01, "{} and {}", by_rays.walked, ahead.walked);
+        assert!(octree.leaps > by_rays.leaps && octree.walked < macro_cells.walked);
         assert!(markdown(&all).contains("nearest ahead"));
     }
 }

@@ -41,7 +41,7 @@ fn dvr(volume: &Volume, tf: &str, rest: &str) -> ResolvedScene {
 }
 
 fn picture(bricks: &Bricked, scene: &ResolvedScene, caster: Caster, skipping: Skipping) -> (Image, u64) {
-    let quality = CpuQuality { lod: LodChoice::Fixed(Lod(0)), skipping, caster };
+    let quality = CpuQuality { lod: LodChoice::Fixed(Lod(0)), skipping, caster, ..CpuQuality::default() };
     let frame = bricks.frame_of(scene, quality);
     let mut states = frame.begin();
     let feedback = cast_pass(bricks, &frame, &mut states);

@@ -51,7 +51,7 @@ pub fn render_until(
     let mut walk = FrameWalk::new(&mut streamer, plan, &sketch_options, start);
     let mut began = Instant::now();
     let mut picture =
-        walk.run(&mut CpuCaster::new(cpu_frame(container, &sketch, &sketch_options)), sketch.image_size)?;
+        walk.run(&mut CpuCaster::new(cpu_frame(container, &sketch, &sketch_options, &plan)), sketch.image_size)?;
     let mut stats = walk.into_stats();
     // Pixels of the wanted picture that are finished, and what the others are taken from.
     let (mut finished, mut coarsest) = (0, pixel);
@@ -64,7 +64,7 @@ pub fn render_until(
         streamer.set_classifier(classifier_for(container, &finer, &finer_options));
         began = Instant::now();
         picture = picture.enlarged(pixel / next, finer.image_size);
-        let mut caster = CpuCaster::new(cpu_frame(container, &finer, &finer_options).until(deadline));
+        let mut caster = CpuCaster::new(cpu_frame(container, &finer, &finer_options, &plan).until(deadline));
         let mut walk = FrameWalk::new(&mut streamer, plan, &finer_options, start).until(deadline, stats);
         let written = walk.run_over(&mut caster, &mut picture)?;
         stats = walk.into_stats();

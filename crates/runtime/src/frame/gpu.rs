@@ -10,9 +10,7 @@ use std::time::{Duration, Instant};
 use supervol_format::{BrickKey, Container, Pyramid, VoxelType};
 
 use super::caster::{CasterTotals, PassReport, RayCaster};
-use super::{
-    Bands, FrameWalk, RenderError, RenderOptions, lod_choice, plan_host, streamer_for, value_map, volume_facts,
-};
+use super::{FrameWalk, RenderError, RenderOptions, lod_choice, plan_host_for, streamer_for, value_map, volume_facts};
 use crate::image::Image;
 use crate::raycast::cpu::Counters;
 use crate::raycast::gpu::{
@@ -21,6 +19,7 @@ use crate::raycast::gpu::{
 use crate::raycast::volume::{BrickView, Resident};
 use crate::scene::ResolvedScene;
 use crate::stats::FrameStats;
+use crate::streamer::budget::CasterBytes;
 use crate::streamer::{Fetched, HostView, OnMissing};
 
 /// The ray caster in WGSL.
@@ -43,7 +42,7 @@ pub fn render_gpu(
     options: &RenderOptions<'_>,
     start: Instant,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let plan = plan_host(container, scene, options, 0, Bands::Whole)?;
+    let plan = plan_host_for(CasterBytes::ON_DEVICE, container, scene, options)?;
     let descriptor = container.descriptor();
     let map = value_map(container);
     let volume = GpuVolume {

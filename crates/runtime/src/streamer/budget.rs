@@ -2,8 +2,10 @@
 //!
 //! | part | size |
 //! |---|---|
-//! | picture | 16 bytes per pixel |
-//! | rays | state, miss list and pixel of every ray of a band; a band is the whole picture if that takes at most 1/4 |
+//! | picture | 16 bytes per pixel; a quarter more with a deadline |
+//! | rays | tiles, miss list and pixel of every ray of a band; a band is the whole picture if that takes at most 1/4 |
+//! | casting | what every thread that casts has at hand: the rays of one tile on their way |
+//! | made of bricks | what the ray caster makes once of each brick, and keeps: 1/16, at most 32 MiB; at least one brick's |
 //! | TOC pages | what the container keeps of its table of contents, at most 64 MiB |
 //! | states | one record per brick that was met, 1/32 of the budget |
 //! | in flight | records being read and bricks being decoded, 1/8 of the budget, at most 128 MiB |
@@ -22,6 +24,10 @@ use crate::cache::host::BRICK_OVERHEAD_BYTES;
 
 /// Most bytes of records and decoding buffers in flight.
 pub const IN_FLIGHT_LIMIT: u64 = 128 << 20;
+/// Most bytes of what is made once of each brick, and kept.
+pub const MADE_LIMIT: u64 = 32 << 20;
+/// Part of the budget, as a divisor, that it may take.
+const MADE_SHARE: u64 = 16;
 /// Bytes of one pixel of an image.
 const PIXEL_BYTES: u64 = 16;
 /// Bytes that a waiting ray costs in the list of misses.
@@ -85,6 +91,26 @@ pub enum Bands {
     Whole,
 }
 
+/// What a ray caster holds in host memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CasterBytes {
+    /// Whether rays may be cast band by band.
+    pub bands: Bands,
+    /// Rays along an edge of the square tiles in which they are kept between passes; at least 1.
+    pub tile_side: u32,
+    /// Bytes of a tile whose rays wait, whether all its rays lie in the picture or not; finished ones have less.
+    pub tile: u64,
+    /// Bytes that a thread has at hand while it casts.
+    pub thread: u64,
+    /// Most bytes that are made once of a brick.
+    pub made_of_brick: u64,
+}
+
+impl CasterBytes {
+    /// Everything lies on a device, and the whole picture is cast at once.
+    pub const ON_DEVICE: Self = Self { bands: Bands::Whole, tile_side: 1, tile: 0, thread: 0, made_of_brick: 0 };
+}
+
 /// What a frame needs memory for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Demand {
@@ -92,15 +118,14 @@ pub struct Demand {
     pub image_size: [u32; 2],
     /// Rays along one edge of a pixel.
     pub subgrid: u32,
-    /// Bytes of one ray's state; 0 where rays are not kept in host memory.
-    pub ray_state_bytes: u64,
-    /// Whether rays may be cast band by band.
-    pub bands: Bands,
+    /// What the ray caster holds.
+    pub caster: CasterBytes,
     /// Sizes of bricks.
     pub brick: BrickBytes,
-    /// Bricks that the cache must hold at once.
-    pub least_bricks: u64,
-    /// Threads that decode.
+    /// Whether there is a deadline: then the coarsest brick stays in the cache, beside the one that makes progress, and a
+    /// picture of pixels at least twice as large is there while the next one is begun.
+    pub has_deadline: bool,
+    /// Threads that cast and decode.
     pub threads: u64,
     /// TOC pages of the container.
     pub toc_pages: u64,
@@ -113,14 +138,41 @@ pub struct HostPlan {
     pub budget_bytes: u64,
     /// Pixel rows that are cast at once.
     pub band_rows: u32,
-    /// Bytes of picture, rays and TOC pages.
+    /// Bytes of picture, rays, threads that cast, and TOC pages.
     pub fixed_bytes: u64,
+    /// Most bytes of what the ray caster makes once of each brick, and keeps.
+    pub made_bytes: u64,
     /// Most bricks whose state is remembered.
     pub state_limit: usize,
     /// Most bytes of records and decoding buffers.
     pub in_flight_bytes: u64,
     /// Bytes of the host cache.
     pub cache_bytes: u64,
+}
+
+impl Demand {
+    /// Bytes of the rays of a band of so many pixel rows: whole tiles, and what every ray has beside.
+    fn ray_bytes(&self, band_rows: u64) -> u64 {
+        let [columns, rows] = [u64::from(self.image_size[0]), band_rows].map(|n| n * u64::from(self.subgrid));
+        let tiles = [columns, rows].map(|n| n.div_ceil(u64::from(self.caster.tile_side)));
+        tiles[0] * tiles[1] * self.caster.tile + columns * rows * (MISS_BYTES + PIXEL_BYTES)
+    }
+
+    /// Most pixel rows of a band whose rays take no more than so many bytes; at least 1, and whole tiles where it can be.
+    fn band_rows(&self, bytes: u64) -> u64 {
+        let height = u64::from(self.image_size[1]);
+        if self.caster.bands == Bands::Whole || self.ray_bytes(height) <= bytes {
+            return height;
+        }
+        let (mut fits, mut too_many) = (1, height);
+        while fits + 1 < too_many {
+            let middle = fits.midpoint(too_many);
+            if self.ray_bytes(middle) <= bytes { fits = middle } else { too_many = middle }
+        }
+        let [side, subgrid] = [self.caster.tile_side, self.subgrid].map(u64::from);
+        let of_whole_tiles = fits * subgrid / side * side / subgrid;
+        if of_whole_tiles > 0 { of_whole_tiles } else { fits }
+    }
 }
 
 impl HostPlan {
@@ -130,40 +182,37 @@ impl HostPlan {
     /// If it is too small for the least of every part.
     pub fn new(budget_bytes: u64, demand: &Demand) -> Result<Self, BudgetError> {
         let [width, height] = demand.image_size.map(u64::from);
-        let subgrid = u64::from(demand.subgrid);
         let image = width * height * PIXEL_BYTES;
-        let row = width * subgrid * subgrid * (demand.ray_state_bytes + MISS_BYTES + PIXEL_BYTES);
-        let band_rows = match demand.bands {
-            Bands::Allowed => (budget_bytes / 4 / row.max(1)).clamp(1, height),
-            Bands::Whole => height,
-        };
+        let image = if demand.has_deadline { image + image.div_ceil(4) } else { image };
+        let least_bricks = if demand.has_deadline { 2 } else { 1 };
+        let casting = demand.threads * demand.caster.thread;
         let toc = demand.toc_pages.min(CACHED_TOC_PAGES as u64) * toc::PAGE_BYTES as u64;
         let scratch = demand.threads * demand.brick.stored;
         let least_in_flight = demand.brick.record + scratch;
         let in_flight = (budget_bytes / 8).min(IN_FLIGHT_LIMIT).max(least_in_flight);
+        let least_made = demand.caster.made_of_brick;
+        let made = if least_made > 0 { (budget_bytes / MADE_SHARE).min(MADE_LIMIT).max(least_made) } else { 0 };
         let states = budget_bytes / 32;
-        let least_cache = demand.least_bricks * demand.brick.decoded;
+        let least_cache = least_bricks * demand.brick.decoded;
         // A band is no higher than the least of all other parts allows: otherwise more memory would raise the need.
-        let least_others = image + toc + states + least_in_flight + least_cache;
-        let band_rows = match demand.bands {
-            Bands::Allowed => band_rows.min(budget_bytes.saturating_sub(least_others) / row.max(1)).max(1),
-            Bands::Whole => band_rows,
-        };
-        let rays = band_rows * row;
-        let fixed = image + rays + toc;
-        // Where the shares leave too little for the cache, reads in flight go down to one record.
-        let in_flight =
-            if fixed + states + in_flight + least_cache > budget_bytes { least_in_flight } else { in_flight };
-        let needed = fixed + states + in_flight + least_cache;
+        let least_others = image + casting + toc + states + least_made + least_in_flight + least_cache;
+        let band_rows = demand.band_rows((budget_bytes / 4).min(budget_bytes.saturating_sub(least_others)));
+        let rays = demand.ray_bytes(band_rows);
+        let fixed = image + rays + casting + toc;
+        // Where the shares leave too little for the cache, all that is made goes down to one brick's, and reads in flight to
+        // one record.
+        let has_room = fixed + states + made + in_flight + least_cache <= budget_bytes;
+        let (made, in_flight) = if has_room { (made, in_flight) } else { (least_made, least_in_flight) };
+        let needed = fixed + states + made + in_flight + least_cache;
         if needed > budget_bytes {
             return Err(BudgetError {
                 budget_bytes,
                 // The states' share grows with the budget: solve for the budget, rounding up.
                 needed_bytes: ((needed - states) * 32).div_ceil(31),
                 parts: format!(
-                    "picture {image}, rays {rays}, table of contents {toc}, reading and decoding {in_flight}, \
-                     cache for {} of {} bytes, and 1/32 for the states of bricks",
-                    plural(demand.least_bricks, "brick"),
+                    "picture {image}, rays {rays}, casting {casting}, made of a brick {made}, table of contents {toc}, \
+                     reading and decoding {in_flight}, cache for {} of {} bytes, and 1/32 for the states of bricks",
+                    plural(least_bricks, "brick"),
                     demand.brick.decoded
                 ),
             });
@@ -172,9 +221,10 @@ impl HostPlan {
             budget_bytes,
             band_rows: band_rows as u32,
             fixed_bytes: fixed,
+            made_bytes: made,
             state_limit: usize::try_from(states / RECORD_BYTES).unwrap_or(usize::MAX),
             in_flight_bytes: in_flight - scratch,
-            cache_bytes: budget_bytes - fixed - states - in_flight,
+            cache_bytes: budget_bytes - fixed - made - states - in_flight,
         })
     }
 }
@@ -193,14 +243,16 @@ fn plural(n: u64, thing: &str) -> String {
 mod tests {
     use super::*;
 
+    const IN_TILES: CasterBytes =
+        CasterBytes { bands: Bands::Allowed, tile_side: 16, tile: 24_000, thread: 250_000, made_of_brick: 5_000 };
+
     fn demand() -> Demand {
         Demand {
             image_size: [800, 600],
             subgrid: 1,
-            ray_state_bytes: 64,
-            bands: Bands::Allowed,
+            caster: IN_TILES,
             brick: BrickBytes { decoded: 1_300_000, stored: 1_250_000, record: 1_280_000 },
-            least_bricks: 1,
+            has_deadline: false,
             threads: 2,
             toc_pages: 3,
         }
@@ -210,6 +262,7 @@ mod tests {
     fn parts_never_exceed_the_budget_and_the_least_budget_is_told_exactly() {
         let error = HostPlan::new(1, &demand()).unwrap_err();
         assert!(error.to_string().contains("cache for 1 brick of 1300000 bytes"), "{error}");
+        assert!(error.to_string().contains("casting 500000, made of a brick 5000,"), "{error}");
         let mut least = error.needed_bytes;
         // Bands shrink to one row at first; with a larger budget they may take up to a quarter of it.
         while let Err(error) = HostPlan::new(least, &demand()) {
@@ -220,28 +273,51 @@ mod tests {
             let plan = HostPlan::new(budget, &demand()).unwrap();
             let states = plan.state_limit as u64 * RECORD_BYTES;
             let scratch = 2 * demand().brick.stored;
-            assert!(plan.fixed_bytes + states + plan.in_flight_bytes + scratch + plan.cache_bytes <= budget);
+            let parts = plan.fixed_bytes + plan.made_bytes + states + plan.in_flight_bytes + scratch + plan.cache_bytes;
+            assert!(parts <= budget && parts + RECORD_BYTES > budget, "{parts} of {budget}");
             assert!(plan.cache_bytes >= demand().brick.decoded && plan.in_flight_bytes >= demand().brick.record);
+            assert!((IN_TILES.made_of_brick..=MADE_LIMIT).contains(&plan.made_bytes));
         }
         assert_eq!(HostPlan::new(1 << 30, &demand()).unwrap().band_rows, 600);
+        assert_eq!(HostPlan::new(1 << 30, &demand()).unwrap().made_bytes, MADE_LIMIT);
+        assert_eq!(HostPlan::new(64 << 20, &demand()).unwrap().made_bytes, 4 << 20);
     }
 
     #[test]
-    fn pictures_whose_rays_exceed_a_quarter_are_cast_in_bands() {
+    fn tiles_threads_and_what_is_made_of_bricks_are_counted() {
+        let pixels = 800 * 600;
+        let plan = |caster| HostPlan::new(1 << 30, &Demand { caster, ..demand() }).unwrap();
+        let (without, with) = (plan(CasterBytes::ON_DEVICE), plan(IN_TILES));
+        // 600 rows are 37 tiles and a half.
+        assert_eq!(with.fixed_bytes - without.fixed_bytes, 50 * 38 * 24_000 + 2 * 250_000);
+        assert_eq!(without.fixed_bytes, pixels * (16 + 32) + 3 * toc::PAGE_BYTES as u64);
+        assert_eq!((without.made_bytes, with.made_bytes), (0, MADE_LIMIT));
+        let spent = |plan: HostPlan| plan.fixed_bytes + plan.made_bytes;
+        assert_eq!(without.cache_bytes - with.cache_bytes, spent(with) - spent(without));
+    }
+
+    #[test]
+    fn pictures_whose_rays_exceed_a_quarter_are_cast_in_bands_of_whole_tiles() {
         let large = Demand { image_size: [8000, 8000], subgrid: 4, ..demand() };
         let plan = HostPlan::new(2 << 30, &large).unwrap();
-        assert!(plan.band_rows < 8000 && plan.band_rows >= 1, "{plan:?}");
-        let whole = Demand { bands: Bands::Whole, ..large };
+        assert!(plan.band_rows < 8000 && plan.band_rows.is_multiple_of(4), "{plan:?}");
+        // One more row of tiles would be too much.
+        assert!(large.ray_bytes(u64::from(plan.band_rows)) <= (2 << 30) / 4);
+        assert!(large.ray_bytes(u64::from(plan.band_rows) + 4) > (2 << 30) / 4);
+        let whole = Demand { caster: CasterBytes { bands: Bands::Whole, ..IN_TILES }, ..large };
         assert!(HostPlan::new(2 << 30, &whole).unwrap_err().needed_bytes > 16 * 64_000_000 * 80);
     }
 
     #[test]
     fn the_least_budget_that_is_named_suffices() {
         for image_size in [[40, 32], [800, 600], [8000, 8000]] {
-            let demand = Demand { image_size, ..demand() };
-            let least = HostPlan::new(1, &demand).unwrap_err().needed_bytes;
-            assert_eq!(HostPlan::new(least, &demand).unwrap().band_rows, 1);
-            assert!(HostPlan::new(least - 32, &demand).is_err());
+            for subgrid in [1, 3, 32] {
+                let demand = Demand { image_size, subgrid, ..demand() };
+                let least = HostPlan::new(1, &demand).unwrap_err().needed_bytes;
+                let plan = HostPlan::new(least, &demand).unwrap();
+                assert_eq!((plan.band_rows, plan.made_bytes), (1, IN_TILES.made_of_brick));
+                assert!(HostPlan::new(least - 32, &demand).is_err());
+            }
         }
     }
 }

@@ -8,6 +8,7 @@
 //! - [`RenderTransferFunction::variation`]: how much opacity and colour change over an interval;
 //! - [`RenderTransferFunction::knots_in`]: the values at which the function bends or steps.
 
+use super::edges::Edges;
 use super::{ALPHA_LIMIT, ControlPoint, TransferFunction};
 
 /// Bins per control point: most bins then hold at most one point.
@@ -52,8 +53,10 @@ pub struct RenderTransferFunction {
     pub bins_per_value: f32,
     /// 1 / unit distance, per world length.
     pub inverse_unit_distance: f32,
-    /// Whether any opacity is positive anywhere.
+    /// Number of points whose alpha is positive.
     visible_points: u32,
+    /// Where it begins and ceases to be visible.
+    pub(super) edges: Edges,
 }
 
 impl RenderTransferFunction {
@@ -69,8 +72,9 @@ impl RenderTransferFunction {
         let bins_per_value = if width > 0.0 { (bin_count as f32 / width).min(f32::MAX) } else { 0.0 };
         let visible_points = source_points.iter().filter(|p| p.alpha > 0.0).count() as u32;
         let inverse_unit_distance = (1.0 / source.unit_distance()) as f32;
-        let mut table =
-            Self { points, knots, bins: vec![0; bin_count], bins_per_value, inverse_unit_distance, visible_points };
+        let bins = vec![0; bin_count];
+        let edges = Edges::default();
+        let mut table = Self { points, knots, bins, bins_per_value, inverse_unit_distance, visible_points, edges };
         // A value maps to its bin by a monotone expression, so every point in an earlier bin lies below the value.
         let bins_of_points: Vec<usize> = values.iter().map(|&v| table.bin(v)).collect();
         let mut last = 0;
@@ -80,6 +84,7 @@ impl RenderTransferFunction {
             }
             table.bins[bin] = last as u32;
         }
+        table.edges = Edges::new(&table);
         table
     }
 
@@ -116,27 +121,24 @@ impl RenderTransferFunction {
         std::array::from_fn(|c| p.rgba[c] + x * p.delta[c])
     }
 
-    /// Whether a value of the closed interval can have positive opacity; false for the empty interval `low > high`.
+    /// Whether a value of the closed interval can have positive opacity; false for the empty interval `low > high`. One of its
+    /// ends has, or a point above its lower end has that is not above its upper: points count, not what `f32` makes of the
+    /// segments between them.
     #[inline]
     #[must_use]
     pub fn is_visible(&self, low: f32, high: f32) -> bool {
-        if low > high || self.visible_points == 0 {
-            return false;
-        }
-        let alpha_at = |segment: Option<usize>, value: f32| match segment {
-            None => self.points[0].rgba[3],
-            Some(i) => {
-                let p = &self.points[i];
-                p.rgba[3] + ((value - p.value) * p.inverse_width).min(1.0) * p.delta[3]
-            }
-        };
-        let (first, last) = (self.segment(low), self.segment(high));
-        let visible_points_up_to = |segment: Option<usize>| {
-            segment.map_or(0, |i| self.points.get(i + 1).map_or(self.visible_points, |p| p.visible_before))
-        };
-        alpha_at(first, low) > 0.0
-            || alpha_at(last, high) > 0.0
-            || visible_points_up_to(last) > visible_points_up_to(first)
+        self.edges.is_visible(low, high)
+    }
+
+    /// Whether a value has positive opacity.
+    pub(super) fn shows_at(&self, value: f32) -> bool {
+        self.classify(value)[3] > 0.0
+    }
+
+    /// Number of points, among those with values not greater than `value`, whose alpha is positive.
+    pub(super) fn visible_points_up_to(&self, value: f32) -> u32 {
+        let next = |i: usize| self.points.get(i + 1).map_or(self.visible_points, |p| p.visible_before);
+        self.segment(value).map_or(0, next)
     }
 
     /// Total variation of alpha, and of colour as far as it is visible, over the closed interval.

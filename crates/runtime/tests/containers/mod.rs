@@ -18,7 +18,7 @@ use supervol_runtime::frame::{RenderError, RenderOptions, render_cpu_with};
 use supervol_runtime::image::Image;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
-use supervol_runtime::streamer::budget::{BrickBytes, HostPlan};
+use supervol_runtime::streamer::budget::{BrickBytes, HostPlan, MADE_LIMIT};
 
 use crate::support::Volume;
 
@@ -163,6 +163,7 @@ pub fn plan(container: &Container, scene: &ResolvedScene, cache_bricks: u64) -> 
         budget_bytes: u64::MAX,
         band_rows: scene.image_size[1],
         fixed_bytes: 0,
+        made_bytes: MADE_LIMIT,
         state_limit: 1 << 20,
         in_flight_bytes: 4 * brick.record,
         cache_bytes: cache_bricks * brick.decoded,

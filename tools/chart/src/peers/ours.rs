@@ -8,8 +8,6 @@ use supervol_runtime::frame::caster::CpuCaster;
 use supervol_runtime::frame::{Backend, FrameWalk, RenderError, RenderOptions, cpu_frame, plan_host, streamer_for};
 use supervol_runtime::image::Image;
 use supervol_runtime::process;
-use supervol_runtime::raycast::cpu::RayState;
-use supervol_runtime::streamer::budget::Bands;
 
 use super::cases::Case;
 use super::{Cost, Drawn, Run, Sizes, Spread, vtk};
@@ -80,13 +78,12 @@ fn timed_pictures(
 ) -> Result<(Cost, Image), ChartError> {
     let container = &case.built.volume.container;
     let scene = case.scene(sizes.image)?;
-    let plan = plan_host(container, &scene, options, size_of::<RayState>() as u64, Bands::Allowed)
-        .map_err(RenderError::from)?;
+    let plan = plan_host(container, &scene, options).map_err(RenderError::from)?;
     let mut streamer = streamer_for(container, &scene, options, plan);
     let mut one = || -> Result<(f64, f64, Image), ChartError> {
         let (wall, cpu) = (Instant::now(), process::cpu_time());
         // Tables of the transfer function are made for each picture, as a viewer would while it is edited.
-        let frame = cpu_frame(container, &scene, options);
+        let frame = cpu_frame(container, &scene, options, &plan);
         let mut walk = FrameWalk::new(&mut streamer, plan, options, wall);
         let image = walk.run(&mut CpuCaster::new(frame), scene.image_size)?;
         let cpu_ms = process::cpu_time().saturating_sub(cpu).as_secs_f64() * 1e3;

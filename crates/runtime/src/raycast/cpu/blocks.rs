@@ -72,8 +72,11 @@ fn ranges_of_blocks(brick: &DecodedBrick, apron: usize, cell: [usize; 3], map: &
 }
 
 /// A range and what packets may find beside it: interpolation in `f32`, and lines that stand for curves. What the walk through
-/// a block would add, however little, is not leapt over.
+/// a block would add, however little, is not leapt over. The empty range, `low > high`, stays empty.
 fn widened([low, high]: [f32; 2], offset: f32) -> [f32; 2] {
+    if low > high {
+        return [low, high];
+    }
     let rounding = 2.0 * VALUE_ERROR * (low.abs().max(high.abs()) + offset.abs());
     let margin = OVERSHOOT * (high - low) + rounding;
     [low - margin, high + margin]
@@ -129,6 +132,45 @@ fn row_from<T: Copy>(voxels: &[T], place: usize, behind: T) -> [T; ROW] {
             let mut row = [behind; ROW];
             row.iter_mut().zip(&voxels[place.min(voxels.len())..]).for_each(|(to, from)| *to = *from);
             row
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transfer_function::render::RenderTransferFunction;
+    use crate::transfer_function::{ControlPoint, TransferFunction};
+    use supervol_format::{BrickIndex, BrickKey, Lod, ValueRange, VoxelType};
+
+    const NOTHING: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
+
+    #[test]
+    fn blocks_in_which_nothing_is_present_show_nothing() {
+        // Two macro cells along x; of the first the lower half is present, of the second nothing.
+        let (apron, extent) = (2, [20, 12, 12]);
+        let value = |i: usize| if i % 20 < apron + BLOCK { 0.5 } else { f32::NAN };
+        let brick = DecodedBrick {
+            key: BrickKey::new(Lod::FINEST, BrickIndex([0; 3])),
+            extent,
+            voxels: Voxels::F32((0..extent.iter().product::<u32>() as usize).map(value).collect()),
+            macro_ranges: vec![[0.5; 2], NOTHING],
+        };
+        let full = ValueRange { min: 0.0, max: 1.0 };
+        let map = ValueMap::for_container(VoxelType::F32, 1.0, 0.0, None, full);
+        let ranges = ranges_of_blocks(&brick, apron, [0; 3], &map);
+        for (half, range) in ranges.into_iter().enumerate() {
+            let is_present = half_along(half, 0) == 0;
+            assert!(if is_present { range[0] < 0.5 && 0.5 < range[1] } else { range == NOTHING }, "{half}: {range:?}");
+        }
+        // Everything shows, whatever its value.
+        let point = |value| ControlPoint { value, color: [1.0; 3], alpha: 1.0 };
+        let function = TransferFunction::new(vec![point(0.0), point(1.0)], 1.0).unwrap();
+        let render = RenderTransferFunction::new(&function, map.shift);
+        let cloud = cloud_of_blocks(&brick, apron, [Ahead::Both; 3], &map, |[low, high]| render.is_visible(low, high));
+        assert_eq!(cloud.cells, [4, 2, 2]);
+        for (i, &distance) in cloud.distances[..16].iter().enumerate() {
+            assert_eq!(usize::from(distance), i % 4, "block {i}");
         }
     }
 }

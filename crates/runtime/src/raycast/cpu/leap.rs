@@ -16,6 +16,8 @@ pub const BLOCK: usize = MACRO_CELL / 2;
 
 /// Bytes after the last distance.
 const PADDING: usize = 3;
+/// Distances that processors take at once.
+const VECTOR: usize = 16;
 /// A distance that stands for none.
 const FAR: u8 = u8::MAX;
 
@@ -83,8 +85,10 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
     #[must_use]
     pub fn of_shown(cells: [usize; 3], ahead: [Ahead; 3], shown: impl Iterator<Item = bool>) -> Self {
         let most = cells.iter().copied().max().unwrap_or(1).min(usize::from(FAR)) as u8;
-        let mut distances: Vec<u8> = shown.map(|shows| if shows { 0 } else { most }).collect();
-        let hidden = distances.iter().filter(|&&d| d > 0).count();
+        let mut distances = Vec::with_capacity(cells.iter().product::<usize>() + PADDING);
+        // A product, because what shows comes and goes too often for a branch.
+        distances.extend(shown.map(|shows| most * u8::from(!shows)));
+        let hidden = distances.iter().filter(|&&distance| distance > 0).count();
         let (is_dense, is_empty) = (hidden == 0, hidden == distances.len());
         if !is_dense && !is_empty {
             spread(&mut distances, cells, ahead);
@@ -120,6 +124,12 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
     #[must_use]
     pub fn bytes(&self) -> u64 {
         (size_of::<Self>() + size_of_val(&self.distances[..])) as u64
+    }
+
+    /// Bytes held by the cloud of a brick with so many core voxels along each axis.
+    #[must_use]
+    pub fn most_bytes(core: usize) -> u64 {
+        (size_of::<Self>() + core.div_ceil(SIDE).pow(3) + PADDING) as u64
     }
 }
 
@@ -163,67 +173,65 @@ impl MacroRanges {
     }
 }
 
-/// Lowers every distance to that of the nearest zero ahead: two sweeps, over the neighbours behind and before a cube in the
-/// order of memory, exact for Chebyshev's distance (Borgefors 1986). A row at a time: what comes from other rows is their
-/// elementwise minimum.
+/// Lowers every distance to that of the nearest zero ahead, exactly for Chebyshev's distance: first along rows, then in two
+/// sweeps over rows, from the neighbours in those behind and before a row in the order of memory (after Borgefors 1986).
 fn spread(distances: &mut [u8], [nx, ny, nz]: [usize; 3], ahead: [Ahead; 3]) {
-    // With a frame of one cube around, nothing needs to be asked about neighbours.
-    let (row, plane) = (nx + 2, (nx + 2) * (ny + 2));
+    for row in distances.chunks_exact_mut(nx) {
+        spread_in_row(row, ahead[0]);
+    }
+    // Rows are whole vectors, with a frame of one cube around: nothing needs to be asked about neighbours.
+    let row = nx.next_multiple_of(VECTOR) + 2;
+    let plane = row * (ny + 2);
     let mut framed = vec![FAR; plane * (nz + 2)];
-    let rows = || (0..nz).flat_map(|z| (0..ny).map(move |y| (1 + row * (y + 1) + plane * (z + 1), nx * (y + ny * z))));
-    for (to, from) in rows() {
-        framed[to..to + nx].copy_from_slice(&distances[from..from + nx]);
+    let starts = || (0..nz).flat_map(|z| (0..ny).map(move |y| 1 + row * (y + 1) + plane * (z + 1)));
+    for (to, from) in starts().zip(distances.chunks_exact(nx)) {
+        framed[to..to + nx].copy_from_slice(from);
     }
-    let mut least = vec![FAR; row];
-    let row_starts: Vec<usize> = rows().map(|(framed, _)| framed - 1).collect();
-    let goes = |sign: isize| ahead.iter().any(|ahead| ahead.steps().contains(&sign));
-    if goes(1) {
-        for start in row_starts.iter().rev() {
-            sweep(&mut framed, [*start, row, plane], ahead, 1, &mut least);
-        }
-    }
-    if goes(-1) {
-        for start in &row_starts {
-            sweep(&mut framed, [*start, row, plane], ahead, -1, &mut least);
-        }
-    }
-    for (from, to) in rows() {
-        distances[to..to + nx].copy_from_slice(&framed[from..from + nx]);
+    let vectors: Vec<usize> = starts().flat_map(|start| (start..start + nx).step_by(VECTOR)).collect();
+    let behind = neighbours_in_rows(1, [row, plane], ahead);
+    vectors.iter().rev().for_each(|&vector| lower(&mut framed, vector, &behind));
+    let before = neighbours_in_rows(-1, [row, plane], ahead);
+    vectors.iter().for_each(|&vector| lower(&mut framed, vector, &before));
+    for (from, to) in starts().zip(distances.chunks_exact_mut(nx)) {
+        to.copy_from_slice(&framed[from..from + nx]);
     }
 }
 
-/// One row of a sweep, from those behind it in the order of memory (`sign` 1), or before it (-1).
-fn sweep(framed: &mut [u8], [start, row, plane]: [usize; 3], ahead: [Ahead; 3], sign: isize, least: &mut [u8]) {
-    least.fill(FAR);
-    let mut take = |offset: isize| {
-        let from = start.wrapping_add_signed(offset);
-        least.iter_mut().zip(&framed[from..from + row]).for_each(|(l, &d)| *l = (*l).min(d));
-    };
-    if ahead[2].steps().contains(&sign) {
-        ahead[1].steps().for_each(|dy| take(sign * plane as isize + dy * row as isize));
-    }
-    if ahead[1].steps().contains(&sign) {
-        take(sign * row as isize);
-    }
-    let this = &mut framed[start..start + row];
-    let (up, down, along) =
-        (ahead[0].steps().contains(&1), ahead[0].steps().contains(&-1), ahead[0].steps().contains(&sign));
+/// Lowers the distances of a row to those from the zeros ahead in it.
+fn spread_in_row(row: &mut [u8], ahead: Ahead) {
     let mut last = FAR;
-    for i in 1..row - 1 {
-        let x = if sign > 0 { row - 1 - i } else { i };
-        let mut nearest = least[x];
-        if up {
-            nearest = nearest.min(least[x + 1]);
-        }
-        if down {
-            nearest = nearest.min(least[x - 1]);
-        }
-        if along {
-            nearest = nearest.min(last);
-        }
-        last = this[x].min(nearest.saturating_add(1));
-        this[x] = last;
+    let mut lower = |distance: &mut u8| {
+        last = last.saturating_add(1).min(*distance);
+        *distance = last;
+    };
+    if ahead.steps().contains(&-1) {
+        row.iter_mut().for_each(&mut lower);
     }
+    if ahead.steps().contains(&1) {
+        row.iter_mut().rev().for_each(&mut lower);
+    }
+}
+
+/// Offsets of the neighbours ahead in the rows behind a cube's own in the order of memory (`sign` 1), or before it (-1).
+fn neighbours_in_rows(sign: isize, [row, plane]: [usize; 2], ahead: [Ahead; 3]) -> Vec<isize> {
+    let [xs, ys, zs] = ahead.map(Ahead::steps);
+    let rows = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
+    let rows = rows.filter(|&(y, z)| z == sign || (z == 0 && y == sign));
+    rows.flat_map(|(y, z)| xs.clone().map(move |x| x + y * row as isize + z * plane as isize)).collect()
+}
+
+/// Lowers a vector of distances by those of all neighbours at these offsets.
+fn lower(framed: &mut [u8], vector: usize, neighbours: &[isize]) {
+    let at =
+        |place: usize| -> [u8; VECTOR] { framed[place..place + VECTOR].try_into().expect("a slice of one vector") };
+    let mut nearest = [FAR; VECTOR];
+    for &neighbour in neighbours {
+        let theirs = at(vector.wrapping_add_signed(neighbour));
+        nearest = std::array::from_fn(|i| nearest[i].min(theirs[i]));
+    }
+    let here = at(vector);
+    let lowered: [u8; VECTOR] = std::array::from_fn(|i| here[i].min(nearest[i].saturating_add(1)));
+    framed[vector..vector + VECTOR].copy_from_slice(&lowered);
 }
 
 #[cfg(test)]
@@ -250,30 +258,33 @@ mod tests {
 
     #[test]
     fn distances_are_those_of_brute_force() {
-        let cells = [5, 3, 4];
         let mut seed = 3u32;
         let mut random = || {
             seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             seed >> 24
         };
         let ways = [Ahead::Up, Ahead::Down, Ahead::Both];
-        for _ in 0..600 {
-            let shown: Vec<bool> = (0..60).map(|_| random() < 12).collect();
-            let ahead: [Ahead; 3] = std::array::from_fn(|_| ways[random() as usize % 3]);
-            let mut distances: Vec<u8> = shown.iter().map(|&s| if s { 0 } else { 5 }).collect();
-            spread(&mut distances, cells, ahead);
-            let place = |i: usize| [i % 5, i / 5 % 3, i / 15];
-            for (i, &found) in distances.iter().enumerate() {
-                let may_meet = |j: usize| {
-                    (0..3).all(|a| match ahead[a] {
-                        Ahead::Up => place(j)[a] >= place(i)[a],
-                        Ahead::Down => place(j)[a] <= place(i)[a],
-                        Ahead::Both => true,
-                    })
-                };
-                let far = |j: usize| (0..3).map(|a| place(i)[a].abs_diff(place(j)[a])).max().unwrap();
-                let expected = (0..60).filter(|&j| shown[j] && may_meet(j)).map(far).min().unwrap_or(5);
-                assert_eq!(found, expected as u8, "{:?} {ahead:?}", place(i));
+        // Rows shorter than a vector, as long, and longer.
+        for cells in [[5, 3, 4], [16, 2, 3], [17, 3, 2], [33, 1, 3], [1, 7, 1]] {
+            for _ in 0..300 {
+                let count = cells.iter().product();
+                let shown: Vec<bool> = (0..count).map(|_| random() < 12).collect();
+                let ahead: [Ahead; 3] = std::array::from_fn(|_| ways[random() as usize % 3]);
+                let mut distances: Vec<u8> = shown.iter().map(|&s| if s { 0 } else { 40 }).collect();
+                spread(&mut distances, cells, ahead);
+                let place = |i: usize| [i % cells[0], i / cells[0] % cells[1], i / (cells[0] * cells[1])];
+                for (i, &found) in distances.iter().enumerate() {
+                    let may_meet = |j: usize| {
+                        (0..3).all(|a| match ahead[a] {
+                            Ahead::Up => place(j)[a] >= place(i)[a],
+                            Ahead::Down => place(j)[a] <= place(i)[a],
+                            Ahead::Both => true,
+                        })
+                    };
+                    let far = |j: usize| (0..3).map(|a| place(i)[a].abs_diff(place(j)[a])).max().unwrap();
+                    let expected = (0..count).filter(|&j| shown[j] && may_meet(j)).map(far).min().unwrap_or(40);
+                    assert_eq!(found, expected as u8, "{:?} of {cells:?} {ahead:?}", place(i));
+                }
             }
         }
     }

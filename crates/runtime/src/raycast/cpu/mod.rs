@@ -65,6 +65,7 @@ use crate::frame::caster::CasterErrors;
 use crate::image::Image;
 use crate::lod::{LodChoice, LodRule};
 use crate::scene::{Mode, ResolvedScene};
+use crate::streamer::budget::{Bands, CasterBytes, MADE_LIMIT};
 use crate::transfer_function::RenderTransferFunction;
 use packets::{PacketTables, Tile, cast_tiles, pixels_of, tiles_of};
 use simd::InstructionSet;
@@ -376,7 +377,8 @@ impl CpuFrame {
             deadline: None,
         };
         if let Caster::Packets(rule) = quality.caster {
-            frame.packets = Some(Arc::new(PacketTables::new(&frame, &scene.transfer_function, rule)));
+            let tables = PacketTables::new(&frame, &scene.transfer_function, rule, quality.made_bytes);
+            frame.packets = Some(Arc::new(tables));
         }
         frame
     }
@@ -581,6 +583,21 @@ impl Caster {
         }
     }
 
+    /// What it holds in host memory beside its tables; `core`: voxels along an edge of a full brick's core.
+    #[must_use]
+    pub fn bytes(&self, core: usize) -> CasterBytes {
+        match self {
+            Self::Packets(_) => packets::bytes_held(core),
+            Self::Cells(_) | Self::Custom(_) => CasterBytes {
+                bands: Bands::Allowed,
+                tile_side: 1,
+                tile: size_of::<RayState>() as u64,
+                thread: 0,
+                made_of_brick: 0,
+            },
+        }
+    }
+
     fn integrator(&self, scene: &ResolvedScene, geometry: &Geometry) -> Arc<dyn Integrator> {
         match self {
             Self::Custom(integration) if scene.mode == Mode::Dvr => integration.integrator(scene, geometry),
@@ -630,11 +647,14 @@ pub struct CpuQuality {
     pub skipping: Skipping,
     /// Who casts the rays.
     pub caster: Caster,
+    /// Most bytes of what is made once of each brick, and kept: with less it is made more often.
+    pub made_bytes: u64,
 }
 
 impl Default for CpuQuality {
     fn default() -> Self {
-        Self { lod: LodChoice::Auto { voxel_pixels: 1.0 }, skipping: Skipping::On, caster: Caster::DEFAULT }
+        let lod = LodChoice::Auto { voxel_pixels: 1.0 };
+        Self { lod, skipping: Skipping::On, caster: Caster::DEFAULT, made_bytes: MADE_LIMIT }
     }
 }
 

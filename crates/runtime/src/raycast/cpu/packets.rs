@@ -19,12 +19,12 @@ use super::leap::{Ahead, BLOCK, ProximityCloud};
 use super::lookup::{FewPieces, Lookup, ManyPieces};
 use super::order::{View, push_children, region_of, ways_through};
 use super::packet::{Classifier, ClassifyTask, Host, Precision, Queues, Work, cast};
-use super::per_brick::PerBrick;
+use super::per_brick::{PerBrick, bytes_kept};
 use super::shade::PacketLighting;
 use super::simd::{InstructionSet, Simd, Task, dispatch};
 use super::span::ChooseSpan;
 use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays, place_of};
-use super::value_tiles::BrickSummaries;
+use super::value_tiles::{BrickSummaries, BrickSummary};
 use super::walk::{Packet, PacketBrick};
 use super::{BlockFeedback, Counters, CpuFrame, MAX_ERROR_LIMITS, PacketRule, RayState, Skipping};
 use crate::camera::{PixelRays, Projection};
@@ -33,11 +33,16 @@ use crate::raycast::scalar::walk::AxisRay;
 use crate::raycast::scalar::{CastRay, LevelVisit, exact_cell};
 use crate::raycast::volume::{BrickView, DecodedBrick, Resident, Voxels};
 use crate::scene::Mode;
+use crate::streamer::budget::{Bands, CasterBytes};
 use crate::transfer_function::TransferFunction;
 use crate::transfer_function::pieces::{CHANNELS, Column, TransferPieces};
 
 /// Most tiles that one task casts: tiles cost very different amounts, and threads that have none left take over tasks.
 const TASK_TILES: usize = 8;
+
+/// What is made of a brick, what it is made from, and what a thread still uses of what is no longer kept: so many times its
+/// bytes.
+const MAKING: u64 = 4;
 
 /// What packets look up, the same for all rays of a frame.
 #[derive(Debug)]
@@ -71,9 +76,9 @@ struct BrickPlan {
 }
 
 impl BrickPlan {
-    /// Bytes held.
-    fn bytes(&self) -> u64 {
-        size_of::<Self>() as u64 + self.cloud.bytes()
+    /// Bytes of a plan whose cloud has so many.
+    fn bytes_with(cloud: u64) -> u64 {
+        (size_of::<Self>() - size_of::<ProximityCloud<BLOCK>>()) as u64 + cloud
     }
 }
 
@@ -171,7 +176,7 @@ impl Tile {
 
 impl PacketTables {
     /// The tables of a frame.
-    pub fn new(frame: &CpuFrame, source: &TransferFunction, rule: PacketRule) -> Self {
+    pub fn new(frame: &CpuFrame, source: &TransferFunction, rule: PacketRule, made_bytes: u64) -> Self {
         let max_error = rule.max_error.clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
         let origin = origin_of(source, frame.map.shift);
         let fit = FIT_SHARE * max_error;
@@ -194,8 +199,9 @@ impl PacketTables {
             view,
             pixel_rays: frame.camera.rays(),
             to_index: ToIndex::new(&frame.geometry),
-            plans: PerBrick::default(),
-            summaries: BrickSummaries::default(),
+            // A frame has one mode: only one of the two is filled.
+            plans: PerBrick::new(made_bytes),
+            summaries: BrickSummaries::new(made_bytes),
         }
     }
 
@@ -236,7 +242,7 @@ impl PacketTables {
             let span = if may_span { self.choose_span(frame, key, packet_brick) } else { 1 };
             BrickPlan { cloud, leaps: leaps && frame.skipping == Skipping::On, span }
         };
-        self.plans.of(key, BrickPlan::bytes, make)
+        self.plans.of(key, |plan| BrickPlan::bytes_with(plan.cloud.bytes()), make)
     }
 
     /// How many cells of a brick to integrate together.
@@ -296,6 +302,24 @@ fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision
         least_shaded: (LEAST_SHADED_SHARE * max_error) as f32,
         has_steps,
         sums_errors,
+    }
+}
+
+/// What packets hold in host memory beside their tables; `core`: voxels along an edge of a full brick's core.
+#[must_use]
+pub fn bytes_held(core: usize) -> CasterBytes {
+    let plan = BrickPlan::bytes_with(ProximityCloud::<BLOCK>::most_bytes(core));
+    let made = plan.max(BrickSummary::most_bytes(core));
+    let made_of_brick = bytes_kept(made);
+    let gathered = size_of::<Gathered>();
+    const { assert!(size_of::<FinishedTile>() <= size_of::<Gathered>()) };
+    CasterBytes {
+        bands: Bands::Allowed,
+        tile_side: TILE_SIDE,
+        tile: (size_of::<Tile>() + gathered + size_of::<BlockFeedback>()) as u64,
+        // A tile that goes on to wait is there twice for a moment.
+        thread: (size_of::<TileRays>() + size_of::<Queues>() + gathered) as u64 + MAKING * made_of_brick,
+        made_of_brick,
     }
 }
 

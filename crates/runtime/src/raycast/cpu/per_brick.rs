@@ -1,16 +1,18 @@
-//! What is made once for each brick of a frame, and kept while it fits.
+//! What is made once of each brick of a frame, and kept while it fits.
 
 use std::collections::HashMap;
 use std::sync::{Arc, RwLock};
 
 use supervol_format::BrickKey;
 
-/// Most bytes that are kept; all is dropped where more would be needed.
-const BYTES_LIMIT: u64 = 32 << 20;
+/// Bytes that anything kept costs beside its own: its place in the table, and allocations.
+const OVERHEAD_BYTES: u64 = 128;
 
 /// Things made of bricks, each at least once.
 #[derive(Debug)]
 pub struct PerBrick<T> {
+    /// Most bytes that are kept; all is dropped where more would be needed.
+    bytes_limit: u64,
     kept: RwLock<Kept<T>>,
 }
 
@@ -26,27 +28,73 @@ impl<T> Default for Kept<T> {
     }
 }
 
-impl<T> Default for PerBrick<T> {
-    fn default() -> Self {
-        Self { kept: RwLock::default() }
-    }
+/// Bytes of keeping something that holds so many itself.
+#[must_use]
+pub fn bytes_kept(bytes: u64) -> u64 {
+    bytes + OVERHEAD_BYTES
 }
 
 impl<T> PerBrick<T> {
+    /// Nothing yet, and never more than so many bytes.
+    #[must_use]
+    pub fn new(bytes_limit: u64) -> Self {
+        Self { bytes_limit, kept: RwLock::default() }
+    }
+
     /// What was made of a brick, or is made now; `bytes` says how much it holds.
     pub fn of(&self, key: BrickKey, bytes: impl Fn(&T) -> u64, make: impl FnOnce() -> T) -> Arc<T> {
         let known = self.kept.read().expect("no thread panics with the lock").of_bricks.get(&key).cloned();
         known.unwrap_or_else(|| {
             let made = Arc::new(make());
-            let held = bytes(&made);
-            let mut kept = self.kept.write().expect("no thread panics with the lock");
-            if kept.bytes + held > BYTES_LIMIT {
-                *kept = Kept::default();
-            }
-            if kept.of_bricks.insert(key, made.clone()).is_none() {
-                kept.bytes += held;
-            }
+            self.keep(key, bytes_kept(bytes(&made)), made.clone());
             made
         })
+    }
+
+    fn keep(&self, key: BrickKey, bytes: u64, made: Arc<T>) {
+        if bytes > self.bytes_limit {
+            return;
+        }
+        let mut kept = self.kept.write().expect("no thread panics with the lock");
+        if kept.bytes + bytes > self.bytes_limit {
+            *kept = Kept::default();
+        }
+        // Another thread may have made the same meanwhile.
+        if kept.of_bricks.insert(key, made).is_none() {
+            kept.bytes += bytes;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use supervol_format::{BrickIndex, Lod};
+
+    fn key(x: u32) -> BrickKey {
+        BrickKey::new(Lod::FINEST, BrickIndex([x, 0, 0]))
+    }
+
+    /// Asks for ten bricks three times; how often something was made.
+    fn made_of_ten(limit: u64) -> usize {
+        let (per_brick, mut made) = (PerBrick::new(limit), 0);
+        for x in (0..3).flat_map(|_| 0..10) {
+            let make = || {
+                made += 1;
+                x
+            };
+            assert_eq!(*per_brick.of(key(x), |_| 1000, make), x);
+            let kept = per_brick.kept.read().unwrap();
+            assert_eq!(kept.bytes, kept.of_bricks.len() as u64 * bytes_kept(1000));
+            assert!(kept.bytes <= limit, "{} of {limit} bytes", kept.bytes);
+        }
+        made
+    }
+
+    #[test]
+    fn no_more_is_kept_than_the_limit_allows_and_nothing_is_mistaken() {
+        let one = bytes_kept(1000);
+        assert_eq!(made_of_ten(10 * one), 10);
+        assert_eq!([0, one - 1, one, 9 * one].map(made_of_ten), [30; 4]);
     }
 }

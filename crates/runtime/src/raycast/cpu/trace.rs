@@ -3,6 +3,7 @@
 use super::fetch::Stored;
 use super::leap::{BLOCK, ProximityCloud};
 use super::simd::{InstructionSet, LANES_LIMIT, Simd, Task, dispatch};
+pub use super::walk::ROUND;
 use super::walk::{Packet, PacketBrick, Walker};
 
 /// A ray in a brick's own coordinates: voxel (0, 0, 0) is the first of its core.

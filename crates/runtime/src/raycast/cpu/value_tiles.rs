@@ -20,7 +20,7 @@ use super::walk::PacketBrick;
 use super::{CpuFrame, IsoSides, Skipping};
 use crate::raycast::scalar::{LevelVisit, gather_exact_cell};
 use crate::raycast::volume::{DecodedBrick, ValueMap};
-use crate::scene::Mode;
+use crate::scene::{ISO_LIMIT, Mode};
 
 /// Greatest whole number that a brick can store.
 const GREATEST_STORED: i64 = u16::MAX as i64;
@@ -77,6 +77,13 @@ impl BrickSummary {
     fn bytes(&self) -> u64 {
         let cloud = self.cloud.as_ref().map_or(0, ProximityCloud::bytes);
         (size_of::<Self>() + 2 * size_of_val(&self.ranges.low[..]) + size_of_val(&self.thresholds[..])) as u64 + cloud
+    }
+
+    /// Bytes held for a brick with so many core voxels along each axis.
+    pub fn most_bytes(core: usize) -> u64 {
+        let ranges = core.div_ceil(MACRO_CELL).pow(3) * size_of::<[f32; 2]>();
+        (size_of::<Self>() + ranges + ISO_LIMIT * size_of::<f32>()) as u64
+            + ProximityCloud::<MACRO_CELL>::most_bytes(core)
     }
 
     /// What [`Mean`] multiplies numbers with: a power of two that brings the largest to about 1.

@@ -14,10 +14,9 @@ use supervol_runtime::frame::{
 };
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::by_error::ANY_ERROR;
-use supervol_runtime::raycast::cpu::RayState;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
-use supervol_runtime::streamer::budget::{Bands, HostPlan};
+use supervol_runtime::streamer::budget::HostPlan;
 use supervol_runtime::streamer::priority::FrontToBack;
 use supervol_runtime::streamer::{Fetched, OnMissing, StreamError, Streamer};
 
@@ -99,10 +98,7 @@ impl Session {
         let pool = pool.map_err(|e| ChartError::Command(format!("{} threads: {e}", settings.threads)))?;
         // With a deadline one brick more must fit: frames of a session may have one.
         let options = RenderOptions { time_budget_ms: Some(0), ..settings.options() };
-        let ray_bytes = size_of::<RayState>() as u64;
-        let mut plan = pool
-            .install(|| plan_host(container, scene, &options, ray_bytes, Bands::Allowed))
-            .map_err(RenderError::from)?;
+        let mut plan = pool.install(|| plan_host(container, scene, &options)).map_err(RenderError::from)?;
         plan.cache_bytes = settings.cache_bytes.unwrap_or(plan.cache_bytes);
         let streamer = streamer_for(container, scene, &options, plan);
         Ok(Self { container: container.clone(), settings, plan, pool, streamer })
@@ -110,7 +106,7 @@ impl Session {
 
     /// The ray caster of a scene.
     pub fn caster(&self, scene: &ResolvedScene) -> CpuCaster {
-        CpuCaster::new(cpu_frame(&self.container, scene, &self.settings.options()))
+        CpuCaster::new(cpu_frame(&self.container, scene, &self.settings.options(), &self.plan))
     }
 
     /// The session's camera and transfer function become those of a scene.
