@@ -76,3 +76,19 @@ fn leaps_and_spans_do_not_meet() {
     assert!(counters.macro_cells_skipped > 100, "{counters:?}");
     assert_eq!(leaping.pixels, walking.pixels);
 }
+
+/// A span that runs beside a hole is taken apart: what lies before the hole and behind it is there.
+#[test]
+fn holes_take_spans_apart() {
+    let is_hole = |[x, y, z]: [usize; 3]| (x * 7 + y * 13 + z * 29).is_multiple_of(997);
+    let volume = Volume::new([64; 3], VoxelType::F32, slow_waves).with_holes(is_hole);
+    // Clear below the middle of the values: what shows must not be left out for what is unknown.
+    let half = points(1.0, &[(100.0, [0.2, 0.3, 0.9], 0.0), (255.0, [1.0, 0.8, 0.3], 0.06)]);
+    for tf in [everywhere(), half] {
+        let scene = scene_of(&volume, &tf);
+        let (image, counters) = Bricked::new(&volume, 32).render_with(&scene, LEVEL_0, Skipping::On);
+        let error = difference(&image, &reference(&volume, &scene));
+        assert!(error < 0.5, "{error} grey levels");
+        assert!(samples_per_cell(&counters) < 1.5 && counters.cells_refined > 100, "{counters:?}");
+    }
+}

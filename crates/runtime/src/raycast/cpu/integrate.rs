@@ -204,10 +204,13 @@ impl<S: Simd> Line<S> {
         }
         let (most, inside) = (most + inside + noise, inside + noise);
         let disorder = S::min((most + most) / S::max(S::abs(rise), S::splat(f32::MIN_POSITIVE)), one);
-        Self { ends, range: [low - inside, high + inside], most, average: area * per_length, length, disorder }
+        // Beside a hole nothing is known; least and greatest pass over what is no number.
+        let (has_hole, unknown) = (S::is_nan(sum), S::splat(f32::NAN));
+        let range = [S::select(has_hole, unknown, low - inside), S::select(has_hole, unknown, high + inside)];
+        Self { ends, range, most, average: area * per_length, length, disorder }
     }
 
-    /// Bounds of the field, and of the line.
+    /// Bounds of the field, and of the line; NaN beside a hole.
     #[inline(always)]
     pub fn range(&self) -> [S::F; 2] {
         self.range

@@ -84,6 +84,8 @@ impl ChooseSpan<'_> {
                     &locate(classifier.table, &line),
                 );
                 let is_settled = S::le(part.error, S::splat(self.precision.cell_error));
+                // Holes say nothing of the field around them.
+                let shows = shows & !S::is_nan(part.error);
                 tried.shown += S::bits(shows).count_ones();
                 tried.settled += S::bits(shows & is_settled).count_ones();
             }
