@@ -6,7 +6,7 @@
 //!
 //! Without a time budget the picture always converges: it depends neither on the budgets, nor on the number of threads,
 //! nor on the order in which bricks arrive. With one, the coarsest level is fetched first and kept. On the CPU pictures of
-//! ever smaller pixels follow ([`deadline`]), which stop where they are when the time is up. Other casters' rays that wait
+//! ever smaller pixels follow (`deadline`), which stop where they are when the time is up. Other casters' rays that wait
 //! then go on through coarser bricks: time is looked at between passes and between batches of reads, and a frame ends at most
 //! one of these late. Either way the picture is complete, and the statistics say that it has not converged.
 
