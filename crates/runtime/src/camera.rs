@@ -131,7 +131,8 @@ impl Camera {
         Self { width: self.width.div_ceil(factor), height: self.height.div_ceil(factor), extent, ..self }
     }
 
-    /// Normalised device coordinates of a pixel's centre: x to the right, y up, both in (-1, 1) where the pixel does not stand over.
+    /// Normalised device coordinates of a pixel's centre: x to the right, y up, both in (-1, 1) where the pixel does not stand
+    /// over.
     #[must_use]
     pub fn ndc(&self, x: u32, y: u32) -> [f64; 2] {
         [(f64::from(x) + 0.5) * 2.0 / self.extent[0] - 1.0, 1.0 - (f64::from(y) + 0.5) * 2.0 / self.extent[1]]

@@ -495,7 +495,7 @@ impl<'a> FrameWalk<'a> {
         for first in (0..picture.height).step_by(self.plan.band_rows as usize) {
             self.streamer.begin_band();
             caster.begin(first..(first + self.plan.band_rows).min(picture.height))?;
-            is_stopped = self.cast_band_until(caster)?;
+            is_stopped = self.cast_band(caster)?;
             written += picture.write_over(first, &caster.finished_pixels());
             self.stats.bands += 1;
             if is_stopped {
@@ -508,30 +508,9 @@ impl<'a> FrameWalk<'a> {
         Ok(written)
     }
 
-    /// The pass loop of one band of a frame that stops at the deadline; whether it has.
-    fn cast_band_until(&mut self, caster: &mut CpuCaster) -> Result<bool, RenderError> {
-        let mut unfinished_rays = 0;
-        for pass in 1..=PASS_LIMIT {
-            let report = self.cast_pass(caster, OnMissing::Wait)?;
-            if report.is_stopped || report.unfinished_rays == 0 {
-                return Ok(report.is_stopped);
-            }
-            unfinished_rays = report.unfinished_rays;
-            let room = Room { bricks: caster.room(), deadline: self.deadline };
-            let fetched = self.streamer.fetch(&report.misses, room)?;
-            if self.is_late() {
-                self.stats.bricks_missing_at_deadline += fetched.left as u64;
-                return Ok(true);
-            }
-            if !fetched.is_progress() {
-                return Err(no_progress(pass, &report));
-            }
-        }
-        Err(RenderError::TooManyPasses { unfinished_rays })
-    }
-
-    /// The pass loop of one band.
-    fn cast_band(&mut self, caster: &mut dyn RayCaster) -> Result<(), RenderError> {
+    /// The pass loop of one band. Casters that stop when the time is up say so: then it is true; others complete the band from
+    /// what is there.
+    fn cast_band(&mut self, caster: &mut dyn RayCaster) -> Result<bool, RenderError> {
         let mut waiting = 0;
         for pass in 1..=PASS_LIMIT {
             let is_late = self.is_late();
@@ -541,8 +520,8 @@ impl<'a> FrameWalk<'a> {
                 self.stats.converged &= report.fallbacks == 0;
                 self.stats.bricks_missing_at_deadline += waiting;
             }
-            if report.unfinished_rays == 0 {
-                return Ok(());
+            if report.is_stopped || report.unfinished_rays == 0 {
+                return Ok(report.is_stopped);
             }
             waiting = report.misses.len() as u64;
             // When the time is up nothing more is fetched: the next pass waits for nothing.
@@ -552,7 +531,9 @@ impl<'a> FrameWalk<'a> {
             let room = Room { bricks: caster.room(), deadline: self.deadline };
             let fetched = self.streamer.fetch(&report.misses, room)?;
             if is_late || !fetched.is_progress() {
-                return Err(no_progress(pass, &report));
+                let first = report.misses.first().map_or("none".into(), ToString::to_string);
+                let (unfinished_rays, misses) = (report.unfinished_rays, report.misses.len());
+                return Err(RenderError::NoProgress { pass, unfinished_rays, misses, first });
             }
             caster.update(&self.streamer.view(OnMissing::Wait), &fetched)?;
         }
@@ -635,12 +616,6 @@ impl<'a> FrameWalk<'a> {
         let predict = |errors| predict::predict(&errors, &self.stats, self.options, level);
         self.stats.error_predicted = totals.errors.map(predict);
     }
-}
-
-/// A pass after which nothing could be done for rays that wait.
-fn no_progress(pass: u64, report: &PassReport) -> RenderError {
-    let first = report.misses.first().map_or("none".into(), ToString::to_string);
-    RenderError::NoProgress { pass, unfinished_rays: report.unfinished_rays, misses: report.misses.len(), first }
 }
 
 fn milliseconds(time: Duration) -> f64 {

@@ -102,7 +102,10 @@ impl Image {
     /// The picture with pixels `factor` times as large, the first where the first of this one are, brought to
     /// `width` x `height` pixels: what lies between the middles of its pixels is interpolated, so that no blocks show.
     #[must_use]
-    pub fn enlarged(&self, factor: u32, [width, height]: [u32; 2]) -> Self {
+    pub fn enlarged(self, factor: u32, [width, height]: [u32; 2]) -> Self {
+        if factor == 1 && [self.width, self.height] == [width, height] {
+            return self;
+        }
         // The two pixels beside a place and the weight of the second, clamped at the ends.
         let beside = |i: u32, pixels: u32| {
             let place = ((f64::from(i) + 0.5) / f64::from(factor) - 0.5).clamp(0.0, f64::from(pixels - 1));

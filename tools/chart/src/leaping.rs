@@ -133,7 +133,7 @@ fn rebuilding(bricks: &[Met<'_>], transfer_function: &RenderTransferFunction) ->
         let each = bricks.iter().map(|met| met.brick.macro_ranges.len()).sum::<usize>().max(1);
         let needed = (count * bricks.len()).div_ceil(each);
         let cloud = |i: usize| ProximityCloud::new(bricks[i % bricks.len()].brick, APRON, [Ahead::Down; 3], shows);
-        let all = || (0..needed).into_par_iter().map(|i| usize::from(cloud(i).is_dense)).sum::<usize>();
+        let all = || (0..needed).into_par_iter().map(|i| usize::from(cloud(i).is_dense())).sum::<usize>();
         (count, cpu_ms(all))
     };
     MACRO_CELLS.map(of_count).to_vec()
@@ -143,7 +143,7 @@ fn blocks(bricks: &[Met<'_>], map: &ValueMap, transfer_function: &RenderTransfer
     let shows = |[low, high]: [f32; 2]| transfer_function.is_visible(low, high);
     let ranges = || bricks.iter().flat_map(|met| &met.brick.macro_ranges);
     let cloud = |met: &Met<'_>| cloud_of_blocks(met.brick, APRON, [Ahead::Down; 3], map, shows);
-    let all = || bricks.par_iter().map(|met| usize::from(cloud(met).is_dense)).sum::<usize>();
+    let all = || bricks.par_iter().map(|met| usize::from(cloud(met).is_dense())).sum::<usize>();
     (ranges().count(), ranges().filter(|range| shows(**range)).count(), cpu_ms(all))
 }
 
@@ -196,7 +196,7 @@ fn ways_by<T: Send>(
     made_of: impl Fn(ProximityCloud<BLOCK>) -> T + Send + Sync,
     walk: impl Fn(&Met<'_>, &T) -> Vec<Vec<Stretch>>,
 ) -> Ways {
-    let make = |met| Some(cloud_of(met)).filter(|cloud| !cloud.is_empty).map(&made_of);
+    let make = |met| Some(cloud_of(met)).filter(|cloud| !cloud.is_empty()).map(&made_of);
     let made: Vec<Option<T>> = bricks.par_iter().map(make).collect();
     let pairs = || bricks.iter().zip(&made).filter_map(|(met, made)| Some((met, made.as_ref()?)));
     let cpu_ms = cpu_ms(|| pairs().map(|(met, made)| walk(met, made).len()).sum::<usize>());

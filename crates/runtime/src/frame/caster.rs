@@ -143,9 +143,7 @@ impl CpuCaster {
             cells_error: 0.0,
         }
     }
-}
 
-impl CpuCaster {
     /// The pixels of the band that are finished; NaN elsewhere.
     pub fn finished_pixels(&mut self) -> Image {
         self.note_band();

@@ -334,7 +334,7 @@ fn through_brick(
     let shows = |[low, high]: [f32; 2]| transfer_function.is_visible(low, high);
     let cloud = cloud_of_blocks(brick, APRON, ahead_of(&local), map, shows);
     let shows_cell = |cell: [i64; 3]| shows(range_of(brick, cell, map));
-    let ways = if cloud.is_empty {
+    let ways = if cloud.is_empty() {
         // Such bricks are not entered.
         local.iter().map(|ray| vec![Stretch { t: [0.0, ray.length], is_leap: true }]).collect()
     } else {

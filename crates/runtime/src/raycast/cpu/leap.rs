@@ -50,10 +50,6 @@ pub struct ProximityCloud<const SIDE: usize> {
     pub cells: [usize; 3],
     /// One per cube, and `PADDING` more, so that words can be read.
     pub distances: Vec<u8>,
-    /// Whether all are 0: nothing to leap over.
-    pub is_dense: bool,
-    /// Whether none is 0: nothing to see.
-    pub is_empty: bool,
     /// How many are not 0.
     pub hidden: usize,
 }
@@ -89,12 +85,11 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
         // A product, because what shows comes and goes too often for a branch.
         distances.extend(shown.map(|shows| most * u8::from(!shows)));
         let hidden = distances.iter().filter(|&&distance| distance > 0).count();
-        let (is_dense, is_empty) = (hidden == 0, hidden == distances.len());
-        if !is_dense && !is_empty {
+        if 0 < hidden && hidden < distances.len() {
             spread(&mut distances, cells, ahead);
         }
         distances.extend([0; PADDING]);
-        Self { cells, distances, is_dense, is_empty, hidden }
+        Self { cells, distances, hidden }
     }
 
     /// Whether it is the cloud of a brick with so many core voxels along each axis.
@@ -118,6 +113,18 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
     #[must_use]
     pub fn cubes(&self) -> usize {
         self.cells.iter().product()
+    }
+
+    /// Whether every cube may show something: nothing to leap over.
+    #[must_use]
+    pub fn is_dense(&self) -> bool {
+        self.hidden == 0
+    }
+
+    /// Whether none may: nothing to see.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.hidden == self.cubes()
     }
 
     /// Bytes held.
@@ -244,7 +251,7 @@ mod tests {
         // Three sides along x, and one macro cell that shows something.
         let sides: Vec<usize> = (0..210).map(|i| i % 6 / 2).collect();
         let cloud = ProximityCloud::of_sides(cells, &sides, |i| i == 5 + 6 * (2 + 5 * 3));
-        assert!(!cloud.is_dense && !cloud.is_empty);
+        assert!(!cloud.is_dense() && !cloud.is_empty());
         let place = |i: usize| [i % 6, i / 6 % 5, i / 30];
         for (i, &distance) in cloud.distances[..210].iter().enumerate() {
             let x = i % 6;
@@ -253,7 +260,7 @@ mod tests {
             assert!(distance == u8::from((x == 0 || x == 5) && !near_shown), "{:?}", place(i));
         }
         let one = ProximityCloud::of_sides(cells, &[7; 210], |_| false);
-        assert!(one.is_empty && one.distances[..210].iter().all(|&d| d == 7));
+        assert!(one.is_empty() && one.distances[..210].iter().all(|&d| d == 7));
     }
 
     #[test]

@@ -446,12 +446,6 @@ impl CpuFrame {
         rays.map(|ray| RayState::new(self.segment(&ray))).collect()
     }
 
-    /// Whether rays are cast in packets.
-    #[must_use]
-    pub fn has_packets(&self) -> bool {
-        self.packets.is_some()
-    }
-
     /// The picture of finished tiles, sub-grid averaged: NaN elsewhere.
     ///
     /// # Panics

@@ -227,28 +227,35 @@ impl PacketTables {
     }
 
     /// How to go through a brick.
-    fn plan(
-        &self,
-        frame: &CpuFrame,
-        key: BrickKey,
-        brick: &DecodedBrick,
-        packet_brick: &PacketBrick<'_>,
-    ) -> Arc<BrickPlan> {
+    fn plan(&self, frame: &CpuFrame, key: BrickKey, brick: &DecodedBrick) -> Arc<BrickPlan> {
         let shows = |[low, high]: [f32; 2]| frame.transfer_function.is_visible(low, high);
         let make = || {
             let cloud = cloud_of_blocks(brick, APRON, self.ahead(frame, key), &frame.map, shows);
             let leaps = LEAST_LEAPT * cloud.cubes() as f64 <= cloud.hidden as f64;
-            let may_span = !leaps && packet_brick.lighting.is_none();
-            let span = if may_span { self.choose_span(frame, key, packet_brick) } else { 1 };
+            let may_span = !leaps && frame.lighting.is_none();
+            let span = if may_span { self.choose_span(frame, key, brick) } else { 1 };
             BrickPlan { cloud, leaps: leaps && frame.skipping == Skipping::On, span }
         };
         self.plans.of(key, |plan| BrickPlan::bytes_with(plan.cloud.bytes()), make)
     }
 
     /// How many cells of a brick to integrate together.
-    fn choose_span(&self, frame: &CpuFrame, key: BrickKey, brick: &PacketBrick<'_>) -> usize {
+    fn choose_span(&self, frame: &CpuFrame, key: BrickKey, brick: &DecodedBrick) -> usize {
+        let (brick, _) = self.packet_brick(frame, key, brick);
         let direction = self.direction_through(frame, key);
-        self.dispatch(ChooseSpan { brick, precision: self.precision, direction })
+        self.dispatch(ChooseSpan { brick: &brick, precision: self.precision, direction })
+    }
+
+    /// A brick of values as the pieces count them: see [`packet_brick`].
+    fn packet_brick<'a>(
+        &self,
+        frame: &CpuFrame,
+        key: BrickKey,
+        brick: &'a DecodedBrick,
+    ) -> (PacketBrick<'a>, BrickGrid) {
+        let (packet_brick, grid) = packet_brick(frame, key, brick);
+        let [centre, scale, offset] = packet_brick.stored.to_values_from(self.origin, &frame.map);
+        (PacketBrick { centre, scale, offset, ..packet_brick }, grid)
     }
 
     /// Direction of rays through a brick's middle, in cells per world length.
@@ -342,6 +349,10 @@ pub(super) fn cast_tiles(
         |(rays, queues), (index, tile)| {
             let mut feedback = BlockFeedback::default();
             if matches!(tile, Tile::Finished(_)) {
+                return feedback;
+            }
+            if frame.is_late() {
+                feedback.is_stopped = true;
                 return feedback;
             }
             let corner = [index % columns, index / columns].map(|i| i as u32 * TILE_SIDE);
@@ -552,20 +563,18 @@ impl CastTile<'_> {
 
     fn cast_brick(&mut self, key: BrickKey, brick: &DecodedBrick) {
         let (frame, tables) = (self.frame, self.tables);
-        let (packet_brick, grid) = packet_brick(frame, key, brick);
-        let [centre, scale, offset] = packet_brick.stored.to_values_from(tables.origin, &frame.map);
-        let lighting = frame.lighting.as_ref().map(|lighting| {
-            let level_scale = frame.pyramid.level_at(key.lod()).scale;
-            PacketLighting::new(lighting, &frame.geometry, level_scale, scale)
-        });
-        let packet_brick = PacketBrick { centre, scale, offset, lighting, ..packet_brick };
-        let plan = tables.plan(frame, key, brick, &packet_brick);
-        if plan.cloud.is_empty && frame.skipping == Skipping::On {
+        let plan = tables.plan(frame, key, brick);
+        if plan.cloud.is_empty() && frame.skipping == Skipping::On {
             self.feedback.counters.macro_cells_skipped += self.rays.hits().len() as u64;
             return;
         }
+        let (packet_brick, grid) = tables.packet_brick(frame, key, brick);
+        let lighting = frame.lighting.as_ref().map(|lighting| {
+            let level_scale = frame.pyramid.level_at(key.lod()).scale;
+            PacketLighting::new(lighting, &frame.geometry, level_scale, packet_brick.scale)
+        });
         let cloud = plan.leaps.then_some(&plan.cloud);
-        let packet_brick = PacketBrick { cloud, span: plan.span, ..packet_brick };
+        let packet_brick = PacketBrick { cloud, span: plan.span, lighting, ..packet_brick };
         let host = TileHost { frame, tables, key, brick, grid, corner: self.corner, rays: self.rays, next: 0 };
         let work = tables.dispatch(CastBrick { packet_brick, host, queues: self.queues });
         self.feedback.counters.add_work(&work);

@@ -262,11 +262,11 @@ impl CastTile<'_> {
                 };
                 self.rays.keep_hits(|ray, gathered| best(ray, gathered) < summary.range[1]) > 0
             }
-            Mode::Iso if cloud.is_some_and(|cloud| cloud.is_empty) => {
+            Mode::Iso if cloud.is_some_and(|cloud| cloud.is_empty()) => {
                 let thresholds = || summary.thresholds.iter().copied();
                 self.rays.keep_hits(|ray, gathered| !gathered.iso[ray].pass(summary.range, thresholds())) > 0
             }
-            _ => cloud.is_none_or(|cloud| !cloud.is_empty),
+            _ => cloud.is_none_or(|cloud| !cloud.is_empty()),
         }
     }
 
@@ -323,7 +323,7 @@ impl Task for GatherBrick<'_> {
                 unsafe { cast::<S, _>(brick, &mut extreme, &mut self.host) }
             }
             Mode::Mean => {
-                let mut mean = Mean::<S>::new(summary.mean_scale(), cloud.filter(|cloud| !cloud.is_dense));
+                let mut mean = Mean::<S>::new(summary.mean_scale(), cloud.filter(|cloud| !cloud.is_dense()));
                 unsafe { cast::<S, _>(brick, &mut mean, &mut self.host) }
             }
             Mode::Iso => {
