@@ -174,9 +174,9 @@ fn fly_through(context: &Context<'_>) -> Result<Outcome, ChartError> {
     for i in 0..places * STEPS {
         let view = zoom(&volume, i / STEPS, i % STEPS, size)?;
         let frame = session.frame(&view, Some(budget_ms))?;
-        let streaming = frame.stats.read_ms + frame.stats.decode_ms;
+        let streaming = frame.stats.wait_ms + frame.stats.decode_ms;
         curve.push(CurvePoint::new("frame", i as f64, frame.ms, Some(budget_ms as f64)));
-        curve.push(CurvePoint::new("reading and decoding", i as f64, streaming, Some(budget_ms as f64)));
+        curve.push(CurvePoint::new("waiting for reads and decoding", i as f64, streaming, Some(budget_ms as f64)));
         times.push(frame.ms);
         worst_streaming = worst_streaming.max(streaming);
         cancelled += frame.stats.cancelled;
@@ -191,7 +191,7 @@ fn fly_through(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let slowest = times.iter().copied().fold(0.0, f64::max);
     let gates = vec![
         Gate::at_most("slowest frame (medians)", slowest / median(&times), 2.0).speed(),
-        Gate::at_most("reading and decoding in any frame (ms)", worst_streaming, budget_ms as f64).speed(),
+        Gate::at_most("waiting for reads and decoding in any frame (ms)", worst_streaming, budget_ms as f64).speed(),
         Gate::at_least(
             "requests cancelled because no view wants them any more",
             (cancelled + last.stats.cancelled) as f64,
