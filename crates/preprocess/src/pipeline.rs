@@ -31,9 +31,10 @@ use crate::error_bound::{brick_error, step_error};
 use crate::level_reader::{BrickStore, LevelReader};
 use crate::lod_axes::{self, LodAxes};
 use crate::memory::{MemoryPlan, read_bytes};
-use crate::output::{Existing, OutputFile, check_free};
+use crate::output::{Existing, OutputFile, check_distinct, check_free};
 use crate::report::{BuildReport, LevelReport, Progress};
-use crate::source::{AccessOrder, VolumeSource};
+use crate::source::file::SourceFile;
+use crate::source::{AccessOrder, SourceError, VolumeSource};
 use crate::statistics::Statistics;
 
 /// Voxels of margin around a tile's core when it is read: the apron.
@@ -91,6 +92,7 @@ pub fn build(
     let started = Instant::now();
     // Before the source is sampled; the file itself is begun only once the memory is known to suffice.
     check_free(output, options.existing)?;
+    check_distinct(output, source.info().files.iter().map(SourceFile::path))?;
     let descriptor = describe(source, options)?;
     let plan = MemoryPlan::new(options.memory_bytes, options.threads, &descriptor.pyramid, descriptor.voxel_type)?;
     let pool = rayon::ThreadPoolBuilder::new()
@@ -115,6 +117,7 @@ pub fn build(
         counter: ProgressCounter::new(&descriptor, on_progress),
     };
     let mut levels = vec![build.write_finest(source)?];
+    check_unchanged(source, &origin)?;
     for lod in 1..descriptor.pyramid.levels().len() {
         levels.push(build.write_coarser(lod)?);
     }
@@ -478,12 +481,27 @@ fn manifest(
     }
 }
 
+/// Whether a source whose voxels have all been read still is what it was when it was opened, and when `origin` was told.
+fn check_unchanged(source: &dyn VolumeSource, origin: &Source) -> Result<(), BuildError> {
+    let files = &source.info().files;
+    files.iter().try_for_each(SourceFile::check_unchanged)?;
+    // Times may be too coarse to tell two versions apart.
+    if let Some(first) = files.first().filter(|_| !origin.xxh3_64.is_empty()) {
+        let now = identify(first.path(), &origin.format)?.xxh3_64;
+        if now != origin.xxh3_64 {
+            let what = format!("its checksum was {}, now it is {now}", origin.xxh3_64);
+            return Err(SourceError::Changed { path: first.path().into(), what }.into());
+        }
+    }
+    Ok(())
+}
+
 /// Name, size and checksum of a source file, read once from end to end.
 ///
 /// # Errors
 /// If the file cannot be read.
 pub fn identify(path: &Path, format: &str) -> Result<Source, BuildError> {
-    let io = |e| BuildError::Source(crate::source::SourceError::io(path, e));
+    let io = |e| BuildError::Source(SourceError::io(path, e));
     let mut file = File::open(path).map_err(io)?;
     let mut hash = xxhash_rust::xxh3::Xxh3Default::new();
     let mut buffer = vec![0; 4 << 20];

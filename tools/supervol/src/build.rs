@@ -9,7 +9,7 @@ use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::manifest::Source;
 use supervol_format::{BrickLayout, Dims, Geometry};
 use supervol_preprocess::lod_axes::LodAxes;
-use supervol_preprocess::output::folder_of;
+use supervol_preprocess::output::{check_distinct, folder_of};
 use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::open::{OpenOptions, open};
@@ -269,6 +269,7 @@ impl SourceArguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     // Decoded copies of compressed inputs go where the output goes: that disk has room for a volume.
     let folder = folder_of(&arguments.output.output);
+    check_distinct(&arguments.output.output, [arguments.input.as_path()])?;
     let (source, origin) = arguments.source.open(&arguments.input, folder)?;
     arguments.output.build(source.as_ref(), origin)
 }

@@ -10,13 +10,13 @@ use clap::{Args, ValueEnum};
 use supervol_format::{Container, Lod};
 use supervol_runtime::frame::check::{self, CheckProgress};
 use supervol_runtime::frame::{self, Backend, LevelChoice, Progress, RenderError, RenderOptions};
-use supervol_runtime::image::ImageError;
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, PacketRule, Skipping};
 use supervol_runtime::scene::{DataKind, Scene, ShadingSpec};
 use supervol_runtime::stats::FrameStats;
 
 use crate::failure::{Failure, with_container, with_output};
+use crate::output::{Force, PictureFile, RenderOutputs};
 use crate::progress::Reporter;
 use crate::quantity::{self, show_bytes};
 
@@ -78,6 +78,8 @@ pub struct Arguments {
     /// picture is from it; with --level auto from the exact picture of level 0. The level must fit --host-memory
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = CHECK_RAYS)]
     check: Option<NonZero<u64>>,
+    #[command(flatten)]
+    force: Force,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -145,6 +147,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(file) => read_scene(file)?,
         None => default_scene(&container),
     };
+    let inputs: Vec<&Path> =
+        [Some(path), arguments.scene.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
+    let outputs = RenderOutputs::begin(&arguments.output, arguments.stats.as_deref(), &inputs, arguments.force)?;
     let bar = Reporter::over_rows();
     let on_progress = |progress: Progress| {
         bar.set_length(u64::from(progress.rows));
@@ -152,13 +157,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         bar.set_message(format!("{} read, {} rays wait", show_bytes(progress.bytes_read), progress.rays_waiting));
     };
     let options = arguments.options(&on_progress, start);
-    let result = picture(&container, &scene, &arguments.output, &options, arguments.check);
+    let result = picture(&container, &scene, outputs.picture, &options, arguments.check);
     bar.finish_and_clear();
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
-    if let Some(file) = &arguments.stats {
+    if let Some(file) = outputs.statistics {
         let text = serde_json::to_string_pretty(&stats).map_err(|e| Failure::Machine(e.to_string()))?;
-        std::fs::write(file, text + "\n")
-            .map_err(|e| Failure::Machine(format!("cannot write {}: {e}", file.display())))?;
+        file.write(&(text + "\n"))?;
     }
     print(&arguments.output, &stats).map_err(with_output)
 }
@@ -179,20 +183,16 @@ fn read_scene(file: &Path) -> Result<Scene, Failure> {
 pub fn picture(
     container: &Arc<Container>,
     scene: &Scene,
-    output: &Path,
+    output: PictureFile,
     options: &RenderOptions<'_>,
     check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
-    supervol_runtime::image::ImageFormat::from_path(output).map_err(Failure::command)?;
     let resolved = scene.resolve(&frame::volume_facts(container)).map_err(Failure::command)?;
     if check.is_some() {
         check::check_fits(container, &resolved, options).map_err(with_render)?;
     }
     let (image, mut stats) = frame::render(container, &resolved, options).map_err(with_render)?;
-    image.write(output, resolved.background).map_err(|error| match error {
-        ImageError::Io { .. } => Failure::Machine(error.to_string()),
-        other => Failure::Command(other.to_string()),
-    })?;
+    output.write(&image, resolved.background)?;
     if let Some(rays) = check {
         let start = Instant::now();
         let bar = Reporter::over_rays();

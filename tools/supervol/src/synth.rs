@@ -78,12 +78,12 @@ fn write_raw(arguments: &Arguments, source: &dyn VolumeSource) -> Result<(), Fai
         bar.set_position(z);
     }
     bar.finish_and_clear();
-    let bytes = unfinished.publish()?;
+    unfinished.publish()?;
     writeln!(
         std::io::stdout(),
         "{}: {} of {}, {} voxels, little endian",
         output.display(),
-        show_bytes(bytes),
+        show_bytes(nz * slice_bytes as u64),
         info.voxel_type,
         info.dims
     )

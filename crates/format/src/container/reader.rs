@@ -63,7 +63,7 @@ impl Container {
     /// If the file cannot be read or is no whole container.
     pub fn open(path: &Path) -> Result<Self, ContainerError> {
         let io = |source| ContainerError::Io { what: "the file".into(), offset: 0, bytes: 0, source };
-        let file = std::fs::File::open(path).map_err(io)?;
+        let file = crate::byte_source::check_is_file(path).and_then(|()| std::fs::File::open(path)).map_err(io)?;
         Self::from_source(Arc::new(file))
     }
 

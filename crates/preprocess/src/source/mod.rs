@@ -9,6 +9,7 @@
 //! the file likes.
 
 pub mod computed;
+pub mod file;
 pub mod grid_file;
 pub mod nifti;
 pub mod npy;
@@ -23,6 +24,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use supervol_format::{Dims, Geometry, VoxelBox, VoxelType};
+
+use file::SourceFile;
 
 /// Byte order of the numbers in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -84,6 +87,8 @@ pub struct SourceInfo {
     pub access_order: AccessOrder,
     /// What the reader noticed and a person should know, one sentence each: traces missing, header overridden, ...
     pub notes: Vec<String>,
+    /// The files it is read from, the one that was asked for first; none where it is computed.
+    pub files: Vec<SourceFile>,
 }
 
 impl SourceInfo {
@@ -103,6 +108,7 @@ impl SourceInfo {
             survey: None,
             access_order: AccessOrder::X_FASTEST,
             notes: Vec::new(),
+            files: Vec::new(),
         }
     }
 }
@@ -171,6 +177,9 @@ pub enum SourceError {
     /// The file is right but is not what we read; `advice` says what to do: exit code 1.
     #[error("{path}: {what}; {advice}")]
     Unsupported { path: PathBuf, what: String, advice: String },
+    /// The file was not left alone: exit code 1.
+    #[error("{path} changed while it was read: {what}. Build again when nothing writes to it")]
+    Changed { path: PathBuf, what: String },
     /// The options given contradict the file or each other: exit code 2.
     #[error("{0}")]
     Options(String),

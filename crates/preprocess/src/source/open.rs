@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use super::file::SourceFile;
 use super::nifti::NiftiSource;
 use super::npy::NpySource;
 use super::nrrd::NrrdSource;
@@ -28,6 +29,8 @@ pub struct OpenOptions {
 /// # Errors
 /// If no reader knows the file, or the reader refuses it.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
+    // Before anything is opened: a FIFO would keep us waiting.
+    SourceFile::of(path)?;
     if let Some(raw) = &options.raw {
         return Ok(Box::new(RawSource::open(path, raw)?));
     }

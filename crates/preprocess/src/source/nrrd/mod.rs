@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
 use super::Endian;
+use super::file::SourceFile;
 use super::grid_file::shape::{ChosenAxes, choose_axes};
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use super::spool::{Excess, GzipShare, Spool, SpoolFolder};
@@ -65,6 +66,7 @@ impl NrrdSource {
     /// # Errors
     /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
     pub fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
+        let source_file = SourceFile::of(path)?;
         let mut reader = BufReader::new(File::open(path).map_err(|e| SourceError::io(path, e))?);
         let header = Header::read(path, &mut reader)?;
         let sizes = header.sizes(path)?;
@@ -84,7 +86,8 @@ impl NrrdSource {
         let data = Data { path, header: &header, voxel_type, encoding: header.encoding(path)? };
         let layout =
             GridLayout { dims: chosen.dims, voxel_type, endian: data.endian()?, fastest_first: GridLayout::X_FASTEST };
-        let grid = data.open(layout, sizes.len(), spool, &mut info.notes)?;
+        let (grid, data_files) = data.open(layout, sizes.len(), spool, &mut info.notes)?;
+        info.files = [vec![source_file], data_files].concat();
         Ok(Self(GridSource::new(info, grid)))
     }
 }
@@ -218,7 +221,7 @@ impl Data<'_> {
         axes: usize,
         spool: &SpoolFolder,
         notes: &mut Vec<String>,
-    ) -> Result<GridFile, SourceError> {
+    ) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
         let bytes = checked_bytes(self.path, layout.dims, layout.voxel_type)?;
         let (files, start) = match self.header.data_files(self.path, axes)? {
             DataFiles::Attached => (vec![self.path.to_path_buf()], self.header.end),
@@ -228,34 +231,42 @@ impl Data<'_> {
             let expected = format!("a number of files that divides the {} voxels", layout.dims);
             return Err(SourceError::invalid(self.path, "data file", expected, format!("{} files", files.len())));
         }
+        let source_files = files.iter().map(|path| self.look_at(path)).collect::<Result<Vec<_>, _>>()?;
         let share_bytes = bytes / files.len() as u64;
         if self.encoding != Encoding::Raw {
             let file = self.decode(&files, start, share_bytes, spool)?;
-            return GridFile::single(&files[0], file, 0, layout);
+            return Ok((GridFile::single(&files[0], file, 0, layout)?, source_files));
         }
         let mut parts = Vec::with_capacity(files.len());
         for path in files {
             let offset = self.raw_offset(&path, start, share_bytes, notes)?;
             parts.push(Part { path, offset });
         }
-        match &parts[..] {
+        let grid = match &parts[..] {
             [one] => {
                 let file = File::open(&one.path).map_err(|e| SourceError::io(&one.path, e))?;
                 GridFile::single(&one.path, file, one.offset, layout)
             }
             _ => GridFile::parts(self.path, parts, layout),
-        }
+        };
+        Ok((grid?, source_files))
     }
 
-    /// Opens a data file; one that is not there is the header's mistake, not the machine's.
-    fn open_data(&self, path: &Path) -> Result<File, SourceError> {
-        File::open(path).map_err(|e| match e.kind() {
-            std::io::ErrorKind::NotFound => {
-                let expected = format!("the data file {}", path.display());
-                SourceError::invalid(self.path, "data file", expected, "no such file")
-            }
-            _ => SourceError::io(path, e),
+    /// Looks at a data file; one that is not there, or is none, is the header's mistake, not the machine's.
+    fn look_at(&self, path: &Path) -> Result<SourceFile, SourceError> {
+        SourceFile::of(path).map_err(|error| {
+            let SourceError::Io { source, .. } = &error else { return error };
+            let found = match source.kind() {
+                std::io::ErrorKind::NotFound => "no such file".to_owned(),
+                std::io::ErrorKind::InvalidInput => source.to_string(),
+                _ => return error,
+            };
+            SourceError::invalid(self.path, "data file", format!("the data file {}", path.display()), found)
         })
+    }
+
+    fn open_data(path: &Path) -> Result<File, SourceError> {
+        File::open(path).map_err(|e| SourceError::io(path, e))
     }
 
     /// First byte of the voxels in a raw data file, after the lines and bytes to skip.
@@ -266,7 +277,7 @@ impl Data<'_> {
         share_bytes: u64,
         notes: &mut Vec<String>,
     ) -> Result<u64, SourceError> {
-        let file = self.open_data(path)?;
+        let file = Self::open_data(path)?;
         let length = file.len().map_err(|e| SourceError::io(path, e))?;
         let byte_skip = self.header.whole_number(self.path, "byteskip")?;
         // -1: the voxels are the end of the file, whatever is before them.
@@ -303,7 +314,7 @@ impl Data<'_> {
     ) -> Result<File, SourceError> {
         let mut spool = Spool::create(folder)?;
         for path in files {
-            let file = self.open_data(path)?;
+            let file = Self::open_data(path)?;
             let length = file.len().map_err(|e| SourceError::io(path, e))?;
             let mut reader = BufReader::new(file);
             let start = self.skip_lines(path, &mut reader, start)?;

@@ -50,6 +50,7 @@ use self::read::{Neighbours, Reader};
 use self::samples::SampleFormat;
 use self::scan::Scan;
 use self::text_header::TEXT_BYTES;
+use super::file::SourceFile;
 use super::{AccessOrder, Axis, Endian, SourceError, SourceInfo, Survey, VolumeSource};
 
 /// Last byte of a trace header at which a four-byte word can begin.
@@ -115,8 +116,11 @@ impl SegySource {
     /// # Errors
     /// If the file cannot be read, is not a post-stack 3D SEG-Y file, or contradicts itself.
     pub fn open(path: &Path, options: &SegyOptions) -> Result<Self, SourceError> {
+        let source_file = SourceFile::of(path)?;
         let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
-        Self::from_bytes(Box::new(file), path, options)
+        let mut source = Self::from_bytes(Box::new(file), path, options)?;
+        source.info.files = vec![source_file];
+        Ok(source)
     }
 
     /// The same, from any source of bytes; `path` is only used in messages.
