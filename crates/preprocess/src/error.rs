@@ -66,7 +66,7 @@ impl BuildError {
             self,
             Self::Write { .. }
                 | Self::Threads { .. }
-                | Self::Source(SourceError::Io { .. })
+                | Self::Source(SourceError::Io { .. } | SourceError::Spool { .. })
                 | Self::Container { source: ContainerError::Io { .. }, .. }
         )
     }
@@ -87,7 +87,7 @@ impl BuildError {
     }
 }
 
-fn advice(error: &std::io::Error) -> &'static str {
+pub(crate) fn advice(error: &std::io::Error) -> &'static str {
     match error.kind() {
         std::io::ErrorKind::StorageFull => ". The disk is full: free space, or write to another one with -o",
         std::io::ErrorKind::PermissionDenied => ". Choose a folder you may write to with -o",

@@ -111,9 +111,7 @@ fn write_slabs(
             end: [voxels.end[0], voxels.end[1], (z + thickest).min(voxels.end[2])],
         };
         let mut bytes = vec![0; slab.voxels() * size];
-        reader
-            .read_box(slab, &mut bytes)
-            .map_err(|e| BuildError::container(Path::new(&container.manifest().source.name), e))?;
+        reader.read_box(slab, &mut bytes).map_err(|e| BuildError::container(container.path(), e))?;
         if written_type != descriptor.voxel_type || descriptor.scale != 1.0 || descriptor.offset != 0.0 {
             bytes = scaled(descriptor, &bytes, written_type);
         }

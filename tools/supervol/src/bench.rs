@@ -161,7 +161,7 @@ impl Arguments {
             self.reports(output, |folder| report::write(&comparison, &command, folder))?;
         }
         keep(ledger.as_ref(), &ledger::of_comparison(&comparison))?;
-        write!(std::io::stdout(), "{}", report::markdown(&comparison, &command)).map_err(with_output)
+        write!(crate::terminal::stdout(), "{}", report::markdown(&comparison, &command)).map_err(with_output)
     }
 
     fn along(&self, context: &Context<'_>, path: &str) -> Result<(), Failure> {
@@ -183,7 +183,7 @@ impl Arguments {
             self.reports(output, |folder| paths::write(&path, &rides, &command, folder))?;
         }
         keep(ledger.as_ref(), &ledger::of_rides(&path.name, &rides, options.threads, options.image))?;
-        write!(std::io::stdout(), "{}", paths::markdown(&path, &rides, &options, &command)).map_err(with_output)
+        write!(crate::terminal::stdout(), "{}", paths::markdown(&path, &rides, &options, &command)).map_err(with_output)
     }
 
     fn random(&self, context: &Context<'_>, scenes: u64) -> Result<(), Failure> {
@@ -194,7 +194,7 @@ impl Arguments {
         if let Some(output) = &self.output {
             self.reports(output, |folder| random_scenes::write(&found, &text, folder))?;
         }
-        write!(std::io::stdout(), "{text}").map_err(with_output)?;
+        write!(crate::terminal::stdout(), "{text}").map_err(with_output)?;
         match found.scenes_above().as_slice() {
             [] => Ok(()),
             above => Err(Failure::Data(format!(
@@ -216,7 +216,7 @@ impl Arguments {
             carp_nifti_gz: CARP,
         };
         let measured = pool.install(|| leaping::run(context, &options))?;
-        write!(std::io::stdout(), "{}", leaping::markdown(&measured)).map_err(with_output)
+        write!(crate::terminal::stdout(), "{}", leaping::markdown(&measured)).map_err(with_output)
     }
 
     /// Writes what `write` puts into a folder into the one that was asked for.
@@ -293,8 +293,7 @@ fn camera_path(name: &str) -> Result<CameraPath, Failure> {
         return Ok(CameraPath::from_json(text)?);
     }
     let known = paths::BUILT_IN.map(|(known, _)| known).join(", ");
-    let text = std::fs::read_to_string(name)
-        .map_err(|e| Failure::Command(format!("--path {name}: expected {known} or a file; cannot read it: {e}")))?;
+    let text = crate::input::read_text(Path::new(name), &format!("{known} or a camera path, --path"))?;
     CameraPath::from_json(&text).map_err(|e| Failure::Command(format!("{name}: {e}")))
 }
 

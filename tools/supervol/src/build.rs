@@ -12,6 +12,7 @@ use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::output::{check_distinct, folder_of};
 use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::source::VolumeSource;
+use supervol_preprocess::source::nrrd::Outside;
 use supervol_preprocess::source::open::{OpenOptions, open};
 use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::segy::SegyOptions;
@@ -38,6 +39,8 @@ pub struct Arguments {
 pub struct SourceArguments {
     #[command(flatten)]
     raw: RawArguments,
+    #[command(flatten)]
+    nrrd: NrrdArguments,
     #[command(flatten)]
     segy: SegyArguments,
 }
@@ -112,6 +115,15 @@ struct RawArguments {
     /// Value that means "no data"
     #[arg(long, value_name = "V", requires = "dims", allow_hyphen_values = true)]
     nodata: Option<f64>,
+}
+
+/// What is allowed to NRRD headers.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "NRRD input")]
+struct NrrdArguments {
+    /// Let a header name data files outside its folder; without it, only files below the folder are read
+    #[arg(long)]
+    allow_outside: bool,
 }
 
 /// What SEG-Y headers may not say, or say wrong.
@@ -195,7 +207,7 @@ impl OutputArguments {
             supervol_preprocess::build(source, origin, &self.output, &options, &|progress| reporter.show(progress));
         reporter.finish();
         let report = result?;
-        let mut out = std::io::stdout().lock();
+        let mut out = crate::terminal::stdout();
         if self.json {
             writeln!(out, "{}", serde_json::json!({ "report": report })).map_err(with_output)
         } else {
@@ -261,7 +273,8 @@ impl SourceArguments {
                 EndianName::Little => Endian::Little,
             }),
         };
-        OpenOptions { raw, segy, spool: SpoolFolder::at(folder) }
+        let outside = if self.nrrd.allow_outside { Outside::Allowed } else { Outside::Refused };
+        OpenOptions { raw, outside, segy, spool: SpoolFolder::at(folder) }
     }
 }
 

@@ -87,7 +87,7 @@ fn run_chart(
     let defaults = chart.points.iter().filter(|p| p.default);
     let worst = defaults.clone().map(|p| p.linf).fold(0.0, f64::max);
     let on_front = defaults.clone().filter(|p| p.pareto).count();
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::stdout();
     writeln!(
         out,
         "{}: {} points; the default is on the Pareto front of {on_front} of {} pictures, its largest error is {:.3} of 255 \
@@ -128,7 +128,7 @@ fn run_stability(
 }
 
 fn print_records(records: &[RegimeRecord]) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::stdout();
     let text = |value: Option<f64>| value.map_or_else(|| "-".into(), |v| format!("{v:.3e}"));
     for record in records {
         let verdict = if record.pass { "PASS" } else { "FAIL" };

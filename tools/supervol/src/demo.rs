@@ -106,5 +106,5 @@ fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str, for
 }
 
 fn say(line: std::fmt::Arguments<'_>) -> Result<(), Failure> {
-    writeln!(std::io::stdout(), "{line}").map_err(with_output)
+    writeln!(crate::terminal::stdout(), "{line}").map_err(with_output)
 }

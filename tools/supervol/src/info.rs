@@ -71,7 +71,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
     let info = gather(&container).map_err(|e| with_container(path, e))?;
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::stdout();
     let printed = if arguments.json {
         serde_json::to_string_pretty(&info).map_err(std::io::Error::other).and_then(|text| writeln!(out, "{text}"))
     } else {
@@ -84,7 +84,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 fn list_unfinished(folder: &Path, json: bool) -> Result<(), Failure> {
     let found =
         unfinished::list(folder).map_err(|e| Failure::Machine(format!("cannot read {}: {e}", folder.display())))?;
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::stdout();
     if json {
         let entry = |partial: &Leftover| {
             let (writer, _) = words_for(partial.writer);

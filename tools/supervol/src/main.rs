@@ -11,12 +11,14 @@ mod demo;
 mod extract;
 mod failure;
 mod info;
+mod input;
 mod output;
 mod progress;
 mod quantity;
 mod render;
 mod signals;
 mod synth;
+mod terminal;
 mod verify;
 
 use std::process::ExitCode;

@@ -8,6 +8,9 @@ use supervol_runtime::image::GREY_LEVELS;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::raycast::cpu::MAX_ERROR_LIMITS;
 
+/// 8 EiB, more than any memory or file.
+const MOST_BYTES: f64 = (1u64 << 63) as f64;
+
 /// Bytes: `1048576`, `64MiB`, `1GiB`, `500 MB`, `2G` (binary).
 pub fn bytes(text: &str) -> Result<u64, String> {
     let (number, unit) = split_unit(text)?;
@@ -17,14 +20,18 @@ pub fn bytes(text: &str) -> Result<u64, String> {
         "m" | "mib" => 1024.0 * 1024.0,
         "g" | "gib" => 1024.0 * 1024.0 * 1024.0,
         "t" | "tib" => 1024.0 * 1024.0 * 1024.0 * 1024.0,
+        "p" | "pib" => 1024f64.powi(5),
+        "e" | "eib" => 1024f64.powi(6),
         "kb" => 1e3,
         "mb" => 1e6,
         "gb" => 1e9,
         "tb" => 1e12,
-        _ => return Err(format!("unit '{unit}': expected B, KiB, MiB, GiB, TiB, kB, MB, GB or TB")),
+        "pb" => 1e15,
+        "eb" => 1e18,
+        _ => return Err(format!("unit '{unit}': expected B, KiB, MiB, GiB, TiB, PiB, EiB, kB, MB, GB, TB, PB or EB")),
     };
     let value = number * factor;
-    if (0.0..9e18).contains(&value) {
+    if (0.0..=MOST_BYTES).contains(&value) {
         Ok(value as u64)
     } else {
         Err(format!("{text}: expected a size from 0 to 8 EiB"))
@@ -175,12 +182,18 @@ mod tests {
 
     #[test]
     fn sizes_take_binary_and_decimal_units() {
-        for (text, expected) in
-            [("4096", 4096), ("1GiB", 1 << 30), ("1.5 MiB", 3 << 19), ("2MB", 2_000_000), ("64k", 65536)]
-        {
+        for (text, expected) in [
+            ("4096", 4096),
+            ("1GiB", 1 << 30),
+            ("1.5 MiB", 3 << 19),
+            ("2MB", 2_000_000),
+            ("64k", 65536),
+            ("2PiB", 1 << 51),
+            ("8 EiB", 1 << 63),
+        ] {
             assert_eq!(bytes(text), Ok(expected), "{text}");
         }
-        for text in ["", "GiB", "-1", "1 parsec", "1e30GiB"] {
+        for text in ["", "GiB", "-1", "1 parsec", "1e30GiB", "9EiB"] {
             assert!(bytes(text).is_err(), "{text}");
         }
     }

@@ -10,6 +10,7 @@ use clap::{Args, ValueEnum};
 use supervol_format::{Container, Lod};
 use supervol_runtime::frame::check::{self, CheckProgress};
 use supervol_runtime::frame::{self, Backend, LevelChoice, Progress, RenderError, RenderOptions};
+use supervol_runtime::gpu::device::GpuError;
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, PacketRule, Skipping};
 use supervol_runtime::scene::{DataKind, Scene, ShadingSpec};
@@ -174,8 +175,7 @@ pub fn default_scene(container: &Container) -> Scene {
 }
 
 fn read_scene(file: &Path) -> Result<Scene, Failure> {
-    let text = std::fs::read_to_string(file)
-        .map_err(|e| Failure::Command(format!("cannot read the scene {}: {e}", file.display())))?;
+    let text = crate::input::read_text(file, "a scene")?;
     Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())))
 }
 
@@ -227,14 +227,16 @@ fn with_render(error: RenderError) -> Failure {
                 needed_bytes.div_ceil(1 << 20),
             ))
         }
-        RenderError::Budget(_) | RenderError::ReferenceTooLarge { .. } => Failure::Command(message),
+        RenderError::Budget(_) | RenderError::ReferenceTooLarge { .. } | RenderError::Gpu(GpuError::Budget { .. }) => {
+            Failure::Command(message)
+        }
         RenderError::Container(_) => Failure::Data(message),
         _ => Failure::Machine(message),
     }
 }
 
 fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::stdout();
     writeln!(
         out,
         "{}: {} x {}, {}, {:.0} ms, {} bricks read ({}), peak memory {}{}",
@@ -277,4 +279,17 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
         writeln!(out, "not readable, drawn from its parent: {}: {}", failure.brick, failure.reason)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn budgets_that_are_too_small_are_wrong_commands_on_every_backend() {
+        let gpu = GpuError::Budget { budget: 1, fixed: 2, slot_bytes: 3, min_slots: 4, needed: 5 };
+        assert!(matches!(with_render(gpu.into()), Failure::Command(_)));
+        let host = RenderError::ReferenceTooLarge { level: 0, needed_bytes: 2, budget_bytes: 1 };
+        assert!(matches!(with_render(host), Failure::Command(_)));
+    }
 }

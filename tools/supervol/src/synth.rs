@@ -80,7 +80,7 @@ fn write_raw(arguments: &Arguments, source: &dyn VolumeSource) -> Result<(), Fai
     bar.finish_and_clear();
     unfinished.publish()?;
     writeln!(
-        std::io::stdout(),
+        crate::terminal::stdout(),
         "{}: {} of {}, {} voxels, little endian",
         output.display(),
         show_bytes(nz * slice_bytes as u64),

@@ -5,7 +5,7 @@
 //! Nothing read from the file is trusted before its checksum fits and its numbers make sense.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::header::{self, Descriptor, Sections};
@@ -30,6 +30,7 @@ pub struct Container {
     sections: Sections,
     manifest: Manifest,
     file_bytes: u64,
+    path: PathBuf,
     toc_pages: Mutex<TocPages>,
 }
 
@@ -64,7 +65,7 @@ impl Container {
     pub fn open(path: &Path) -> Result<Self, ContainerError> {
         let io = |source| ContainerError::Io { what: "the file".into(), offset: 0, bytes: 0, source };
         let file = crate::byte_source::check_is_file(path).and_then(|()| std::fs::File::open(path)).map_err(io)?;
-        Self::from_source(Arc::new(file))
+        Ok(Self { path: path.into(), ..Self::from_source(Arc::new(file))? })
     }
 
     /// Opens a container from any byte source.
@@ -93,7 +94,21 @@ impl Container {
         }
         check_sections(&sections, &descriptor.pyramid, footer_offset)?;
         let manifest = read_manifest(source.as_ref(), &sections)?;
-        Ok(Self { source, descriptor, sections, manifest, file_bytes, toc_pages: Mutex::default() })
+        Ok(Self {
+            source,
+            descriptor,
+            sections,
+            manifest,
+            file_bytes,
+            path: PathBuf::new(),
+            toc_pages: Mutex::default(),
+        })
+    }
+
+    /// Where it lies; empty unless it was opened as a file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// What the container holds.

@@ -171,6 +171,9 @@ pub enum SourceError {
     /// The machine failed: exit code 3.
     #[error("cannot read {path}: {source}")]
     Io { path: PathBuf, source: std::io::Error },
+    /// Decoded voxels could not be kept: exit code 3.
+    #[error("cannot keep decoded voxels in {folder}: {source}{}", crate::error::advice(source))]
+    Spool { folder: PathBuf, source: std::io::Error },
     /// The file breaks its format's rules: exit code 1.
     #[error("{path}: {location}: expected {expected}, found {found}")]
     Invalid { path: PathBuf, location: String, expected: String, found: String },
@@ -199,6 +202,11 @@ impl SourceError {
     /// Shorthand for [`SourceError::Unsupported`].
     pub fn unsupported(path: &Path, what: impl Into<String>, advice: impl Into<String>) -> Self {
         Self::Unsupported { path: path.into(), what: what.into(), advice: advice.into() }
+    }
+
+    /// Shorthand for [`SourceError::Spool`].
+    pub fn spool(folder: &Path, source: std::io::Error) -> Self {
+        Self::Spool { folder: folder.into(), source }
     }
 
     /// Shorthand for [`SourceError::Io`].

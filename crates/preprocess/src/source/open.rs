@@ -7,7 +7,7 @@ use std::path::Path;
 use super::file::SourceFile;
 use super::nifti::NiftiSource;
 use super::npy::NpySource;
-use super::nrrd::NrrdSource;
+use super::nrrd::{NrrdSource, Outside};
 use super::raw::{RawOptions, RawSource};
 use super::segy::{SegyOptions, SegySource};
 use super::spool::SpoolFolder;
@@ -18,6 +18,8 @@ use super::{SourceError, VolumeSource};
 pub struct OpenOptions {
     /// Shape of a headerless file; its presence makes the file raw.
     pub raw: Option<RawOptions>,
+    /// For NRRD.
+    pub outside: Outside,
     /// For SEG-Y.
     pub segy: SegyOptions,
     /// Where compressed or textual voxels are decoded to.
@@ -41,7 +43,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>,
     let named = |endings: &[&str]| endings.iter().any(|e| name.ends_with(e));
 
     if start.starts_with(b"NRRD") || named(&[".nrrd", ".nhdr"]) {
-        return Ok(Box::new(NrrdSource::open(path, &options.spool)?));
+        return Ok(Box::new(NrrdSource::open_with(path, &options.spool, options.outside)?));
     }
     if start.starts_with(b"\x93NUM") || named(&[".npy"]) {
         return Ok(Box::new(NpySource::open(path)?));

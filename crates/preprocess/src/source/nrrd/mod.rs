@@ -11,7 +11,7 @@ mod header;
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
@@ -19,8 +19,9 @@ use super::Endian;
 use super::file::SourceFile;
 use super::grid_file::shape::{ChosenAxes, choose_axes};
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
-use super::spool::{Excess, GzipShare, Spool, SpoolFolder};
+use super::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
 use super::{SourceError, SourceInfo, VolumeSource};
+use crate::output::folder_of;
 use header::{DataFiles, Encoding, Header, shortened};
 
 /// Most bytes that `line skip` may pass over.
@@ -56,6 +57,17 @@ const FIELDS_READ: [&str; 22] = [
     "sampleunits",
 ];
 
+/// Whether the header's data files may lie outside its folder. A header that somebody has sent may name any file of the
+/// machine, whose bytes would then be voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Outside {
+    /// They may not.
+    #[default]
+    Refused,
+    /// They may.
+    Allowed,
+}
+
 /// A NRRD file.
 #[derive(Debug)]
 pub struct NrrdSource(GridSource);
@@ -64,8 +76,17 @@ impl NrrdSource {
     /// Opens a NRRD file, or the header (`.nhdr`) of one in several files; compressed voxels are decoded into `spool`.
     ///
     /// # Errors
-    /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
+    /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot; or if a data file lies
+    /// outside the header's folder.
     pub fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
+        Self::open_with(path, spool, Outside::Refused)
+    }
+
+    /// The same, where a person has said whether data files may lie anywhere.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_with(path: &Path, spool: &SpoolFolder, outside: Outside) -> Result<Self, SourceError> {
         let source_file = SourceFile::of(path)?;
         let mut reader = BufReader::new(File::open(path).map_err(|e| SourceError::io(path, e))?);
         let header = Header::read(path, &mut reader)?;
@@ -83,7 +104,7 @@ impl NrrdSource {
         info.notes.extend(placement.notes);
         info.notes.extend(field_notes(&header));
 
-        let data = Data { path, header: &header, voxel_type, encoding: header.encoding(path)? };
+        let data = Data { path, header: &header, voxel_type, encoding: header.encoding(path)?, outside };
         let layout =
             GridLayout { dims: chosen.dims, voxel_type, endian: data.endian()?, fastest_first: GridLayout::X_FASTEST };
         let (grid, data_files) = data.open(layout, sizes.len(), spool, &mut info.notes)?;
@@ -197,6 +218,7 @@ struct Data<'a> {
     header: &'a Header,
     voxel_type: VoxelType,
     encoding: Encoding,
+    outside: Outside,
 }
 
 impl Data<'_> {
@@ -225,7 +247,7 @@ impl Data<'_> {
         let bytes = checked_bytes(self.path, layout.dims, layout.voxel_type)?;
         let (files, start) = match self.header.data_files(self.path, axes)? {
             DataFiles::Attached => (vec![self.path.to_path_buf()], self.header.end),
-            DataFiles::Named(names) => (names.iter().map(|name| beside(self.path, name)).collect(), 0),
+            DataFiles::Named(names) => (self.find_all(&names)?, 0),
         };
         if !bytes.is_multiple_of(files.len() as u64 * layout.voxel_type.bytes() as u64) {
             let expected = format!("a number of files that divides the {} voxels", layout.dims);
@@ -250,6 +272,30 @@ impl Data<'_> {
             _ => GridFile::parts(self.path, parts, layout),
         };
         Ok((grid?, source_files))
+    }
+
+    /// Paths of the data files, which lie below the header's folder unless they need not.
+    fn find_all(&self, names: &[String]) -> Result<Vec<PathBuf>, SourceError> {
+        let folder = folder_of(self.path);
+        let folder_is = std::fs::canonicalize(folder).map_err(|e| SourceError::io(folder, e))?;
+        let find = |name: &String| {
+            let file = folder.join(name);
+            let is_below = match std::fs::canonicalize(&file) {
+                Ok(file_is) => file_is.starts_with(&folder_is),
+                // Not there, or not to be reached: whether it is shall only be told of files below the folder.
+                Err(_) => Path::new(name).components().all(|part| matches!(part, Component::Normal(_))),
+            };
+            if is_below || self.outside == Outside::Allowed {
+                return Ok(file);
+            }
+            let what = format!("its data file `{}` lies outside the folder of the header", shortened(name));
+            Err(SourceError::unsupported(
+                self.path,
+                what,
+                "give --allow-outside if you know where the header comes from",
+            ))
+        };
+        names.iter().map(find).collect()
     }
 
     /// Looks at a data file; one that is not there, or is none, is the header's mistake, not the machine's.
@@ -335,7 +381,8 @@ impl Data<'_> {
             let skip = self.byte_skip()?;
             let skip = i64::try_from(skip).map_err(|_| SourceError::invalid(path, "byte skip", "less", "2^63"))?;
             reader.seek_relative(skip).map_err(|e| SourceError::io(path, e))?;
-            spool.append_text(path, reader, self.voxel_type, voxels)?;
+            let words = if path == self.path { Words::Shown } else { Words::Hidden };
+            spool.append_text(path, reader, self.voxel_type, voxels, words)?;
         }
         spool.finish()
     }
@@ -366,9 +413,4 @@ impl Data<'_> {
         }
         Ok(start + LINE_SKIP_LIMIT_BYTES - limited.limit())
     }
-}
-
-/// A data file's path: relative names are relative to the header.
-fn beside(header: &Path, name: &str) -> PathBuf {
-    header.parent().unwrap_or_else(|| Path::new("")).join(name)
 }
