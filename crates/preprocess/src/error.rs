@@ -34,6 +34,8 @@ pub enum BuildError {
     Memory { needed: String, allowed: String, what: String, advice: String },
     #[error("cannot start {threads} threads: {source}")]
     Threads { threads: usize, source: rayon::ThreadPoolBuildError },
+    #[error("cannot start a thread: {0}")]
+    Thread(std::io::Error),
     #[error("{path}: {rule}: expected {expected}, found {found}")]
     Broken { path: PathBuf, rule: String, expected: String, found: String },
     #[error("{0}")]
@@ -66,6 +68,7 @@ impl BuildError {
             self,
             Self::Write { .. }
                 | Self::Threads { .. }
+                | Self::Thread(_)
                 | Self::Source(SourceError::Io { .. } | SourceError::Spool { .. })
                 | Self::Container { source: ContainerError::Io { .. }, .. }
         )

@@ -12,6 +12,7 @@ pub mod downsample;
 pub mod error;
 pub mod error_bound;
 pub mod extract;
+pub mod file_order;
 pub mod level_reader;
 pub mod lod_axes;
 pub mod memory;

@@ -30,15 +30,19 @@ use crate::error::BuildError;
 use crate::error_bound::{brick_error, step_error};
 use crate::level_reader::{BrickStore, LevelReader};
 use crate::lod_axes::{self, LodAxes};
-use crate::memory::{MemoryPlan, read_bytes};
+use crate::memory::{MemoryPlan, tile_bytes};
 use crate::output::{Existing, OutputFile, check_distinct, check_free};
 use crate::report::{BuildReport, LevelReport, Progress};
 use crate::source::file::SourceFile;
 use crate::source::{AccessOrder, SourceError, VolumeSource};
-use crate::statistics::Statistics;
+use crate::statistics::{self, Statistics, Values};
 
 /// Voxels of margin around a tile's core when it is read: the apron.
 const MARGIN: u64 = APRON as u64;
+/// Longest name or unit, longest note, and most notes that the manifest keeps.
+const LABEL_CHARACTERS: usize = 256;
+const NOTE_CHARACTERS: usize = 500;
+const NOTES: usize = 50;
 /// Bytes buffered before the file is written to.
 const WRITE_BUFFER_BYTES: usize = 1 << 20;
 
@@ -128,7 +132,7 @@ pub fn build(
     writer.finish(&manifest).map_err(write_error)?;
     let container_bytes = unfinished.publish()?;
 
-    let mut notes = source.info().notes.clone();
+    let mut notes = bounded_notes(&source.info().notes);
     if plan.threads < options.threads {
         notes.push(format!("--memory suffices for {} of {} threads", plan.threads, options.threads));
     }
@@ -265,7 +269,7 @@ impl Build<'_> {
             // Room for none: one tile waits in the reader's hands while another is encoded, and that is all.
             let (send, receive) = crossbeam_channel::bounded(0);
             let tiles = &tiles;
-            scope.spawn(move || {
+            let reader = std::thread::Builder::new().spawn_scoped(scope, move || {
                 for tile in tiles {
                     let result = read(tile);
                     let failed = result.is_err();
@@ -275,6 +279,7 @@ impl Build<'_> {
                     }
                 }
             });
+            reader.map_err(BuildError::Thread)?;
             for (tile, result) in receive {
                 let (voxels, bytes) = result?;
                 let bricks = encode(tile, voxels, &bytes)?;
@@ -292,7 +297,7 @@ impl Build<'_> {
     fn tiles(&self, lod: usize, level: &Level, order: AccessOrder) -> Vec<Tile> {
         let factors = if lod == 0 { [1; 3] } else { level.factors };
         let fits = |size: [u32; 3]| {
-            let bytes = read_bytes(&self.descriptor.pyramid, level, factors, size, self.descriptor.voxel_type);
+            let bytes = tile_bytes(&self.descriptor.pyramid, level, factors, size, self.descriptor.voxel_type);
             bytes <= self.plan.tile_bytes
         };
         tiles(level, order, &fits)
@@ -441,20 +446,7 @@ fn manifest(
     levels: &[LevelReport],
 ) -> Manifest {
     let info = source.info();
-    let range = statistics.range();
-    // JSON has no infinities: values that overflow in data units end at the greatest double.
-    let finite = |v: f64| v.clamp(f64::MIN, f64::MAX);
-    let value = |stored: f64| finite(descriptor.value(stored));
-    let ends = [value(range.min), value(range.max)];
-    let value_range = (!range.is_empty()).then(|| ValueRange { min: ends[0].min(ends[1]), max: ends[0].max(ends[1]) });
-    let mut percentiles: Vec<[f64; 2]> = statistics.percentiles().into_iter().map(|[p, v]| [p, value(v)]).collect();
-    let mut histogram = if range.is_empty() { Vec::new() } else { statistics.histogram() };
-    if descriptor.scale < 0.0 {
-        // A negative scale turns the order of values round.
-        percentiles.iter_mut().for_each(|p| p[0] = 100.0 - p[0]);
-        percentiles.reverse();
-        histogram.reverse();
-    }
+    let values = Values::of(descriptor, statistics);
     let codec = match options.codec {
         CodecChoice::Smallest => "auto",
         CodecChoice::Only(codec) => codec.name(),
@@ -469,16 +461,37 @@ fn manifest(
         tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
         parameters: parameters.into_iter().map(|(k, v)| (k.to_string(), v)).collect(),
         source: origin,
-        axes: info.axes.clone().map(|a| AxisName { name: a.name, unit: a.unit }),
-        unit: info.unit.clone(),
-        value_range,
-        present_voxels: statistics.present(),
-        histogram,
-        percentiles,
-        level_errors: levels.iter().map(|l| finite(l.error)).collect(),
+        axes: info.axes.clone().map(|a| AxisName { name: label(&a.name), unit: label(&a.unit) }),
+        unit: label(&info.unit),
+        value_range: values.range,
+        present_voxels: values.present,
+        histogram: values.histogram,
+        percentiles: values.percentiles,
+        level_errors: levels.iter().map(|l| statistics::finite(l.error)).collect(),
         survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).ok()),
-        notes: info.notes.clone(),
+        notes: bounded_notes(&info.notes),
     }
+}
+
+/// A name or unit that a file gives, cut where it is none any more.
+fn label(text: &str) -> String {
+    cut(text, LABEL_CHARACTERS)
+}
+
+fn cut(text: &str, characters: usize) -> String {
+    match text.char_indices().nth(characters) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.into(),
+    }
+}
+
+/// The first notes, and how many more there are: a file must not fill the manifest with what it made us notice.
+fn bounded_notes(notes: &[String]) -> Vec<String> {
+    let mut kept: Vec<String> = notes.iter().take(NOTES).map(|note| cut(note, NOTE_CHARACTERS)).collect();
+    if notes.len() > NOTES {
+        kept.push(format!("and {} more notes", notes.len() - NOTES));
+    }
+    kept
 }
 
 /// Whether a source whose voxels have all been read still is what it was when it was opened, and when `origin` was told.

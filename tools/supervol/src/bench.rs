@@ -93,7 +93,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE.csv|DIR")]
     record: Option<PathBuf>,
     /// Threads of either program
-    #[arg(long, default_value = "1")]
+    #[arg(long, default_value = "1", value_parser = quantity::threads)]
     threads: NonZero<usize>,
     /// The Python that makes the environment
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]

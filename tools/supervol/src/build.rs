@@ -67,7 +67,7 @@ pub struct OutputArguments {
     #[arg(long, default_value = "1GiB", value_parser = quantity::bytes)]
     memory: u64,
     /// Threads; all processors by default
-    #[arg(long)]
+    #[arg(long, value_parser = quantity::threads)]
     threads: Option<NonZero<usize>>,
     /// Overwrite the output
     #[arg(long)]
@@ -170,6 +170,11 @@ impl OutputArguments {
     /// What `--force` says about an output that exists.
     pub fn existing(&self) -> Existing {
         if self.force { Existing::Replace } else { Existing::Keep }
+    }
+
+    /// What `--memory` allows.
+    pub fn memory_bytes(&self) -> u64 {
+        self.memory
     }
 
     fn build_options(&self) -> Result<BuildOptions, Failure> {

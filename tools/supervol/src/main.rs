@@ -4,6 +4,7 @@
 //! error), 128 + n ended by signal n ([`signals`]). Results go to standard output, messages and progress to standard
 //! error. What may be overwritten: [`output`].
 
+mod allocation;
 mod bench;
 mod build;
 mod chart;
@@ -56,9 +57,12 @@ enum Command {
     Chart(chart::Arguments),
 }
 
+#[global_allocator]
+static ALLOCATOR: allocation::OrEnd = allocation::OrEnd;
+
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    if let Err(failure) = signals::watch() {
+    if let Err(failure) = signals::watch().and_then(|()| start_threads()) {
         return failure.report();
     }
     let result = match arguments.command {
@@ -78,4 +82,10 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),
     }
+}
+
+/// Starts the threads that commands share. Left to the first that needs them, one that cannot be started is a panic.
+fn start_threads() -> Result<(), failure::Failure> {
+    let started = rayon::ThreadPoolBuilder::new().build_global();
+    started.map_err(|e| failure::Failure::Machine(format!("cannot start a thread for each processor: {e}")))
 }

@@ -1,5 +1,6 @@
 //! Numbers as people write them: with units, fractions, percent, and lists.
 
+use std::num::NonZero;
 use std::str::FromStr;
 
 use supervol_format::{Dims, VoxelBox, VoxelType};
@@ -65,6 +66,15 @@ fn list<T: FromStr, const N: usize>(text: &str, what: &str) -> Result<[T; N], St
     let wrong = || format!("'{text}': expected {N} {what} with commas between");
     let values: Vec<T> = text.split(',').map(|v| v.trim().parse().map_err(|_| wrong())).collect::<Result<_, _>>()?;
     values.try_into().map_err(|_| wrong())
+}
+
+/// Most threads that can be asked for: more than any machine has processors, and few enough to be started.
+const MOST_THREADS: usize = 1024;
+
+/// A number of threads.
+pub fn threads(text: &str) -> Result<NonZero<usize>, String> {
+    let number = text.trim().parse().ok().filter(|n: &NonZero<usize>| n.get() <= MOST_THREADS);
+    number.ok_or_else(|| format!("'{text}': expected 1 to {MOST_THREADS} threads"))
 }
 
 /// `NX,NY,NZ`.
@@ -223,6 +233,10 @@ mod tests {
         assert!(
             advised("0.5") && advised("2") && advised("16") && !advised("0") && !advised("17/255") && !advised("17")
         );
+        assert_eq!(threads("1024").map(NonZero::get), Ok(1024));
+        for text in ["0", "1025", "10000", "18446744073709551615", "-1", "two"] {
+            assert!(threads(text).is_err_and(|message| message.contains("1 to 1024")), "{text}");
+        }
         assert!(dims("10,0,3").is_err() && dims("1,2").is_err());
         assert_eq!(image_size("1024x768"), Ok([1024, 768]));
         assert!(image_size("1024").is_err() && image_size("0x4").is_err() && image_size("4x-3").is_err());

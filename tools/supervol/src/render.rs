@@ -67,7 +67,7 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value = "on")]
     skipping: SkippingName,
     /// Threads; all processors by default
-    #[arg(long)]
+    #[arg(long, value_parser = quantity::threads)]
     threads: Option<NonZero<usize>>,
     /// Write what happened, as JSON. `error_predicted` (CPU, dvr) says how far the picture may be from the exact one and
     /// why, in grey levels of 255: `total`, and its terms `cells`, `ray_ends`, `transfer_function`, `levels` and `rounding`,

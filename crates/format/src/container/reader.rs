@@ -15,7 +15,8 @@ use super::{ContainerError, checksum};
 use crate::byte_source::ByteSource;
 use crate::codec::{self, BrickShape, Codec};
 use crate::macro_cells::{MACRO_CELL_BYTES, dequantize_cells};
-use crate::{BrickKey, Pyramid, ValueRange};
+use crate::voxel_type::Voxel;
+use crate::{BrickKey, Pyramid, ValueRange, with_voxel};
 
 /// Most TOC pages kept in memory: 1024 pages are 64 MiB and name 837,632 bricks.
 pub const CACHED_TOC_PAGES: usize = 1024;
@@ -292,11 +293,18 @@ fn check_entry(
 ) -> Result<(), (String, String)> {
     let shape = shape_of(descriptor, key);
     if entry.codec == Codec::Uniform {
+        let bits = entry.fill.to_le_bytes();
+        let fill = with_voxel!(shape.voxel_type, V => V::read_le(&bits[..size_of::<V>()]).to_f64());
         let numbers = [entry.offset, entry.record_bytes(), entry.checksum];
-        return if numbers == [0; 3] && (entry.uniform || entry.absent) {
+        if numbers != [0; 3] || !(entry.uniform || entry.absent) {
+            return Err(("no record, and flag uniform or absent, for the uniform codec".into(), format!("{entry:?}")));
+        }
+        // What is drawn of the brick goes by the one or by the other.
+        let range = if entry.absent { ValueRange::EMPTY } else { ValueRange { min: fill, max: fill } };
+        return if entry.range == range {
             Ok(())
         } else {
-            Err(("no record, and flag uniform or absent, for the uniform codec".into(), format!("{entry:?}")))
+            Err((format!("the value range that flags and fill ask for, {range:?}"), format!("{:?}", entry.range)))
         };
     }
     // The worst lossless payload is a raw one, or runs that expand by 1 %; see codec::rle.
@@ -366,5 +374,5 @@ fn read_manifest(source: &dyn ByteSource, sections: &Sections) -> Result<Manifes
         let (expected, found) = (format!("{:016x}", sections.manifest_checksum), format!("{sum:016x}"));
         return Err(ContainerError::invalid("manifest: checksum", offset, expected, found));
     }
-    serde_json::from_slice(&bytes).map_err(|e| ContainerError::invalid("manifest", offset, "the manifest's JSON", e))
+    Manifest::from_json(&bytes).map_err(|e| ContainerError::invalid("manifest", offset, "the manifest's JSON", e))
 }

@@ -27,6 +27,9 @@ use header::{DataFiles, Encoding, Header, shortened};
 /// Most bytes that `line skip` may pass over.
 const LINE_SKIP_LIMIT_BYTES: u64 = 16 << 20;
 
+/// Unknown fields that are noted by name.
+const UNKNOWN_FIELDS_NOTED: usize = 8;
+
 /// Fields that change neither voxels nor their place.
 const FIELDS_WITHOUT_EFFECT: [&str; 9] =
     ["content", "number", "min", "max", "oldmin", "oldmax", "thicknesses", "measurementframe", "blocksize"];
@@ -199,11 +202,13 @@ fn nth_direction(text: &str, axis: usize) -> Option<&str> {
 
 /// Notes on fields that a person might expect to matter.
 fn field_notes(header: &Header) -> Vec<String> {
-    let mut notes = Vec::new();
-    for name in header.names() {
-        if !FIELDS_READ.contains(&name) && !FIELDS_WITHOUT_EFFECT.contains(&name) {
-            notes.push(format!("field `{}` is unknown and ignored", shortened(name)));
-        }
+    let is_unknown = |name: &&str| !FIELDS_READ.contains(name) && !FIELDS_WITHOUT_EFFECT.contains(name);
+    let unknown = || header.names().filter(is_unknown);
+    let note = |name: &str| format!("field `{}` is unknown and ignored", shortened(name));
+    let mut notes: Vec<String> = unknown().take(UNKNOWN_FIELDS_NOTED).map(note).collect();
+    let more = unknown().count().saturating_sub(UNKNOWN_FIELDS_NOTED);
+    if more > 0 {
+        notes.push(format!("{more} more fields are unknown and ignored"));
     }
     if let (Some(low), Some(high)) = (header.field("oldmin"), header.field("oldmax")) {
         let (low, high) = (shortened(low), shortened(high));
