@@ -2,7 +2,7 @@
 //!
 //! | part | bytes |
 //! |---|---|
-//! | entry table | 80 per brick, until the container is finished |
+//! | tables | 80 per brick, until the container is finished, and what the source needs |
 //! | workspaces | a quarter of the rest: per thread `WORKSPACE_COPIES` stored bricks (cut, predicted, byte planes, encoded, ...) |
 //! | statistics | per thread one histogram of 64 Ki counters, and one |
 //! | brick cache | a sixteenth of the whole: decoded bricks of the finer level |
@@ -33,7 +33,7 @@ pub struct MemoryPlan {
     pub budget_bytes: u64,
     /// Threads that the workspaces suffice for, at most those asked for.
     pub threads: usize,
-    /// Entry table, workspaces and statistics.
+    /// Tables, workspaces and statistics.
     pub fixed_bytes: u64,
     /// Decoded bricks of the finer level.
     pub cache_bytes: u64,
@@ -42,19 +42,20 @@ pub struct MemoryPlan {
 }
 
 impl MemoryPlan {
-    /// Divides `budget_bytes` for at most `threads` threads.
+    /// Divides `budget_bytes` for at most `threads` threads, beside a source that takes `source_bytes` as long as it is open.
     ///
     /// # Errors
     /// If not even one thread and the smallest tile fit, with what would.
     pub fn new(
         budget_bytes: u64,
         threads: usize,
+        source_bytes: u64,
         pyramid: &Pyramid,
         voxel_type: VoxelType,
     ) -> Result<Self, BuildError> {
         let brick = largest_brick_bytes(pyramid, voxel_type);
         let histogram = KEYS as u64 * 8;
-        let table = pyramid.brick_count() * ENTRY_BYTES as u64;
+        let table = pyramid.brick_count() * ENTRY_BYTES as u64 + source_bytes;
         let per_thread = WORKSPACE_COPIES * brick + histogram;
         let cache_bytes = budget_bytes / 16;
         let smallest = pyramid.levels().iter().enumerate().map(|(lod, level)| {
@@ -70,7 +71,7 @@ impl MemoryPlan {
                 needed: mib(needed),
                 allowed: mib(budget_bytes),
                 what: format!(
-                    "{} for the table of {} bricks, {} for one thread, the rest for tiles of one brick",
+                    "{} for the tables of the source and of {} bricks, {} for one thread, the rest for tiles of one brick",
                     mib(table),
                     pyramid.brick_count(),
                     mib(per_thread + histogram)

@@ -98,7 +98,9 @@ pub fn build(
     check_free(output, options.existing)?;
     check_distinct(output, source.info().files.iter().map(SourceFile::path))?;
     let descriptor = describe(source, options)?;
-    let plan = MemoryPlan::new(options.memory_bytes, options.threads, &descriptor.pyramid, descriptor.voxel_type)?;
+    let source_bytes = source.info().memory_bytes;
+    let (pyramid, voxel_type) = (&descriptor.pyramid, descriptor.voxel_type);
+    let plan = MemoryPlan::new(options.memory_bytes, options.threads, source_bytes, pyramid, voxel_type)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(plan.threads)
         .build()

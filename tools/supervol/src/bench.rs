@@ -266,7 +266,7 @@ impl Arguments {
 
     /// A container of a volume file, in this folder.
     fn built(&self, file: &Path, folder: &Path) -> Result<PathBuf, Failure> {
-        let (source, origin) = self.source.open(file, folder)?;
+        let (source, origin) = self.source.open(file, folder, BuildOptions::default().memory_bytes)?;
         let name = file.file_stem().map_or("volume".into(), |stem| stem.to_string_lossy());
         let path = folder.join(format!("{name}.svol"));
         announce(&format!("building {name}, {}", source.info().dims));

@@ -246,13 +246,21 @@ impl SourceArguments {
     }
 
     /// Opens a volume file of any format that is read; compressed voxels are decoded into a file in `folder`.
-    pub fn open(&self, input: &Path, folder: &Path) -> Result<(Box<dyn VolumeSource>, Source), Failure> {
-        let source = open(input, &self.open_options(folder)).map_err(supervol_preprocess::BuildError::from)?;
+    ///
+    /// The source itself takes at most `memory_bytes`.
+    pub fn open(
+        &self,
+        input: &Path,
+        folder: &Path,
+        memory_bytes: u64,
+    ) -> Result<(Box<dyn VolumeSource>, Source), Failure> {
+        let source =
+            open(input, &self.open_options(folder, memory_bytes)).map_err(supervol_preprocess::BuildError::from)?;
         let origin = supervol_preprocess::identify(input, source.info().format)?;
         Ok((source, origin))
     }
 
-    fn open_options(&self, folder: &Path) -> OpenOptions {
+    fn open_options(&self, folder: &Path, memory_bytes: u64) -> OpenOptions {
         use supervol_preprocess::source::Endian;
         let raw = match (self.raw.dims, self.raw.dtype) {
             (Some(dims), Some(dtype)) => Some(RawOptions {
@@ -273,6 +281,7 @@ impl SourceArguments {
             inline_byte: self.segy.il_byte,
             crossline_byte: self.segy.xl_byte,
             format: self.segy.format,
+            memory_bytes,
             endian: self.segy.endian.map(|e| match e {
                 EndianName::Big => Endian::Big,
                 EndianName::Little => Endian::Little,
@@ -288,6 +297,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     // Decoded copies of compressed inputs go where the output goes: that disk has room for a volume.
     let folder = folder_of(&arguments.output.output);
     check_distinct(&arguments.output.output, [arguments.input.as_path()])?;
-    let (source, origin) = arguments.source.open(&arguments.input, folder)?;
+    let (source, origin) = arguments.source.open(&arguments.input, folder, arguments.output.memory)?;
     arguments.output.build(source.as_ref(), origin)
 }

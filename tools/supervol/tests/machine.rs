@@ -29,7 +29,7 @@ fn fails(folder: &Folder, output: &Output, what: &str, left: &[&str]) {
 #[test]
 fn memory_that_the_system_does_not_give_is_no_abort() {
     let folder = Folder::new();
-    let synth = "synth seismic --dims 2048,2048,2048 --memory 8GiB";
+    let synth = "synth constant --dims 2048,2048,2048 --memory 8GiB";
     for output in ["o.svol", "o.svol --brick 128 --threads 2"] {
         let built = run_in(&folder, 700_000, "", &format!("{synth} -o {output}"));
         fails(&folder, &built, "no memory left", &[]);

@@ -87,6 +87,8 @@ pub struct SourceInfo {
     pub access_order: AccessOrder,
     /// What the reader noticed and a person should know, one sentence each: traces missing, header overridden, ...
     pub notes: Vec<String>,
+    /// Bytes of memory that it takes as long as it is open.
+    pub memory_bytes: u64,
     /// The files it is read from, the one that was asked for first; none where it is computed.
     pub files: Vec<SourceFile>,
 }
@@ -108,6 +110,7 @@ impl SourceInfo {
             survey: None,
             access_order: AccessOrder::X_FASTEST,
             notes: Vec::new(),
+            memory_bytes: 0,
             files: Vec::new(),
         }
     }
