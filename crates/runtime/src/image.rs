@@ -175,8 +175,7 @@ impl Image {
     /// 8-bit RGB over a background: `round(255 * clamp(C + (1 - A) * background, 0, 1))`.
     #[must_use]
     pub fn to_rgb8(&self, background: [f64; 3]) -> Vec<u8> {
-        let over = |p: &[f32; 4], c: usize| f64::from(p[c]) + (1.0 - f64::from(p[3])) * background[c];
-        self.pixels.iter().flat_map(|p| [0, 1, 2].map(|c| (255.0 * over(p, c).clamp(0.0, 1.0)).round() as u8)).collect()
+        rgb8(&self.pixels, background)
     }
 
     /// Writes the image; the format is that of the file's name. An existing file is replaced.
@@ -191,7 +190,8 @@ impl Image {
             // As any new file: what the process's mask leaves.
             #[cfg(unix)]
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-            let mut file = builder.prefix(".supervol-").suffix(".partial").tempfile_in(folder)?;
+            // Not the name of what commands have not finished: nobody locks this one, so that it would pass for a leftover.
+            let mut file = builder.prefix(".supervol-").suffix(".picture").tempfile_in(folder)?;
             self.encode(format, background, file.as_file_mut())?;
             file.as_file().sync_all()?;
             file.persist(path).map_err(|e| e.error)?;
@@ -227,8 +227,12 @@ impl Image {
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
         let mut writer = encoder.write_header()?;
-        writer.write_image_data(&self.to_rgb8(background))?;
-        Ok(writer.finish()?)
+        // Row by row: a second picture of 3 bytes a pixel would be memory that nobody has counted.
+        let mut rows = writer.stream_writer()?;
+        for row in self.pixels.chunks_exact(self.width as usize) {
+            rows.write_all(&rgb8(row, background))?;
+        }
+        Ok(rows.finish()?)
     }
 
     fn encode_exr(&self, out: &mut (impl Write + Seek)) -> Result<(), EncodeError> {
@@ -263,6 +267,11 @@ impl Image {
         }
         Ok(())
     }
+}
+
+fn rgb8(pixels: &[[f32; 4]], background: [f64; 3]) -> Vec<u8> {
+    let over = |p: &[f32; 4], c: usize| f64::from(p[c]) + (1.0 - f64::from(p[3])) * background[c];
+    pixels.iter().flat_map(|p| [0, 1, 2].map(|c| (255.0 * over(p, c).clamp(0.0, 1.0)).round() as u8)).collect()
 }
 
 /// Why an image was not encoded.
