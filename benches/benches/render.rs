@@ -9,7 +9,9 @@ use supervol_format::container::manifest::Source;
 use supervol_format::{Container, Dims, Lod, VoxelType};
 use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_preprocess::{BuildOptions, Existing, build};
-use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions, render, volume_facts};
+use supervol_runtime::facts::VolumeFacts;
+use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
+use supervol_runtime::renderer::render;
 use supervol_runtime::scene::Scene;
 
 #[divan::bench(args = ["seismic", "vessels", "marschner-lobb"], consts = [false, true], sample_count = 5, sample_size = 1)]
@@ -25,7 +27,7 @@ fn picture<const SHADED: bool>(bencher: Bencher<'_, '_>, name: &str) {
     let json =
         format!(r#"{{"image": {{"width": 400, "height": 300}}{}}}"#, if SHADED { r#", "shading": {}"# } else { "" });
     let scene =
-        Scene::from_json(&json).expect("a valid scene").resolve(&volume_facts(&container)).expect("a valid scene");
+        Scene::from_json(&json).expect("a valid scene").resolve(&VolumeFacts::of(&container)).expect("a valid scene");
     let options =
         RenderOptions { backend: Backend::Cpu, level: LevelChoice::Fixed(Lod::FINEST), ..RenderOptions::default() };
     bencher.bench_local(|| render(&container, &scene, &options).expect("memory suffices"));

@@ -151,7 +151,7 @@ impl Subject {
     /// # Panics
     /// If it does not.
     #[must_use]
-    pub fn render(&self, scene: &ResolvedScene, options: &RenderOptions<'_>) -> (Image, FrameStats) {
+    pub fn render(&self, scene: &ResolvedScene, options: &RenderOptions) -> (Image, FrameStats) {
         let rendered = self.volume.render(scene, options);
         rendered.unwrap_or_else(|e| panic!("{}, {:?}: {e}", self.name, options.backend))
     }
@@ -165,7 +165,7 @@ impl Subject {
 
 /// Options for level 0 by one backend.
 #[must_use]
-pub fn finest(backend: Backend) -> RenderOptions<'static> {
+pub fn finest(backend: Backend) -> RenderOptions {
     RenderOptions { backend, level: LevelChoice::Fixed(Lod(0)), threads: Some(2), ..RenderOptions::default() }
 }
 

@@ -30,7 +30,7 @@ fn waves() -> Subject {
     Subject::new("waves", &Field::new([64; 3], VoxelType::F32, field), &options(16))
 }
 
-fn automatic(max_error: f64) -> RenderOptions<'static> {
+fn automatic(max_error: f64) -> RenderOptions {
     RenderOptions { level: LevelChoice::Auto, max_error, predict_error: true, ..finest(Backend::Cpu) }
 }
 

@@ -99,31 +99,44 @@ impl Image {
         Self { width, height, pixels }
     }
 
-    /// The picture with pixels `factor` times as large, the first where the first of this one are, brought to
-    /// `width` x `height` pixels: what lies between the middles of its pixels is interpolated, so that no blocks show.
+    /// A picture of this size of which nothing is known: NaN throughout.
     #[must_use]
-    pub fn enlarged(self, factor: u32, [width, height]: [u32; 2]) -> Self {
-        if factor == 1 && [self.width, self.height] == [width, height] {
+    pub fn unknown([width, height]: [u32; 2]) -> Self {
+        Self { width, height, pixels: vec![[f32::NAN; 4]; width as usize * height as usize] }
+    }
+
+    /// The picture with pixels `factor` times as large, the first where the first of this one are, brought to
+    /// `size` pixels: what lies between the middles of its pixels is interpolated, so that no blocks show.
+    #[must_use]
+    pub fn enlarged(self, factor: u32, size: [u32; 2]) -> Self {
+        if factor == 1 && [self.width, self.height] == size {
             return self;
         }
+        let mut large = Self::unknown(size);
+        large.fill_unknown(&self, factor);
+        large
+    }
+
+    /// Pixels that are NaN become those of `small`, whose pixels are `factor` times as large, enlarged.
+    pub fn fill_unknown(&mut self, small: &Self, factor: u32) {
         // The two pixels beside a place and the weight of the second, clamped at the ends.
         let beside = |i: u32, pixels: u32| {
             let place = ((f64::from(i) + 0.5) / f64::from(factor) - 0.5).clamp(0.0, f64::from(pixels - 1));
             let first = place as u32;
             (first as usize, (first + 1).min(pixels - 1) as usize, (place - f64::from(first)) as f32)
         };
-        let columns: Vec<_> = (0..width).map(|x| beside(x, self.width)).collect();
-        let mut pixels = Vec::with_capacity(width as usize * height as usize);
-        for (above, below, down) in (0..height).map(|y| beside(y, self.height)) {
-            let rows = [above, below].map(|row| &self.pixels[row * self.width as usize..][..self.width as usize]);
-            pixels.extend(columns.iter().map(|&(left, right, across)| {
-                std::array::from_fn(|c| {
+        let columns: Vec<_> = (0..self.width).map(|x| beside(x, small.width)).collect();
+        for (y, line) in (0..).zip(self.pixels.chunks_exact_mut(self.width as usize)) {
+            let (above, below, down) = beside(y, small.height);
+            let rows = [above, below].map(|row| &small.pixels[row * small.width as usize..][..small.width as usize]);
+            for (pixel, &(left, right, across)) in line.iter_mut().zip(&columns).filter(|(pixel, _)| pixel[0].is_nan())
+            {
+                *pixel = std::array::from_fn(|c| {
                     let [top, bottom] = rows.map(|row| row[left][c] + across * (row[right][c] - row[left][c]));
                     top + down * (bottom - top)
-                })
-            }));
+                });
+            }
         }
-        Self { width, height, pixels }
     }
 
     /// Writes the pixels of a band that are numbers over those from row `first_row` on; how many there were.

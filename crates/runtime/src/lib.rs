@@ -5,13 +5,16 @@
 //! *render values*: the same numbers moved by a constant so that `f32` resolves them ([`raycast::volume::ValueMap`]).
 //!
 //! In the order of the data path:
+//! - [`volume`], [`facts`]: an open container, and what its header says of it;
 //! - [`scene`], [`preset`]: the scene file, and what it means for a given volume;
 //! - [`camera`], [`clip`]: pixels to rays, rays to segments;
 //! - [`transfer_function`]: values to colour and opacity;
 //! - [`lod`]: how fine a brick must be, by its size on screen and by its error;
 //! - [`raycast`]: the reference integrator and the CPU ray caster;
 //! - [`streamer`], [`cache`]: which bricks are wanted, reading and decoding them, where they are kept;
-//! - [`frame`]: the walk of one frame; the only module that knows all the others;
+//! - [`frame`]: one frame: what it is made with, and its passes;
+//! - [`renderer`]: pictures one after the other, for whoever wants some; the only module that knows all the others;
+//! - [`stop`]: when work stops that can be given up;
 //! - [`stats`], [`process`]: what a frame cost;
 //! - [`image`]: what a ray caster returns, and its files.
 //!
@@ -20,6 +23,7 @@
 pub mod cache;
 pub mod camera;
 pub mod clip;
+pub mod facts;
 pub mod frame;
 pub mod gpu;
 pub mod image;
@@ -27,7 +31,10 @@ pub mod lod;
 pub mod preset;
 pub mod process;
 pub mod raycast;
+pub mod renderer;
 pub mod scene;
 pub mod stats;
+pub mod stop;
 pub mod streamer;
 pub mod transfer_function;
+pub mod volume;

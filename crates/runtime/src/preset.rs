@@ -4,11 +4,12 @@
 //! like the same volume sampled at 256^3. This choice is part of the preset and ends up as an explicit unit distance;
 //! the ray casters know nothing of volume sizes.
 
+use crate::facts::{DataKind, VolumeFacts};
 use glam::DVec3;
 use supervol_format::space::HALF_VOXEL;
 
 use crate::camera::{Camera, CameraError, Projection};
-use crate::scene::{DataKind, VolumeFacts};
+
 use crate::transfer_function::{ControlPoint, TransferFunction, TransferFunctionError};
 
 /// Names that a scene may give as its transfer function.

@@ -8,10 +8,10 @@ use glam::DVec3;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
-use supervol_format::{Dims, Geometry, ValueRange};
 
 use crate::camera::{Camera, CameraError, Projection};
 use crate::clip::{Clip, ClipPlane};
+use crate::facts::VolumeFacts;
 use crate::preset;
 use crate::transfer_function::{ControlPoint, TransferFunction, TransferFunctionError};
 
@@ -255,35 +255,6 @@ pub struct PlaneSpec {
     pub offset: f64,
 }
 
-/// What kind of data a volume holds: decides the default picture only.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum DataKind {
-    /// Seismic amplitudes: signed, zero means nothing, z points down.
-    Seismic,
-    /// Densities from computed tomography.
-    Ct,
-    /// Anything else.
-    #[default]
-    Generic,
-}
-
-/// What a default camera and the presets must know of a volume.
-#[derive(Debug, Clone, PartialEq)]
-pub struct VolumeFacts {
-    /// Voxels of level 0.
-    pub dims: Dims,
-    /// Place in the world.
-    pub geometry: Geometry,
-    /// Least and greatest present value, data units.
-    pub value_range: ValueRange,
-    /// Pairs (percent in [0, 100], data value), ascending; may be empty.
-    pub percentiles: Vec<(f64, f64)>,
-    /// What the data are.
-    pub kind: DataKind,
-    /// Whether zero is the data's neutral value, with both signs around it.
-    pub has_zero_centre: bool,
-}
-
 /// A scene with everything filled in for one volume.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResolvedScene {
@@ -305,6 +276,18 @@ pub struct ResolvedScene {
     pub iso: Vec<IsoSpec>,
     /// What is kept of the volume.
     pub clip: Clip,
+}
+
+impl ResolvedScene {
+    /// Whether both show the same of a volume, from wherever and in whatever size.
+    #[must_use]
+    pub fn has_look_of(&self, other: &Self) -> bool {
+        self.mode == other.mode
+            && self.transfer_function == other.transfer_function
+            && self.shading == other.shading
+            && self.iso == other.iso
+            && self.clip == other.clip
+    }
 }
 
 /// Shading with its lights resolved.

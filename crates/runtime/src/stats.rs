@@ -76,6 +76,8 @@ pub struct FrameStats {
     pub read_ms: f64,
     /// Wall time of decoding.
     pub decode_ms: f64,
+    /// Wall time of deciding which bricks to read, and which to drop.
+    pub plan_ms: f64,
     /// Wall time of copying bricks to the graphics device.
     pub upload_ms: f64,
     /// Wall time of casting rays.
@@ -189,6 +191,40 @@ pub fn mode_name(mode: Mode) -> &'static str {
 }
 
 impl FrameStats {
+    /// The same without what streaming had cost before: bricks that came and left, and what was read and decoded.
+    #[must_use]
+    pub fn since(mut self, before: &Self) -> Self {
+        // Where nothing has been gathered there is nothing to take away.
+        if self.bricks_total == 0 {
+            return self;
+        }
+        let counts = [
+            (&mut self.uses, before.uses),
+            (&mut self.misses, before.misses),
+            (&mut self.page_ins, before.page_ins),
+            (&mut self.repeated_page_ins, before.repeated_page_ins),
+            (&mut self.evictions, before.evictions),
+            (&mut self.cancelled, before.cancelled),
+            (&mut self.states_forgotten, before.states_forgotten),
+            (&mut self.reads, before.reads),
+            (&mut self.merged_reads, before.merged_reads),
+            (&mut self.failed_reads, before.failed_reads),
+            (&mut self.bytes_read, before.bytes_read),
+            (&mut self.bytes_decoded, before.bytes_decoded),
+        ];
+        for (count, before) in counts {
+            *count -= before;
+        }
+        self.read_ms -= before.read_ms;
+        self.decode_ms -= before.decode_ms;
+        self.plan_ms -= before.plan_ms;
+        for (level, before) in self.bricks_by_level.iter_mut().zip(&before.bricks_by_level) {
+            level.page_ins -= before.page_ins;
+            level.bytes_read -= before.bytes_read;
+        }
+        self
+    }
+
     /// Fills in all that the streamer knows.
     pub fn gather_streamer(&mut self, streamer: &Streamer) {
         let (states, cache, counters) = (streamer.states(), streamer.cache(), streamer.counters());
@@ -224,6 +260,7 @@ impl FrameStats {
         self.bytes_decoded = counters.bytes_decoded;
         self.read_ms = counters.io.time.as_secs_f64() * 1e3;
         self.decode_ms = counters.decode_time.as_secs_f64() * 1e3;
+        self.plan_ms = counters.plan_time.as_secs_f64() * 1e3;
         self.host_cache_bytes = cache.bytes();
         self.host_cache_peak_bytes = host.peak_bytes;
         self.host_cache_budget_bytes = cache.budget_bytes();

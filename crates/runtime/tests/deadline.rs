@@ -10,8 +10,9 @@ use std::time::Duration;
 
 use containers::{Faulty, container_bytes, open};
 use supervol_format::{Container, Lod, VoxelType};
-use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions, render};
+use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::image::Image;
+use supervol_runtime::renderer::render;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
 use support::{Volume, marschner_lobb, points, scene};
@@ -34,7 +35,7 @@ fn scene_of(volume: &Volume, mode: &str, samples: u32) -> ResolvedScene {
     scene(volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "mode": "{mode}", "transfer_function": {tf}}}"#))
 }
 
-fn options(time_budget_ms: Option<u64>) -> RenderOptions<'static> {
+fn options(time_budget_ms: Option<u64>) -> RenderOptions {
     let level = LevelChoice::Fixed(Lod::FINEST);
     RenderOptions { backend: Backend::Cpu, level, threads: Some(2), time_budget_ms, ..RenderOptions::default() }
 }

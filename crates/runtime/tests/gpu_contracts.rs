@@ -6,6 +6,7 @@ mod gpu_support;
 use gpu_support::{F32, TestVolume, U8, brick, gpu, greatest_difference, marschner_lobb, pyramid};
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_runtime::clip::{IndexRay, clip_slab};
+use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::image::{Image, greatest};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, Skipping, cast_pass};
@@ -13,7 +14,7 @@ use supervol_runtime::raycast::gpu::{
     GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuVolume, Insertion, PageEntry, VoxelStorage,
 };
 use supervol_runtime::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap};
-use supervol_runtime::scene::{DataKind, ResolvedScene, Scene, VolumeFacts};
+use supervol_runtime::scene::{ResolvedScene, Scene};
 
 const FINEST: LodChoice = LodChoice::Fixed(Lod::FINEST);
 const SCENE: &str = r#"{

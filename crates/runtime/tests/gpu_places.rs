@@ -14,6 +14,7 @@ use gpu_support::{F32, Random, gpu, marschner_lobb, pyramid};
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_runtime::camera::Projection;
 use supervol_runtime::clip::{IndexRay, clip_ray};
+use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::gpu::layout::{
     GpuRay, PAGE_FAILED, PAGE_MISSING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, SlotGrid,
 };
@@ -26,7 +27,7 @@ use supervol_runtime::raycast::gpu::{GpuDevice, GpuVolume, VoxelStorage};
 use supervol_runtime::raycast::scalar::CellRule;
 use supervol_runtime::raycast::scalar::shade::ChordGradient;
 use supervol_runtime::raycast::volume::{BrickView, Resident, ValueMap, Voxels};
-use supervol_runtime::scene::{DataKind, ResolvedScene, Scene, VolumeFacts};
+use supervol_runtime::scene::{ResolvedScene, Scene};
 
 const SEED: u64 = 20_261_121;
 /// Voxels. What places may be off by, 2^22 voxels from the origin too.

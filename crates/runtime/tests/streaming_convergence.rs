@@ -10,12 +10,13 @@ use std::time::{Duration, Instant};
 
 use containers::{Faulty, container_bytes, open, plan, render_planned};
 use supervol_format::{Container, Lod, VoxelType};
-use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions, plan_host, render};
+use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions, plan_host};
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::raycast::cpu::{Caster, CpuQuality, PacketRule, Skipping};
 use supervol_runtime::raycast::scalar::CellRule;
+use supervol_runtime::renderer::render;
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::budget::MADE_LIMIT;
 use support::{Bricked, Volume, difference, marschner_lobb, noise, points, scene};
@@ -23,10 +24,11 @@ use support::{Bricked, Volume, difference, marschner_lobb, noise, points, scene}
 const OUTSIDE: &str = r#""eye": [190, -130, 120], "target": [31, 31, 31], "up": [0, 0, 1], "fov_y": 25"#;
 const INSIDE: &str = r#""eye": [30, 20, 25], "target": [50, 60, 40], "up": [0, 0, 1], "fov_y": 90"#;
 const PARALLEL: &str = r#""eye": [90, 130, 120], "target": [31, 31, 31], "up": [0, 0, 1], "height": 90"#;
-const FINEST: RenderOptions<'_> = RenderOptions {
+const FINEST: RenderOptions = RenderOptions {
     backend: Backend::Cpu,
     level: LevelChoice::Fixed(Lod(0)),
     host_memory_bytes: 512 << 20,
+    cache_bytes: None,
     gpu_memory_bytes: 0,
     threads: None,
     skipping: Skipping::On,

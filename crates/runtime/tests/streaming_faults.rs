@@ -18,7 +18,7 @@ use support::{Volume, difference, noise, points, scene};
 
 const CACHE_BRICKS: u64 = 5;
 
-fn options() -> RenderOptions<'static> {
+fn options() -> RenderOptions {
     RenderOptions { level: LevelChoice::Fixed(Lod(0)), ..RenderOptions::default() }
 }
 

@@ -9,8 +9,9 @@ use std::sync::Arc;
 
 use containers::{Fault, Faulty, container_bytes, open};
 use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelType};
-use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions, render};
+use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions};
 use supervol_runtime::raycast::gpu::{GpuDevice, GpuError};
+use supervol_runtime::renderer::render;
 use supervol_runtime::scene::ResolvedScene;
 use support::{Volume, difference, marschner_lobb, points, scene};
 
@@ -38,7 +39,7 @@ fn the_scene(volume: &Volume, mode: &str) -> ResolvedScene {
     scene(volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "mode": {mode}, "transfer_function": {tf}}}"#))
 }
 
-fn options(backend: Backend) -> RenderOptions<'static> {
+fn options(backend: Backend) -> RenderOptions {
     RenderOptions { backend, level: LevelChoice::Fixed(Lod(0)), ..RenderOptions::default() }
 }
 

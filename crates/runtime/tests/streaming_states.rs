@@ -12,8 +12,9 @@ use std::time::Instant;
 
 use containers::{Fault, Faulty, container_bytes, open, plan};
 use supervol_format::{BrickKey, Container, Lod, VoxelType};
+use supervol_runtime::facts::value_map;
 use supervol_runtime::frame::caster::CpuCaster;
-use supervol_runtime::frame::{FrameWalk, LevelChoice, RenderOptions, classifier_for, streamer_for, value_map};
+use supervol_runtime::frame::{FrameWalk, LevelChoice, RenderOptions, classifier_for, streamer_for};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, Skipping};
 use supervol_runtime::raycast::volume::{BrickView, Resident};

@@ -12,11 +12,11 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use supervol_format::codec::CodecChoice;
-use supervol_runtime::frame::caster::CpuCaster;
-use supervol_runtime::frame::{Backend, FrameWalk, RenderOptions, cpu_frame, plan_host, streamer_for};
+use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::process;
 use supervol_runtime::raycast::gpu::GpuDevice;
+use supervol_runtime::renderer::Renderer;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
 
@@ -240,19 +240,18 @@ fn is_enough(timed: usize, begun: Instant) -> bool {
 fn time_cpu(
     volume: &Volume,
     scene: &ResolvedScene,
-    options: &RenderOptions<'_>,
+    options: &RenderOptions,
     cost: &mut Cost,
 ) -> Result<(), ChartError> {
-    let container = &volume.container;
-    let plan = plan_host(container, scene, options).map_err(supervol_runtime::frame::RenderError::from)?;
-    let mut caster = CpuCaster::new(cpu_frame(container, scene, options, &plan));
-    let mut streamer = streamer_for(container, scene, options, plan);
+    let mut renderer = Renderer::new(supervol_runtime::volume::Volume::of(volume.container.clone()), options.clone())?;
+    renderer.set_scene(scene.clone());
     // The first picture fetches the bricks.
-    FrameWalk::new(&mut streamer, plan, options, Instant::now()).run(&mut caster, scene.image_size)?;
+    renderer.advance(None)?;
     let begun = Instant::now();
     while !is_enough(cost.cpu_ms.len(), begun) {
         let (start, cpu_start) = (Instant::now(), process::cpu_time());
-        FrameWalk::new(&mut streamer, plan, options, start).run(&mut caster, scene.image_size)?;
+        renderer.begin_anew();
+        renderer.advance(None)?;
         cost.cpu_ms.push(milliseconds(process::cpu_time().saturating_sub(cpu_start)));
         cost.wall_ms.push(milliseconds(start.elapsed()));
     }
@@ -264,7 +263,7 @@ fn time_cpu(
 fn time_gpu(
     volume: &Volume,
     scene: &ResolvedScene,
-    options: &RenderOptions<'_>,
+    options: &RenderOptions,
     cost: &mut Cost,
 ) -> Result<(), ChartError> {
     for _ in 0..REPEATS[0] {

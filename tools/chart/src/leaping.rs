@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::{BrickKey, Lod};
-use supervol_runtime::frame::value_map;
+use supervol_runtime::facts::value_map;
 use supervol_runtime::process;
 use supervol_runtime::raycast::cpu::blocks::cloud_of_blocks;
 use supervol_runtime::raycast::cpu::leap::{Ahead, BLOCK, ProximityCloud};

@@ -93,6 +93,7 @@ pub fn of_rides(path: &str, rides: &[Ride], threads: usize, image: [u32; 2]) -> 
             ("ms", ride.summary(|f| f.ms)),
             ("CPU-ms", ride.summary(|f| f.cpu_ms)),
             ("bricks read", ride.summary(|f| f.page_ins as f64)),
+            ("RMS error, grey levels", ride.summary(|f| f.rmse)),
         ]
         .map(|(unit, summary)| Entry {
             case: format!("path {path}, {}", case(&ride.scene, ride.dims, ride.shading, image)),

@@ -1,27 +1,32 @@
-//! Frames along a camera path: what a viewer draws while the camera moves. `supervol bench --path`.
+//! Frames along a path: what a viewer draws while the camera moves, or the transfer function. `supervol bench --path`.
 //!
-//! Paths are data (`benches/paths/*.json`): one perspective camera a frame, in units of the volume. One streamer outlives
-//! the frames, each frame has a ray caster of its own and converges; levels of detail are chosen as in any picture that
-//! nobody asks more of. The first frame begins with an empty cache and pays for reading and decoding what it sees.
+//! Paths are data (`benches/paths/*.json`): one perspective camera a frame, in units of the volume, and what the transfer
+//! function is moved by. One renderer outlives the frames; levels of detail are chosen as in any picture that nobody asks
+//! more of. The first frame begins with an empty cache and pays for reading and decoding what it sees.
+//!
+//! Without a budget each frame converges. With one it is what there is when the time is up, and its distance from the one
+//! that has converged is measured, by a renderer of its own.
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
-use supervol_runtime::image::Image;
+use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::process;
 use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::transfer_function::TransferFunction;
 
 use crate::context::{ChartError, Context, Pace};
-use crate::measure::Spread;
+use crate::measure::{Spread, distance};
 use crate::peers::cases::{Case, Looks, Subject, planned};
 use crate::peers::report::{self, markdown_table};
 use crate::stability::streaming::session::{Session, Settings};
 
 /// Paths that come with the program: name and text.
-pub const BUILT_IN: [(&str, &str); 2] = [
+pub const BUILT_IN: [(&str, &str); 3] = [
     ("orbit", include_str!("../../../benches/paths/orbit.json")),
     ("dolly", include_str!("../../../benches/paths/dolly.json")),
+    ("drag", include_str!("../../../benches/paths/drag.json")),
 ];
 /// Most frames of a path.
 const FRAME_LIMIT: usize = 100_000;
@@ -50,6 +55,17 @@ pub struct Station {
     pub eye: [f64; 3],
     /// What it looks at.
     pub target: [f64; 3],
+    /// What the control points of the transfer function are moved by, a share of the range of their values.
+    #[serde(default)]
+    pub shift: f64,
+}
+
+/// The transfer function with its points moved by a share of the range of their values.
+fn shifted(function: &TransferFunction, share: f64) -> Result<TransferFunction, ChartError> {
+    let mut points = function.points().to_vec();
+    let width = points[points.len() - 1].value - points[0].value;
+    points.iter_mut().for_each(|point| point.value += share * width);
+    TransferFunction::new(points, function.unit_distance()).map_err(|e| ChartError::Command(e.to_string()))
 }
 
 impl CameraPath {
@@ -71,7 +87,9 @@ impl CameraPath {
     fn scene(&self, case: &Case<'_>, station: &Station, size: [u32; 2]) -> Result<ResolvedScene, ChartError> {
         let volume = &case.built.volume;
         let world = |p: [f64; 3]| volume.world(volume.middle()) + volume.radius() * glam::DVec3::from_array(p);
-        case.seen_from(world(station.eye), world(station.target), self.up, self.fov_y, size)
+        let scene = case.seen_from(world(station.eye), world(station.target), self.up, self.fov_y, size)?;
+        let transfer_function = shifted(&scene.transfer_function, station.shift)?;
+        Ok(ResolvedScene { transfer_function, ..scene })
     }
 }
 
@@ -92,9 +110,13 @@ pub struct Options {
     pub image: [u32; 2],
     /// Memory that the frames may use, bytes.
     pub host_memory_bytes: u64,
+    /// Most bytes of bricks that are kept; `None`: all that is left of the memory.
+    pub cache_bytes: Option<u64>,
+    /// Milliseconds after which a frame is handed over; `None`: when it has converged.
+    pub frame_budget_ms: Option<u64>,
 }
 
-/// Cost of one frame.
+/// Cost of one frame, and how good it is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FrameCost {
     /// Wall time.
@@ -103,6 +125,16 @@ pub struct FrameCost {
     pub cpu_ms: f64,
     /// Bricks that came into the cache.
     pub page_ins: u64,
+    /// Of these: bricks that had been there before.
+    pub repeated_page_ins: u64,
+    /// Bytes read for them.
+    pub bytes_read: u64,
+    /// Share of the pixels that are taken from a coarser picture.
+    pub unfinished: f64,
+    /// How many pixels along an edge a pixel of that covers; 0 where all are finished.
+    pub coarsest_pixel: u32,
+    /// Distance from the converged frame, root of the mean square over all channels, grey levels of 255.
+    pub rmse: f64,
 }
 
 /// One volume and look along the path.
@@ -170,17 +202,32 @@ pub fn run(context: &Context<'_>, path: &CameraPath, options: &Options) -> Resul
 fn ride(context: &Context<'_>, path: &CameraPath, case: &Case<'_>, options: &Options) -> Result<Ride, ChartError> {
     let settings =
         Settings { threads: options.threads, host_memory_bytes: options.host_memory_bytes, ..Settings::default() };
-    let first = path.scene(case, &path.frames[0], options.image)?;
-    let mut session = Session::new(&case.built.volume.container, &first, settings)?;
+    let settings = Settings { cache_bytes: options.cache_bytes, ..settings };
+    let mut session = Session::new(&case.built.volume.container, settings)?;
+    let mut whole = Session::new(&case.built.volume.container, Settings { cache_bytes: None, ..settings })?;
     let kept = [0, path.frames.len() / 2, path.frames.len() - 1];
     let (mut frames, mut pictures) = (Vec::new(), Vec::new());
     let pace = Pace::new(context.say);
     for (i, station) in path.frames.iter().enumerate() {
         let scene = path.scene(case, station, options.image)?;
         let cpu = process::cpu_time();
-        let frame = session.frame(&scene, None)?;
+        let frame = session.frame(&scene, options.frame_budget_ms)?;
         let cpu_ms = process::cpu_time().saturating_sub(cpu).as_secs_f64() * 1e3;
-        frames.push(FrameCost { ms: frame.ms, cpu_ms, page_ins: frame.page_ins });
+        let rmse = match frame.stats.converged {
+            true => 0.0,
+            false => GREY_LEVELS * distance(&frame.image, &whole.frame(&scene, None)?.image).rmse,
+        };
+        let stats = &frame.stats;
+        frames.push(FrameCost {
+            ms: frame.ms,
+            cpu_ms,
+            page_ins: stats.page_ins,
+            repeated_page_ins: stats.repeated_page_ins,
+            bytes_read: stats.bytes_read,
+            unfinished: stats.pixels_unfinished as f64 / frame.image.pixels.len() as f64,
+            coarsest_pixel: stats.coarsest_pixel,
+            rmse,
+        });
         pace.tell(|| format!("  frame {} of {}: {:.0} ms", i + 1, path.frames.len(), frame.ms));
         if kept.contains(&i) {
             pictures.push((format!("{}-{}-{i:02}.png", case.name(), path.name), frame.image));
@@ -215,9 +262,14 @@ pub fn markdown(path: &CameraPath, rides: &[Ride], options: &Options, command: &
     let [width, height] = options.image;
     let (machine, threads) = (report::machine(), options.threads);
     let mebibytes = options.host_memory_bytes >> 20;
+    let budget = match options.frame_budget_ms {
+        Some(ms) => format!("A frame is handed over after {ms} ms; its error is its distance from the converged one."),
+        None => "Every frame converges.".into(),
+    };
     format!(
         "# Frames along the path {}, {}\n\n    {command}\n\n- {} {} frames of {width} x {height}.\n\
-         - Machine: {machine}; threads: {threads}; memory: {mebibytes} MiB. The first frame begins with an empty cache.\n\n{}",
+         - Machine: {machine}; threads: {threads}; memory: {mebibytes} MiB. {budget} The first frame begins with an empty \
+         cache.\n\n{}",
         path.name,
         report::today(),
         path.what,
@@ -240,6 +292,12 @@ pub fn table(rides: &[Ride]) -> String {
         "first frame, ms",
         "bricks read, first frame",
         "bricks read, others",
+        "read again",
+        "MB read",
+        "pixels unfinished, median",
+        "taken from pixels of, median",
+        "RMS error, grey levels, median",
+        "95th percentile",
     ];
     let line = |ride: &Ride| {
         let (wall, cpu) = (ride.summary(|f| f.ms), ride.summary(|f| f.cpu_ms));
@@ -255,6 +313,12 @@ pub fn table(rides: &[Ride]) -> String {
             format!("{:.0}", ride.frames.first().map_or(0.0, |f| f.ms)),
             first.to_string(),
             others.to_string(),
+            ride.frames.iter().map(|f| f.repeated_page_ins).sum::<u64>().to_string(),
+            format!("{:.1}", ride.frames.iter().map(|f| f.bytes_read).sum::<u64>() as f64 / 1e6),
+            format!("{:.0} %", 100.0 * ride.summary(|f| f.unfinished).spread.median_ms),
+            format!("{:.0}", ride.summary(|f| f64::from(f.coarsest_pixel)).spread.median_ms),
+            format!("{:.2}", ride.summary(|f| f.rmse).spread.median_ms),
+            format!("{:.2}", ride.summary(|f| f.rmse).p95),
         ]
     };
     markdown_table(&head, &rides.iter().map(line).collect::<Vec<_>>())
@@ -273,8 +337,8 @@ mod tests {
     #[test]
     fn built_in_paths_are_what_their_page_says() {
         let length = |v: [f64; 3]| glam::DVec3::from_array(v).length();
-        let [orbit, dolly] = ["orbit", "dolly"].map(built_in);
-        for path in [&orbit, &dolly] {
+        let [orbit, dolly, drag] = ["orbit", "dolly", "drag"].map(built_in);
+        for path in [&orbit, &dolly, &drag] {
             assert_eq!(path.frames.len(), 60, "{}", path.name);
         }
         let steps: Vec<f64> =
@@ -282,6 +346,9 @@ mod tests {
         let step = 2.0 * 3.0 * 20f64.to_radians().cos() * 3f64.to_radians().sin();
         assert!(steps.iter().all(|s| (s - step).abs() < 1e-5), "equal steps of 6 degrees");
         assert!(orbit.frames.iter().all(|f| (length(f.eye) - 3.0).abs() < 1e-5 && f.target == [0.0; 3]));
+        let shifts: Vec<f64> = drag.frames.iter().map(|f| f.shift).collect();
+        assert!(drag.frames.iter().all(|f| f.eye == orbit.frames[0].eye) && shifts[0] == -0.15, "{shifts:?}");
+        assert!(shifts.windows(2).all(|w| (w[1] - w[0] - 0.005).abs() < 1e-9), "{shifts:?}");
         let (first, last) = (dolly.frames[0], dolly.frames[59]);
         assert!((length(first.eye) - 3.0).abs() < 1e-5 && (length(last.eye) - 0.2).abs() < 1e-5);
         assert!(first.eye[0] > 0.0 && last.eye[0] < 0.0, "it goes through the middle");
@@ -316,6 +383,8 @@ mod tests {
             threads: 1,
             image: [40, 30],
             host_memory_bytes: 64 << 20,
+            cache_bytes: None,
+            frame_budget_ms: None,
         };
         let rides = run(&context, &path, &options).expect("frames");
         let [ride] = &rides[..] else { panic!("one ride instead of {}", rides.len()) };

@@ -9,7 +9,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use supervol_format::{BrickKey, Container, Lod};
-use supervol_runtime::frame::{value_map, volume_facts};
+use supervol_runtime::facts::{VolumeFacts, value_map};
+
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, Rays, Skipping, cast_pass};
@@ -65,7 +66,7 @@ impl ResidentBricks {
     #[must_use]
     pub fn frame(&self, scene: &ResolvedScene, quality: CpuQuality) -> CpuFrame {
         let descriptor = self.container.descriptor();
-        let range = volume_facts(&self.container).value_range;
+        let range = VolumeFacts::of(&self.container).value_range;
         CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, self.map, range, quality)
     }
 

@@ -10,9 +10,11 @@ use supervol_format::{BrickLayout, Container, Lod};
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::{BuildOptions, Existing, build};
-use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions, render, volume_facts};
+use supervol_runtime::facts::VolumeFacts;
+use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::image::Image;
-use supervol_runtime::scene::{ResolvedScene, Scene, VolumeFacts};
+use supervol_runtime::renderer::render;
+use supervol_runtime::scene::{ResolvedScene, Scene};
 use supervol_runtime::stats::FrameStats;
 
 use crate::context::{ChartError, Context};
@@ -78,7 +80,7 @@ impl Volume {
     /// A container that is open already.
     #[must_use]
     pub fn of(name: &str, container: Arc<Container>) -> Self {
-        let facts = volume_facts(&container);
+        let facts = VolumeFacts::of(&container);
         Self { name: name.into(), container, path: PathBuf::new(), facts }
     }
 
@@ -135,11 +137,7 @@ impl Volume {
     ///
     /// # Errors
     /// If it cannot be made, did not converge, or holds what is no number.
-    pub fn render(
-        &self,
-        scene: &ResolvedScene,
-        options: &RenderOptions<'_>,
-    ) -> Result<(Image, FrameStats), ChartError> {
+    pub fn render(&self, scene: &ResolvedScene, options: &RenderOptions) -> Result<(Image, FrameStats), ChartError> {
         let (image, stats) = render(&self.container, scene, options)?;
         // A NaN in a picture would pass for no difference in many a measure.
         let is_whole = stats.converged && stats.bricks_failed == 0 && stats.gpu_anomalies == 0 && image.is_finite();
@@ -163,7 +161,7 @@ impl Volume {
 
 /// Options for level 0 by one backend.
 #[must_use]
-pub fn finest(backend: Backend) -> RenderOptions<'static> {
+pub fn finest(backend: Backend) -> RenderOptions {
     RenderOptions {
         backend,
         level: LevelChoice::Fixed(Lod(0)),

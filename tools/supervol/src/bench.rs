@@ -36,9 +36,15 @@ pub struct Arguments {
     /// Draw everything with VTK's CPU ray caster, too; it is installed into a private Python environment the first time
     #[arg(long)]
     peers: bool,
-    /// Measure frames along a camera path instead: orbit, dolly, or a file (see benches/paths)
+    /// Measure frames along a path instead: orbit, dolly, drag (the transfer function), or a file (see benches/paths)
     #[arg(long, value_name = "NAME|FILE.json", conflicts_with = "peers")]
     path: Option<String>,
+    /// Hand over each frame of the path after this time, and measure how far it is from the converged one
+    #[arg(long, value_name = "MS", requires = "path", value_parser = quantity::milliseconds)]
+    frame_budget: Option<u64>,
+    /// Most memory for decoded bricks along the path [default: all that is left of --host-memory]
+    #[arg(long, value_name = "BYTES", requires = "path", value_parser = quantity::bytes)]
+    cache: Option<u64>,
     /// Instead, draw N random scenes (volume, transfer function, camera, shading, clipping; mode dvr) at --max-error 0.1,
     /// 0.5, 2 and 8 of 255, and compare them with the reference; exit code 1 if one is further off than was asked for.
     /// 1000 scenes take some 7 minutes on one core
@@ -175,6 +181,8 @@ impl Arguments {
             threads: self.threads.get(),
             image: sizes.image,
             host_memory_bytes: sizes.host_memory_bytes,
+            cache_bytes: self.cache,
+            frame_budget_ms: self.frame_budget,
         };
         let ledger = self.record.as_deref().map(Ledger::open).transpose()?;
         let rides = paths::run(context, &path, &options)?;

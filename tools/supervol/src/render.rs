@@ -8,12 +8,14 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use supervol_format::{Container, Lod};
+use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::frame::check::{self, CheckProgress};
-use supervol_runtime::frame::{self, Backend, LevelChoice, Progress, RenderError, RenderOptions};
+use supervol_runtime::frame::{Backend, LevelChoice, OnProgress, Progress, RenderError, RenderOptions};
 use supervol_runtime::gpu::device::GpuError;
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, PacketRule, Skipping};
-use supervol_runtime::scene::{DataKind, Scene, ShadingSpec};
+use supervol_runtime::renderer::render;
+use supervol_runtime::scene::{Scene, ShadingSpec};
 use supervol_runtime::stats::FrameStats;
 
 use crate::failure::{Failure, with_container, with_output};
@@ -106,7 +108,7 @@ fn level(text: &str) -> Result<LevelChoice, String> {
 
 impl Arguments {
     /// What the command line asks for; its time budget began at `start`.
-    fn options<'a>(&self, progress: &'a (dyn Fn(Progress) + Sync), start: Instant) -> RenderOptions<'a> {
+    fn options(&self, progress: OnProgress, start: Instant) -> RenderOptions {
         let passed = u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX);
         RenderOptions {
             backend: match self.backend {
@@ -117,6 +119,7 @@ impl Arguments {
             },
             level: self.level,
             host_memory_bytes: self.host_memory,
+            cache_bytes: None,
             gpu_memory_bytes: self.gpu_memory,
             threads: self.threads.map(NonZero::get),
             skipping: match self.skipping {
@@ -152,12 +155,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         [Some(path), arguments.scene.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
     let outputs = RenderOutputs::begin(&arguments.output, arguments.stats.as_deref(), &inputs, arguments.force)?;
     let bar = Reporter::over_rows();
-    let on_progress = |progress: Progress| {
-        bar.set_length(u64::from(progress.rows));
-        bar.set_position(u64::from(progress.rows_finished));
-        bar.set_message(format!("{} read, {} rays wait", show_bytes(progress.bytes_read), progress.rays_waiting));
+    let shown = bar.clone();
+    let on_progress = move |progress: Progress| {
+        shown.set_length(u64::from(progress.rows));
+        shown.set_position(u64::from(progress.rows_finished));
+        shown.set_message(format!("{} read, {} rays wait", show_bytes(progress.bytes_read), progress.rays_waiting));
     };
-    let options = arguments.options(&on_progress, start);
+    let options = arguments.options(Arc::new(on_progress), start);
     let result = picture(&container, &scene, outputs.picture, &options, arguments.check);
     bar.finish_and_clear();
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
@@ -170,7 +174,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// A picture for somebody who asked for none in particular: shaded, but for amplitudes, whose layers have no surfaces.
 pub fn default_scene(container: &Container) -> Scene {
-    let seismic = frame::volume_facts(container).kind == DataKind::Seismic;
+    let seismic = VolumeFacts::of(container).kind == DataKind::Seismic;
     Scene { shading: (!seismic).then(ShadingSpec::default), ..Scene::default() }
 }
 
@@ -184,14 +188,14 @@ pub fn picture(
     container: &Arc<Container>,
     scene: &Scene,
     output: PictureFile,
-    options: &RenderOptions<'_>,
+    options: &RenderOptions,
     check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
-    let resolved = scene.resolve(&frame::volume_facts(container)).map_err(Failure::command)?;
+    let resolved = scene.resolve(&VolumeFacts::of(container)).map_err(Failure::command)?;
     if check.is_some() {
         check::check_fits(container, &resolved, options).map_err(with_render)?;
     }
-    let (image, mut stats) = frame::render(container, &resolved, options).map_err(with_render)?;
+    let (image, mut stats) = render(container, &resolved, options).map_err(with_render)?;
     output.write(&image, resolved.background)?;
     if let Some(rays) = check {
         let start = Instant::now();

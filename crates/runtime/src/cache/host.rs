@@ -171,6 +171,17 @@ impl<T> HostCache<T> {
         Ok(dropped)
     }
 
+    /// From now on the cache holds so many bytes. Returns what was dropped; the least recently used first, those that `stays`
+    /// names last.
+    pub fn set_budget(&mut self, budget_bytes: u64, stays: impl Fn(BrickKey) -> bool) -> Vec<BrickKey> {
+        let rank = |key| if stays(key) { Standing::Live(0) } else { Standing::Free };
+        let mut victims = self.victims(|key, _| rank(key));
+        let less = self.budget_bytes.saturating_sub(budget_bytes);
+        let dropped = self.make_room(less, &mut victims).expect("every brick may leave");
+        self.budget_bytes = budget_bytes;
+        dropped
+    }
+
     /// Puts a brick in; `bytes` includes [`BRICK_OVERHEAD_BYTES`].
     ///
     /// # Panics
@@ -268,6 +279,16 @@ mod tests {
         assert_eq!(cache.make_room(25, &mut victims), Ok(vec![key(3), key(2), key(1)]));
         assert_eq!(cache.make_room(35, &mut victims), Err(5));
         assert_eq!(cache.len(), 1);
+    }
+
+    #[test]
+    fn a_smaller_budget_drops_what_is_over() {
+        let mut cache = full();
+        assert_eq!(cache.set_budget(25, |k| k == key(0)), [key(1), key(2)]);
+        assert_eq!((cache.bytes(), cache.budget_bytes(), cache.free_bytes()), (20, 25, 5));
+        assert_eq!(cache.set_budget(9, |k| k == key(0)), [key(3), key(0)]);
+        assert_eq!(cache.set_budget(90, |_| false), []);
+        cache.insert(key(7), 7, 90);
     }
 
     #[test]

@@ -17,6 +17,7 @@ use super::RenderError;
 use crate::image::Image;
 use crate::raycast::cpu::simd::InstructionSet;
 use crate::raycast::cpu::{Counters, CpuFrame, Rays, cast_pass};
+use crate::stop::Stop;
 use crate::streamer::{Fetched, HostView};
 
 /// What one pass tells the frame.
@@ -142,6 +143,12 @@ impl CpuCaster {
             rays_terminated_early: 0,
             cells_error: 0.0,
         }
+    }
+
+    /// Packets stop where they are when this is due, instead of when they were to stop before.
+    pub fn stop_at(&mut self, stop: &Stop) {
+        self.frame.set_stop(stop.clone());
+        self.band.set_stop(stop.clone());
     }
 
     /// The pixels of the band that are finished; NaN elsewhere.

@@ -67,11 +67,7 @@ pub fn level_to_check(container: &Container, level: LevelChoice) -> Lod {
 ///
 /// # Errors
 /// [`RenderError::CheckTooLarge`], with the finest level that would fit.
-pub fn check_fits(
-    container: &Container,
-    scene: &ResolvedScene,
-    options: &RenderOptions<'_>,
-) -> Result<(), RenderError> {
+pub fn check_fits(container: &Container, scene: &ResolvedScene, options: &RenderOptions) -> Result<(), RenderError> {
     let lod = level_to_check(container, options.level);
     let (needed_bytes, budget_bytes) = (reference_bytes(container, lod, scene), options.host_memory_bytes);
     if needed_bytes <= budget_bytes {
@@ -95,7 +91,7 @@ pub fn check_fits(
 pub fn measure_error(
     container: &Container,
     scene: &ResolvedScene,
-    options: &RenderOptions<'_>,
+    options: &RenderOptions,
     image: &Image,
     rays: u64,
     progress: &(dyn Fn(CheckProgress) + Sync),
@@ -105,7 +101,7 @@ pub fn measure_error(
     let lod = level_to_check(container, options.level);
     let rays_per_pixel = u64::from(scene.subgrid) * u64::from(scene.subgrid);
     let pixels = spread_pixels([image.width, image.height], rays.div_ceil(rays_per_pixel), SEED);
-    let (_, pool) = super::thread_pool(options.threads)?;
+    let pool = super::thread_pool(options.threads)?;
     let (exact, capped_pieces) = pool.install(|| {
         let volume = load_level(container, lod, scene, options.host_memory_bytes)?;
         let scene = scene_of_level(container, lod, scene);

@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 use supervol_format::{BrickKey, Container, Pyramid, VoxelType};
 
 use super::caster::{CasterTotals, PassReport, RayCaster};
-use super::{FrameWalk, RenderError, RenderOptions, lod_choice, plan_host_for, streamer_for, value_map, volume_facts};
+use super::{FrameWalk, RenderError, RenderOptions, lod_choice, plan_host_for, streamer_for};
+use crate::facts::{VolumeFacts, value_map};
 use crate::image::Image;
 use crate::raycast::cpu::Counters;
 use crate::raycast::gpu::{
@@ -19,8 +20,9 @@ use crate::raycast::gpu::{
 use crate::raycast::volume::{BrickView, Resident};
 use crate::scene::ResolvedScene;
 use crate::stats::FrameStats;
-use crate::streamer::budget::CasterBytes;
-use crate::streamer::{Fetched, HostView, OnMissing};
+use crate::stop::Stop;
+use crate::streamer::budget::{CasterBytes, HostPlan};
+use crate::streamer::{Fetched, HostView, OnMissing, Streamer};
 
 /// The ray caster in WGSL.
 struct GpuCaster {
@@ -31,25 +33,26 @@ struct GpuCaster {
     counters: Counters,
 }
 
-/// Makes the picture on a GPU.
+/// Makes the picture on a GPU, from what the streamer has and fetches.
 ///
 /// # Errors
-/// As [`super::render`], and whatever the GPU cannot do.
-pub fn render_gpu(
+/// As [`crate::renderer::render`], and whatever the GPU cannot do.
+pub(crate) fn render_gpu(
     device: &GpuDevice,
-    container: &Arc<Container>,
     scene: &ResolvedScene,
-    options: &RenderOptions<'_>,
-    start: Instant,
+    options: &RenderOptions,
+    streamer: &mut Streamer,
+    plan: HostPlan,
+    stop: &Stop,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let plan = plan_host_for(CasterBytes::ON_DEVICE, container, scene, options)?;
+    let container = streamer.container().clone();
     let descriptor = container.descriptor();
-    let map = value_map(container);
+    let map = value_map(&container);
     let volume = GpuVolume {
         pyramid: &descriptor.pyramid,
         geometry: &descriptor.geometry,
         value_map: &map,
-        value_range: volume_facts(container).value_range,
+        value_range: VolumeFacts::of(&container).value_range,
         storage: storage(descriptor.voxel_type),
     };
     let gpu_options = GpuOptions { memory_bytes: options.gpu_memory_bytes, skipping: options.skipping };
@@ -61,32 +64,48 @@ pub fn render_gpu(
         height: scene.image_size[1],
         counters: Counters::default(),
     };
-    let mut streamer = streamer_for(container, scene, options, plan);
-    let mut walk = FrameWalk::new(&mut streamer, plan, options, start);
+    let mut walk = FrameWalk::new(streamer, plan, options, Instant::now()).until(stop.clone());
     let image = walk.run(&mut caster, scene.image_size)?;
     Ok((image, FrameStats { backend: "gpu", ..walk.into_stats() }))
 }
 
-/// A frame on `device`; should that be lost, once more on what `reopen` gives: the renderer is built anew and its
-/// memory filled again. The statistics tell of the loss, and what the lost device had done is not in them.
+/// Draws on `device`; should that be lost, once more on what `reopen` gives, which takes its place: the GPU's memory is
+/// filled again. The statistics tell of the loss, and what the lost device had done is not in them.
 ///
 /// # Errors
-/// As any frame; the loss itself where the second device cannot be opened, or is lost, too.
-pub fn render_gpu_surviving(
-    device: &GpuDevice,
+/// As `draw`; the loss itself where the second device cannot be opened, or is lost, too.
+pub(crate) fn surviving(
+    device: &mut GpuDevice,
     reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,
-    container: &Arc<Container>,
-    scene: &ResolvedScene,
-    options: &RenderOptions<'_>,
-    start: Instant,
+    mut draw: impl FnMut(&GpuDevice) -> Result<(Image, FrameStats), RenderError>,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let lost = match render_gpu(device, container, scene, options, start) {
+    let lost = match draw(device) {
         Err(RenderError::Gpu(GpuError::DeviceLost { message })) => message,
         other => return other,
     };
     let Ok(second) = reopen() else { return Err(GpuError::DeviceLost { message: lost }.into()) };
-    let (image, stats) = render_gpu(&second, container, scene, options, start)?;
+    *device = second;
+    let (image, stats) = draw(device)?;
     Ok((image, FrameStats { gpu_lost_because: Some(lost), ..stats }))
+}
+
+/// One picture on `device`, or on what `reopen` gives should that be lost, on the calling thread's pool.
+///
+/// # Errors
+/// As any picture; the loss itself where the second device cannot be opened, or is lost, too.
+pub fn render_gpu_surviving(
+    mut device: GpuDevice,
+    reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+) -> Result<(Image, FrameStats), RenderError> {
+    let plan = plan_host_for(CasterBytes::ON_DEVICE, container, scene, options, options.time_budget_ms.is_some())?;
+    let stop = Stop::at(options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms)));
+    surviving(&mut device, reopen, |device| {
+        let mut streamer = streamer_for(container, scene, options, plan);
+        render_gpu(device, scene, options, &mut streamer, plan, &stop)
+    })
 }
 
 /// How bricks of this type are decoded: see [`crate::raycast::volume::Voxels`].

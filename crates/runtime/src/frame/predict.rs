@@ -75,7 +75,7 @@ impl Term {
 
 /// The prediction for a frame with these statistics, from what its caster says; `level` is the one that it is held against.
 #[must_use]
-pub fn predict(errors: &CasterErrors, stats: &FrameStats, options: &RenderOptions<'_>, level: Lod) -> ErrorPredicted {
+pub fn predict(errors: &CasterErrors, stats: &FrameStats, options: &RenderOptions, level: Lod) -> ErrorPredicted {
     let cells = Term::estimate(errors.cells);
     let ray_ends = Term::bound(if stats.rays_terminated_early > 0 { errors.ray_ends } else { 0.0 });
     let transfer_function = Term::estimate(errors.transfer_function);
@@ -85,7 +85,7 @@ pub fn predict(errors: &CasterErrors, stats: &FrameStats, options: &RenderOption
     ErrorPredicted { level: level.0, total, cells, ray_ends, transfer_function, levels, rounding }
 }
 
-fn levels(stats: &FrameStats, options: &RenderOptions<'_>) -> Term {
+fn levels(stats: &FrameStats, options: &RenderOptions) -> Term {
     let is_asked_for = matches!(options.level, LevelChoice::Fixed(_));
     if stats.fallbacks > 0 || !stats.converged {
         Term::UNKNOWN

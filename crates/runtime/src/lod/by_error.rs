@@ -297,8 +297,9 @@ fn longest_chord(geometry: &Geometry, dims: Dims, clip_box: Option<[[f64; 3]; 2]
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::{DataKind, VolumeFacts};
     use crate::lod::LodChoice;
-    use crate::scene::{DataKind, Scene, VolumeFacts};
+    use crate::scene::Scene;
     use proptest::prelude::*;
     use supervol_format::BrickLayout;
 

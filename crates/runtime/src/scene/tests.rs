@@ -1,4 +1,6 @@
 use super::*;
+use crate::facts::DataKind;
+use supervol_format::{Dims, Geometry, ValueRange};
 
 const FULL: &str = r#"{
   "camera": {"eye": [0, 0, -10], "target": [0, 0, 0], "up": [0, 1, 0], "fov_y": 30.0},

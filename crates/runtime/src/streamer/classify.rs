@@ -132,9 +132,10 @@ impl Classifier {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::{DataKind, VolumeFacts};
     use crate::lod::by_error::DataScale;
     use crate::lod::{LodChoice, LodRule};
-    use crate::scene::{DataKind, Scene, VolumeFacts};
+    use crate::scene::Scene;
     use supervol_format::codec::Codec;
     use supervol_format::{BrickIndex, BrickLayout, Dims, Geometry, Pyramid};
 

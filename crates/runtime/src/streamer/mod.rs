@@ -116,11 +116,13 @@ pub struct StreamCounters {
     pub bytes_decoded: u64,
     /// Wall time of decoding.
     pub decode_time: Duration,
+    /// Wall time of everything else: deciding which bricks to read, and which to drop.
+    pub plan_time: Duration,
     /// Wanted bricks that no ray wanted any more before they were begun.
     pub cancelled: u64,
-    /// Largest error bound of all bricks that rays drew, data units.
+    /// Largest error bound of all bricks that rays drew in this frame, data units.
     pub error_bound: f64,
-    /// Bricks that rays drew although nothing bounds what that does to the picture.
+    /// Bricks that rays drew in this frame although nothing bounds what that does to the picture.
     pub drawn_without_bound: u64,
 }
 
@@ -202,10 +204,21 @@ impl Streamer {
         }
     }
 
+    /// Memory is divided anew: bricks that no longer fit are dropped.
+    pub fn set_plan(&mut self, plan: HostPlan) {
+        self.plan = plan;
+        let dropped = self.cache.set_budget(plan.cache_bytes, |key| self.kept.contains_key(&key));
+        for key in dropped {
+            self.states.evict(key);
+            self.kept.remove(&key);
+        }
+    }
+
     /// A new frame: bricks that failed long enough ago may be tried again.
     pub fn begin_frame(&mut self) {
         self.attempts.extend(self.states.begin_frame());
         self.drawn.clear();
+        (self.counters.error_bound, self.counters.drawn_without_bound) = (0.0, 0);
         self.begin_band();
     }
 
@@ -245,6 +258,7 @@ impl Streamer {
 
     /// The bricks that the pass used, and how many it wanted in vain.
     pub fn note_uses(&mut self, used: &[BrickKey], missed: u64) {
+        let start = Instant::now();
         self.cache.note_uses(used, missed);
         if self.drawn.len() > self.plan.state_limit {
             self.drawn.clear();
@@ -256,6 +270,7 @@ impl Streamer {
                 self.count_error(key, &entry);
             }
         }
+        self.counters.plan_time += start.elapsed();
     }
 
     fn count_error(&mut self, key: BrickKey, entry: &BrickEntry) {
@@ -287,6 +302,14 @@ impl Streamer {
     }
 
     fn fetch_for(&mut self, purpose: Purpose, wanted: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
+        let outside = |counters: &StreamCounters| counters.io.time + counters.decode_time;
+        let (start, before) = (Instant::now(), outside(&self.counters));
+        let fetched = self.plan_and_load(purpose, wanted, room);
+        self.counters.plan_time += start.elapsed().saturating_sub(outside(&self.counters) - before);
+        fetched
+    }
+
+    fn plan_and_load(&mut self, purpose: Purpose, wanted: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
         // A ray that wants a brick although it knows it to be too coarse wants it for a child that has failed.
         let is_known = |key: &&BrickKey| self.states.state(**key) == BrickState::TooCoarse;
         let wanted_to_stand_in: KeyMap<()> = wanted.iter().filter(is_known).map(|&key| (key, ())).collect();

@@ -174,7 +174,7 @@ pub fn plan(container: &Container, scene: &ResolvedScene, cache_bricks: u64) -> 
 pub fn render_planned(
     container: &Arc<Container>,
     scene: &ResolvedScene,
-    options: &RenderOptions<'_>,
+    options: &RenderOptions,
     plan: HostPlan,
     threads: usize,
 ) -> Result<(Image, FrameStats), RenderError> {

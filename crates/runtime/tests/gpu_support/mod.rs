@@ -9,6 +9,7 @@ use std::collections::HashMap;
 use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
+use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{self, CpuFrame, CpuQuality, Skipping};
@@ -17,7 +18,7 @@ use supervol_runtime::raycast::gpu::{
 };
 use supervol_runtime::raycast::reference::{ReferenceVolume, render_reference};
 use supervol_runtime::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap};
-use supervol_runtime::scene::{DataKind, ResolvedScene, Scene, VolumeFacts};
+use supervol_runtime::scene::{ResolvedScene, Scene};
 
 #[allow(clippy::print_stderr, reason = "a skipped test must be seen")]
 /// The GPU, or `None` with a loud word where there is none; with `SUPERVOL_REQUIRE_GPU=1` that is a failure.

@@ -7,12 +7,13 @@ use std::sync::Mutex;
 
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
+use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{Counters, CpuFrame, CpuQuality, Skipping, cast_pass};
 use supervol_runtime::raycast::reference::{ReferenceVolume, render_reference_counted};
 use supervol_runtime::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap};
-use supervol_runtime::scene::{DataKind, ResolvedScene, Scene, VolumeFacts};
+use supervol_runtime::scene::{ResolvedScene, Scene};
 
 /// A volume of data values; NaN is absent.
 #[derive(Clone)]

@@ -4,10 +4,11 @@
 
 use std::time::Instant;
 
-use supervol_runtime::frame::caster::CpuCaster;
-use supervol_runtime::frame::{Backend, FrameWalk, RenderError, RenderOptions, cpu_frame, plan_host, streamer_for};
+use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::process;
+use supervol_runtime::renderer::Renderer;
+use supervol_runtime::volume::Volume;
 
 use super::cases::Case;
 use super::{Cost, Drawn, Run, Sizes, Spread, vtk};
@@ -57,37 +58,35 @@ impl Sampler {
 /// # Errors
 /// If a picture cannot be made.
 pub fn draw(context: &Context<'_>, case: &Case<'_>, sampler: Sampler, run: &Run) -> Result<Drawn, ChartError> {
-    let threads = run.threads;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|e| RenderError::Threads { threads, message: e.to_string() })?;
     let options = RenderOptions {
+        threads: Some(run.threads),
         caster: sampler.integration.caster(),
         host_memory_bytes: run.sizes.host_memory_bytes,
         ..finest(Backend::Cpu)
     };
-    let (cost, picture) = pool.install(|| timed_pictures(context, case, &options, &run.sizes))?;
+    let (cost, picture) = timed_pictures(context, case, &options, &run.sizes)?;
     Ok(Drawn { program: NAME, sampling: sampler.name(), step_voxels: sampler.step_voxels, cost, picture })
 }
 
-/// A first picture, and as many more as are wanted, on the calling thread's pool.
+/// A first picture, and as many more as are wanted.
 fn timed_pictures(
     context: &Context<'_>,
     case: &Case<'_>,
-    options: &RenderOptions<'_>,
+    options: &RenderOptions,
     sizes: &Sizes,
 ) -> Result<(Cost, Image), ChartError> {
     let container = &case.built.volume.container;
     let scene = case.scene(sizes.image)?;
-    let plan = plan_host(container, &scene, options).map_err(RenderError::from)?;
-    let mut streamer = streamer_for(container, &scene, options, plan);
+    let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone())?;
+    renderer.set_scene(scene);
     let mut one = || -> Result<(f64, f64, Image), ChartError> {
         let (wall, cpu) = (Instant::now(), process::cpu_time());
         // Tables of the transfer function are made for each picture, as a viewer would while it is edited.
-        let frame = cpu_frame(container, &scene, options, &plan);
-        let mut walk = FrameWalk::new(&mut streamer, plan, options, wall);
-        let image = walk.run(&mut CpuCaster::new(frame), scene.image_size)?;
+        renderer.begin_anew();
+        renderer.advance(None)?;
         let cpu_ms = process::cpu_time().saturating_sub(cpu).as_secs_f64() * 1e3;
-        Ok((cpu_ms, wall.elapsed().as_secs_f64() * 1e3, image))
+        let wall_ms = wall.elapsed().as_secs_f64() * 1e3;
+        Ok((cpu_ms, wall_ms, renderer.picture().expect("nobody cancels").into_owned()))
     };
     let pace = Pace::new(context.say);
     let (first_cpu_ms, first_ms, picture) = one()?;

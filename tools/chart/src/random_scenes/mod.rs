@@ -11,8 +11,9 @@ use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
-use supervol_runtime::frame::{Backend, RenderOptions, render};
+use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::image::{GREY_LEVELS, Image, greatest};
+use supervol_runtime::renderer::render;
 use supervol_runtime::scene::ResolvedScene;
 
 pub use generate::{IMAGE, RandomScene};
@@ -103,7 +104,7 @@ impl RandomScene {
 
 /// The default at level 0, aimed at an error in grey levels.
 #[must_use]
-pub fn aimed_at(grey_levels: f64, threads: usize) -> RenderOptions<'static> {
+pub fn aimed_at(grey_levels: f64, threads: usize) -> RenderOptions {
     let max_error = grey_levels / GREY_LEVELS;
     RenderOptions { max_error, predict_error: true, threads: Some(threads), ..finest(Backend::Cpu) }
 }

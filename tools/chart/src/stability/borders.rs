@@ -81,7 +81,7 @@ fn bits_differ(a: &Image, b: &Image) -> f64 {
 const PACKET_BRICK_LEVELS: f64 = 0.125;
 
 /// The two casters of the CPU, and their names: what users get, and what that is compared with.
-fn casters() -> [(&'static str, RenderOptions<'static>); 2] {
+fn casters() -> [(&'static str, RenderOptions); 2] {
     let ray_by_ray = RenderOptions { caster: Caster::Cells(CellRule::DEFAULT), ..finest(Backend::Cpu) };
     [("default", finest(Backend::Cpu)), ("ray by ray in f64", ray_by_ray)]
 }

@@ -95,7 +95,7 @@ fn order_of_classification(context: &Context<'_>) -> Result<Outcome, ChartError>
 
 /// Seen along z: for each pixel column but the two at the edge its place relative to the edge in voxels, and the
 /// greatest distance from the closed form, grey levels.
-fn across_the_edge(volume: &Volume, pixels: u32, options: &RenderOptions<'_>) -> Result<Vec<(f64, f64)>, ChartError> {
+fn across_the_edge(volume: &Volume, pixels: u32, options: &RenderOptions) -> Result<Vec<(f64, f64)>, ChartError> {
     let colors = [[0.1, 0.2, 0.9], [0.9, 0.6, 0.1]];
     let tf = transfer_function(
         1.0,
@@ -129,7 +129,7 @@ fn across_the_edge(volume: &Volume, pixels: u32, options: &RenderOptions<'_>) ->
 }
 
 /// Seen along x, clear before the edge: voxels by which the length of what is behind it is wrong.
-fn edge_shift(volume: &Volume, options: &RenderOptions<'_>) -> Result<f64, ChartError> {
+fn edge_shift(volume: &Volume, options: &RenderOptions) -> Result<f64, ChartError> {
     let alpha: f64 = 0.1;
     let grey = [0.5; 3];
     let tf = transfer_function(1.0, &[(0.0, grey, 0.0), (EDGE, grey, 0.0), (EDGE, grey, alpha), (7.0, grey, alpha)]);
@@ -197,7 +197,7 @@ fn narrow_spikes(context: &Context<'_>) -> Result<Outcome, ChartError> {
     for (bits, slope) in CODES_PER_VOXEL {
         let source = Computed::new([64, 4, 4], VoxelType::U16, move |[x, _, _]| slope * x as f64);
         let volume = Volume::build(context, &format!("s04 {bits}"), &source, &build_options(16))?;
-        let through = |options: &RenderOptions<'_>| -> Result<SpikeError, ChartError> {
+        let through = |options: &RenderOptions| -> Result<SpikeError, ChartError> {
             let mut sum = SpikeError::default();
             for i in 0..SPIKES {
                 let code = ((0.21 + 0.037 * f64::from(i)) * 63.0 * slope).floor();
@@ -254,7 +254,7 @@ struct SpikeError {
 }
 
 /// Red and opacity of a ray along the ramp; `length` is the world length that it spends in the spike.
-fn spike_picture(volume: &Volume, code: f64, length: f64, options: &RenderOptions<'_>) -> Result<[f64; 2], ChartError> {
+fn spike_picture(volume: &Volume, code: f64, length: f64, options: &RenderOptions) -> Result<[f64; 2], ChartError> {
     let at = |i: usize| [SPIKE_RED[i], 0.5, 0.2];
     let points = [(code - 0.5, at(0), 0.0), (code, at(1), SPIKE_ALPHA), (code + 0.5, at(2), 0.0)];
     let tf = transfer_function(length / SPIKE_DEPTH, &points);

@@ -67,14 +67,14 @@ const VIEW: f64 = 3.0;
 const RED: f64 = 0.25;
 
 /// The picture of a volume under one opacity per voxel and one colour, seen along z.
-fn under_constant(volume: &Volume, alpha: f64, options: &RenderOptions<'_>) -> Result<Image, ChartError> {
+fn under_constant(volume: &Volume, alpha: f64, options: &RenderOptions) -> Result<Image, ChartError> {
     let tf = transfer_function(1.0, &[(0.0, [RED, 0.5, 1.0], alpha)]);
     let scene = volume.scene(&[&looking_along(volume, 2, VIEW), &image_size(PIXELS, PIXELS), &tf])?;
     Ok(volume.render(&scene, options)?.0)
 }
 
 /// The same for what one ray gathers, all rays being alike: red and opacity of the pixel farthest from `exact`.
-fn gathered(volume: &Volume, alpha: f64, options: &RenderOptions<'_>, exact: [f64; 2]) -> Result<[f64; 2], ChartError> {
+fn gathered(volume: &Volume, alpha: f64, options: &RenderOptions, exact: [f64; 2]) -> Result<[f64; 2], ChartError> {
     let image = under_constant(volume, alpha, options)?;
     let far = |p: &&[f32; 4]| worst([f64::from(p[0]) - exact[0], f64::from(p[3]) - exact[1]]);
     let farthest = image.pixels.iter().max_by(|a, b| far(a).total_cmp(&far(b)));
@@ -229,7 +229,7 @@ fn body_and_white() -> String {
 }
 
 /// What a pixel loses when the body in front is as thick as the limit of opacity needs and no thicker.
-fn worst_loss(volume: &Volume, limit: f64, options: &RenderOptions<'_>) -> Result<f64, ChartError> {
+fn worst_loss(volume: &Volume, limit: f64, options: &RenderOptions) -> Result<f64, ChartError> {
     // The last cell that holds nothing but body ends at the last voxel of the body.
     let last = BODY.0 as f64 - 1.0;
     let thickness = (1.0 - limit).ln() / (1.0 - BODY_ALPHA).ln() + BODY_SLACK;
@@ -244,7 +244,7 @@ fn worst_loss(volume: &Volume, limit: f64, options: &RenderOptions<'_>) -> Resul
 }
 
 /// Mean of picture minus whole picture over all channels, the body cut by a slanted plane: from nothing to all of it.
-fn wedge_bias(volume: &Volume, options: &RenderOptions<'_>) -> Result<f64, ChartError> {
+fn wedge_bias(volume: &Volume, options: &RenderOptions) -> Result<f64, ChartError> {
     let depth = BODY.0 as f64;
     // The picture is 64 times as wide as high. The plane passes z = depth where the picture begins and z = 0 where it
     // ends: VIEW apart, about x = 2.5.

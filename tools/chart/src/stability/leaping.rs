@@ -8,7 +8,7 @@ use supervol_preprocess::source::nifti::NiftiSource;
 use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_runtime::clip::{IndexRay, clip_ray};
-use supervol_runtime::frame::value_map;
+use supervol_runtime::facts::value_map;
 use supervol_runtime::raycast::cpu::blocks::cloud_of_blocks;
 use supervol_runtime::raycast::cpu::leap::{Ahead, BLOCK, ProximityCloud};
 use supervol_runtime::raycast::cpu::simd::InstructionSet;

@@ -29,22 +29,22 @@ pub(crate) fn looking_along(volume: &Volume, axis: usize, height: f64) -> String
 }
 
 /// Options for the default path with nothing ended early.
-pub(crate) fn default_unterminated() -> RenderOptions<'static> {
+pub(crate) fn default_unterminated() -> RenderOptions {
     by_cells(CellRule { termination_opacity: NEVER, ..CellRule::DEFAULT })
 }
 
 /// Options for the default path with a fixed number of Gauss pairs between two splits, and nothing ended early.
-pub(crate) fn fixed_pairs(pairs: u32) -> RenderOptions<'static> {
+pub(crate) fn fixed_pairs(pairs: u32) -> RenderOptions {
     by_cells(CellRule { pairs: Pairs::Fixed(pairs), termination_opacity: NEVER })
 }
 
 /// Options for cells integrated by this rule.
-pub(crate) fn by_cells(rule: CellRule) -> RenderOptions<'static> {
+pub(crate) fn by_cells(rule: CellRule) -> RenderOptions {
     RenderOptions { caster: Caster::Cells(rule), ..finest(Backend::Cpu) }
 }
 
 /// Options for a method of comparison.
-pub(crate) fn by_samples(sampling: Sampling) -> RenderOptions<'static> {
+pub(crate) fn by_samples(sampling: Sampling) -> RenderOptions {
     RenderOptions { caster: sampling.caster(), ..finest(Backend::Cpu) }
 }
 

@@ -53,7 +53,7 @@ struct Cut {
 
 impl Cut {
     /// The picture with the eye and the plane moved along the rays by world lengths.
-    fn picture(&self, eye_shift: f64, plane_shift: f64, options: &RenderOptions<'_>) -> Result<Image, ChartError> {
+    fn picture(&self, eye_shift: f64, plane_shift: f64, options: &RenderOptions) -> Result<Image, ChartError> {
         let volume = &self.volume;
         let direction = ACROSS.normalize();
         let middle = volume.world(volume.middle());
@@ -151,7 +151,7 @@ fn body(context: &Context<'_>, factor: f64) -> Result<Volume, ChartError> {
 }
 
 /// The body's picture, clipped to where no grid holds its outermost values beyond its outermost voxels.
-fn body_picture(volume: &Volume, pixels: u32, tf: &str, options: &RenderOptions<'_>) -> Result<Image, ChartError> {
+fn body_picture(volume: &Volume, pixels: u32, tf: &str, options: &RenderOptions) -> Result<Image, ChartError> {
     let camera = r#""camera": {"eye": [70, -50, 45], "target": [16, 16, 16], "up": [0, 0, 1], "fov_y": 30}"#;
     let plane = |axis: usize, sign: f64, at: f64| {
         let mut normal = [0.0; 3];

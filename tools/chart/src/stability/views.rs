@@ -66,6 +66,6 @@ pub fn fractions(volume: &Volume, unit_distance: f64, points: &[Point]) -> Strin
 
 /// The same options with levels chosen as users get them.
 #[must_use]
-pub fn automatic(options: RenderOptions<'static>) -> RenderOptions<'static> {
+pub fn automatic(options: RenderOptions) -> RenderOptions {
     RenderOptions { level: LevelChoice::Auto, ..options }
 }

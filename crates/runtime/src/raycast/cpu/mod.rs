@@ -51,7 +51,6 @@ mod walk;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::Arc;
-use std::time::Instant;
 
 use rayon::prelude::*;
 use supervol_format::{BrickKey, Geometry, Lod, Pyramid, ValueRange};
@@ -65,6 +64,7 @@ use crate::frame::caster::CasterErrors;
 use crate::image::Image;
 use crate::lod::{LodChoice, LodRule};
 use crate::scene::{Mode, ResolvedScene};
+use crate::stop::Stop;
 use crate::streamer::budget::{Bands, CasterBytes, MADE_LIMIT};
 use crate::transfer_function::RenderTransferFunction;
 use packets::{PacketTables, Tile, cast_tiles, pixels_of, tiles_of};
@@ -124,7 +124,7 @@ pub struct CpuFrame {
     /// What packets look up; `None` where rays are cast one by one.
     packets: Option<Arc<PacketTables>>,
     /// When packets stop where they are.
-    deadline: Option<Instant>,
+    stop: Stop,
 }
 
 /// One ray between passes.
@@ -374,7 +374,7 @@ impl CpuFrame {
             integrator: quality.caster.integrator(scene, geometry),
             termination_opacity: quality.caster.termination_opacity(),
             packets: None,
-            deadline: None,
+            stop: Stop::NEVER,
         };
         if let Caster::Packets(rule) = quality.caster {
             let tables = PacketTables::new(&frame, &scene.transfer_function, rule, quality.made_bytes);
@@ -383,15 +383,14 @@ impl CpuFrame {
         frame
     }
 
-    /// The same frame, whose packets stop at a time: tiles that are not finished by then stay as they were before the pass.
-    #[must_use]
-    pub fn until(self, deadline: Instant) -> Self {
-        Self { deadline: Some(deadline), ..self }
+    /// Packets stop where they are when this is due: tiles that are not finished by then stay as they were before the pass.
+    pub(crate) fn set_stop(&mut self, stop: Stop) {
+        self.stop = stop;
     }
 
     /// Whether it is time to stop.
-    pub(crate) fn is_late(&self) -> bool {
-        self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
+    pub(crate) fn is_due(&self) -> bool {
+        self.stop.is_due()
     }
 
     /// The same frame for some rows of pixels only, numbered from the top: its picture is that band of the picture.

@@ -351,7 +351,7 @@ pub(super) fn cast_tiles(
             if matches!(tile, Tile::Finished(_)) {
                 return feedback;
             }
-            if frame.is_late() {
+            if frame.is_due() {
                 feedback.is_stopped = true;
                 return feedback;
             }
@@ -470,7 +470,7 @@ impl CastTile<'_> {
             if self.rays.going() == 0 {
                 break;
             }
-            if self.frame.is_late() {
+            if self.frame.is_due() {
                 self.feedback.is_stopped = true;
                 return;
             }

@@ -63,7 +63,7 @@ fn small_cache(context: &Context<'_>) -> Result<Outcome, ChartError> {
         let brick = BrickBytes::of(&volume.container).decoded;
         let cache_bytes = (working_set_bytes * percent).div_ceil(100).max(brick);
         let settings = Settings { cache_bytes: Some(cache_bytes), ..Settings::default() };
-        let mut session = Session::new(&volume.container, &views[0], settings)?;
+        let mut session = Session::new(&volume.container, settings)?;
         let mut total = (0, 0);
         for (i, (series, view)) in std::iter::once(("first frame", 0))
             .chain(std::iter::once(("the same view again", 0)))
@@ -75,13 +75,13 @@ fn small_cache(context: &Context<'_>) -> Result<Outcome, ChartError> {
             worst_linf = worst_linf.max(linf(&frame.image, &whole.image));
             idle += frame.idle_passes;
             open += u64::from(!frame.stats.converged);
-            let ratio = frame.page_ins as f64 / whole.page_ins as f64;
+            let ratio = frame.stats.page_ins as f64 / whole.stats.page_ins as f64;
             worst_ratio = worst_ratio.max(ratio);
             if i == 1 && percent == 100 {
-                again_when_all_fits = frame.page_ins;
+                again_when_all_fits = frame.stats.page_ins;
             }
             if series == "orbit" {
-                total = (total.0 + frame.page_ins, total.1 + whole.page_ins);
+                total = (total.0 + frame.stats.page_ins, total.1 + whole.stats.page_ins);
             } else {
                 // A frame's first look at a brick must page it in; what was kept from the last frame need not be.
                 let least = if i == 0 { 1.0 } else { 1.0 - percent as f64 / 100.0 };
@@ -102,7 +102,7 @@ fn small_cache(context: &Context<'_>) -> Result<Outcome, ChartError> {
          the last frame evicted is one page-in of this frame, one that this frame evicts and reads again is two. A cache \
          costs passes, not quality: each picture is the picture. The expected line of the second frame is the least that \
          any replacement can do: all that the cache cannot hold.",
-        ample[0].page_ins
+        ample[0].stats.page_ins
     );
     Ok(Outcome { curve, gates, note })
 }
@@ -118,7 +118,7 @@ struct Starved {
 
 impl Starved {
     fn add(&mut self, frame: &Frame, whole: &Frame) {
-        self.worst_ratio = self.worst_ratio.max(frame.page_ins as f64 / whole.page_ins as f64);
+        self.worst_ratio = self.worst_ratio.max(frame.stats.page_ins as f64 / whole.stats.page_ins as f64);
         self.worst_linf = self.worst_linf.max(linf(&frame.image, &whole.image));
         self.idle_passes += frame.idle_passes;
     }
@@ -164,14 +164,14 @@ fn two_views(context: &Context<'_>, starved: &mut Starved) -> Result<String, Cha
     };
     let views = [corner(60.0)?, corner(1987.0)?];
     let whole = [fresh(&volume, &views[0], Settings::default())?, fresh(&volume, &views[1], Settings::default())?];
-    let mut both = Session::new(&volume.container, &views[0], Settings::default())?;
-    let together = both.frame(&views[0], None)?.page_ins + both.frame(&views[1], None)?.page_ins;
-    let shared = whole[0].page_ins + whole[1].page_ins - together;
+    let mut both = Session::new(&volume.container, Settings::default())?;
+    let together = both.frame(&views[0], None)?.stats.page_ins + both.frame(&views[1], None)?.stats.page_ins;
+    let shared = whole[0].stats.page_ins + whole[1].stats.page_ins - together;
 
     let brick = BrickBytes::of(&volume.container).decoded;
     let cache_bytes = (whole[0].stats.host_cache_bytes / 2).max(2 * brick);
     let settings = Settings { cache_bytes: Some(cache_bytes), ..Settings::default() };
-    let mut session = Session::new(&volume.container, &views[0], settings)?;
+    let mut session = Session::new(&volume.container, settings)?;
     for turn in 0..4 {
         let late = session.frame(&views[turn % 2], Some(0))?;
         starved.pixels_lost += pixels_lost(&late.image, &whole[turn % 2].image);
@@ -180,7 +180,7 @@ fn two_views(context: &Context<'_>, starved: &mut Starved) -> Result<String, Cha
         let frame = session.frame(&views[turn % 2], None)?;
         starved.add(&frame, &whole[turn % 2]);
     }
-    Ok(format!("{shared} of {}", whole[0].page_ins))
+    Ok(format!("{shared} of {}", whole[0].stats.page_ins))
 }
 
 /// A frame that wants a hundred times as many bricks as the cache holds. Returns how many.
@@ -191,7 +191,7 @@ fn overflow(context: &Context<'_>, starved: &mut Starved) -> Result<u64, ChartEr
     let cache_bytes = (whole.stats.host_cache_bytes / 100).max(BrickBytes::of(&volume.container).decoded);
     let frame = fresh(&volume, view, Settings { cache_bytes: Some(cache_bytes), ..Settings::default() })?;
     starved.add(&frame, &whole);
-    Ok(whole.page_ins)
+    Ok(whole.stats.page_ins)
 }
 
 /// What one brick that always fails did to 32 frames.
@@ -225,14 +225,14 @@ fn one_failing_brick(context: &Context<'_>) -> Result<Failing, ChartError> {
     let view = scene(&volume, &[volume.outside(), image_size(size.0, size.1), translucent(volume.radius())])?;
     let settings = Settings::default().finest();
     let whole = fresh(&BrickId::open([128; 3], 16)?.0, &view, settings)?;
-    let mut session = Session::new(&volume.container, &view, settings)?;
+    let mut session = Session::new(&volume.container, settings)?;
     let mut failing = Failing { curve: Vec::new(), attempts: 0, frames_silent: 0, pixels_lost: 0 };
     for frame_number in 1..=FRAMES {
         let frame = session.frame(&view, None)?;
         let named = frame.stats.failures.iter().any(|f| f.brick == bad.to_string());
         failing.frames_silent += u64::from(frame.stats.bricks_failed != 1 || !named);
         failing.pixels_lost += pixels_lost(&frame.image, &whole.image);
-        failing.attempts = session.streamer.states().transitions(StateKind::Reading, StateKind::Failed);
+        failing.attempts = session.streamer().states().transitions(StateKind::Reading, StateKind::Failed);
         // Attempts lie 2, 4, 8, ... frames apart: the n-th in frame 2^n - 1.
         let expected = f64::from(frame_number + 1).log2().floor();
         let x = f64::from(frame_number);

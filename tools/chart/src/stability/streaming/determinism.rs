@@ -1,9 +1,9 @@
 //! S40 and S44: edits while bricks arrive; the same picture whatever the number of threads and whatever is there already.
 
-use supervol_runtime::frame::{Backend, RenderError, RenderOptions, render};
+use supervol_runtime::frame::{Backend, RenderError, RenderOptions};
 use supervol_runtime::raycast::gpu::GpuError;
+use supervol_runtime::renderer::render;
 use supervol_runtime::scene::ResolvedScene;
-use supervol_runtime::streamer::Room;
 
 use super::session::{Session, Settings, fresh, linf, scene, translucent};
 use crate::context::{ChartError, Context};
@@ -56,15 +56,10 @@ fn edits_while_loading(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let mut worst = 0.0f64;
     let cache_bytes = Some(whole[3].stats.host_cache_bytes / 5);
     for passes in context.pick(vec![0, 1, 2, 3, 5, 8, 13, 21], vec![0, 1, 3, 8]) {
-        let mut session = Session::new(&volume.container, &scenes[0], Settings { cache_bytes, ..Settings::default() })?;
+        let mut session = Session::new(&volume.container, Settings { cache_bytes, ..Settings::default() })?;
         let mut here = 0.0f64;
         for (before, after) in [(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (2, 1), (1, 3), (3, 3)] {
-            session.edit(&scenes[before]);
-            session.passes(&scenes[before], passes, |streamer, report| {
-                streamer.note_uses(&report.uses, report.misses.len() as u64);
-                streamer.fetch(&report.misses, Room::ANY)
-            })?;
-            session.edit(&scenes[after]);
+            session.begin_only(&scenes[before], passes)?;
             let frame = session.frame(&scenes[after], None)?;
             here = here.max(linf(&frame.image, &whole[after].image));
         }
@@ -91,8 +86,7 @@ fn determinism(context: &Context<'_>) -> Result<Outcome, ChartError> {
         let small = Some(whole.stats.host_cache_bytes / 7);
         for threads in [1, 2, 8] {
             for (series, cache_bytes) in [("CPU, ample cache", None), ("CPU, cache for a seventh", small)] {
-                let mut session =
-                    Session::new(&volume.container, &view, Settings { threads, cache_bytes, ..settings })?;
+                let mut session = Session::new(&volume.container, Settings { threads, cache_bytes, ..settings })?;
                 // Cold, then warm.
                 let mut here = 0.0f64;
                 for _ in 0..2 {

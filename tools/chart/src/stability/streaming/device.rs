@@ -1,7 +1,7 @@
 //! S42: work that takes a graphics device too long; a device that is lost.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
 
 use supervol_runtime::frame::{Backend, Progress, RenderError, RenderOptions, render_gpu_surviving};
 use supervol_runtime::image::Image;
@@ -29,7 +29,7 @@ pub const DEVICE_LOSS: Regime = Regime {
 /// Longest time that one piece of work may keep a device from its display, milliseconds.
 const DISPATCH_LIMIT_MS: f64 = 100.0;
 
-fn options() -> RenderOptions<'static> {
+fn options() -> RenderOptions {
     RenderOptions { host_memory_bytes: HOST_MEMORY_BYTES, gpu_memory_bytes: 128 << 20, ..finest(Backend::Gpu) }
 }
 
@@ -40,7 +40,7 @@ fn device_loss(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let (mut longest, mut total_ms) = (0.0f64, 0.0f64);
     for width in context.pick(vec![64, 128, 256, 512], vec![32, 64]) {
         (context.say)(&format!("S42: {width} pixels across"));
-        let (_, stats) = draw(&device, &volume, &heavy(&volume, width)?, &options())?;
+        let (_, stats) = draw(device.clone(), &volume, &heavy(&volume, width)?, &options())?;
         let pixels = f64::from(stats.image_width) * f64::from(stats.image_height);
         curve.push(CurvePoint::new("default", pixels, stats.gpu_dispatch_ms_max, Some(DISPATCH_LIMIT_MS)));
         longest = longest.max(stats.gpu_dispatch_ms_max);
@@ -76,13 +76,12 @@ fn heavy(volume: &Volume, width: u32) -> Result<ResolvedScene, ChartError> {
 }
 
 fn draw(
-    device: &GpuDevice,
+    device: GpuDevice,
     volume: &Volume,
     scene: &ResolvedScene,
-    options: &RenderOptions<'_>,
+    options: &RenderOptions,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let (image, mut stats) =
-        render_gpu_surviving(device, &GpuDevice::open, &volume.container, scene, options, Instant::now())?;
+    let (image, mut stats) = render_gpu_surviving(device, &GpuDevice::open, &volume.container, scene, options)?;
     [stats.image_width, stats.image_height] = scene.image_size;
     Ok((image, stats))
 }
@@ -101,20 +100,21 @@ struct Losses {
 fn losses(context: &Context<'_>, volume: &Volume) -> Result<Losses, ChartError> {
     let members = [volume.outside(), image_size(32, 24), translucent(volume.radius())];
     let scene = scene(volume, &members)?;
-    let (whole, stats) = draw(&GpuDevice::open()?, volume, &scene, &options())?;
+    let (whole, stats) = draw(GpuDevice::open()?, volume, &scene, &options())?;
     let mut losses = Losses::default();
     for lose_after in 1..=context.pick(8, 1).min(stats.passes) {
         losses.cases += 1;
         let device = GpuDevice::open()?;
         let passes = AtomicU64::new(0);
         // Only the first device is destroyed: its pass numbers come first.
-        let destroy = |_: Progress| {
+        let doomed = device.clone();
+        let destroy = move |_: Progress| {
             if passes.fetch_add(1, Ordering::Relaxed) + 1 == lose_after {
-                device.device.destroy();
+                doomed.device.destroy();
             }
         };
-        let options = RenderOptions { progress: Some(&destroy), ..options() };
-        match draw(&device, volume, &scene, &options) {
+        let options = RenderOptions { progress: Some(Arc::new(destroy)), ..options() };
+        match draw(device.clone(), volume, &scene, &options) {
             Ok((image, stats)) => {
                 losses.worst = losses.worst.max(linf(&image, &whole));
                 // After its last pass a picture is read back: that needs the device, too.
@@ -124,7 +124,7 @@ fn losses(context: &Context<'_>, volume: &Volume) -> Result<Losses, ChartError> 
             Err(_) => losses.without_picture += 1,
         }
         let gone = || Err(GpuError::NoAdapter { reason: "the only device is gone".into() });
-        let again = render_gpu_surviving(&device, &gone, &volume.container, &scene, &options, Instant::now()).err();
+        let again = render_gpu_surviving(device, &gone, &volume.container, &scene, &options).err();
         losses.unclear += u64::from(!matches!(again, Some(RenderError::Gpu(GpuError::DeviceLost { .. }))));
     }
     Ok(losses)

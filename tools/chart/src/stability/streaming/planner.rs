@@ -1,12 +1,11 @@
 //! S34 and S35: what planning costs in volumes of any size; flying through one faster than it can be read.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use glam::DVec3;
 use supervol_format::{Container, Geometry};
 use supervol_runtime::scene::ResolvedScene;
-use supervol_runtime::streamer::Room;
 use supervol_runtime::streamer::state::StateKind;
 
 use super::session::{Session, Settings, fresh, median, pixels_lost, scene, translucent};
@@ -71,16 +70,11 @@ type View = fn(&Volume, f64, (u32, u32)) -> Result<ResolvedScene, ChartError>;
 
 /// Planning time of one frame: all of the streamer's part but the source's reads and decoding.
 fn planning_ms(session: &mut Session, scene: &ResolvedScene, source: &Watched) -> Result<f64, ChartError> {
-    let mut planning = Duration::ZERO;
-    session.passes(scene, usize::MAX, |streamer, report| {
-        let outside = |s: &supervol_runtime::streamer::Streamer| source.time() + s.counters().decode_time;
-        let (start, before) = (Instant::now(), outside(streamer));
-        streamer.note_uses(&report.uses, report.misses.len() as u64);
-        let fetched = streamer.fetch(&report.misses, Room::ANY);
-        planning += start.elapsed().saturating_sub(outside(streamer) - before);
-        fetched
-    })?;
-    Ok(planning.as_secs_f64() * 1e3)
+    let before = source.time();
+    let stats = session.frame(scene, None)?.stats;
+    // What is read while planning: pages of the table of contents.
+    let pages_ms = (source.time() - before).as_secs_f64() * 1e3 - stats.read_ms;
+    Ok(stats.plan_ms - pages_ms.max(0.0))
 }
 
 /// Planning of frames of one view: cold, warm, and the bricks that the frame uses.
@@ -90,9 +84,9 @@ fn plan_view(context: &Context<'_>, dims: [u64; 3], view: View, size: (u32, u32)
         // Opened anew: the table of contents is cold, too.
         let (volume, source) = watched(dims, 32, pass())?;
         let scene = |degrees| view(&volume, degrees, size);
-        let mut session = Session::new(&volume.container, &scene(0.0)?, Settings::default())?;
+        let mut session = Session::new(&volume.container, Settings::default())?;
         cold.push(planning_ms(&mut session, &scene(0.0)?, &source)?);
-        bricks = session.streamer.states().total(StateKind::InHost);
+        bricks = session.streamer().states().total(StateKind::InHost);
         for step in 1..=context.pick(3, 1) {
             warm.push(planning_ms(&mut session, &scene(f64::from(step))?, &source)?);
         }
@@ -147,7 +141,7 @@ fn first_image(context: &Context<'_>) -> Result<(usize, f64), ChartError> {
     let settings = Settings { host_memory_bytes: 160 << 20, ..Settings::default() };
     let whole = fresh(&volume, &view, settings)?;
     let (volume, _) = watched([65_536; 3], 64, pass())?;
-    let first = Session::new(&volume.container, &view, settings)?.frame(&view, Some(0))?;
+    let first = Session::new(&volume.container, settings)?.frame(&view, Some(0))?;
     Ok((pixels_lost(&first.image, &whole.image), first.ms))
 }
 
@@ -174,36 +168,33 @@ fn fly_through(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let size = context.pick((160, 120), (48, 36));
     let budget_ms = context.pick(150, 40);
     let places = context.pick(5, 2);
-    let mut session = Session::new(&volume.container, &zoom(&volume, 0, 0, size)?, Settings::default())?;
+    let mut session = Session::new(&volume.container, Settings::default())?;
     let mut curve = Vec::new();
     let (mut times, mut worst_streaming, mut cancelled, mut lost, mut most_wanted) = (Vec::new(), 0.0f64, 0, 0, 0);
-    let mut streamed_before = 0.0;
     for i in 0..places * STEPS {
         let view = zoom(&volume, i / STEPS, i % STEPS, size)?;
         let frame = session.frame(&view, Some(budget_ms))?;
-        let streamed = frame.stats.read_ms + frame.stats.decode_ms;
-        let streaming = streamed - streamed_before;
-        streamed_before = streamed;
+        let streaming = frame.stats.read_ms + frame.stats.decode_ms;
         curve.push(CurvePoint::new("frame", i as f64, frame.ms, Some(budget_ms as f64)));
         curve.push(CurvePoint::new("reading and decoding", i as f64, streaming, Some(budget_ms as f64)));
         times.push(frame.ms);
         worst_streaming = worst_streaming.max(streaming);
-        cancelled += frame.cancelled;
+        cancelled += frame.stats.cancelled;
         if i % STEPS == STEPS / 2 {
             let whole = fresh(&undelayed, &view, Settings::default())?;
             lost += pixels_lost(&frame.image, &whole.image);
-            most_wanted = most_wanted.max(whole.page_ins);
+            most_wanted = most_wanted.max(whole.stats.page_ins);
         }
     }
     let last = session.frame(&zoom(&volume, places - 1, STEPS - 1, size)?, None)?;
-    let stale = session.streamer.states().total(StateKind::Queued);
+    let stale = session.streamer().states().total(StateKind::Queued);
     let slowest = times.iter().copied().fold(0.0, f64::max);
     let gates = vec![
         Gate::at_most("slowest frame (medians)", slowest / median(&times), 2.0).speed(),
         Gate::at_most("reading and decoding in any frame (ms)", worst_streaming, budget_ms as f64).speed(),
         Gate::at_least(
             "requests cancelled because no view wants them any more",
-            (cancelled + last.cancelled) as f64,
+            (cancelled + last.stats.cancelled) as f64,
             1.0,
         )
         .speed(),
@@ -214,7 +205,7 @@ fn fly_through(context: &Context<'_>) -> Result<Outcome, ChartError> {
         "{budget_ms} ms per frame; up to {most_wanted} bricks wanted in one. {} requests were cancelled. A frame ends at \
          most one pass or one batch of reads late, and the pass that completes the picture from parents comes after the \
          budget.",
-        cancelled + last.cancelled
+        cancelled + last.stats.cancelled
     );
     Ok(Outcome { curve, gates, note })
 }

@@ -117,7 +117,7 @@ impl Subject {
         let scene = scene(&volume, &[volume.outside(), image_size(20, 16), translucent(volume.radius())])?;
         let watched = Arc::new(Watched::new(bytes.clone(), pass()).map_err(|e| ChartError::Broken(e.to_string()))?);
         let container = Arc::new(Container::from_source(watched.clone())?);
-        let whole = Session::new(&container, &scene, SETTINGS)?.frame(&scene, None)?;
+        let whole = Session::new(&container, SETTINGS)?.frame(&scene, None)?;
         if whole.stats.bricks_failed > 0 {
             return Err(ChartError::Broken("absent bricks are counted as failed".into()));
         }
@@ -129,7 +129,7 @@ impl Subject {
         let source: Arc<dyn ByteSource> = Arc::new(source.map_err(|e| ChartError::Broken(e.to_string()))?);
         let drawn = catch_unwind(AssertUnwindSafe(|| -> Result<Option<(Session, Frame)>, ChartError> {
             let Ok(container) = Container::from_source(source) else { return Ok(None) };
-            let mut session = Session::new(&Arc::new(container), &self.scene, SETTINGS)?;
+            let mut session = Session::new(&Arc::new(container), SETTINGS)?;
             let frame = session.frame(&self.scene, None)?;
             Ok(Some((session, frame)))
         }));
@@ -142,7 +142,7 @@ impl Subject {
     }
 
     fn judge(&self, session: &Session, frame: &Frame) -> Fate {
-        let failed = session.streamer.states().total(StateKind::Failed);
+        let failed = session.streamer().states().total(StateKind::Failed);
         let named = frame.stats.failures.iter().all(|f| f.brick.starts_with("brick (") && !f.reason.is_empty());
         match (failed, frame.stats.failures.is_empty()) {
             (0, true) if frame.image == self.whole.image => Fate::Unharmed,

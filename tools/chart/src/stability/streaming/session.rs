@@ -1,24 +1,19 @@
-//! Frames by one streamer, one after the other: what a viewer does, and a headless run does not.
+//! Frames by one renderer, one after the other: what a viewer does, and a headless run does not.
 //!
-//! The CPU ray caster throughout. What a frame cost is counted from its own beginning, although the streamer counts from
-//! its own.
+//! The CPU ray caster throughout.
 
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 use supervol_format::{Container, Lod};
-use supervol_runtime::frame::RenderError;
-use supervol_runtime::frame::caster::{CpuCaster, PassReport, RayCaster};
-use supervol_runtime::frame::{
-    Backend, FrameWalk, LevelChoice, Progress, RenderOptions, classifier_for, cpu_frame, plan_host, streamer_for,
-};
+use supervol_runtime::frame::{Backend, LevelChoice, Progress, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::by_error::ANY_ERROR;
+use supervol_runtime::renderer::Renderer;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
-use supervol_runtime::streamer::budget::HostPlan;
-use supervol_runtime::streamer::priority::FrontToBack;
-use supervol_runtime::streamer::{Fetched, OnMissing, StreamError, Streamer};
+use supervol_runtime::streamer::Streamer;
 
 use crate::context::ChartError;
 use crate::measure::Spread;
@@ -49,11 +44,13 @@ impl Settings {
         Self { level: LevelChoice::Fixed(Lod::FINEST), ..self }
     }
 
-    fn options(&self) -> RenderOptions<'static> {
+    fn options(&self) -> RenderOptions {
         RenderOptions {
             backend: Backend::Cpu,
             level: self.level,
             host_memory_bytes: self.host_memory_bytes,
+            cache_bytes: self.cache_bytes,
+            threads: Some(self.threads),
             // Levels go by the size of voxels alone: BRICKID states the width of all values as the error of every brick,
             // and the number of bricks is to follow the picture.
             max_error: ANY_ERROR,
@@ -62,26 +59,20 @@ impl Settings {
     }
 }
 
-/// A streamer that outlives its frames.
+/// A renderer that outlives its frames, and is watched.
 pub struct Session {
-    container: Arc<Container>,
-    settings: Settings,
-    plan: HostPlan,
-    pool: rayon::ThreadPool,
-    /// The streamer, for whoever wants to look.
-    pub streamer: Streamer,
+    renderer: Renderer,
+    passes: Arc<Mutex<Vec<Progress>>>,
+    /// Passes of a frame after which it is cancelled.
+    cancel_after: Arc<AtomicU64>,
 }
 
 /// One frame of a session.
 pub struct Frame {
     /// The picture.
     pub image: Image,
-    /// As the streamer counts them: since it was made.
+    /// What it cost.
     pub stats: FrameStats,
-    /// Bricks that came into the cache in this frame.
-    pub page_ins: u64,
-    /// Queued bricks that were dropped in this frame.
-    pub cancelled: u64,
     /// Passes after which rays waited although nothing had been read for those that waited before.
     pub idle_passes: u64,
     /// Wall time.
@@ -89,72 +80,49 @@ pub struct Frame {
 }
 
 impl Session {
-    /// A session whose budget is divided for frames like this one.
+    /// A session that has loaded nothing.
     ///
     /// # Errors
-    /// If the budget is too small, or threads cannot be started.
-    pub fn new(container: &Arc<Container>, scene: &ResolvedScene, settings: Settings) -> Result<Self, ChartError> {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(settings.threads).build();
-        let pool = pool.map_err(|e| ChartError::Command(format!("{} threads: {e}", settings.threads)))?;
-        // With a deadline one brick more must fit: frames of a session may have one.
-        let options = RenderOptions { time_budget_ms: Some(0), ..settings.options() };
-        let mut plan = pool.install(|| plan_host(container, scene, &options)).map_err(RenderError::from)?;
-        plan.cache_bytes = settings.cache_bytes.unwrap_or(plan.cache_bytes);
-        let streamer = streamer_for(container, scene, &options, plan);
-        Ok(Self { container: container.clone(), settings, plan, pool, streamer })
+    /// If threads cannot be started.
+    pub fn new(container: &Arc<Container>, settings: Settings) -> Result<Self, ChartError> {
+        let passes: Arc<Mutex<Vec<Progress>>> = Arc::default();
+        let cancel_after = Arc::new(AtomicU64::new(u64::MAX));
+        let canceller = Arc::new(Mutex::new(None));
+        let (seen, most, stops) = (passes.clone(), cancel_after.clone(), canceller.clone());
+        let progress = move |progress: Progress| {
+            let mut seen = locked(&seen);
+            seen.push(progress);
+            if seen.len() as u64 >= most.load(Ordering::Relaxed) {
+                locked(&stops).as_ref().map(supervol_runtime::stop::Canceller::cancel);
+            }
+        };
+        let options = RenderOptions { progress: Some(Arc::new(progress)), ..settings.options() };
+        let renderer = Renderer::new(supervol_runtime::volume::Volume::of(container.clone()), options)?;
+        *locked(&canceller) = Some(renderer.canceller());
+        Ok(Self { renderer, passes, cancel_after })
     }
 
-    /// The ray caster of a scene.
-    pub fn caster(&self, scene: &ResolvedScene) -> CpuCaster {
-        CpuCaster::new(cpu_frame(&self.container, scene, &self.settings.options(), &self.plan))
+    /// The streamer, for whoever wants to look.
+    ///
+    /// # Panics
+    /// Before the first frame.
+    pub fn streamer(&self) -> &Streamer {
+        self.renderer.streamer().expect("a frame has been drawn")
     }
 
-    /// The session's camera and transfer function become those of a scene.
-    pub fn look(&mut self, scene: &ResolvedScene) {
-        let descriptor = self.container.descriptor();
-        self.streamer.set_order(FrontToBack::new(&scene.camera, &descriptor.geometry));
-    }
-
-    /// The transfer function, mode or iso values changed.
-    pub fn edit(&mut self, scene: &ResolvedScene) {
-        let options = self.settings.options();
-        self.streamer.set_classifier(classifier_for(&self.container, scene, &options));
-    }
-
-    /// Runs something on the session's threads.
-    pub fn run<T: Send>(&mut self, work: impl FnOnce(&mut Streamer) -> T + Send) -> T {
-        let (pool, streamer) = (&self.pool, &mut self.streamer);
-        pool.install(|| work(streamer))
-    }
-
-    /// Passes of a frame that nobody finishes: at most `most`. `tick` is handed what each pass reported and does the
-    /// streamer's part. Returns the number of passes.
+    /// Begins a frame that nobody finishes: it is cancelled after so many passes.
     ///
     /// # Errors
     /// If there is no progress, or memory does not suffice.
-    pub fn passes(
-        &mut self,
-        scene: &ResolvedScene,
-        most: usize,
-        mut tick: impl FnMut(&mut Streamer, &PassReport) -> Result<Fetched, StreamError> + Send,
-    ) -> Result<usize, ChartError> {
-        self.look(scene);
-        let mut caster = self.caster(scene);
-        self.run(|streamer| {
-            streamer.begin_frame();
-            caster.begin(0..scene.image_size[1])?;
-            for pass in 1..=most {
-                streamer.begin_pass();
-                let report = caster.cast_pass(&streamer.view(OnMissing::Wait))?;
-                let fetched = tick(streamer, &report)?;
-                if report.unfinished_rays == 0 {
-                    return Ok(pass);
-                }
-                caster.update(&streamer.view(OnMissing::Wait), &fetched)?;
-            }
-            Ok::<_, RenderError>(most)
-        })
-        .map_err(ChartError::from)
+    pub fn begin_only(&mut self, scene: &ResolvedScene, passes: u64) -> Result<(), ChartError> {
+        self.begin(scene);
+        if passes == 0 {
+            self.renderer.canceller().cancel();
+        }
+        self.cancel_after.store(passes, Ordering::Relaxed);
+        let step = self.renderer.advance(None);
+        self.cancel_after.store(u64::MAX, Ordering::Relaxed);
+        step.map_err(ChartError::from).map(|_| ())
     }
 
     /// The next frame; with a time budget it may end before it has converged.
@@ -162,44 +130,36 @@ impl Session {
     /// # Errors
     /// If there is no progress, or memory does not suffice.
     pub fn frame(&mut self, scene: &ResolvedScene, time_budget_ms: Option<u64>) -> Result<Frame, ChartError> {
-        self.look(scene);
-        let passes: Mutex<Vec<Progress>> = Mutex::default();
-        let note = |progress: Progress| passes.lock().unwrap_or_else(PoisonError::into_inner).push(progress);
-        let options = RenderOptions { time_budget_ms, progress: Some(&note), ..self.settings.options() };
-        let before = (page_ins(&self.streamer), self.streamer.counters().cancelled);
-        let mut caster = self.caster(scene);
-        let (plan, start) = (self.plan, Instant::now());
-        let (image, stats) = self.run(|streamer| {
-            let mut walk = FrameWalk::new(streamer, plan, &options, start);
-            let image = walk.run(&mut caster, scene.image_size);
-            image.map(|image| (image, walk.into_stats()))
-        })?;
+        self.begin(scene);
+        let start = Instant::now();
+        self.renderer.advance(time_budget_ms.map(|ms| start + Duration::from_millis(ms)))?;
         let ms = start.elapsed().as_secs_f64() * 1e3;
-        let passes = passes.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let image = self.renderer.picture().expect("nobody cancels").into_owned();
+        let passes = locked(&self.passes);
         let is_idle =
             |w: &&[Progress]| w[0].rays_waiting > 0 && w[1].rays_waiting > 0 && w[0].bytes_read == w[1].bytes_read;
-        Ok(Frame {
-            image,
-            page_ins: page_ins(&self.streamer) - before.0,
-            cancelled: stats.cancelled - before.1,
-            idle_passes: passes.windows(2).filter(is_idle).count() as u64,
-            stats,
-            ms,
-        })
+        let idle_passes = passes.windows(2).filter(is_idle).count() as u64;
+        Ok(Frame { image, idle_passes, stats: self.renderer.stats(), ms })
+    }
+
+    /// Every frame is a new one, even of the same scene.
+    fn begin(&mut self, scene: &ResolvedScene) {
+        locked(&self.passes).clear();
+        self.renderer.set_scene(scene.clone());
+        self.renderer.begin_anew();
     }
 }
 
-fn page_ins(streamer: &Streamer) -> u64 {
-    let levels = streamer.container().pyramid().levels().len();
-    (0..levels).map(|lod| streamer.states().page_ins(Lod(lod as u8))).sum()
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// One frame by a streamer of its own, converged.
+/// One frame by a renderer of its own, converged.
 ///
 /// # Errors
 /// As [`Session::frame`].
 pub fn fresh(volume: &Volume, scene: &ResolvedScene, settings: Settings) -> Result<Frame, ChartError> {
-    Session::new(&volume.container, scene, settings)?.frame(scene, None)
+    Session::new(&volume.container, settings)?.frame(scene, None)
 }
 
 /// Everything shows, and rays get through to the far side of a volume with this radius.

@@ -1,0 +1,267 @@
+//! The passes of one frame: streamer and ray caster in turn.
+
+use std::ops::Range;
+use std::time::{Duration, Instant};
+
+use supervol_format::{BrickKey, Lod};
+
+use super::caster::{CpuCaster, PassReport, RayCaster};
+use super::{LevelChoice, Progress, RenderError, RenderOptions, check, milliseconds, predict};
+use crate::image::Image;
+use crate::stats::FrameStats;
+use crate::stop::Stop;
+use crate::streamer::budget::{BrickBytes, HostPlan};
+use crate::streamer::{OnMissing, Room, Streamer};
+
+/// Most passes of one band. Each pass but the last answers at least one brick that a ray waits for.
+pub const PASS_LIMIT: u64 = 10_000_000;
+/// Part of the host cache, as a divisor, that coarse levels kept for a deadline may fill.
+const KEPT_SHARE: u64 = 8;
+/// Part of the time budget, as a divisor, that fetching coarse levels for a deadline may take.
+const KEPT_TIME_SHARE: u32 = 4;
+
+/// Takes one ray caster through the passes of one frame.
+///
+/// The streamer outlives the walk: what it holds serves the next frame.
+pub struct FrameWalk<'a> {
+    streamer: &'a mut Streamer,
+    plan: HostPlan,
+    options: &'a RenderOptions,
+    start: Instant,
+    stop: Stop,
+    stats: FrameStats,
+    rows: u32,
+    rows_finished: u32,
+}
+
+/// How far the bands of a picture have come that is cast with interruptions.
+#[derive(Debug, Clone, Default)]
+pub struct Bands {
+    /// Pixel rows of the band in progress; empty between two bands.
+    rows: Range<u32>,
+    /// Pixels of the bands before it.
+    written_before: u64,
+}
+
+impl<'a> FrameWalk<'a> {
+    /// A walk whose time budget began at `start`.
+    #[must_use]
+    pub fn new(streamer: &'a mut Streamer, plan: HostPlan, options: &'a RenderOptions, start: Instant) -> Self {
+        let deadline = options.time_budget_ms.map(|ms| start + Duration::from_millis(ms));
+        let stats = FrameStats { converged: true, ..FrameStats::default() };
+        Self { streamer, plan, options, start, stop: Stop::at(deadline), stats, rows: 0, rows_finished: 0 }
+    }
+
+    /// The same walk that stops then, whatever the options say.
+    #[must_use]
+    pub fn until(self, stop: Stop) -> Self {
+        Self { stop, ..self }
+    }
+
+    /// The same walk after others for the same picture that have these statistics.
+    #[must_use]
+    pub fn after(self, stats: FrameStats) -> Self {
+        Self { stats: FrameStats { converged: true, ..stats }, ..self }
+    }
+
+    /// Statistics of the walk; what the streamer counts, it counts since it was made.
+    #[must_use]
+    pub fn into_stats(self) -> FrameStats {
+        self.stats
+    }
+
+    /// Casts until the picture is complete. When the time is up, rays that wait take coarser bricks.
+    ///
+    /// # Errors
+    /// If a device fails, memory does not suffice, there is no progress, or the walk is cancelled.
+    pub fn run(&mut self, caster: &mut dyn RayCaster, image_size: [u32; 2]) -> Result<Image, RenderError> {
+        let [width, height] = image_size;
+        self.rows = height;
+        self.streamer.begin_frame();
+        if self.stop.deadline().is_some() {
+            self.keep_coarse_levels(caster)?;
+        }
+        let mut image = Image { width, height, pixels: Vec::with_capacity(width as usize * height as usize) };
+        for first in (0..height).step_by(self.plan.band_rows as usize) {
+            self.streamer.begin_band();
+            caster.begin(first..(first + self.plan.band_rows).min(height))?;
+            self.complete_band(caster)?;
+            image.pixels.extend(caster.image()?.pixels);
+            self.stats.bands += 1;
+            self.rows_finished = (first + self.plan.band_rows).min(height);
+        }
+        self.gather_stats(caster);
+        Ok(image)
+    }
+
+    /// Casts until the picture is finished or the walk is to stop, and writes the pixels that are finished over those of
+    /// `picture`; how many those are by now. `bands` says where an earlier walk with the same caster has stopped.
+    ///
+    /// # Errors
+    /// If memory does not suffice, or there is no progress.
+    pub fn run_over(
+        &mut self,
+        caster: &mut CpuCaster,
+        picture: &mut Image,
+        bands: &mut Bands,
+    ) -> Result<u64, RenderError> {
+        self.rows = picture.height;
+        caster.stop_at(&self.stop);
+        if bands.rows == (0..0) {
+            self.streamer.begin_frame();
+        }
+        let mut written = bands.written_before;
+        while bands.rows.start < picture.height {
+            self.rows_finished = bands.rows.start;
+            if bands.rows.is_empty() {
+                bands.rows.end = (bands.rows.start + self.plan.band_rows).min(picture.height);
+                self.streamer.begin_band();
+                caster.begin(bands.rows.clone())?;
+                self.stats.bands += 1;
+            }
+            let is_finished = self.cast_band(caster)?;
+            written = bands.written_before + picture.write_over(bands.rows.start, &caster.finished_pixels());
+            if !is_finished {
+                self.stats.converged = false;
+                break;
+            }
+            *bands = Bands { rows: bands.rows.end..bands.rows.end, written_before: written };
+        }
+        self.gather_stats(caster);
+        Ok(written)
+    }
+
+    /// The passes of a band until none of its rays waits.
+    fn complete_band(&mut self, caster: &mut dyn RayCaster) -> Result<(), RenderError> {
+        let mut waiting = 0;
+        for pass in 1..=PASS_LIMIT {
+            if self.stop.is_cancelled() {
+                return Err(RenderError::Cancelled);
+            }
+            let is_late = self.stop.is_late();
+            let on_missing = if is_late { OnMissing::UseParent } else { OnMissing::Wait };
+            let report = self.cast_pass(caster, on_missing)?;
+            if is_late {
+                self.stats.converged &= report.fallbacks == 0;
+                self.stats.bricks_missing_at_deadline += waiting;
+            }
+            if report.unfinished_rays == 0 {
+                return Ok(());
+            }
+            if is_late {
+                return Err(no_progress(pass, &report));
+            }
+            waiting = report.misses.len() as u64;
+            // When the time is up nothing more is fetched: the next pass waits for nothing.
+            if !self.stop.is_late() {
+                self.fetch(pass, &report, caster)?;
+            }
+        }
+        Err(RenderError::TooManyPasses { unfinished_rays: waiting })
+    }
+
+    /// The passes of a band until it is finished or the walk is to stop: whether it is finished.
+    fn cast_band(&mut self, caster: &mut CpuCaster) -> Result<bool, RenderError> {
+        for pass in 1..=PASS_LIMIT {
+            let report = self.cast_pass(caster, OnMissing::Wait)?;
+            if !report.is_stopped && report.unfinished_rays == 0 {
+                return Ok(true);
+            }
+            if self.stop.is_due() {
+                return Ok(false);
+            }
+            self.fetch(pass, &report, caster)?;
+        }
+        Err(RenderError::TooManyPasses { unfinished_rays: 0 })
+    }
+
+    fn cast_pass(&mut self, caster: &mut dyn RayCaster, on_missing: OnMissing) -> Result<PassReport, RenderError> {
+        self.streamer.begin_pass();
+        let start = Instant::now();
+        let report = caster.cast_pass(&self.streamer.view(on_missing))?;
+        self.stats.render_ms += milliseconds(start.elapsed());
+        self.stats.passes += 1;
+        self.stats.fallbacks += report.fallbacks;
+        self.streamer.note_uses(&report.uses, report.misses.len() as u64);
+        if let Some(progress) = &self.options.progress {
+            progress(Progress {
+                passes: self.stats.passes,
+                rows_finished: self.rows_finished,
+                rows: self.rows,
+                rays_waiting: report.unfinished_rays,
+                bytes_read: self.streamer.counters().io.bytes_read,
+            });
+        }
+        Ok(report)
+    }
+
+    /// Fetches what the rays of a pass wait for, and hands it to the caster.
+    fn fetch(&mut self, pass: u64, report: &PassReport, caster: &mut dyn RayCaster) -> Result<(), RenderError> {
+        let room = Room { bricks: caster.room(), deadline: self.stop.deadline() };
+        let fetched = self.streamer.fetch(&report.misses, room)?;
+        if !fetched.is_progress() {
+            return Err(no_progress(pass, report));
+        }
+        caster.update(&self.streamer.view(OnMissing::Wait), &fetched)
+    }
+
+    /// Fetches the coarsest level, whatever it takes, and finer ones while they are small and the time allows: what rays
+    /// fall back to when the time is up.
+    fn keep_coarse_levels(&mut self, caster: &mut dyn RayCaster) -> Result<(), RenderError> {
+        let container = self.streamer.container().clone();
+        let pyramid = container.pyramid();
+        let brick_bytes = BrickBytes::of(&container).decoded;
+        let most = (self.plan.cache_bytes / KEPT_SHARE / brick_bytes).min(caster.room() as u64 / KEPT_SHARE);
+        let time = self.stop.deadline().map_or(Duration::ZERO, |d| d.saturating_duration_since(self.start));
+        let time = time / KEPT_TIME_SHARE;
+        let finest = match self.options.level {
+            LevelChoice::Auto => Lod::FINEST,
+            LevelChoice::Fixed(lod) => lod,
+        };
+        let mut kept = 0;
+        for level in (0..=pyramid.coarsest().0).rev() {
+            let lod = Lod(level);
+            kept += pyramid.level_at(lod).brick_count();
+            let is_optional = lod != pyramid.coarsest();
+            if is_optional && (lod < finest || kept > most || self.start.elapsed() >= time) {
+                break;
+            }
+            let keys: Vec<BrickKey> = pyramid.keys_of(lod).collect();
+            // A level that there is no time for is kept as far as it came.
+            let deadline = is_optional.then(|| self.start + time);
+            let room = Room { bricks: caster.room(), deadline };
+            let fetched = self.streamer.fetch_to_keep(&keys, room)?;
+            caster.update(&self.streamer.view(OnMissing::Wait), &fetched)?;
+        }
+        Ok(())
+    }
+
+    fn gather_stats(&mut self, caster: &dyn RayCaster) {
+        self.stats.gather_streamer(self.streamer);
+        let totals = caster.totals();
+        self.stats.rays = totals.rays;
+        self.stats.rays_terminated_early = totals.rays_terminated_early;
+        self.stats.samples = totals.samples;
+        self.stats.cells = totals.cells;
+        self.stats.cells_refined = totals.cells_refined;
+        self.stats.cells_exact = totals.cells_exact;
+        self.stats.instructions = totals.instructions;
+        self.stats.macro_cells = totals.macro_cells;
+        self.stats.macro_cells_skipped = totals.macro_cells_skipped;
+        self.stats.gpu_bytes = totals.gpu_bytes;
+        self.stats.gpu_page_ins = totals.gpu_page_ins;
+        self.stats.gpu_anomalies = totals.gpu_anomalies;
+        self.stats.gpu_dispatch_ms_max = totals.gpu_dispatch_ms_max;
+        self.stats.adapter = totals.adapter;
+        self.stats.upload_ms = milliseconds(totals.upload_time);
+        let level = check::level_to_check(self.streamer.container(), self.options.level);
+        let predict = |errors| predict::predict(&errors, &self.stats, self.options, level);
+        self.stats.error_predicted = totals.errors.map(predict);
+    }
+}
+
+/// A mistake of ours: rays wait, and nothing could be done for them.
+fn no_progress(pass: u64, report: &PassReport) -> RenderError {
+    let first = report.misses.first().map_or("none".into(), ToString::to_string);
+    RenderError::NoProgress { pass, unfinished_rays: report.unfinished_rays, misses: report.misses.len(), first }
+}

@@ -1,0 +1,341 @@
+//! A renderer lives across pictures: what it has loaded serves the next one, whatever changes.
+//!
+//! ```text
+//! set_scene --> advance --> picture, stats --> advance --> better ones --> ... --> converged
+//!          (look or view changes: set_scene again; bricks and what is known of them stay)
+//! ```
+//!
+//! With a deadline, [`Renderer::advance`] leaves a whole picture behind, however little time there is; every further call makes
+//! it better, until it is the very picture that a new renderer makes without one (`drawing`). Other casters than packets on
+//! the CPU draw a picture in one go, and complete it from coarser bricks when the time is up.
+//!
+//! [`render`] is all of this for one picture.
+
+mod drawing;
+mod resident;
+
+use std::borrow::Cow;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use supervol_format::Container;
+
+use crate::frame::caster::CpuCaster;
+use crate::frame::gpu::{render_gpu, surviving};
+use crate::frame::{
+    Backend, FrameWalk, LevelChoice, RenderError, RenderOptions, cpu_frame, milliseconds, render_from_reference,
+    thread_pool,
+};
+use crate::image::Image;
+use crate::process;
+use crate::raycast::gpu::{GpuDevice, may_have_hardware};
+use crate::scene::{Mode, ResolvedScene};
+use crate::stats::{FrameStats, mode_name};
+use crate::stop::{Canceller, Stop};
+use crate::streamer::Streamer;
+use crate::streamer::budget::CasterBytes;
+use crate::volume::Volume;
+use drawing::Drawing;
+use resident::Resident;
+
+/// Draws pictures of one volume, one after the other.
+pub struct Renderer {
+    volume: Volume,
+    options: RenderOptions,
+    pool: rayon::ThreadPool,
+    canceller: Canceller,
+    engine: Engine,
+    /// Whether a deadline was ever set: from then on there is memory for what it takes.
+    has_deadline: bool,
+    resident: Option<Resident>,
+    scene: Option<ResolvedScene>,
+    work: Work,
+    /// What streaming had cost before this picture.
+    before: FrameStats,
+    spent: Duration,
+    cpu: Duration,
+}
+
+/// Who casts the rays, once that is decided.
+enum Engine {
+    Undecided,
+    Cpu { no_gpu_because: Option<String> },
+    Gpu { device: Box<GpuDevice>, or_cpu: bool },
+    Reference,
+}
+
+/// The picture in progress.
+enum Work {
+    Nothing,
+    InSteps(Box<Drawing>),
+    AtOnce(Image, Box<FrameStats>),
+}
+
+/// How far a picture has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Step {
+    /// Every pixel is finished, from the bricks that it wants: nothing is left to do.
+    pub is_converged: bool,
+    /// Somebody cancelled the step.
+    pub is_cancelled: bool,
+    /// Pixels that are taken from a coarser picture.
+    pub pixels_unfinished: u64,
+    /// How many pixels along an edge a pixel of that covers; 0 where all are finished.
+    pub coarsest_pixel: u32,
+    /// Bricks whose coarser parents stand in, because the time was up.
+    pub bricks_missing: u64,
+}
+
+impl Renderer {
+    /// A renderer that has loaded nothing. Its pictures are made as the options say; their `time_budget_ms` is for [`render`].
+    ///
+    /// # Errors
+    /// If threads cannot be started.
+    pub fn new(volume: Volume, options: RenderOptions) -> Result<Self, RenderError> {
+        let pool = thread_pool(options.threads)?;
+        Ok(Self {
+            volume,
+            options,
+            pool,
+            canceller: Canceller::default(),
+            engine: Engine::Undecided,
+            has_deadline: false,
+            resident: None,
+            scene: None,
+            work: Work::Nothing,
+            before: FrameStats::default(),
+            spent: Duration::ZERO,
+            cpu: Duration::ZERO,
+        })
+    }
+
+    /// What it draws.
+    #[must_use]
+    pub fn volume(&self) -> &Volume {
+        &self.volume
+    }
+
+    /// Stops [`Self::advance`] from another thread.
+    #[must_use]
+    pub fn canceller(&self) -> Canceller {
+        self.canceller.clone()
+    }
+
+    /// From now on this is drawn. Where it is what has been drawn all along, the picture stays.
+    pub fn set_scene(&mut self, scene: ResolvedScene) {
+        if self.scene.as_ref() != Some(&scene) {
+            self.scene = Some(scene);
+            self.begin_anew();
+        }
+    }
+
+    /// The picture is drawn anew from what is loaded; bricks that failed long enough ago are tried again.
+    pub fn begin_anew(&mut self) {
+        self.work = Work::Nothing;
+        self.before = FrameStats::default();
+        if let Some(resident) = &self.resident {
+            self.before.gather_streamer(resident.as_streamer());
+        }
+        (self.spent, self.cpu) = (Duration::ZERO, Duration::ZERO);
+    }
+
+    /// Makes the picture better until it has converged, the time is up, or somebody cancels. With a deadline there is a whole
+    /// picture afterwards.
+    ///
+    /// # Errors
+    /// If a budget is too small or (reference backend only) a brick cannot be read: in all other backends bricks that cannot be
+    /// read are drawn from their parents and counted. What had been drawn of the picture is lost then.
+    ///
+    /// # Panics
+    /// If there is no scene.
+    pub fn advance(&mut self, deadline: Option<Instant>) -> Result<Step, RenderError> {
+        let (start, cpu_start) = (Instant::now(), process::cpu_time());
+        let scene = self.scene.clone().expect("a scene is set before it is drawn");
+        self.has_deadline |= deadline.is_some();
+        let stop = Stop::at(deadline).or_by(self.canceller.clone());
+        let result = self.draw(&scene, &stop);
+        let is_cancelled = self.canceller.take();
+        self.spent += start.elapsed();
+        self.cpu += process::cpu_time().saturating_sub(cpu_start);
+        match result {
+            Ok(()) | Err(RenderError::Cancelled) => {}
+            Err(error) => {
+                self.work = Work::Nothing;
+                return Err(error);
+            }
+        }
+        let stats = match &self.work {
+            Work::Nothing => FrameStats { pixels_unfinished: pixels_of(&scene), ..FrameStats::default() },
+            Work::InSteps(drawing) => drawing.stats(),
+            Work::AtOnce(_, stats) => (**stats).clone(),
+        };
+        Ok(Step {
+            is_converged: stats.converged,
+            is_cancelled,
+            pixels_unfinished: stats.pixels_unfinished,
+            coarsest_pixel: stats.coarsest_pixel,
+            bricks_missing: stats.bricks_missing_at_deadline,
+        })
+    }
+
+    fn draw(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
+        let backend = self.options.backend;
+        if !self.options.caster.is_default() && (backend != Backend::Cpu || scene.mode != Mode::Dvr) {
+            return Err(RenderError::Method { backend, mode: mode_name(scene.mode) });
+        }
+        if matches!(self.engine, Engine::Undecided) {
+            self.engine = self.choose_engine()?;
+        }
+        let or_cpu = matches!(self.engine, Engine::Gpu { or_cpu: true, .. });
+        match self.draw_by_engine(scene, stop) {
+            Err(error @ (RenderError::Gpu(_) | RenderError::Budget(_))) if or_cpu => {
+                self.engine = Engine::Cpu { no_gpu_because: Some(error.to_string()) };
+                self.draw_by_engine(scene, stop)
+            }
+            other => other,
+        }
+    }
+
+    /// A hardware GPU where the backend may be chosen, or the CPU and the reason why not the GPU.
+    fn choose_engine(&self) -> Result<Engine, RenderError> {
+        let no_gpu = |why: String| Engine::Cpu { no_gpu_because: Some(why) };
+        Ok(match self.options.backend {
+            Backend::Cpu => Engine::Cpu { no_gpu_because: None },
+            Backend::Gpu => Engine::Gpu { device: Box::new(self.pool.install(GpuDevice::open)?), or_cpu: false },
+            Backend::Reference => Engine::Reference,
+            Backend::Auto if !may_have_hardware() => no_gpu("no graphics device is there".into()),
+            Backend::Auto => match GpuDevice::open() {
+                Ok(device) if device.is_software() => no_gpu(format!("{} is a processor", device.name())),
+                Ok(device) => Engine::Gpu { device: Box::new(device), or_cpu: true },
+                Err(error) => no_gpu(error.to_string()),
+            },
+        })
+    }
+
+    fn draw_by_engine(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
+        let Self { volume, options, pool, engine, has_deadline, resident, work, .. } = self;
+        let container = volume.container();
+        let caster_bytes = match engine {
+            Engine::Gpu { .. } => CasterBytes::ON_DEVICE,
+            _ => options.caster.bytes(container.pyramid().layout().core()),
+        };
+        pool.install(|| {
+            if let Engine::Reference = engine {
+                let (image, stats) = render_from_reference(container, scene, options)?;
+                *work = Work::AtOnce(image, Box::new(stats));
+                return Ok(());
+            }
+            let resident = match resident {
+                Some(resident) => {
+                    resident.fit(scene, options, caster_bytes, *has_deadline)?;
+                    resident
+                }
+                None => resident.insert(Resident::new(container, scene, options, caster_bytes, *has_deadline)?),
+            };
+            if let (Engine::Cpu { .. }, true) = (&*engine, options.caster.is_default()) {
+                if !matches!(work, Work::InSteps(_)) {
+                    *work = Work::InSteps(Box::new(Drawing::new(scene.clone())));
+                }
+                let Work::InSteps(drawing) = work else { unreachable!("it has just been made so") };
+                return drawing.advance(resident, options, stop);
+            }
+            if matches!(work, Work::AtOnce(_, stats) if stats.converged) {
+                return Ok(());
+            }
+            resident.aim(scene, options);
+            let plan = resident.plan();
+            let (image, stats) = match engine {
+                Engine::Gpu { device, .. } => surviving(device, &GpuDevice::open, |device| {
+                    render_gpu(device, scene, options, resident.streamer(), plan, stop)
+                })?,
+                _ => {
+                    let mut caster = CpuCaster::new(cpu_frame(container, scene, options, &plan));
+                    let mut walk =
+                        FrameWalk::new(resident.streamer(), plan, options, Instant::now()).until(stop.clone());
+                    let image = walk.run(&mut caster, scene.image_size)?;
+                    (image, FrameStats { backend: "cpu", ..walk.into_stats() })
+                }
+            };
+            *work = Work::AtOnce(image, Box::new(stats));
+            Ok(())
+        })
+    }
+
+    /// The picture so far: none before something is known of each of its pixels.
+    #[must_use]
+    pub fn picture(&self) -> Option<Cow<'_, Image>> {
+        match &self.work {
+            Work::Nothing => None,
+            Work::InSteps(drawing) => drawing.picture(),
+            Work::AtOnce(image, _) => Some(Cow::Borrowed(image)),
+        }
+    }
+
+    /// The picture so far, for who draws no other.
+    #[must_use]
+    pub fn into_picture(self) -> Option<Image> {
+        match self.work {
+            Work::Nothing => None,
+            Work::InSteps(drawing) => drawing.into_picture(),
+            Work::AtOnce(image, _) => Some(image),
+        }
+    }
+
+    /// What the picture has cost since it was begun, and how far it has come.
+    #[must_use]
+    pub fn stats(&self) -> FrameStats {
+        let stats = match &self.work {
+            Work::Nothing => FrameStats::default(),
+            Work::InSteps(drawing) => drawing.stats(),
+            Work::AtOnce(_, stats) => (**stats).clone(),
+        };
+        let mut stats = stats.since(&self.before);
+        if let Some(scene) = &self.scene {
+            [stats.image_width, stats.image_height] = scene.image_size;
+            stats.mode = mode_name(scene.mode);
+        }
+        if let Engine::Cpu { no_gpu_because } = &self.engine {
+            stats.no_gpu_because.clone_from(no_gpu_because);
+        }
+        stats.threads = self.pool.current_num_threads();
+        stats.level = match self.options.level {
+            LevelChoice::Auto => None,
+            LevelChoice::Fixed(lod) => Some(lod.min(self.volume.container().pyramid().coarsest()).0),
+        };
+        stats.host_budget_bytes = self.options.host_memory_bytes;
+        stats.gpu_budget_bytes = self.options.gpu_memory_bytes;
+        stats.max_error_requested = self.options.max_error;
+        stats.total_ms = milliseconds(self.spent);
+        stats.cpu_ms = milliseconds(self.cpu);
+        stats.peak_rss_bytes = process::peak_resident_bytes();
+        stats
+    }
+
+    /// The streamer, to look at; none before the first picture.
+    #[must_use]
+    pub fn streamer(&self) -> Option<&Streamer> {
+        self.resident.as_ref().map(Resident::as_streamer)
+    }
+}
+
+fn pixels_of(scene: &ResolvedScene) -> u64 {
+    scene.image_size.map(u64::from).iter().product()
+}
+
+/// Makes the picture of a scene from a container, within the given memory and, if there is one, time budget.
+///
+/// # Errors
+/// As [`Renderer::advance`].
+pub fn render(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+) -> Result<(Image, FrameStats), RenderError> {
+    let deadline = options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms));
+    let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone())?;
+    renderer.set_scene(scene.clone());
+    renderer.advance(deadline)?;
+    let stats = renderer.stats();
+    let picture = renderer.into_picture().expect("nobody cancels, and with or without a deadline there is a picture");
+    Ok((picture, stats))
+}

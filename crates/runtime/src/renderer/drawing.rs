@@ -1,0 +1,264 @@
+//! A picture in the making, by packets on the CPU: ever smaller pixels, until it is the one that is wanted.
+//!
+//! ```text
+//! sketch: large pixels, the coarsest level --> smaller pixels, finer levels --> ... --> the picture that is wanted
+//! ```
+//!
+//! The sketch is always finished. Each later picture begins as the last one, enlarged, and its tiles are written over as they
+//! are finished; levels follow the size of its pixels, so that it takes some eight times as long as one of pixels twice as
+//! large. How long the last one took says which are left out. When the time is up, rays stop between two bricks: what has been
+//! finished stands, the rest is what the picture before shows there ([`FrameStats::pixels_unfinished`]), and with more time
+//! they go on. Without a deadline the picture that is wanted is drawn at once.
+
+use std::borrow::Cow;
+use std::time::{Duration, Instant};
+
+use supervol_format::{Container, Lod};
+
+use super::resident::Resident;
+use crate::frame::caster::CpuCaster;
+use crate::frame::walk::{Bands, FrameWalk};
+use crate::frame::{LevelChoice, RenderError, RenderOptions, cpu_frame};
+use crate::image::Image;
+use crate::lod::by_error::ANY_ERROR;
+use crate::scene::ResolvedScene;
+use crate::stats::FrameStats;
+use crate::stop::Stop;
+
+/// Rays of a sketch, at most: some milliseconds.
+const SKETCH_RAYS: u64 = 8192;
+/// A picture of half as large pixels takes so many times as long: four times the rays, through twice the cells.
+const TIME_PER_HALVING: f64 = 8.0;
+/// The picture that is wanted takes so many times as long as one whose levels follow the size of its pixels alone.
+const TIME_PER_ERROR: f64 = 1.5;
+/// Share of the time left that a picture may be expected to take.
+const LEAST_SURE_SHARE: f64 = 0.6;
+
+/// A picture of one scene in the making.
+pub struct Drawing {
+    scene: ResolvedScene,
+    /// The best so far; NaN where nothing is known.
+    picture: Option<Image>,
+    /// Size of its pixels.
+    pixel: u32,
+    /// Size of the pixels that those are taken from which are not finished; `None` where nothing is known of them.
+    behind: Option<u32>,
+    /// Time that the last finished picture took.
+    took: Duration,
+    stage: Option<Stage>,
+    /// Pixels that are finished as they are wanted.
+    finished: u64,
+    stats: FrameStats,
+}
+
+/// Pictures of one size of pixels, as far as they have come.
+struct Stage {
+    pixel: u32,
+    options: RenderOptions,
+    caster: CpuCaster,
+    bands: Bands,
+    spent: Duration,
+}
+
+impl Drawing {
+    /// Nothing yet.
+    #[must_use]
+    pub fn new(scene: ResolvedScene) -> Self {
+        Self {
+            scene,
+            picture: None,
+            pixel: 1,
+            behind: None,
+            took: Duration::ZERO,
+            stage: None,
+            finished: 0,
+            stats: FrameStats::default(),
+        }
+    }
+
+    /// Whether every pixel is as it is wanted.
+    #[must_use]
+    pub fn is_finished(&self) -> bool {
+        self.finished == self.pixels()
+    }
+
+    fn pixels(&self) -> u64 {
+        self.scene.image_size.map(u64::from).iter().product()
+    }
+
+    /// The picture so far, with as many pixels as are wanted; none before something is known of each.
+    #[must_use]
+    pub fn picture(&self) -> Option<Cow<'_, Image>> {
+        let picture = self.picture.as_ref().filter(|_| self.is_finished() || self.behind.is_some())?;
+        Some(match self.pixel {
+            1 => Cow::Borrowed(picture),
+            pixel => Cow::Owned(picture.clone().enlarged(pixel, self.scene.image_size)),
+        })
+    }
+
+    /// The same, for who needs nothing else.
+    #[must_use]
+    pub fn into_picture(self) -> Option<Image> {
+        let is_whole = self.is_finished() || self.behind.is_some();
+        self.picture.filter(|_| is_whole).map(|picture| picture.enlarged(self.pixel, self.scene.image_size))
+    }
+
+    /// What it cost so far, and what is not finished.
+    #[must_use]
+    pub fn stats(&self) -> FrameStats {
+        let mut stats = FrameStats { backend: "cpu", ..self.stats.clone() };
+        stats.pixels_unfinished = self.pixels() - self.finished;
+        if stats.pixels_unfinished > 0 {
+            stats.coarsest_pixel = self.behind.unwrap_or(0);
+            stats.converged = false;
+            // What a coarser picture is off by, nobody has summed up.
+            stats.error_predicted = None;
+        }
+        stats
+    }
+
+    /// Makes the picture better until it is finished or that is to stop. With a deadline there is a whole picture afterwards,
+    /// however little time there was.
+    ///
+    /// # Errors
+    /// If memory does not suffice, there is no progress, or it is cancelled before there is a whole picture.
+    pub fn advance(
+        &mut self,
+        resident: &mut Resident,
+        options: &RenderOptions,
+        stop: &Stop,
+    ) -> Result<(), RenderError> {
+        if self.behind.is_none() && !self.is_finished() && stop.deadline().is_some() {
+            self.sketch(resident, options, stop)?;
+        }
+        while !self.is_finished() && !stop.is_due() {
+            let mut stage = match self.stage.take() {
+                // Without a deadline nobody needs the pictures between.
+                Some(stage) if stage.pixel == 1 || stop.deadline().is_some() => stage,
+                _ => self.next_stage(resident, options, stop),
+            };
+            let (began, plan) = (Instant::now(), resident.plan());
+            let picture = self.picture.as_mut().expect("a stage has a picture");
+            let mut walk = FrameWalk::new(resident.streamer(), plan, &stage.options, began)
+                .until(stop.clone())
+                .after(std::mem::take(&mut self.stats));
+            let written = walk.run_over(&mut stage.caster, picture, &mut stage.bands)?;
+            self.stats = walk.into_stats();
+            stage.spent += began.elapsed();
+            if stage.pixel == 1 {
+                self.finished = written;
+            }
+            if written == picture.pixels.len() as u64 {
+                (self.behind, self.took) = (Some(stage.pixel), stage.spent);
+            } else {
+                self.stage = Some(stage);
+            }
+        }
+        Ok(())
+    }
+
+    /// The picture of the largest pixels, from what is there and the coarsest level.
+    fn sketch(&mut self, resident: &mut Resident, options: &RenderOptions, stop: &Stop) -> Result<(), RenderError> {
+        let began = Instant::now();
+        let pixel = sketch_pixel(&self.scene);
+        let scene = with_pixels(&self.scene, pixel);
+        let options = options_for(resident.container(), options, pixel);
+        resident.aim(&scene, &options);
+        let plan = resident.plan();
+        let mut caster = CpuCaster::new(cpu_frame(resident.container(), &scene, &options, &plan));
+        let no_time = match stop.canceller() {
+            Some(canceller) => Stop::at(Some(began)).or_by(canceller.clone()),
+            None => Stop::at(Some(began)),
+        };
+        let mut walk = FrameWalk::new(resident.streamer(), plan, &options, began)
+            .until(no_time)
+            .after(std::mem::take(&mut self.stats));
+        let sketch = walk.run(&mut caster, scene.image_size)?;
+        self.stats = walk.into_stats();
+        self.took = began.elapsed();
+        self.behind = Some(pixel);
+        match &mut self.picture {
+            // The picture that is wanted was begun without a deadline: what is finished of it stands.
+            Some(finest) => finest.fill_unknown(&sketch, pixel),
+            None => (self.picture, self.pixel) = (Some(sketch), pixel),
+        }
+        Ok(())
+    }
+
+    /// Begins the next picture.
+    fn next_stage(&mut self, resident: &mut Resident, options: &RenderOptions, stop: &Stop) -> Stage {
+        let left = stop.deadline().map(|deadline| deadline.saturating_duration_since(Instant::now()));
+        let pixel = left.map_or(1, |left| next_pixel(self.pixel, self.took, left));
+        let scene = with_pixels(&self.scene, pixel);
+        let options = options_for(resident.container(), options, pixel);
+        resident.aim(&scene, &options);
+        let picture = match self.picture.take() {
+            Some(picture) => picture.enlarged(self.pixel / pixel, scene.image_size),
+            None => Image::unknown(scene.image_size),
+        };
+        (self.picture, self.pixel) = (Some(picture), pixel);
+        let caster = CpuCaster::new(cpu_frame(resident.container(), &scene, &options, &resident.plan()));
+        Stage { pixel, options, caster, bands: Bands::default(), spent: Duration::ZERO }
+    }
+}
+
+/// How many pixels along an edge a pixel of the sketch covers: a power of two.
+fn sketch_pixel(scene: &ResolvedScene) -> u32 {
+    let [width, height] = scene.image_size;
+    let rays = |pixel: u32| u64::from(width.div_ceil(pixel)) * u64::from(height.div_ceil(pixel));
+    (0..16).map(|k| 1 << k).find(|&pixel| rays(pixel) <= SKETCH_RAYS).unwrap_or(1 << 16)
+}
+
+/// The smallest pixels whose picture there is likely time for, after one of these that took so long; at least half as large
+/// ones.
+fn next_pixel(pixel: u32, took: Duration, left: Duration) -> u32 {
+    let expected = |next: u32| {
+        let halvings = (pixel / next).ilog2();
+        let error = if next == 1 { TIME_PER_ERROR } else { 1.0 };
+        took.mul_f64(error * TIME_PER_HALVING.powi(halvings as i32))
+    };
+    let sure = left.mul_f64(LEAST_SURE_SHARE);
+    let half = (pixel / 2).max(1);
+    (0..=half.ilog2()).map(|k| 1 << k).find(|&next| expected(next) <= sure).unwrap_or(half)
+}
+
+/// The scene seen through pixels that cover so many along an edge; the scene itself for 1.
+fn with_pixels(scene: &ResolvedScene, pixel: u32) -> ResolvedScene {
+    if pixel == 1 {
+        return scene.clone();
+    }
+    let camera = scene.camera.coarser(scene.subgrid * pixel);
+    ResolvedScene { camera, image_size: [camera.width, camera.height], subgrid: 1, ..scene.clone() }
+}
+
+/// What such a picture is made with: what was asked for where pixels have their size.
+fn options_for(container: &Container, options: &RenderOptions, pixel: u32) -> RenderOptions {
+    if pixel == 1 {
+        return options.clone();
+    }
+    let level = match options.level {
+        LevelChoice::Auto => LevelChoice::Auto,
+        LevelChoice::Fixed(lod) => {
+            let coarser = lod.0.saturating_add(pixel.ilog2() as u8);
+            LevelChoice::Fixed(Lod(coarser).min(container.pyramid().coarsest()))
+        }
+    };
+    RenderOptions { level, max_error: ANY_ERROR, predict_error: false, ..options.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_that_there_is_time_for_anyway_are_left_out() {
+        let ms = Duration::from_millis;
+        // 8^3 times 10 ms and half as much again for the picture itself.
+        assert_eq!(next_pixel(8, ms(10), ms(20_000)), 1);
+        assert_eq!(next_pixel(8, ms(10), ms(12_000)), 2);
+        assert_eq!(next_pixel(8, ms(10), ms(1_000)), 4);
+        assert_eq!(next_pixel(8, ms(10), ms(1)), 4, "the next one, as far as it comes");
+        assert_eq!(next_pixel(2, ms(1_000), ms(0)), 1);
+        assert_eq!(next_pixel(1, ms(1_000), ms(0)), 1);
+    }
+}

@@ -1,0 +1,81 @@
+//! When work stops that can be given up: at a time, or when somebody says so.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// Stops work from another thread. Clones stop the same work.
+#[derive(Debug, Clone, Default)]
+pub struct Canceller(Arc<AtomicBool>);
+
+impl Canceller {
+    /// The work in progress stops soon; where there is none, the next one does at once.
+    pub fn cancel(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether somebody wants the work to stop.
+    #[must_use]
+    pub fn is_cancelled(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    /// The work has stopped: whether somebody wanted that. The next one goes on.
+    pub(crate) fn take(&self) -> bool {
+        self.0.swap(false, Ordering::Relaxed)
+    }
+}
+
+/// When work stops.
+#[derive(Debug, Clone, Default)]
+pub struct Stop {
+    deadline: Option<Instant>,
+    canceller: Option<Canceller>,
+}
+
+impl Stop {
+    /// When all is done.
+    pub const NEVER: Self = Self { deadline: None, canceller: None };
+
+    /// At this time, if there is one.
+    #[must_use]
+    pub fn at(deadline: Option<Instant>) -> Self {
+        Self { deadline, canceller: None }
+    }
+
+    /// Also when this says so.
+    #[must_use]
+    pub fn or_by(self, canceller: Canceller) -> Self {
+        Self { canceller: Some(canceller), ..self }
+    }
+
+    /// The time at which to stop.
+    #[must_use]
+    pub fn deadline(&self) -> Option<Instant> {
+        self.deadline
+    }
+
+    /// Who else may say so.
+    #[must_use]
+    pub fn canceller(&self) -> Option<&Canceller> {
+        self.canceller.as_ref()
+    }
+
+    /// Whether the time is up.
+    #[must_use]
+    pub fn is_late(&self) -> bool {
+        self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
+    }
+
+    /// Whether somebody wants the work to stop, whatever the time.
+    #[must_use]
+    pub fn is_cancelled(&self) -> bool {
+        self.canceller.as_ref().is_some_and(Canceller::is_cancelled)
+    }
+
+    /// Whether to stop.
+    #[must_use]
+    pub fn is_due(&self) -> bool {
+        self.is_cancelled() || self.is_late()
+    }
+}

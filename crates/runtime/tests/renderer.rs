@@ -1,0 +1,192 @@
+//! A renderer that lives: pictures one after the other, of whatever is set, are those that new renderers make.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
+
+mod containers;
+mod support;
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use containers::{container_bytes, open};
+use supervol_format::{Container, Lod, VoxelType};
+use supervol_runtime::frame::{Backend, LevelChoice, Progress, RenderOptions};
+use supervol_runtime::image::Image;
+use supervol_runtime::renderer::{Renderer, render};
+use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::streamer::state::StateKind;
+use support::{Volume, marschner_lobb, points, scene};
+
+/// More rays than a sketch has.
+const SIZE: [u32; 2] = [150, 110];
+
+fn volume() -> Volume {
+    let signal = marschner_lobb(64);
+    Volume::new([64, 60, 50], VoxelType::U8, move |p| 255.0 * signal(p))
+}
+
+/// What may change from picture to picture.
+#[derive(Clone, Copy)]
+struct Wanted {
+    mode: &'static str,
+    eye: [f64; 3],
+    opacity: f64,
+    size: [u32; 2],
+}
+
+const FIRST: Wanted = Wanted { mode: "dvr", eye: [190.0, -130.0, 120.0], opacity: 0.3, size: SIZE };
+
+fn scene_of(volume: &Volume, wanted: Wanted) -> ResolvedScene {
+    let Wanted { mode, eye, opacity, size: [width, height] } = wanted;
+    let tf =
+        points(4.0, &[(90.0, [0.1, 0.2, 0.9], 0.0), (160.0, [0.9, 0.8, 0.1], 0.05), (255.0, [0.9, 0.1, 0.1], opacity)]);
+    let camera = format!(r#""eye": {eye:?}, "target": [31, 29, 24], "up": [0, 0, 1], "fov_y": 25"#);
+    let image = format!(r#""image": {{"width": {width}, "height": {height}}}"#);
+    let iso = if mode == "iso" { r#", "iso": [{"value": 130, "color": [1, 1, 1]}]"# } else { "" };
+    scene(volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "mode": "{mode}", "transfer_function": {tf}{iso}}}"#))
+}
+
+fn options(level: LevelChoice) -> RenderOptions {
+    RenderOptions { backend: Backend::Cpu, level, threads: Some(2), ..RenderOptions::default() }
+}
+
+fn renderer(container: &Arc<Container>, options: RenderOptions) -> Renderer {
+    Renderer::new(supervol_runtime::volume::Volume::of(container.clone()), options).unwrap()
+}
+
+/// Steps of some milliseconds until the picture has converged; how many there were.
+fn converge(renderer: &mut Renderer, step: Duration) -> u32 {
+    for steps in 1..10_000 {
+        let done = renderer.advance(Some(Instant::now() + step)).unwrap();
+        let picture = renderer.picture().expect("with a deadline there is always a picture");
+        assert!(picture.is_finite() && !done.is_cancelled, "{done:?}");
+        assert_eq!(done.is_converged, done.pixels_unfinished == 0, "{done:?}");
+        if done.is_converged {
+            return steps;
+        }
+    }
+    panic!("10,000 steps did not suffice");
+}
+
+fn expected(container: &Arc<Container>, scene: &ResolvedScene, level: LevelChoice) -> Image {
+    render(container, scene, &options(level)).unwrap().0
+}
+
+/// Whatever changes, and however often the picture is interrupted, it becomes the one that a new renderer makes at once.
+#[test]
+fn every_picture_becomes_that_of_a_new_renderer() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let changes = [
+        FIRST,
+        Wanted { eye: [150.0, -160.0, 120.0], ..FIRST },
+        Wanted { opacity: 0.9, ..FIRST },
+        Wanted { size: [70, 131], ..FIRST },
+        Wanted { mode: "mip", ..FIRST },
+        Wanted { mode: "iso", ..FIRST },
+        Wanted { eye: [33.0, 20.0, 20.0], ..FIRST },
+        FIRST,
+    ];
+    for level in [LevelChoice::Auto, LevelChoice::Fixed(Lod::FINEST), LevelChoice::Fixed(Lod(1))] {
+        // A cache that holds all, and one of some bricks.
+        for cache_bytes in [None, Some(60_000)] {
+            let mut renderer = renderer(&container, RenderOptions { cache_bytes, ..options(level) });
+            for (i, wanted) in changes.into_iter().enumerate() {
+                let scene = scene_of(&volume, wanted);
+                renderer.set_scene(scene.clone());
+                let is_in_steps = i % 3 != 2;
+                if is_in_steps {
+                    converge(&mut renderer, Duration::from_millis(2));
+                } else {
+                    assert!(renderer.advance(None).unwrap().is_converged);
+                }
+                let picture = renderer.picture().unwrap();
+                assert!(*picture == expected(&container, &scene, level), "{level:?}, {cache_bytes:?}: picture {i}");
+                let stats = renderer.stats();
+                assert_eq!([stats.image_width, stats.image_height], wanted.size);
+                assert!(stats.host_cache_peak_bytes <= stats.host_cache_budget_bytes, "{stats:#?}");
+            }
+        }
+    }
+}
+
+/// What is loaded serves every later picture: from another side, through another transfer function, or again.
+#[test]
+fn nothing_that_is_loaded_is_read_again() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let mut renderer = renderer(&container, options(LevelChoice::Fixed(Lod::FINEST)));
+    renderer.set_scene(scene_of(&volume, FIRST));
+    renderer.advance(None).unwrap();
+    let first = renderer.stats();
+    assert!(first.page_ins > 20 && first.repeated_page_ins == 0, "{first:#?}");
+    for wanted in [FIRST, Wanted { eye: [180.0, -140.0, 110.0], ..FIRST }, Wanted { opacity: 0.8, ..FIRST }] {
+        renderer.set_scene(scene_of(&volume, wanted));
+        renderer.begin_anew();
+        renderer.advance(None).unwrap();
+        let stats = renderer.stats();
+        assert!(stats.page_ins <= 4 && stats.repeated_page_ins == 0 && stats.converged, "{stats:#?}");
+    }
+    // A picture that has converged is not drawn again.
+    renderer.set_scene(scene_of(&volume, Wanted { opacity: 0.8, ..FIRST }));
+    let passes = renderer.stats().passes;
+    assert!(renderer.advance(None).unwrap().is_converged);
+    assert_eq!(renderer.stats().passes, passes);
+}
+
+/// A picture that is cancelled goes on where it was; what it has finished stands.
+#[test]
+fn a_cancelled_picture_goes_on() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let scene = scene_of(&volume, FIRST);
+    let expected = expected(&container, &scene, LevelChoice::Fixed(Lod::FINEST));
+    for cancel_after in [0, 1, 2, 4] {
+        let slot: Arc<std::sync::OnceLock<supervol_runtime::stop::Canceller>> = Arc::default();
+        let canceller = slot.clone();
+        let progress = move |progress: Progress| {
+            if progress.passes == cancel_after {
+                canceller.get().unwrap().cancel();
+            }
+        };
+        // One brick at a time: many passes.
+        let options = RenderOptions {
+            progress: Some(Arc::new(progress)),
+            cache_bytes: Some(30_000),
+            ..options(LevelChoice::Fixed(Lod::FINEST))
+        };
+        let mut renderer = renderer(&container, options);
+        slot.set(renderer.canceller()).unwrap();
+        renderer.set_scene(scene.clone());
+        if cancel_after == 0 {
+            renderer.canceller().cancel();
+        }
+        let step = renderer.advance(None).unwrap();
+        assert!(step.is_cancelled && !step.is_converged && renderer.picture().is_none(), "{cancel_after}: {step:?}");
+        // Whoever looks now gets a whole picture, and then the one that is wanted.
+        let step = renderer.advance(Some(Instant::now())).unwrap();
+        assert!(!step.is_cancelled && step.coarsest_pixel > 1, "{cancel_after}: {step:?}");
+        assert!(renderer.picture().unwrap().is_finite());
+        assert!(renderer.advance(None).unwrap().is_converged);
+        assert!(*renderer.picture().unwrap() == expected, "cancelled after {cancel_after} passes");
+        assert_eq!(renderer.streamer().unwrap().states().total(StateKind::Queued), 0);
+    }
+}
+
+/// A budget that is too small for one picture is an error of that picture, and of no other.
+#[test]
+fn a_renderer_survives_an_error() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let level = LevelChoice::Fixed(Lod::FINEST);
+    let mut renderer = renderer(&container, RenderOptions { host_memory_bytes: 4 << 20, ..options(level) });
+    let small = scene_of(&volume, FIRST);
+    for scene in [small.clone(), scene_of(&volume, Wanted { size: [4000, 3000], ..FIRST }), small.clone()] {
+        renderer.set_scene(scene.clone());
+        let step = renderer.advance(None);
+        assert_eq!(step.is_ok(), scene == small);
+        assert_eq!(renderer.picture().is_some(), scene == small);
+        assert_eq!(renderer.stats().converged, scene == small);
+    }
+    assert!(*renderer.picture().unwrap() == expected(&container, &small, level));
+}
