@@ -44,14 +44,6 @@ pub struct LevelReader<'a> {
     cache: Mutex<Cache>,
 }
 
-/// Bytes of bricks that are decoded at once, unless there are more threads than that.
-const DECODED_BYTES: u64 = 1 << 20;
-
-/// Bricks to decode at once, so that every thread has one.
-fn bricks_at_once(brick_bytes: u64) -> usize {
-    ((DECODED_BYTES / brick_bytes) as usize).max(rayon::current_num_threads())
-}
-
 /// Bytes that a brick in the cache takes beside its voxels: entries of two maps, allocations.
 const ENTRY_BYTES: usize = 200;
 
@@ -122,7 +114,7 @@ impl<'a> LevelReader<'a> {
                 |a| if voxels.end[a] > voxels.start[a] { voxels.end[a].div_ceil(core) } else { first[a] },
             );
         // A few bricks at a time: what is decoded and not yet copied stays small beside the box.
-        let at_once = bricks_at_once(largest_brick_bytes(pyramid, descriptor.voxel_type));
+        let at_once = self.bricks_at_once(largest_brick_bytes(pyramid, descriptor.voxel_type));
         for z in first[2]..end[2] {
             for y in first[1]..end[1] {
                 let row: Vec<u64> = (first[0]..end[0]).collect();
@@ -145,7 +137,12 @@ impl<'a> LevelReader<'a> {
     pub fn working_bytes(descriptor: &Descriptor, threads: usize) -> u64 {
         let brick = largest_brick_bytes(&descriptor.pyramid, descriptor.voxel_type);
         // Each thread reads a record, decompresses it and takes it apart; what others have decoded waits to be copied.
-        3 * threads as u64 * brick + DECODED_BYTES.max(threads as u64 * brick)
+        4 * threads as u64 * brick
+    }
+
+    /// Bricks to decode at once: half of what the cache holds, where they cost nothing, but one for every thread.
+    fn bricks_at_once(&self, brick_bytes: u64) -> usize {
+        (self.budget_bytes / 2 / (brick_bytes as usize + ENTRY_BYTES)).max(rayon::current_num_threads())
     }
 
     fn brick(&self, key: BrickKey) -> Result<Arc<Vec<u8>>, ContainerError> {

@@ -5,6 +5,9 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::io::Write;
 
+/// Room for what is said.
+const SENTENCE_BYTES: usize = 256;
+
 /// The system's allocator; the program ends when it has nothing to give.
 pub struct OrEnd;
 
@@ -39,11 +42,14 @@ fn or_end(block: *mut u8, bytes: usize) -> *mut u8 {
 #[cold]
 fn end(bytes: usize) -> ! {
     let _none_begins = supervol_preprocess::output::unfinished::remove_all();
-    // Straight to standard error: nothing to be allocated for.
+    // On the stack: nothing is to be allocated for it.
+    let mut sentence = std::io::Cursor::new([0; SENTENCE_BYTES]);
     let _ = writeln!(
-        std::io::stderr(),
+        sentence,
         "supervol: the system has no memory left ({bytes} bytes were asked for). Allow less with --memory or --host-memory"
     );
+    let written = sentence.position() as usize;
+    let _ = std::io::stderr().write_all(&sentence.get_ref()[..written]);
     exit()
 }
 
