@@ -19,6 +19,20 @@ pub fn check_is_file(path: &Path) -> io::Result<()> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, format!("expected a file, found {found}")))
 }
 
+/// How a source is best read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ReadShape {
+    /// Bytes between two wanted ranges that are rather read over than skipped.
+    pub gap_bytes: u64,
+    /// Most bytes of one read that serves several ranges; a single range may be longer.
+    pub read_bytes: u64,
+}
+
+impl ReadShape {
+    /// Local files: on every medium we know, reading a small gap is cheaper than a second request.
+    pub const FILE: Self = Self { gap_bytes: 16 << 10, read_bytes: 4 << 20 };
+}
+
 /// Something with a length that can be read anywhere.
 pub trait ByteSource: Send + Sync {
     /// Length in bytes.
@@ -32,6 +46,11 @@ pub trait ByteSource: Send + Sync {
     /// # Errors
     /// `UnexpectedEof` where the source ends first; otherwise whatever the system says.
     fn read_exact_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()>;
+
+    /// How it is best read: a source that is far away reads over larger gaps.
+    fn read_shape(&self) -> ReadShape {
+        ReadShape::FILE
+    }
 
     /// Whether there is nothing to read.
     ///

@@ -51,6 +51,11 @@ pub enum PyramidError {
     Dims { dims: Dims },
     #[error("level {level} has factors {factors:?}; expected 1 or 2 on each axis and at least one 2")]
     Factors { level: usize, factors: [u32; 3] },
+    #[error("level {level} has {dims} voxels, as the one before; expected fewer")]
+    NothingShrinks { level: usize, dims: Dims },
+    #[error("a voxel of level {level} covers {scale:?} voxels of level 0; expected at most {limit} along an axis",
+        limit = Pyramid::SCALE_LIMIT)]
+    Scale { level: usize, scale: [u64; 3] },
     #[error("{levels} levels; expected 1 to {limit}", limit = Lod::LIMIT)]
     LevelCount { levels: usize },
     #[error("the last level has {bricks:?} bricks; expected one")]
@@ -64,11 +69,14 @@ pub enum PyramidError {
 impl Pyramid {
     /// Most bricks of all levels together: their entries take 80 TiB, and no product of sizes overflows.
     pub const BRICKS_LIMIT: u64 = 1 << 40;
+    /// Most voxels of level 0 along an axis of a coarser voxel: shifts by its logarithm are those of 32 bits.
+    pub const SCALE_LIMIT: u64 = 1 << 31;
 
     /// The pyramid over a grid of `dims`, coarsened by `factors` (one triple for each level from level 1 on).
     ///
     /// # Errors
-    /// If a limit is exceeded, a factor is neither 1 nor 2, or the last level does not fit one brick.
+    /// If a limit is exceeded, a factor is neither 1 nor 2, a level has as many voxels as the one before, or the last one does
+    /// not fit one brick.
     pub fn new(dims: Dims, layout: BrickLayout, factors: &[[u32; 3]]) -> Result<Self, PyramidError> {
         if !dims.is_valid() {
             return Err(PyramidError::Dims { dims });
@@ -83,7 +91,13 @@ impl Pyramid {
             }
             let finer = *levels.last().expect("level 0 is there");
             let coarse = Dims(std::array::from_fn(|a| finer.dims.0[a].div_ceil(u64::from(f[a]))));
-            let scale = std::array::from_fn(|a| finer.scale[a] * u64::from(f[a]));
+            if coarse == finer.dims {
+                return Err(PyramidError::NothingShrinks { level: i + 1, dims: coarse });
+            }
+            let scale: [u64; 3] = std::array::from_fn(|a| finer.scale[a] * u64::from(f[a]));
+            if scale.iter().any(|&s| s > Self::SCALE_LIMIT) {
+                return Err(PyramidError::Scale { level: i + 1, scale });
+            }
             levels.push(Self::level(f, scale, coarse, layout, finer.first_entry + finer.brick_count())?);
         }
         let last = levels.last().expect("level 0 is there");
@@ -279,6 +293,14 @@ mod tests {
         assert!(matches!(bad(&[[1, 1, 1]]), PyramidError::Factors { .. }));
         assert!(matches!(bad(&[[2, 2, 1]]), PyramidError::Unfinished { .. }));
         assert!(matches!(bad(&[]), PyramidError::Unfinished { .. }));
+        let line = |dims, f: &[[u32; 3]]| Pyramid::new(Dims(dims), BrickLayout::DEFAULT, f).unwrap_err();
+        // An axis of one voxel does not shrink; what it covers grows all the same.
+        let refused = line([100, 1, 1], &[[2, 2, 1], [1, 2, 1]]);
+        assert!(matches!(refused, PyramidError::NothingShrinks { level: 2, .. }), "{refused}");
+        let sheet = Dims([1 << 26, 1, 1 << 26]);
+        let one_after_the_other = [[[2, 2, 1]; 26], [[1, 2, 2]; 26]].concat();
+        let refused = Pyramid::new(sheet, BrickLayout::LARGEST, &one_after_the_other).unwrap_err();
+        assert!(matches!(refused, PyramidError::Scale { level: 32, .. }), "{refused}");
     }
 
     #[test]

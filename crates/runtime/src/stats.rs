@@ -72,8 +72,12 @@ pub struct FrameStats {
     pub bytes_read: u64,
     /// Bytes of voxels decoded, as stored.
     pub bytes_decoded: u64,
-    /// Wall time in reads.
+    /// Of these: reads that were tried again, because the failure might pass.
+    pub retried_reads: u64,
+    /// Time in reads, summed over the threads that read.
     pub read_ms: f64,
+    /// Wall time of waiting for reads.
+    pub wait_ms: f64,
     /// Wall time of decoding.
     pub decode_ms: f64,
     /// Wall time of deciding which bricks to read, and which to drop.
@@ -209,6 +213,7 @@ impl FrameStats {
             (&mut self.reads, before.reads),
             (&mut self.merged_reads, before.merged_reads),
             (&mut self.failed_reads, before.failed_reads),
+            (&mut self.retried_reads, before.retried_reads),
             (&mut self.bytes_read, before.bytes_read),
             (&mut self.bytes_decoded, before.bytes_decoded),
         ];
@@ -216,6 +221,7 @@ impl FrameStats {
             *count -= before;
         }
         self.read_ms -= before.read_ms;
+        self.wait_ms -= before.wait_ms;
         self.decode_ms -= before.decode_ms;
         self.plan_ms -= before.plan_ms;
         for (level, before) in self.bricks_by_level.iter_mut().zip(&before.bricks_by_level) {
@@ -256,6 +262,8 @@ impl FrameStats {
         self.reads = counters.io.reads;
         self.merged_reads = counters.io.merged_reads;
         self.failed_reads = counters.io.failed_reads;
+        self.retried_reads = counters.io.retried_reads;
+        self.wait_ms = counters.wait_time.as_secs_f64() * 1e3;
         self.bytes_read = counters.io.bytes_read;
         self.bytes_decoded = counters.bytes_decoded;
         self.read_ms = counters.io.time.as_secs_f64() * 1e3;

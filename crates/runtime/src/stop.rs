@@ -55,10 +55,10 @@ impl Stop {
         self.deadline
     }
 
-    /// Who else may say so.
+    /// The same with another time, or none.
     #[must_use]
-    pub fn canceller(&self) -> Option<&Canceller> {
-        self.canceller.as_ref()
+    pub fn instead_at(&self, deadline: Option<Instant>) -> Self {
+        Self { deadline, ..self.clone() }
     }
 
     /// Whether the time is up.

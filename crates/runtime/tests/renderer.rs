@@ -8,7 +8,7 @@ mod support;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use containers::{container_bytes, open};
+use containers::{Faulty, container_bytes, open};
 use supervol_format::{Container, Lod, VoxelType};
 use supervol_runtime::frame::{Backend, LevelChoice, Progress, RenderOptions};
 use supervol_runtime::image::Image;
@@ -171,6 +171,30 @@ fn a_cancelled_picture_goes_on() {
         assert!(*renderer.picture().unwrap() == expected, "cancelled after {cancel_after} passes");
         assert_eq!(renderer.streamer().unwrap().states().total(StateKind::Queued), 0);
     }
+}
+
+/// Reads go on while nobody casts: what comes meanwhile is there for the next step.
+#[test]
+fn reading_goes_on_between_two_steps() {
+    let volume = volume();
+    let delay = Duration::from_millis(15);
+    let container = Arc::new(Container::from_source(Faulty::slow(container_bytes(&volume, 16), delay)).unwrap());
+    let scene = scene_of(&volume, FIRST);
+    let level = LevelChoice::Fixed(Lod::FINEST);
+    let mut renderer = renderer(&container, options(level));
+    renderer.set_scene(scene.clone());
+    // The first step waits for the coarsest level, whatever it takes. Later ones are too short for any read that they begin.
+    renderer.advance(Some(Instant::now())).unwrap();
+    let coarse = renderer.stats().page_ins;
+    let mut stats = renderer.stats();
+    while !stats.converged {
+        renderer.advance(Some(Instant::now() + delay / 3)).unwrap();
+        stats = renderer.stats();
+        std::thread::sleep(2 * delay);
+    }
+    assert!(stats.page_ins > coarse && stats.fallbacks > 0, "{stats:#?}");
+    assert!(*renderer.picture().unwrap() == expected(&open(&container_bytes(&volume, 16)), &scene, level));
+    assert_eq!(stats.repeated_page_ins, 0);
 }
 
 /// A budget that is too small for one picture is an error of that picture, and of no other.

@@ -42,6 +42,11 @@ pub struct Arguments {
     /// Hand over each frame of the path after this time, and measure how far it is from the converged one
     #[arg(long, value_name = "MS", requires = "path", value_parser = quantity::milliseconds)]
     frame_budget: Option<u64>,
+    /// Along the path, a cube of N voxels along an edge of which nothing is stored: every byte is computed when it is read.
+    /// 10321 is 1 TiB
+    #[arg(long = "virtual", value_name = "N", requires = "path", conflicts_with_all = ["scene", "volume", "edge", "shading"],
+          value_parser = clap::value_parser!(u64).range(128..=65_536))]
+    virtual_edge: Option<u64>,
     /// Most memory for decoded bricks along the path [default: all that is left of --host-memory]
     #[arg(long, value_name = "BYTES", requires = "path", value_parser = quantity::bytes)]
     cache: Option<u64>,
@@ -260,6 +265,9 @@ impl Arguments {
     }
 
     fn subject(&self, context: &Context<'_>) -> Result<Subject, Failure> {
+        if let Some(edge) = self.virtual_edge {
+            return Ok(Subject::Virtual(edge));
+        }
         let is_container = |file: &Path| file.extension().is_some_and(|e| e == "svol");
         if self.source.is_raw() && self.volume.as_deref().is_none_or(is_container) {
             return Err(Failure::command(

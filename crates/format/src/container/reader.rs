@@ -12,7 +12,7 @@ use super::header::{self, Descriptor, Sections};
 use super::manifest::{self, Manifest};
 use super::toc::{self, BrickEntry, ENTRIES_PER_PAGE, ENTRY_BYTES};
 use super::{ContainerError, checksum};
-use crate::byte_source::ByteSource;
+use crate::byte_source::{ByteSource, ReadShape};
 use crate::codec::{self, BrickShape, Codec};
 use crate::macro_cells::{MACRO_CELL_BYTES, dequantize_cells};
 use crate::voxel_type::Voxel;
@@ -193,6 +193,12 @@ impl Container {
         let now = pages.clock;
         pages.pages.insert(number, (now, page.clone()));
         Ok(page)
+    }
+
+    /// How its source is best read.
+    #[must_use]
+    pub fn read_shape(&self) -> ReadShape {
+        self.source.read_shape()
     }
 
     /// Reads any bytes of the file: how the streamer fetches several neighbouring records at once.

@@ -20,6 +20,8 @@ pub struct HostCache<T> {
     bricks: KeyMap<Held<T>>,
     budget_bytes: u64,
     bytes: u64,
+    /// Bytes kept free for bricks on their way.
+    reserved: u64,
     pass: u64,
     counters: HostCounters,
 }
@@ -43,7 +45,7 @@ pub struct HostCounters {
     pub insertions: u64,
     /// Bricks that left.
     pub evictions: u64,
-    /// Most bytes held at once.
+    /// Most bytes held at once, or reserved.
     pub peak_bytes: u64,
 }
 
@@ -88,7 +90,14 @@ impl<T> HostCache<T> {
     /// An empty cache of this many bytes.
     #[must_use]
     pub fn new(budget_bytes: u64) -> Self {
-        Self { bricks: KeyMap::default(), budget_bytes, bytes: 0, pass: 0, counters: HostCounters::default() }
+        Self {
+            bricks: KeyMap::default(),
+            budget_bytes,
+            bytes: 0,
+            reserved: 0,
+            pass: 0,
+            counters: HostCounters::default(),
+        }
     }
 
     /// A new pass begins: what is used from now on is more recent than everything before.
@@ -182,6 +191,31 @@ impl<T> HostCache<T> {
         dropped
     }
 
+    /// Keeps bytes free for bricks on their way.
+    ///
+    /// # Panics
+    /// If no room was made for them.
+    pub fn reserve(&mut self, bytes: u64) {
+        assert!(
+            bytes <= self.free_bytes(),
+            "{bytes} bytes are to be reserved, but only {} are free",
+            self.free_bytes()
+        );
+        self.reserved += bytes;
+        self.counters.peak_bytes = self.counters.peak_bytes.max(self.bytes + self.reserved);
+    }
+
+    /// Bytes that are reserved.
+    #[must_use]
+    pub fn reserved_bytes(&self) -> u64 {
+        self.reserved
+    }
+
+    /// Bytes that were reserved are free again: the brick is here to be put in, or will not come.
+    pub fn release(&mut self, bytes: u64) {
+        self.reserved -= bytes;
+    }
+
     /// Puts a brick in; `bytes` includes [`BRICK_OVERHEAD_BYTES`].
     ///
     /// # Panics
@@ -207,10 +241,10 @@ impl<T> HostCache<T> {
         self.budget_bytes
     }
 
-    /// Bytes that are free.
+    /// Bytes that are free, and not reserved.
     #[must_use]
     pub fn free_bytes(&self) -> u64 {
-        self.budget_bytes - self.bytes
+        self.budget_bytes - self.bytes - self.reserved
     }
 
     /// Keys of all bricks, in no order.
@@ -296,6 +330,19 @@ mod tests {
         let mut cache: HostCache<u32> = HostCache::new(10);
         assert_eq!(cache.make_room(10, &mut Victims::default()), Ok(vec![]));
         assert_eq!(cache.make_room(11, &mut Victims::default()), Err(1));
+    }
+
+    #[test]
+    fn room_is_reserved_for_bricks_on_their_way() {
+        let mut cache: HostCache<u32> = HostCache::new(40);
+        cache.insert(key(0), 0, 10);
+        cache.reserve(25);
+        assert_eq!((cache.free_bytes(), cache.bytes(), cache.reserved_bytes()), (5, 10, 25));
+        let mut victims = cache.victims(|_, _| Standing::Free);
+        assert_eq!(cache.make_room(16, &mut victims), Err(1), "what is reserved cannot leave");
+        cache.release(10);
+        cache.insert(key(1), 1, 10);
+        assert_eq!((cache.free_bytes(), cache.bytes(), cache.counters().peak_bytes), (5, 20, 35));
     }
 
     #[test]

@@ -20,6 +20,9 @@ const KEPT_SHARE: u64 = 8;
 /// Part of the time budget, as a divisor, that fetching coarse levels for a deadline may take.
 const KEPT_TIME_SHARE: u32 = 4;
 
+/// Least time that a pass waits for bricks, once it could begin.
+const LEAST_PATIENCE: Duration = Duration::from_millis(2);
+
 /// Takes one ray caster through the passes of one frame.
 ///
 /// The streamer outlives the walk: what it holds serves the next frame.
@@ -154,23 +157,29 @@ impl<'a> FrameWalk<'a> {
             waiting = report.misses.len() as u64;
             // When the time is up nothing more is fetched: the next pass waits for nothing.
             if !self.stop.is_late() {
-                self.fetch(pass, &report, caster)?;
+                self.fetch(pass, &report, caster, None)?;
             }
         }
         Err(RenderError::TooManyPasses { unfinished_rays: waiting })
     }
 
-    /// The passes of a band until it is finished or the walk is to stop: whether it is finished.
+    /// The passes of a band until it is finished or the walk is to stop: whether it is finished. Bricks are read while rays
+    /// are cast; a pass waits for more of them as long as the last one took.
     fn cast_band(&mut self, caster: &mut CpuCaster) -> Result<bool, RenderError> {
         for pass in 1..=PASS_LIMIT {
+            let start = Instant::now();
             let report = self.cast_pass(caster, OnMissing::Wait)?;
+            let patience = start.elapsed().max(LEAST_PATIENCE);
             if !report.is_stopped && report.unfinished_rays == 0 {
                 return Ok(true);
             }
             if self.stop.is_due() {
                 return Ok(false);
             }
-            self.fetch(pass, &report, caster)?;
+            self.fetch(pass, &report, caster, Some(patience))?;
+            if self.stop.is_due() {
+                return Ok(false);
+            }
         }
         Err(RenderError::TooManyPasses { unfinished_rays: 0 })
     }
@@ -195,11 +204,17 @@ impl<'a> FrameWalk<'a> {
         Ok(report)
     }
 
-    /// Fetches what the rays of a pass wait for, and hands it to the caster.
-    fn fetch(&mut self, pass: u64, report: &PassReport, caster: &mut dyn RayCaster) -> Result<(), RenderError> {
-        let room = Room { bricks: caster.room(), deadline: self.stop.deadline() };
+    /// Fetches what the rays of a pass wait for, and hands it to the caster; see [`Room::patience`].
+    fn fetch(
+        &mut self,
+        pass: u64,
+        report: &PassReport,
+        caster: &mut dyn RayCaster,
+        patience: Option<Duration>,
+    ) -> Result<(), RenderError> {
+        let room = Room { bricks: caster.room(), stop: self.stop.clone(), patience };
         let fetched = self.streamer.fetch(&report.misses, room)?;
-        if !fetched.is_progress() {
+        if !fetched.is_progress() && !self.stop.is_due() {
             return Err(no_progress(pass, report));
         }
         caster.update(&self.streamer.view(OnMissing::Wait), &fetched)
@@ -228,8 +243,8 @@ impl<'a> FrameWalk<'a> {
             }
             let keys: Vec<BrickKey> = pyramid.keys_of(lod).collect();
             // A level that there is no time for is kept as far as it came.
-            let deadline = is_optional.then(|| self.start + time);
-            let room = Room { bricks: caster.room(), deadline };
+            let stop = self.stop.instead_at(is_optional.then(|| self.start + time));
+            let room = Room { bricks: caster.room(), stop, patience: None };
             let fetched = self.streamer.fetch_to_keep(&keys, room)?;
             caster.update(&self.streamer.view(OnMissing::Wait), &fetched)?;
         }

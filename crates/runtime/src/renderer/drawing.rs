@@ -166,12 +166,8 @@ impl Drawing {
         resident.aim(&scene, &options);
         let plan = resident.plan();
         let mut caster = CpuCaster::new(cpu_frame(resident.container(), &scene, &options, &plan));
-        let no_time = match stop.canceller() {
-            Some(canceller) => Stop::at(Some(began)).or_by(canceller.clone()),
-            None => Stop::at(Some(began)),
-        };
         let mut walk = FrameWalk::new(resident.streamer(), plan, &options, began)
-            .until(no_time)
+            .until(stop.instead_at(Some(began)))
             .after(std::mem::take(&mut self.stats));
         let sketch = walk.run(&mut caster, scene.image_size)?;
         self.stats = walk.into_stats();

@@ -18,7 +18,6 @@ use supervol_format::container::reader::CACHED_TOC_PAGES;
 use supervol_format::container::toc;
 use supervol_format::{Container, VoxelType};
 
-use super::io::{GAP_BYTES, READ_BYTES};
 use super::state::RECORD_BYTES;
 use crate::cache::host::BRICK_OVERHEAD_BYTES;
 
@@ -227,12 +226,6 @@ impl HostPlan {
             cache_bytes: budget_bytes - fixed - made - states - in_flight,
         })
     }
-}
-
-/// Bytes that reading a record may hold in memory, the gap to the next one included.
-#[must_use]
-pub fn record_in_flight(record_bytes: u64) -> u64 {
-    record_bytes + GAP_BYTES.min(READ_BYTES)
 }
 
 fn plural(n: u64, thing: &str) -> String {

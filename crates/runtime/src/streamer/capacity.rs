@@ -33,6 +33,8 @@ pub struct Supply {
     pub free_bytes: u64,
     /// Bytes of bricks that rays of this frame may want again.
     pub live_bytes: u64,
+    /// Bytes that are reserved for bricks on their way.
+    pub reserved_bytes: u64,
     /// Bytes of the whole cache.
     pub budget_bytes: u64,
     /// Bricks that the ray caster can take in one tick; at least 1.
@@ -50,7 +52,7 @@ pub fn admit(candidates: &[Candidate], frontier: Rank, supply: Supply) -> usize 
             bytes <= supply.unused_bytes + supply.free_bytes + supply.live_bytes && i < supply.bricks
         } else {
             bytes <= supply.unused_bytes + supply.free_bytes
-                && supply.live_bytes + bytes <= supply.budget_bytes / AHEAD_SHARE
+                && supply.live_bytes + supply.reserved_bytes + bytes <= supply.budget_bytes / AHEAD_SHARE
                 && i < supply.bricks.div_ceil(AHEAD_SHARE as usize)
         };
         if !fits {
@@ -70,8 +72,14 @@ mod tests {
         ranks.iter().map(|&rank| Candidate { key, rank, bytes: 10 }).collect()
     }
 
-    const SUPPLY: Supply =
-        Supply { unused_bytes: 20, free_bytes: 20, live_bytes: 60, budget_bytes: 100, bricks: usize::MAX };
+    const SUPPLY: Supply = Supply {
+        unused_bytes: 20,
+        free_bytes: 20,
+        live_bytes: 60,
+        reserved_bytes: 0,
+        budget_bytes: 100,
+        bricks: usize::MAX,
+    };
 
     #[test]
     fn the_frontier_may_push_out_live_bricks_and_what_lies_behind_may_not() {
@@ -81,6 +89,9 @@ mod tests {
         assert_eq!(admit(&candidates(&[5, 6, 7, 8, 9]), 5, calm), 3, "up to one half live");
         let empty = Supply { live_bytes: 0, free_bytes: 0, unused_bytes: 100, ..SUPPLY };
         assert_eq!(admit(&candidates(&[5, 6, 7, 8, 9, 9, 9]), 5, empty), 5);
+        let loading = Supply { unused_bytes: 70, reserved_bytes: 30, ..empty };
+        assert_eq!(admit(&candidates(&[5, 6, 7, 8, 9, 9, 9]), 5, loading), 2, "bricks on their way are in the half");
+        assert_eq!(admit(&candidates(&[5; 9]), 5, loading), 7);
     }
 
     #[test]

@@ -1,21 +1,21 @@
 //! Reading records: sorted by offset, neighbours merged into one read.
 //!
-//! Records that lie closer together than [`GAP_BYTES`] are read at once, up to [`READ_BYTES`]: on every medium we know,
-//! reading a small gap is cheaper than a second request. A merged read that fails is taken apart and each record is read
-//! alone, so that a damaged place costs only the bricks that lie on it; every record is tried at most twice.
+//! Records that lie closer together than the source's gap are read at once, up to its best size. A merged read that fails is
+//! taken apart and each record is read alone, so that a damaged place costs only the bricks that lie on it. Failures that may
+//! pass by themselves (a network that stumbles) are tried again after [`RETRY_AFTER`]; all others at most twice.
 //! Only reading is done here: checksums are the decoder's.
 
+use std::io::ErrorKind;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use supervol_format::BrickKey;
+use supervol_format::byte_source::ReadShape;
 use supervol_format::container::ContainerError;
 
-/// Bytes between two records that are read over rather than skipped.
-pub const GAP_BYTES: u64 = 16 << 10;
-/// Bytes of one merged read; a single record may be longer.
-pub const READ_BYTES: u64 = 4 << 20;
+/// How long to wait before a read is tried again whose failure may pass by itself; as often as there are entries.
+pub const RETRY_AFTER: [Duration; 2] = [Duration::from_millis(20), Duration::from_millis(80)];
 
 /// One record to be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,49 +52,78 @@ pub struct IoCounters {
     pub merged_reads: u64,
     /// Bytes fetched, gaps between records included.
     pub bytes_read: u64,
-    /// Reads that failed.
+    /// Reads that failed, those that were tried again included.
     pub failed_reads: u64,
-    /// Time spent in reads.
+    /// Reads that were tried again because the failure might pass.
+    pub retried_reads: u64,
+    /// Time spent in reads, summed over the threads that read.
     pub time: Duration,
 }
 
-/// Several records that are read at once.
-#[derive(Debug, PartialEq, Eq)]
-struct MergedRead {
+impl IoCounters {
+    /// Adds those of other reads.
+    pub fn add(&mut self, other: &Self) {
+        self.reads += other.reads;
+        self.merged_reads += other.merged_reads;
+        self.bytes_read += other.bytes_read;
+        self.failed_reads += other.failed_reads;
+        self.retried_reads += other.retried_reads;
+        self.time += other.time;
+    }
+}
+
+/// Records that are read at once.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MergedRead {
     /// Bytes of the file.
-    bytes: Range<u64>,
-    /// Which of the sorted requests lie in them.
-    requests: Range<usize>,
+    pub bytes: Range<u64>,
+    /// Those that lie in them, sorted by offset.
+    pub records: Vec<RecordRequest>,
+}
+
+impl MergedRead {
+    /// Bytes of memory that the read takes.
+    #[must_use]
+    pub fn in_flight_bytes(&self) -> u64 {
+        self.bytes.end - self.bytes.start
+    }
 }
 
 /// Fills the buffer from the offset on.
 pub type ReadAt<'a> = dyn Fn(u64, &mut [u8]) -> Result<(), ContainerError> + 'a;
 
-/// Reads records; the answers come in the order of their offsets.
-pub fn read_records(
-    read_at: &ReadAt<'_>,
-    mut requests: Vec<RecordRequest>,
-    counters: &mut IoCounters,
-) -> Vec<(BrickKey, Result<Record, ContainerError>)> {
-    requests.sort_unstable_by_key(|r| (r.offset, r.key));
-    let mut answers = Vec::with_capacity(requests.len());
-    for merged in merge(&requests) {
-        let records = &requests[merged.requests.clone()];
-        counters.merged_reads += u64::from(records.len() > 1);
-        match read_range(read_at, merged.bytes.clone(), counters) {
-            Ok(buffer) => answers.extend(records.iter().map(|r| {
-                let start = (r.offset - merged.bytes.start) as usize;
-                let range = start..start + r.bytes as usize;
-                (r.key, Ok(Record { buffer: buffer.clone(), range }))
-            })),
-            Err(_) => answers.extend(records.iter().map(|r| {
-                // The first failure may be another record's: the second one is this record's own, and it is reported.
+/// A record that was read, or why not.
+pub type Answer = (BrickKey, Result<Record, ContainerError>);
+
+/// Reads what is read at once.
+pub fn read_merged(read_at: &ReadAt<'_>, merged: &MergedRead, counters: &mut IoCounters) -> Vec<Answer> {
+    counters.merged_reads += u64::from(merged.records.len() > 1);
+    let part = |buffer: &Arc<Vec<u8>>, r: &RecordRequest| {
+        let start = (r.offset - merged.bytes.start) as usize;
+        Record { buffer: buffer.clone(), range: start..start + r.bytes as usize }
+    };
+    match read_range(read_at, merged.bytes.clone(), counters) {
+        Ok(buffer) => merged.records.iter().map(|r| (r.key, Ok(part(&buffer, r)))).collect(),
+        // The first failure may be another record's: the second one is this record's own, and it is reported.
+        Err(_) => merged
+            .records
+            .iter()
+            .map(|r| {
                 let alone = read_range(read_at, r.offset..r.offset + r.bytes, counters);
                 (r.key, alone.map(|buffer| Record { buffer, range: 0..r.bytes as usize }))
-            })),
-        }
+            })
+            .collect(),
     }
-    answers
+}
+
+/// Whether a failure may pass by itself.
+fn may_pass(error: &ContainerError) -> bool {
+    use ErrorKind::{
+        ConnectionAborted, ConnectionReset, Interrupted, NotConnected, ResourceBusy, TimedOut, WouldBlock,
+    };
+    let ContainerError::Io { source, .. } = error else { return false };
+    let kinds = [ConnectionAborted, ConnectionReset, Interrupted, NotConnected, ResourceBusy, TimedOut, WouldBlock];
+    kinds.contains(&source.kind())
 }
 
 fn read_range(
@@ -104,37 +133,43 @@ fn read_range(
 ) -> Result<Arc<Vec<u8>>, ContainerError> {
     let bytes = range.end - range.start;
     let mut buffer = vec![0; usize::try_from(bytes).expect("a read is bounded by the host budget")];
-    let start = Instant::now();
-    let result = read_at(range.start, &mut buffer);
-    counters.time += start.elapsed();
-    counters.reads += 1;
-    match result {
-        Ok(()) => {
+    let mut delays = RETRY_AFTER.iter();
+    loop {
+        let start = Instant::now();
+        let result = read_at(range.start, &mut buffer);
+        counters.time += start.elapsed();
+        counters.reads += 1;
+        let Err(error) = result else {
             counters.bytes_read += bytes;
-            Ok(Arc::new(buffer))
+            return Ok(Arc::new(buffer));
+        };
+        counters.failed_reads += 1;
+        match delays.next().filter(|_| may_pass(&error)) {
+            Some(&delay) => std::thread::sleep(delay),
+            None => return Err(error),
         }
-        Err(error) => {
-            counters.failed_reads += 1;
-            Err(error)
-        }
+        counters.retried_reads += 1;
     }
 }
 
-/// Groups requests, sorted by offset, into reads.
-fn merge(requests: &[RecordRequest]) -> Vec<MergedRead> {
+/// Groups requests into reads, in the order of their offsets; none is longer than `most_bytes` but for a single record.
+#[must_use]
+pub fn merge(mut requests: Vec<RecordRequest>, shape: ReadShape, most_bytes: u64) -> Vec<MergedRead> {
+    requests.sort_unstable_by_key(|r| (r.offset, r.key));
+    let longest = shape.read_bytes.min(most_bytes);
     let mut reads: Vec<MergedRead> = Vec::new();
-    for (i, request) in requests.iter().enumerate() {
+    for request in requests {
         let end = request.offset + request.bytes;
         if let Some(last) = reads.last_mut() {
             let gap = request.offset.saturating_sub(last.bytes.end);
             let merged_end = end.max(last.bytes.end);
-            if gap <= GAP_BYTES && merged_end - last.bytes.start <= READ_BYTES {
+            if gap <= shape.gap_bytes && merged_end - last.bytes.start <= longest {
                 last.bytes.end = merged_end;
-                last.requests.end = i + 1;
+                last.records.push(request);
                 continue;
             }
         }
-        reads.push(MergedRead { bytes: request.offset..end, requests: i..i + 1 });
+        reads.push(MergedRead { bytes: request.offset..end, records: vec![request] });
     }
     reads
 }
@@ -142,8 +177,17 @@ fn merge(requests: &[RecordRequest]) -> Vec<MergedRead> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::cell::Cell;
     use std::io;
     use supervol_format::{BrickIndex, Lod};
+
+    const SHAPE: ReadShape = ReadShape::FILE;
+    const GAP_BYTES: u64 = SHAPE.gap_bytes;
+    const READ_BYTES: u64 = SHAPE.read_bytes;
+
+    fn read_records(read_at: &ReadAt<'_>, requests: Vec<RecordRequest>, counters: &mut IoCounters) -> Vec<Answer> {
+        merge(requests, SHAPE, u64::MAX).iter().flat_map(|read| read_merged(read_at, read, counters)).collect()
+    }
 
     fn request(x: u32, offset: u64, bytes: u64) -> RecordRequest {
         RecordRequest { key: BrickKey::new(Lod(0), BrickIndex([x, 0, 0])), offset, bytes }
@@ -189,9 +233,12 @@ mod tests {
     fn reads_stay_below_the_limit_and_long_records_are_read_alone() {
         let quarter = READ_BYTES / 4;
         let requests: Vec<_> = (0..9).map(|i| request(i, u64::from(i) * quarter, quarter)).collect();
-        assert_eq!(merge(&requests).iter().map(|r| r.requests.len()).collect::<Vec<_>>(), [4, 4, 1]);
-        let long = [request(0, 0, 3 * READ_BYTES), request(1, 3 * READ_BYTES, 10)];
-        assert_eq!(merge(&long).len(), 2);
+        let lengths = |most| merge(requests.clone(), SHAPE, most).iter().map(|r| r.records.len()).collect::<Vec<_>>();
+        assert_eq!(lengths(u64::MAX), [4, 4, 1]);
+        assert_eq!(lengths(READ_BYTES / 2), [2, 2, 2, 2, 1]);
+        assert_eq!(lengths(1), [1; 9]);
+        let long = vec![request(0, 0, 3 * READ_BYTES), request(1, 3 * READ_BYTES, 10)];
+        assert_eq!(merge(long, SHAPE, u64::MAX).len(), 2);
     }
 
     #[test]
@@ -212,5 +259,26 @@ mod tests {
         assert_eq!(good, [true, true, false, true]);
         assert_eq!((counters.reads, counters.failed_reads, counters.bytes_read), (5, 2, 300));
         assert!(answers[2].1.as_ref().is_err_and(|e| e.to_string().contains("offset 200")), "the record's own error");
+    }
+
+    #[test]
+    fn failures_that_may_pass_are_tried_again() {
+        for (kind, failures, retried) in
+            [(ErrorKind::TimedOut, 1, 1), (ErrorKind::WouldBlock, 2, 2), (ErrorKind::Other, 1, 0)]
+        {
+            let left = Cell::new(failures);
+            let stumbling = |offset: u64, buffer: &mut [u8]| {
+                left.set(left.get() - 1);
+                if left.get() >= 0 {
+                    let source = io::Error::from(kind);
+                    return Err(ContainerError::Io { what: "test".into(), offset, bytes: 0, source });
+                }
+                file(0..0)(offset, buffer)
+            };
+            let mut counters = IoCounters::default();
+            let answers = read_records(&stumbling, vec![request(0, 10, 100)], &mut counters);
+            assert!(answers[0].1.is_ok(), "a second attempt at least");
+            assert_eq!((counters.retried_reads, counters.failed_reads), (retried, failures as u64));
+        }
     }
 }

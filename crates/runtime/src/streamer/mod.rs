@@ -4,7 +4,8 @@
 //! - [`classify`]: what the table of contents alone decides;
 //! - [`priority`]: front to back;
 //! - [`capacity`], [`budget`]: how many bricks fit, and what a frame may hold in memory;
-//! - [`io`], [`decode`]: reading and decoding.
+//! - [`loader`], [`io`]: reading, in threads of its own;
+//! - [`decode`]: decoding, on the caller's threads.
 //!
 //! Protocol of one frame:
 //! 1. [`Streamer::begin_frame`]; [`Streamer::begin_band`] where the rays are cast band by band.
@@ -12,36 +13,42 @@
 //! 3. [`Streamer::note_uses`] with what the pass used, then [`Streamer::fetch`] with what it wanted.
 //! 4. Again from 2 until no ray waits.
 //!
-//! It reads, decodes and waits within `fetch` only. It does not know what a ray is.
+//! What is resident changes within these calls only; reading goes on between them. It does not know what a ray is.
 
 pub mod budget;
 pub mod capacity;
 pub mod classify;
 pub mod decode;
 pub mod io;
+pub mod loader;
 pub mod priority;
 pub mod state;
 
-use std::collections::HashSet;
+use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use supervol_format::container::ContainerError;
 use supervol_format::container::toc::{BrickEntry, ENTRIES_PER_PAGE};
 use supervol_format::{BrickKey, Container};
 
 use crate::cache::KeyMap;
 use crate::cache::host::{HostCache, Standing, Victims};
 use crate::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap};
-use budget::{HostPlan, decoded_bytes, record_in_flight};
+use crate::stop::Stop;
+use budget::{HostPlan, decoded_bytes};
 use capacity::{Candidate, Supply, admit};
 use classify::{Class, Classifier};
 use decode::Encoded;
-use io::{IoCounters, RecordRequest};
+use io::{IoCounters, RecordRequest, merge};
+use loader::{Finished, Loader, QUEUE_LIMIT};
 use priority::{FrontToBack, Rank, Ranked};
 use state::{BrickState, StateTable};
 
-/// Bricks of the first batch that is read under a deadline, while it is not known how long they take.
-const FIRST_BATCH: usize = 8;
+/// Bricks that each thread decodes before the time is looked at.
+const DECODED_AT_ONCE: usize = 4;
+/// Longest wait for a read before it is looked whether somebody has cancelled.
+const PATIENCE: Duration = Duration::from_millis(20);
 /// Entries of the table of contents looked at for holes beneath a brick; where there are more, holes are taken for granted.
 const HOLE_SEARCH_LIMIT: usize = 1024;
 
@@ -58,23 +65,23 @@ pub enum StreamError {
         /// What it lacks.
         missing_bytes: u64,
     },
+    /// Nobody can read.
+    #[error("the threads that read cannot be started: {0}")]
+    Threads(String),
 }
 
 /// What limits one tick besides the host cache.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct Room {
     /// Bricks that the ray caster can take.
     pub bricks: usize,
-    /// When to stop after the batch in progress.
-    pub deadline: Option<Instant>,
+    /// When to stop waiting: what is being read then goes on.
+    pub stop: Stop,
+    /// How long to wait for more once some ray can go on; `None`: for all that there is room for.
+    pub patience: Option<Duration>,
 }
 
-impl Room {
-    /// As many bricks as the host cache holds, however long it takes.
-    pub const ANY: Self = Self { bricks: usize::MAX, deadline: None };
-}
-
-/// What one tick brought.
+/// What some ticks brought.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Fetched {
     /// Wanted bricks that are in the host cache now, front to back; at most as many as there was room for.
@@ -83,7 +90,7 @@ pub struct Fetched {
     pub answered: Vec<BrickKey>,
     /// Other bricks that are known to be nothing, uniform or too coarse since this tick.
     pub neighbours: Vec<BrickKey>,
-    /// Wanted bricks that must wait for a later tick.
+    /// Wanted bricks that are being read, or must wait for a later tick.
     pub left: usize,
 }
 
@@ -116,8 +123,10 @@ pub struct StreamCounters {
     pub bytes_decoded: u64,
     /// Wall time of decoding.
     pub decode_time: Duration,
-    /// Wall time of everything else: deciding which bricks to read, and which to drop.
+    /// Wall time of deciding which bricks to read, and which to drop.
     pub plan_time: Duration,
+    /// Wall time of waiting for reads.
+    pub wait_time: Duration,
     /// Wanted bricks that no ray wanted any more before they were begun.
     pub cancelled: u64,
     /// Largest error bound of all bricks that rays drew in this frame, data units.
@@ -145,8 +154,21 @@ pub struct Streamer {
     drawn: KeyMap<()>,
     /// Whether a voxel of level 0 is absent.
     has_holes: bool,
-    /// Bricks left in `Queued` by the last tick.
+    /// What the last request wanted.
+    wanted: KeyMap<()>,
+    /// Bricks left in `Queued` by the last request.
     queued: Vec<BrickKey>,
+    /// Of these: bricks that there is room for, front to back, and who leaves for them.
+    due: VecDeque<Load>,
+    victims: Victims,
+    /// Bricks on their way, for which room is reserved.
+    loading: KeyMap<Load>,
+    /// Reads that have come back and are not decoded.
+    arrived: VecDeque<Finished>,
+    /// Bytes of reads that were asked for and are not decoded.
+    in_flight_bytes: u64,
+    /// Started by the first read.
+    loader: Option<Loader>,
     /// Attempts of bricks that failed in earlier frames and may be tried again.
     attempts: KeyMap<u32>,
     /// TOC pages of which every brick that needs no reading is in the state table.
@@ -195,7 +217,14 @@ impl Streamer {
             stand_ins: KeyMap::default(),
             drawn: KeyMap::default(),
             has_holes: container.manifest().present_voxels != voxel_count(&container),
+            wanted: KeyMap::default(),
             queued: Vec::new(),
+            due: VecDeque::new(),
+            victims: Victims::default(),
+            loading: KeyMap::default(),
+            arrived: VecDeque::new(),
+            in_flight_bytes: 0,
+            loader: None,
             attempts: KeyMap::default(),
             classified_pages: HashSet::new(),
             first_pass: 0,
@@ -204,8 +233,12 @@ impl Streamer {
         }
     }
 
-    /// Memory is divided anew: bricks that no longer fit are dropped.
+    /// Memory is divided anew: bricks that no longer fit are dropped. Nothing is on its way afterwards.
     pub fn set_plan(&mut self, plan: HostPlan) {
+        self.cancel_all_but(KeyMap::default());
+        while !self.is_idle() {
+            self.receive_some(None, &mut Fetched::default());
+        }
         self.plan = plan;
         let dropped = self.cache.set_budget(plan.cache_bytes, |key| self.kept.contains_key(&key));
         for key in dropped {
@@ -291,7 +324,8 @@ impl Streamer {
         Ok(fetched)
     }
 
-    /// Makes as many of the wanted bricks resident as there is room for, front to back; at least one.
+    /// Makes as many of the wanted bricks resident as there is room and patience for, front to back; at least one, unless it
+    /// is time to stop before.
     ///
     /// Bricks that cannot be read or decoded fail and are answered so; they are no error of the call.
     ///
@@ -302,14 +336,50 @@ impl Streamer {
     }
 
     fn fetch_for(&mut self, purpose: Purpose, wanted: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
-        let outside = |counters: &StreamCounters| counters.io.time + counters.decode_time;
-        let (start, before) = (Instant::now(), outside(&self.counters));
-        let fetched = self.plan_and_load(purpose, wanted, room);
-        self.counters.plan_time += start.elapsed().saturating_sub(outside(&self.counters) - before);
+        loop {
+            let mut fetched = self.request_for(purpose, wanted, room.bricks)?;
+            self.receive(&room, &mut fetched);
+            // What was on its way for others may have taken all the room; now it is here, and may leave.
+            if fetched.is_progress() || wanted.is_empty() || room.stop.is_due() {
+                return Ok(fetched);
+            }
+        }
+    }
+
+    /// Says which bricks are wanted now, and answers what needs no waiting: as many as there is room for are read from now
+    /// on, front to back; what was wanted before and is no longer is not read unless it has been begun.
+    ///
+    /// # Errors
+    /// If nothing could be answered and nothing is on its way, because the bricks that stay leave no room for one more.
+    pub fn request(&mut self, wanted: &[BrickKey], bricks: usize) -> Result<Fetched, StreamError> {
+        self.request_for(Purpose::Draw, wanted, bricks)
+    }
+
+    /// Adds what comes to `fetched`.
+    fn receive(&mut self, room: &Room, fetched: &mut Fetched) {
+        let end = room.patience.map(|patience| Instant::now() + patience);
+        let is_enough = |fetched: &Fetched| fetched.is_progress() && end.is_some_and(|end| Instant::now() >= end);
+        while !self.is_idle() && !room.stop.is_due() && !is_enough(fetched) {
+            let until = end.filter(|_| fetched.is_progress());
+            self.receive_some(room.stop.deadline().into_iter().chain(until).min(), fetched);
+        }
+        fetched.left = self.wanted.len() - fetched.bricks.len() - fetched.answered.len();
+    }
+
+    /// Whether nothing is on its way.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        self.loading.is_empty() && self.due.is_empty()
+    }
+
+    fn request_for(&mut self, purpose: Purpose, wanted: &[BrickKey], bricks: usize) -> Result<Fetched, StreamError> {
+        let start = Instant::now();
+        let fetched = self.plan_requests(purpose, wanted, bricks);
+        self.counters.plan_time += start.elapsed();
         fetched
     }
 
-    fn plan_and_load(&mut self, purpose: Purpose, wanted: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
+    fn plan_requests(&mut self, purpose: Purpose, wanted: &[BrickKey], bricks: usize) -> Result<Fetched, StreamError> {
         // A ray that wants a brick although it knows it to be too coarse wants it for a child that has failed.
         let is_known = |key: &&BrickKey| self.states.state(**key) == BrickState::TooCoarse;
         let wanted_to_stand_in: KeyMap<()> = wanted.iter().filter(is_known).map(|&key| (key, ())).collect();
@@ -318,9 +388,8 @@ impl Streamer {
             self.stand_ins.retain(|&key, ()| self.states.state(key) != BrickState::Unknown);
         }
         let ranked = self.order.ranked(self.container.pyramid(), wanted.iter().copied());
+        self.cancel_all_but(ranked.iter().map(|r| (r.key, ())).collect());
         let Some(frontier) = ranked.first().map(|r| r.rank) else { return Ok(Fetched::default()) };
-        let wanted: KeyMap<()> = ranked.iter().map(|r| (r.key, ())).collect();
-        self.cancel_all_but(&wanted);
 
         // The table of contents decides what it can; the rest are candidates for the cache.
         let mut fetched = Fetched::default();
@@ -331,6 +400,7 @@ impl Streamer {
             match self.look_up(key, purpose, &mut fetched.neighbours) {
                 Lookup::InHost => candidates.push(Candidate { key, rank, bytes: 0 }),
                 Lookup::Answered => fetched.answered.push(key),
+                Lookup::OnItsWay => {}
                 Lookup::Load(load) => {
                     candidates.push(Candidate { key, rank, bytes: load.bytes });
                     loads.insert(key, load);
@@ -342,44 +412,71 @@ impl Streamer {
         // stay; otherwise the frontier may push even them out, the farthest first.
         candidates.sort_by_key(|c| (c.rank, c.bytes > 0, c.key));
         let is_served = !fetched.answered.is_empty() || candidates.first().is_some_and(|c| c.bytes == 0);
-        let mut victims = self.victims(frontier, |key| wanted.contains_key(&key).then_some(is_served));
+        let victims = self.victims(frontier, |key| self.wanted.contains_key(&key).then_some(is_served));
 
         let supply = Supply {
             unused_bytes: self.cache.free_bytes(),
             free_bytes: victims.free_bytes(),
             live_bytes: victims.live_bytes(),
+            reserved_bytes: self.cache.reserved_bytes(),
             budget_bytes: self.cache.budget_bytes(),
-            bricks: room.bricks,
+            bricks,
         };
         let admitted = admit(&candidates, frontier, supply);
-        if let (0, [], [first, ..]) = (admitted, &fetched.answered[..], &candidates[..]) {
+        if let (0, [], [first, ..], true) = (admitted, &fetched.answered[..], &candidates[..], self.is_idle()) {
             let available = supply.unused_bytes + supply.free_bytes + supply.live_bytes;
             let (budget_bytes, missing_bytes) = (supply.budget_bytes, first.bytes.saturating_sub(available));
             return Err(StreamError::NoRoom { key: first.key, budget_bytes, missing_bytes });
         }
-        let admitted: Vec<BrickKey> = candidates[..admitted].iter().map(|c| c.key).collect();
-        let due: Vec<Load> = admitted.iter().filter_map(|key| loads.get(key).copied()).collect();
-        self.load(&due, &mut victims, room.deadline);
-
-        for key in admitted {
-            match self.states.state(key).kind() {
-                state::StateKind::InHost => fetched.bricks.push(key),
-                state::StateKind::Failed => fetched.answered.push(key),
-                _ => {}
+        for Candidate { key, .. } in &candidates[..admitted] {
+            match loads.get(key) {
+                Some(load) => self.due.push_back(*load),
+                None => fetched.bricks.push(*key),
             }
         }
+        self.victims = victims;
+        self.queued = loads.into_keys().collect();
+        self.ask_for_due()?;
         fetched.left = ranked.len() - fetched.bricks.len() - fetched.answered.len();
-        self.queued = loads.into_keys().filter(|&key| self.states.state(key) == BrickState::Queued).collect();
         Ok(fetched)
     }
 
-    fn cancel_all_but(&mut self, wanted: &KeyMap<()>) {
+    /// From now on only these are wanted: what has not been begun for others is not read.
+    fn cancel_all_but(&mut self, wanted: KeyMap<()>) {
+        self.wanted = wanted;
+        // What is due is decided anew.
+        self.due.clear();
         for key in std::mem::take(&mut self.queued) {
-            if !wanted.contains_key(&key) {
+            if self.states.state(key) == BrickState::Queued && !self.wanted.contains_key(&key) {
                 self.states.cancel(key);
                 self.counters.cancelled += 1;
             }
         }
+        let waiting = self.loader.as_mut().map_or(Vec::new(), Loader::take_back);
+        for read in waiting {
+            if read.records.iter().any(|record| self.wanted.contains_key(&record.key)) {
+                self.loader.as_mut().expect("it had the read").ask(read);
+                continue;
+            }
+            self.in_flight_bytes -= read.in_flight_bytes();
+            read.records.iter().for_each(|record| self.cancel_loading(record.key));
+        }
+        let mut arrived = std::mem::take(&mut self.arrived);
+        for read in &mut arrived {
+            let (wanted, others) = std::mem::take(&mut read.answers)
+                .into_iter()
+                .partition::<Vec<_>, _>(|(key, _)| self.wanted.contains_key(key));
+            read.answers = wanted;
+            others.into_iter().for_each(|(key, _)| self.cancel_loading(key));
+        }
+        self.arrived = arrived;
+    }
+
+    fn cancel_loading(&mut self, key: BrickKey) {
+        let load = self.loading.remove(&key).expect("it was on its way");
+        self.cache.release(load.bytes);
+        self.states.cancel(key);
+        self.counters.cancelled += 1;
     }
 
     /// What to do for a wanted brick; afterwards its state is decided, or it is queued.
@@ -390,9 +487,8 @@ impl Streamer {
             BrickState::Nothing(_) | BrickState::Uniform(_) | BrickState::Failed { .. } => return Lookup::Answered,
             BrickState::TooCoarse if purpose == Purpose::Draw => return Lookup::Answered,
             BrickState::Unknown | BrickState::TooCoarse | BrickState::Evicted | BrickState::Queued => {}
-            BrickState::Reading | BrickState::Decoding => {
-                unreachable!("{key} is left in state {state:?} between two ticks")
-            }
+            BrickState::Reading => return Lookup::OnItsWay,
+            BrickState::Decoding => unreachable!("{key} is left in state {state:?} between two ticks"),
         }
         let is_queued = state == BrickState::Queued;
         let entry = match self.container.entry(key) {
@@ -508,67 +604,116 @@ impl Streamer {
         decoded_bytes(shape.voxel_type, shape.voxels() as u64, cells as u64)
     }
 
-    /// Reads and decodes bricks for which there is room, in batches of bounded size. With a deadline the first batch is
-    /// small, and each next one as large as the last one's speed says will be done in time, but at most twice as large.
-    fn load(&mut self, mut due: &[Load], victims: &mut Victims, deadline: Option<Instant>) {
-        let mut most = if deadline.is_some() { FIRST_BATCH } else { usize::MAX };
-        while !due.is_empty() {
-            let mut in_flight = 0;
+    /// Asks for what is due, as much as may be in flight.
+    fn ask_for_due(&mut self) -> Result<(), StreamError> {
+        let (shape, limit) = (self.container.read_shape(), self.plan.in_flight_bytes);
+        while !self.due.is_empty() {
+            let pending = self.loader.as_ref().map_or(0, Loader::pending);
+            let mut bytes = self.in_flight_bytes;
             let fits = |load: &&Load| {
-                in_flight += record_in_flight(load.entry.record_bytes());
-                in_flight <= self.plan.in_flight_bytes
+                bytes += load.entry.record_bytes() + shape.gap_bytes;
+                bytes <= limit
             };
-            let count = due.iter().take(most).take_while(fits).count().max(1);
-            let (batch, rest) = due.split_at(count);
-            let start = Instant::now();
-            self.load_batch(batch, victims);
-            due = rest;
-            if let Some(deadline) = deadline {
-                let left = deadline.saturating_duration_since(Instant::now()).as_secs_f64();
-                if left == 0.0 {
-                    return;
-                }
-                let in_time = left / start.elapsed().as_secs_f64().max(1e-9) * count as f64;
-                most = (in_time as usize).clamp(1, 2 * count);
+            let count = self.due.iter().take(QUEUE_LIMIT - pending).take_while(fits).count();
+            let count = if self.in_flight_bytes == 0 && pending < QUEUE_LIMIT { count.max(1) } else { count };
+            if count == 0 {
+                return Ok(());
             }
+            self.loader()?;
+            let batch: Vec<Load> = self.due.drain(..count).collect();
+            self.make_room(&batch);
+            let request =
+                |l: &Load| RecordRequest { key: l.key, offset: l.entry.offset, bytes: l.entry.record_bytes() };
+            for read in merge(batch.iter().map(request).collect(), shape, limit) {
+                self.in_flight_bytes += read.in_flight_bytes();
+                self.loader()?.ask(read);
+            }
+        }
+        Ok(())
+    }
+
+    fn loader(&mut self) -> Result<&mut Loader, StreamError> {
+        if self.loader.is_none() {
+            self.loader = Some(Loader::new(&self.container).map_err(|e| StreamError::Threads(e.to_string()))?);
+        }
+        Ok(self.loader.as_mut().expect("it has just been started"))
+    }
+
+    /// Bricks are read from now on, and the cache has room for them.
+    fn make_room(&mut self, batch: &[Load]) {
+        let bytes = batch.iter().map(|load| load.bytes).sum();
+        let dropped = self.cache.make_room(bytes, &mut self.victims).expect("only bricks that fit are admitted");
+        dropped.into_iter().for_each(|key| self.states.evict(key));
+        self.cache.reserve(bytes);
+        for load in batch {
+            self.states.start_reading(load.key);
+            self.loading.insert(load.key, *load);
         }
     }
 
-    fn load_batch(&mut self, batch: &[Load], victims: &mut Victims) {
-        let bytes = batch.iter().map(|load| load.bytes).sum();
-        let dropped = self.cache.make_room(bytes, victims).expect("only bricks that fit are admitted");
-        dropped.into_iter().for_each(|key| self.states.evict(key));
+    /// Waits until a read comes back, but not too long, and makes some of what has come resident.
+    fn receive_some(&mut self, until: Option<Instant>, fetched: &mut Fetched) {
+        let Some(loader) = &mut self.loader else { return };
+        self.arrived.extend(std::iter::from_fn(|| loader.next_finished()));
+        if self.arrived.is_empty() {
+            let start = Instant::now();
+            let patience = start + PATIENCE;
+            let finished = loader.wait(Some(until.map_or(patience, |until| until.min(patience))));
+            self.counters.wait_time += start.elapsed();
+            self.arrived.extend(finished);
+        }
+        self.decode_some(fetched);
+        // Nobody can be told here that threads cannot be started: they run already.
+        self.ask_for_due().expect("the loader runs");
+    }
 
-        let request = |l: &Load| RecordRequest { key: l.key, offset: l.entry.offset, bytes: l.entry.record_bytes() };
-        let requests: Vec<RecordRequest> = batch.iter().map(request).collect();
-        batch.iter().for_each(|load| self.states.start_reading(load.key));
-        let container = self.container.clone();
-        let records =
-            io::read_records(&|offset, buffer| container.read_at(offset, buffer), requests, &mut self.counters.io);
-
-        let loads: KeyMap<Load> = batch.iter().map(|load| (load.key, *load)).collect();
-        let mut encoded = Vec::with_capacity(records.len());
-        for (key, record) in records {
+    /// Decodes some of the records that have come, and makes their bricks resident.
+    fn decode_some(&mut self, fetched: &mut Fetched) {
+        let most = DECODED_AT_ONCE * rayon::current_num_threads();
+        let mut encoded = Vec::with_capacity(most);
+        while encoded.len() < most
+            && let Some(read) = self.arrived.front_mut()
+        {
+            let Some((key, record)) = read.answers.pop() else {
+                self.counters.io.add(&read.counters);
+                self.in_flight_bytes -= read.read.in_flight_bytes();
+                self.arrived.pop_front();
+                continue;
+            };
             match record {
                 Ok(record) => {
                     self.states.start_decoding(key);
                     self.counters.record_bytes[key.lod().0 as usize] += record.bytes().len() as u64;
-                    encoded.push(Encoded { key, entry: loads[&key].entry, record });
+                    encoded.push(Encoded { key, entry: self.loading[&key].entry, record });
                 }
-                Err(error) => self.fail(key, error.to_string()),
+                Err(error) => self.settle(key, Err(error), fetched),
             }
         }
         let start = Instant::now();
-        let bricks = decode::decode_bricks(&container, &self.map, encoded);
+        let bricks = decode::decode_bricks(&self.container, &self.map, encoded);
         self.counters.decode_time += start.elapsed();
-        for (key, brick) in bricks {
-            match brick {
-                Ok(brick) => {
-                    self.counters.bytes_decoded += container.shape(key).bytes() as u64;
-                    self.cache.insert(key, brick, loads[&key].bytes);
-                    self.states.in_host(key);
+        bricks.into_iter().for_each(|(key, brick)| self.settle(key, brick, fetched));
+    }
+
+    /// A brick that was on its way is here, or has failed.
+    fn settle(&mut self, key: BrickKey, brick: Result<DecodedBrick, ContainerError>, fetched: &mut Fetched) {
+        let load = self.loading.remove(&key).expect("it was on its way");
+        self.cache.release(load.bytes);
+        let is_wanted = self.wanted.contains_key(&key);
+        match brick {
+            Ok(brick) => {
+                self.counters.bytes_decoded += self.container.shape(key).bytes() as u64;
+                self.cache.insert(key, brick, load.bytes);
+                self.states.in_host(key);
+                // The transfer function may have changed meanwhile.
+                if self.class_of(key, &load.entry) == Class::TooCoarse {
+                    self.stand_ins.insert(key, ());
                 }
-                Err(error) => self.fail(key, error.to_string()),
+                fetched.bricks.extend(is_wanted.then_some(key));
+            }
+            Err(error) => {
+                self.fail(key, error.to_string());
+                fetched.answered.extend(is_wanted.then_some(key));
             }
         }
     }
@@ -607,6 +752,7 @@ impl Streamer {
 enum Lookup {
     InHost,
     Answered,
+    OnItsWay,
     Load(Load),
 }
 

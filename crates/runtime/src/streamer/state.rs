@@ -5,7 +5,7 @@
 //!   TooCoarse --> Nothing | Uniform           the same, where the brick stands in for a child
 //!   Unknown, TooCoarse --> Queued --> Reading --> Decoding --> InHost --> Evicted --> Queued ...
 //!   Unknown, TooCoarse, Evicted, Reading, Decoding --> Failed      TOC entry, read, checksum, codec
-//!   Queued --> Unknown | Evicted              cancelled: no ray wants it any more
+//!   Queued, Reading --> Unknown | Evicted     cancelled: no ray wants it any more
 //!   Failed --> Unknown                        may be tried again, in a later frame
 //!   Evicted --> Nothing | Uniform | TooCoarse     under a new transfer function
 //!   Nothing, Uniform, TooCoarse, Evicted --> Unknown     forgotten, or to be classified anew
@@ -89,7 +89,7 @@ pub const KINDS: usize = 10;
 use StateKind as K;
 
 /// The transitions that may happen, from left to right. All others are mistakes.
-pub const ALLOWED: [(StateKind, StateKind); 27] = [
+pub const ALLOWED: [(StateKind, StateKind); 29] = [
     (K::Unknown, K::Nothing),
     (K::Unknown, K::Uniform),
     (K::Unknown, K::TooCoarse),
@@ -100,6 +100,8 @@ pub const ALLOWED: [(StateKind, StateKind); 27] = [
     (K::Queued, K::Evicted),
     (K::Reading, K::Decoding),
     (K::Reading, K::Failed),
+    (K::Reading, K::Unknown),
+    (K::Reading, K::Evicted),
     (K::Decoding, K::InHost),
     (K::Decoding, K::Failed),
     (K::InHost, K::Evicted),
@@ -244,7 +246,7 @@ impl StateTable {
         self.enter(key, BrickState::Queued);
     }
 
-    /// No ray wants the queued brick any more.
+    /// No ray wants the brick any more, and no thread has begun to read it.
     pub fn cancel(&mut self, key: BrickKey) {
         let was_in_host = self.records.get(&key).is_some_and(|r| r.page_ins > 0);
         self.enter(key, if was_in_host { BrickState::Evicted } else { BrickState::Unknown });

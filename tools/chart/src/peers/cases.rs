@@ -33,6 +33,8 @@ use supervol_runtime::raycast::reference::ReferenceVolume;
 use supervol_runtime::scene::{CameraSpec, ClipSpec, ImageSpec, ResolvedScene, Scene};
 
 use crate::context::{ChartError, Context, Pace, Scale};
+use crate::stability::streaming::session::translucent;
+use crate::virtual_volume::BrickId;
 use crate::volume::{Point, Volume, build_options};
 
 /// Vertical angle of view of every scene, degrees.
@@ -62,6 +64,8 @@ pub enum Subject {
         /// Its picture; image size and clip box are those of the comparison.
         scene: Box<Scene>,
     },
+    /// A cube of so many voxels along an edge of which nothing is stored ([`crate::virtual_volume`]).
+    Virtual(u64),
 }
 
 /// Which pictures of a scene are drawn.
@@ -83,6 +87,8 @@ pub enum Planned {
     Scene(Recipe),
     /// See [`Subject::Own`].
     Own(PathBuf, Box<Scene>),
+    /// See [`Subject::Virtual`].
+    Virtual(u64),
 }
 
 /// A scene of ours.
@@ -139,6 +145,7 @@ const FLESH_AND_BONES: &[Point] = &[
 pub fn planned(context: &Context<'_>, subject: &Subject, edge: Option<u64>) -> Result<Vec<Planned>, ChartError> {
     let only = match subject {
         Subject::Own { container, scene } => return Ok(vec![Planned::Own(container.clone(), scene.clone())]),
+        Subject::Virtual(edge) => return Ok(vec![Planned::Virtual(*edge)]),
         Subject::Scenes(only) => only,
     };
     let [azimuth, elevation] = AZIMUTH_ELEVATION.map(f64::to_radians);
@@ -205,6 +212,11 @@ impl Planned {
                 let name = path.file_stem().map_or("volume".into(), |name| name.to_string_lossy());
                 let name = name.trim_end_matches(".nii");
                 (Volume::open(name, path)?, vec![("default", scene.as_ref().clone())])
+            }
+            Self::Virtual(edge) => {
+                let (volume, _) = BrickId::open([*edge; 3], CORE)?;
+                let scene = Scene::from_json(&format!("{{{}}}", translucent(volume.radius())))?;
+                (volume, vec![("unshaded", scene)])
             }
         };
         if volume.facts.dims.0.contains(&1) {
