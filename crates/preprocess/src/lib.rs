@@ -18,6 +18,7 @@ pub mod lod_axes;
 pub mod memory;
 pub mod output;
 pub mod pipeline;
+pub mod provenance;
 pub mod report;
 pub mod source;
 pub mod statistics;
@@ -25,4 +26,5 @@ pub mod verify;
 
 pub use error::BuildError;
 pub use output::Existing;
-pub use pipeline::{BuildOptions, build, identify};
+pub use pipeline::{BuildOptions, build};
+pub use provenance::identify;
