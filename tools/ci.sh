@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
 # Everything that must hold before a change is taken, in one command: formatting, lints, documents, tests (shader
-# validation and GPU tests among them, on a software adapter where there is no other), fuzzing, the demo.
+# validation and GPU tests among them, on a software adapter where there is no other), fuzzing, the demo, a soak.
 #
 #   tools/ci.sh            all steps
-#   tools/ci.sh tests      only the steps named: format clippy documents tests fuzz demo
+#   tools/ci.sh tests      only the steps named: format clippy documents tests fuzz demo soak
 #
 # Works on a fresh Debian 12 with Rust 1.95; installs what is missing by apt. Environment:
 #   FUZZ_SECONDS (8)       seconds per fuzz target
+#   SOAK_MINUTES (3)       minutes of builds and pictures under random faults
 #   CI_KEEP (unset)        keep the logs in this folder
 # Steps are called by name through `step`.
 # shellcheck disable=SC2329
@@ -14,10 +15,11 @@ set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-readonly ALL_STEPS=(format clippy documents tests fuzz demo)
+readonly ALL_STEPS=(format clippy documents tests fuzz demo soak)
 readonly MIN_FREE_GB=10
 readonly FUZZ_SECONDS="${FUZZ_SECONDS:-8}"
 readonly FUZZ_SEED=1
+readonly SOAK_MINUTES="${SOAK_MINUTES:-3}"
 readonly FUZZ_TARGETS=(container codec_raw codec_rle codec_zstd segy nrrd nifti npy)
 
 started=$SECONDS
@@ -211,6 +213,7 @@ main() {
         step "fuzz run" fuzz_run
     fi
     if wanted demo; then step "demo" demo; fi
+    if wanted soak; then step "soak" tools/soak.sh "$SOAK_MINUTES"; fi
 
     say ""
     say "=== summary"

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use supervol_format::codec::{BrickShape, Codec, CodecChoice};
 use supervol_format::container::checksum;
 use supervol_format::container::header::{self, Sections};
+use supervol_format::container::manifest::Manifest;
 use supervol_format::container::toc::{self, BrickEntry, ENTRIES_PER_PAGE, ENTRY_BYTES};
 use supervol_format::container::validate::seal_brick;
 use supervol_format::{BrickKey, Container, ValueRange};
@@ -112,6 +113,20 @@ impl Forge {
         let footer = self.bytes.len() - header::PAGE_BYTES;
         let page = header::encode(self.original.descriptor(), sections);
         self.bytes[footer..].copy_from_slice(&page);
+    }
+
+    /// Replaces the manifest, and makes the footer say where it ends and what its checksum is.
+    ///
+    /// # Panics
+    /// If it is too long for a container.
+    pub fn set_manifest(&mut self, manifest: &Manifest) {
+        let json = manifest.to_json().expect("a manifest");
+        let old = self.original.sections();
+        let start = old.manifest_offset as usize;
+        self.bytes.truncate(start);
+        self.bytes.extend_from_slice(&json);
+        let sections = Sections { manifest_bytes: json.len() as u64, manifest_checksum: checksum(&json), ..old };
+        self.bytes.extend_from_slice(&header::encode(self.original.descriptor(), sections));
     }
 
     /// Makes the checksums of all TOC pages right.

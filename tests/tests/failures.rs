@@ -125,3 +125,26 @@ fn a_full_disk_is_named_and_nothing_is_left() {
         assert!(files_in(disk.0.path()).is_empty(), "{bytes} bytes: {:?} are left", files_in(disk.0.path()));
     }
 }
+
+/// A number of type u8 in text takes two bytes; decoded, one. The disk is too small for that.
+#[test]
+fn a_disk_that_fills_while_voxels_are_decoded_is_named() {
+    use supervol_preprocess::source::nrrd::NrrdSource;
+    use supervol_preprocess::source::spool::SpoolFolder;
+    let Some(disk) = SmallDisk::mount(64 << 10) else {
+        skipped("the full-disk test needs the right to mount a tmpfs (run as root)");
+        return;
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("v.nrrd");
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 128 128 64\nencoding: text\n\n";
+    std::fs::write(&path, header.to_owned() + &"7 ".repeat(128 * 128 * 64)).expect("room");
+    let error = NrrdSource::open(&path, &SpoolFolder::at(disk.0.path())).expect_err("the disk is too small");
+    let error = BuildError::from(error);
+    let message = error.to_string();
+    assert!(
+        message.contains("The disk is full") && message.contains(&disk.0.path().display().to_string()),
+        "{message}"
+    );
+    assert!(error.is_machine_failure());
+}

@@ -1,11 +1,15 @@
-//! The build keeps to its memory budget: allocations are counted. Alone in its program, because it counts everything.
+//! Builds and extractions keep to their memory budgets, whatever the volume's shape: allocations are counted. Alone in its program, because it counts everything.
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use supervol_format::VoxelType;
-use supervol_preprocess::BuildOptions;
+use supervol_format::{Lod, VoxelType};
+use supervol_preprocess::extract::{Extraction, extract};
+use supervol_preprocess::source::VolumeSource;
+use supervol_preprocess::source::segy::{SegyOptions, SegySource};
 use supervol_preprocess::source::synthetic::Synthetic;
+use supervol_preprocess::{BuildOptions, Existing};
 use supervol_tests::fields::{options, try_build};
 
 /// Bytes allocated now, and the most there ever were.
@@ -53,28 +57,121 @@ static COUNTING: Counting = Counting;
 /// Threads and file buffers: what the budget does not name.
 const SLACK: usize = 2 << 20;
 
+/// Most bytes allocated at once while `run` runs, beyond what there was before.
+fn peak_of<T>(run: impl FnOnce() -> T) -> (usize, T) {
+    let before = NOW.load(Ordering::Relaxed);
+    PEAK.store(before, Ordering::Relaxed);
+    let result = run();
+    (PEAK.load(Ordering::Relaxed) - before, result)
+}
+
+/// A volume, how it is built, and in how much memory.
+struct Case {
+    dims: [u64; 3],
+    voxel_type: VoxelType,
+    core: u32,
+    mebibytes: u64,
+    threads: usize,
+}
+
+const fn case(dims: [u64; 3], voxel_type: VoxelType, core: u32, mebibytes: u64, threads: usize) -> Case {
+    Case { dims, voxel_type, core, mebibytes, threads }
+}
+
+/// Cubes; then lines and planes, whose bricks are mostly apron.
+const CASES: [Case; 12] = [
+    case([256; 3], VoxelType::U16, 64, 24, 2),
+    case([256; 3], VoxelType::U16, 64, 24, 8),
+    case([256; 3], VoxelType::U16, 32, 16, 8),
+    case([256; 3], VoxelType::U16, 64, 64, 8),
+    case([200; 3], VoxelType::U16, 128, 192, 8),
+    case([400_000, 1, 1], VoxelType::F32, 64, 12, 2),
+    case([1, 400_000, 1], VoxelType::U8, 64, 12, 2),
+    case([1, 1, 100_000], VoxelType::F64, 16, 12, 2),
+    case([1500, 1500, 1], VoxelType::F32, 64, 12, 2),
+    case([1, 1500, 1500], VoxelType::U16, 64, 12, 2),
+    case([1500, 1, 1500], VoxelType::U8, 32, 12, 2),
+    case([500, 500, 9], VoxelType::F64, 64, 32, 2),
+];
+
+// One test, because it counts everything that the program allocates.
 #[test]
-fn builds_stay_within_their_budget() {
-    let source = |edge: u64| {
-        Synthetic::new("seismic", supervol_format::Dims([edge; 3]), Some(VoxelType::U16), 1).expect("a known name")
-    };
-    for (edge, core, mebibytes, threads) in
-        [(256, 64, 24, 2), (256, 64, 24, 8), (256, 32, 16, 8), (256, 64, 64, 8), (200, 128, 192, 8)]
-    {
-        let source = source(edge);
-        let before = NOW.load(Ordering::Relaxed);
-        PEAK.store(before, Ordering::Relaxed);
+fn builds_extractions_and_sources_stay_within_their_budget() {
+    check_scattered_traces();
+    for case in CASES {
+        let Case { dims, voxel_type, core, mebibytes, threads } = case;
+        let source = Synthetic::new("seismic", supervol_format::Dims(dims), Some(voxel_type), 1).expect("a known name");
         let options = BuildOptions { memory_bytes: mebibytes << 20, threads, ..options(core) };
-        let built = try_build(&source, &options).unwrap_or_else(|e| panic!("{e}"));
-        let peak = PEAK.load(Ordering::Relaxed) - before;
-        let allowed = (mebibytes << 20) as usize + SLACK;
+        let (peak, built) = peak_of(|| try_build(&source, &options).unwrap_or_else(|e| panic!("{dims:?}: {e}")));
+        let planned = built.report.memory_planned_bytes;
+        let mebi = |bytes: usize| bytes as f64 / 1048576.0;
         println!(
-            "MEASURED: {edge}^3 u16, bricks of {core}, {threads} threads asked for, {} used: budget {mebibytes} MiB, planned {:.1} MiB, peak {:.1} MiB",
+            "MEASURED: {dims:?} {voxel_type}, bricks of {core}, {threads} threads asked for, {} used: budget {mebibytes} MiB, \
+             planned {:.1} MiB, peak {:.1} MiB",
             built.report.threads,
-            built.report.memory_planned_bytes as f64 / 1048576.0,
-            peak as f64 / 1048576.0
+            mebi(planned as usize),
+            mebi(peak)
         );
-        assert!(built.report.memory_planned_bytes <= mebibytes << 20, "the plan exceeds the budget");
-        assert!(peak <= allowed, "{peak} bytes at the peak, {allowed} allowed");
+        assert!(planned <= mebibytes << 20, "{dims:?}: the plan exceeds the budget");
+        let allowed = (mebibytes << 20) as usize + SLACK;
+        assert!(peak <= allowed, "{dims:?}: {peak} bytes at the peak, {allowed} allowed");
+
+        let what =
+            |memory_bytes: u64| Extraction { lod: Lod(0), voxels: None, existing: Existing::Replace, memory_bytes };
+        let output = built.folder.path().join("out.raw");
+        let refused = extract(&built.container, &output, &what(0)).expect_err("nothing can be done in no memory");
+        let refused = refused.to_string();
+        // What the message says is needed suffices.
+        let needed: u64 = refused.split(' ').next().and_then(|n| n.parse().ok()).expect("it begins with a number");
+        let (peak, extracted) = peak_of(|| extract(&built.container, &output, &what(needed << 20)));
+        extracted.unwrap_or_else(|e| panic!("{dims:?}: {e}"));
+        println!("MEASURED: extraction of {dims:?} {voxel_type}: budget {needed} MiB, peak {:.1} MiB", mebi(peak));
+        let allowed = (needed << 20) as usize + SLACK;
+        assert!(peak <= allowed, "extraction of {dims:?}: {peak} bytes at the peak, {allowed} allowed");
     }
+}
+
+/// A SEG-Y file of `edge` x `edge` traces of one sample each, in no order.
+fn scattered_traces(edge: u32) -> Vec<u8> {
+    let mut places: Vec<u32> = (0..edge * edge).collect();
+    let mut random = 1u64;
+    for i in (1..places.len()).rev() {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        places.swap(i, (random >> 33) as usize % (i + 1));
+    }
+    let mut file = vec![b' '; 3200];
+    file[0] = b'C';
+    let mut header = [0; 400];
+    // Interval, samples, format (IEEE float), revision, fixed length.
+    for (byte, value) in [(3217, 1000u16), (3221, 1), (3225, 5), (3501, 0x100), (3503, 1)] {
+        header[byte - 3201..][..2].copy_from_slice(&value.to_be_bytes());
+    }
+    file.extend(header);
+    for place in places {
+        let mut trace = [0; 244];
+        trace[29] = 1;
+        trace[115] = 1;
+        trace[188..192].copy_from_slice(&(place / edge + 1).to_be_bytes());
+        trace[192..196].copy_from_slice(&(place % edge + 1).to_be_bytes());
+        trace[240..].copy_from_slice(&(place as f32).to_be_bytes());
+        file.extend(trace);
+    }
+    file
+}
+
+/// The table of traces is counted, too, or refused with what would do.
+fn check_scattered_traces() {
+    let file = scattered_traces(300);
+    let open = |memory_bytes: u64| {
+        let options = SegyOptions { memory_bytes, ..SegyOptions::default() };
+        SegySource::from_bytes(Box::new(file.clone()), Path::new("scattered.sgy"), &options)
+    };
+    let refused = open(1 << 20).err().expect("a table of 90,000 traces takes more").to_string();
+    let needed: u64 = refused.split(' ').next().and_then(|n| n.parse().ok()).expect("it begins with a number");
+    let (peak, source) = peak_of(|| open(needed << 20).unwrap_or_else(|e| panic!("{needed} MiB: {e}")));
+    let allowed = (needed << 20) as usize + file.len() + SLACK;
+    assert!(peak <= allowed, "scattered traces: {peak} bytes at the peak, {allowed} allowed");
+    assert_eq!(source.info().memory_bytes, 4 * 300 * 300);
+    let built = try_build(&source, &BuildOptions { memory_bytes: 16 << 20, ..options(64) });
+    built.unwrap_or_else(|e| panic!("{e}"));
 }

@@ -2,6 +2,7 @@
 
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::checksum;
+use supervol_format::container::manifest::Manifest;
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::{BrickIndex, BrickKey, Lod, ValueRange, VoxelType};
 use supervol_preprocess::BuildOptions;
@@ -110,7 +111,18 @@ fn error_bounds() {
 #[test]
 fn fills() {
     // Another value is first noticed by the neighbour, whose apron holds the old one.
-    assert_entry_rule(key(0, UNIFORM), |e| e.fill = u64::from(13.0f32.to_bits()), &["apron", "LOD 0"]);
+    let other = |e: &mut BrickEntry| {
+        e.fill = u64::from(13.0f32.to_bits());
+        e.range = ValueRange { min: 13.0, max: 13.0 };
+        e.range_beneath = e.range;
+    };
+    assert_entry_rule(key(0, UNIFORM), other, &["apron", "LOD 0"]);
+    // Pictures go by the range or by the fill: readers take none where these differ.
+    assert_entry_rule(
+        key(0, UNIFORM),
+        |e| e.fill = u64::from(13.0f32.to_bits()),
+        &["TOC entry", "value range", "fill"],
+    );
     // Bits above the voxel's four bytes.
     assert_entry_rule(key(0, UNIFORM), |e| e.fill |= 1 << 40, &["fill"]);
 }
@@ -207,4 +219,26 @@ fn nothing_is_a_container_too() {
     let built = built(&field, &options(16));
     verify(&built.path, 1 << 26, &|_, _| ()).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(built.container.manifest().value_range, None);
+}
+
+/// A manifest with a valid checksum that does not say what the voxels say.
+#[test]
+fn false_manifests() {
+    type Falsify = fn(&mut Manifest);
+    let falsify: [(&str, Falsify); 7] = [
+        ("value range", |m| m.value_range = Some(ValueRange { min: -1e9, max: 1e9 })),
+        ("value range", |m| m.value_range = None),
+        ("present voxels", |m| m.present_voxels += 1),
+        ("percentiles", |m| m.percentiles.reverse()),
+        ("percentiles", |m| m.percentiles.clear()),
+        ("histogram", |m| m.histogram[0] += 1),
+        ("errors of levels", |m| m.level_errors[1] *= 0.5),
+    ];
+    for (rule, falsify) in falsify {
+        let mut forge = container();
+        let mut manifest = forge.original.manifest().clone();
+        falsify(&mut manifest);
+        forge.set_manifest(&manifest);
+        assert_names(&forge, &["manifest", rule]);
+    }
 }

@@ -2,6 +2,22 @@
 
 use std::fs::File;
 use std::io;
+use std::path::Path;
+
+/// Refuses what is no file: opening a FIFO may wait for ever, reading a device may never end. To be called before a file
+/// that a person has named is opened.
+///
+/// # Errors
+/// `InvalidInput` for a folder, a FIFO, a device or a socket; otherwise whatever the system says.
+pub fn check_is_file(path: &Path) -> io::Result<()> {
+    let kind = std::fs::metadata(path)?.file_type();
+    if kind.is_file() {
+        return Ok(());
+    }
+    let found =
+        if kind.is_dir() { "a folder" } else { "a FIFO, device or socket (save what it gives to a file first)" };
+    Err(io::Error::new(io::ErrorKind::InvalidInput, format!("expected a file, found {found}")))
+}
 
 /// How a source is best read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

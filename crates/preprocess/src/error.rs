@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use supervol_format::container::ContainerError;
 use supervol_format::pyramid::PyramidError;
 
+use crate::output::kind::FileKind;
 use crate::source::SourceError;
 
 /// Why it failed. Each message says what was expected, what was found, and where.
@@ -19,12 +20,22 @@ pub enum BuildError {
     Write { path: PathBuf, source: std::io::Error },
     #[error("{path} exists; --force overwrites it")]
     Exists { path: PathBuf },
+    #[error(
+        "{path} exists: expected {expected} to replace, found {found}. --force replaces it; or choose another name"
+    )]
+    OtherKind { path: PathBuf, expected: FileKind, found: FileKind },
+    #[error("cannot write {path}: it is {other}, which this command reads or writes, too. Choose another name")]
+    SameFile { path: PathBuf, other: PathBuf },
+    #[error("cannot write {path}: expected a file or the name of a new one, found {found}")]
+    NoFile { path: PathBuf, found: String },
     #[error("these levels make no pyramid: {0}")]
     Pyramid(#[from] PyramidError),
     #[error("{needed} of memory are needed ({what}), --memory allows {allowed}. {advice}")]
     Memory { needed: String, allowed: String, what: String, advice: String },
     #[error("cannot start {threads} threads: {source}")]
     Threads { threads: usize, source: rayon::ThreadPoolBuildError },
+    #[error("cannot start a thread: {0}")]
+    Thread(std::io::Error),
     #[error("{path}: {rule}: expected {expected}, found {found}")]
     Broken { path: PathBuf, rule: String, expected: String, found: String },
     #[error("{0}")]
@@ -40,14 +51,14 @@ impl BuildError {
         Self::Container { path: path.into(), source }
     }
 
-    /// Whether the input named in the command is not there.
+    /// Whether the input named in the command is not there, or is no file.
     fn is_missing_input(&self) -> bool {
         let source = match self {
             Self::Source(SourceError::Io { source, .. })
             | Self::Container { source: ContainerError::Io { source, .. }, .. } => source,
             _ => return false,
         };
-        source.kind() == std::io::ErrorKind::NotFound
+        matches!(source.kind(), std::io::ErrorKind::NotFound | std::io::ErrorKind::InvalidInput)
     }
 
     /// Whether the machine failed us (disk, memory, I/O) rather than the data or the command.
@@ -57,7 +68,8 @@ impl BuildError {
             self,
             Self::Write { .. }
                 | Self::Threads { .. }
-                | Self::Source(SourceError::Io { .. })
+                | Self::Thread(_)
+                | Self::Source(SourceError::Io { .. } | SourceError::Spool { .. })
                 | Self::Container { source: ContainerError::Io { .. }, .. }
         )
     }
@@ -67,12 +79,18 @@ impl BuildError {
     pub fn is_wrong_command(&self) -> bool {
         matches!(
             self,
-            Self::Exists { .. } | Self::Options(_) | Self::Memory { .. } | Self::Source(SourceError::Options(_))
+            Self::Exists { .. }
+                | Self::OtherKind { .. }
+                | Self::SameFile { .. }
+                | Self::NoFile { .. }
+                | Self::Options(_)
+                | Self::Memory { .. }
+                | Self::Source(SourceError::Options(_))
         ) || self.is_missing_input()
     }
 }
 
-fn advice(error: &std::io::Error) -> &'static str {
+pub(crate) fn advice(error: &std::io::Error) -> &'static str {
     match error.kind() {
         std::io::ErrorKind::StorageFull => ". The disk is full: free space, or write to another one with -o",
         std::io::ErrorKind::PermissionDenied => ". Choose a folder you may write to with -o",

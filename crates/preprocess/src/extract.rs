@@ -2,8 +2,8 @@
 //!
 //! Voxels come out in the data's own units: the stored type where no scale applies, otherwise f64 for 64-bit and 32-bit
 //! integer voxels and f32 for all others (f32 holds every scaled 8- or 16-bit voxel to 24 bits). Absent voxels of scaled
-//! volumes become NaN; unscaled ones keep the nodata value they have. Written slab by slab, under a temporary name,
-//! renamed when whole.
+//! volumes become NaN; unscaled ones keep the nodata value they have. Written in file order within a number of bytes,
+//! whatever the box's shape, under a temporary name; renamed when whole.
 
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -13,8 +13,14 @@ use supervol_format::voxel_type::{Voxel, voxels_as_f64};
 use supervol_format::{Container, Geometry, Lod, VoxelBox, VoxelType};
 
 use crate::error::BuildError;
+use crate::file_order::boxes;
 use crate::level_reader::LevelReader;
 use crate::output::{Existing, OutputFile};
+
+/// Bytes buffered before the file is written to.
+const WRITE_BUFFER_BYTES: usize = 1 << 20;
+/// Least bytes of voxels on their way to the file.
+const LEAST_BOX_BYTES: u64 = 64 << 10;
 
 /// What to extract.
 #[derive(Debug, Clone, Copy)]
@@ -25,7 +31,7 @@ pub struct Extraction {
     pub voxels: Option<VoxelBox>,
     /// What to do when the output exists.
     pub existing: Existing,
-    /// Bytes for slabs and decoded bricks.
+    /// Most bytes of memory to use.
     pub memory_bytes: u64,
 }
 
@@ -71,9 +77,9 @@ pub fn extract(container: &Container, output: &Path, what: &Extraction) -> Resul
     let written_type = output_type(container.descriptor());
     let write_error = |e| BuildError::write(output, e);
     let file = OutputFile::begin(output, what.existing)?;
-    let mut out = BufWriter::with_capacity(1 << 20, file.file());
+    let mut out = BufWriter::with_capacity(WRITE_BUFFER_BYTES, file.file());
     out.write_all(&file_header(format, container, what.lod, voxels, written_type)).map_err(write_error)?;
-    write_slabs(container, what, voxels, written_type, &mut |bytes| out.write_all(bytes).map_err(write_error))?;
+    write_voxels(container, what, voxels, written_type, &mut |bytes| out.write_all(bytes).map_err(write_error))?;
     out.flush().map_err(write_error)?;
     drop(out);
     file.publish()?;
@@ -90,37 +96,61 @@ fn output_type(descriptor: &Descriptor) -> VoxelType {
     }
 }
 
-fn write_slabs(
+/// Threads, and how the bytes of `--memory` are divided among what they hold at once.
+struct Plan {
+    threads: usize,
+    cache_bytes: usize,
+    /// Voxels of a box that is read, scaled and written at once.
+    box_voxels: u64,
+}
+
+impl Plan {
+    fn new(descriptor: &Descriptor, written_type: VoxelType, memory_bytes: u64) -> Result<Self, BuildError> {
+        let fixed = |threads: usize| LevelReader::working_bytes(descriptor, threads) + WRITE_BUFFER_BYTES as u64;
+        let needed = fixed(1) + 2 * LEAST_BOX_BYTES;
+        if memory_bytes < needed {
+            let mib = |b: u64| format!("{} MiB", b.div_ceil(1 << 20));
+            return Err(BuildError::Memory {
+                needed: mib(needed),
+                allowed: mib(memory_bytes),
+                what: "to decode bricks on one thread and to write".into(),
+                advice: "Allow more with --memory".into(),
+            });
+        }
+        // At most half for the threads; the rest for the cache and for voxels on their way.
+        let fits = |threads: &usize| *threads == 1 || fixed(*threads) <= memory_bytes / 2;
+        let threads = (1..=rayon::current_num_threads()).rev().find(fits).unwrap_or(1);
+        let rest = memory_bytes - fixed(threads);
+        // Scaled voxels are there as stored, as doubles and as written.
+        let voxel = descriptor.voxel_type.bytes() + size_of::<f64>() + written_type.bytes();
+        Ok(Self { threads, cache_bytes: (rest / 2) as usize, box_voxels: rest / 2 / voxel as u64 })
+    }
+}
+
+fn write_voxels(
     container: &Container,
     what: &Extraction,
     voxels: VoxelBox,
     written_type: VoxelType,
-    write: &mut dyn FnMut(&[u8]) -> Result<(), BuildError>,
+    write: &mut (dyn FnMut(&[u8]) -> Result<(), BuildError> + Send),
 ) -> Result<(), BuildError> {
     let descriptor = container.descriptor();
     let size = descriptor.voxel_type.bytes();
-    let [nx, ny, _] = voxels.extent();
-    let reader = LevelReader::new(container, what.lod, (what.memory_bytes / 2) as usize);
-    // Slabs as thick as a brick, thinner where the budget is small; two copies where values are scaled.
-    let slice_bytes = (nx * ny * (size + written_type.bytes())) as u64;
-    let thickest = (what.memory_bytes / 2 / slice_bytes).clamp(1, container.pyramid().layout().core() as u64);
-    let mut z = voxels.start[2];
-    while z < voxels.end[2] {
-        let slab = VoxelBox {
-            start: [voxels.start[0], voxels.start[1], z],
-            end: [voxels.end[0], voxels.end[1], (z + thickest).min(voxels.end[2])],
-        };
-        let mut bytes = vec![0; slab.voxels() * size];
-        reader
-            .read_box(slab, &mut bytes)
-            .map_err(|e| BuildError::container(Path::new(&container.manifest().source.name), e))?;
-        if written_type != descriptor.voxel_type || descriptor.scale != 1.0 || descriptor.offset != 0.0 {
-            bytes = scaled(descriptor, &bytes, written_type);
+    let plan = Plan::new(descriptor, written_type, what.memory_bytes)?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(plan.threads).build();
+    let pool = pool.map_err(|source| BuildError::Threads { threads: plan.threads, source })?;
+    let reader = LevelReader::new(container, what.lod, plan.cache_bytes);
+    pool.install(|| {
+        for part in boxes(voxels, plan.box_voxels, container.pyramid().layout().core() as u64) {
+            let mut bytes = vec![0; part.voxels() * size];
+            reader.read_box(part, &mut bytes).map_err(|e| BuildError::container(container.path(), e))?;
+            if written_type != descriptor.voxel_type || descriptor.scale != 1.0 || descriptor.offset != 0.0 {
+                bytes = scaled(descriptor, &bytes, written_type);
+            }
+            write(&bytes)?;
         }
-        write(&bytes)?;
-        z = slab.end[2];
-    }
-    Ok(())
+        Ok(())
+    })
 }
 
 fn scaled(descriptor: &Descriptor, stored: &[u8], written_type: VoxelType) -> Vec<u8> {

@@ -3,7 +3,7 @@
 //!
 //! Decoded bricks are kept up to a byte budget, least recently used first out, because neighbouring boxes share bricks.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use rayon::prelude::*;
@@ -11,6 +11,8 @@ use supervol_format::brick::APRON;
 use supervol_format::container::ContainerError;
 use supervol_format::container::header::Descriptor;
 use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelBox};
+
+use crate::memory::largest_brick_bytes;
 
 /// Whatever hands out decoded bricks: a finished container, or one that is being written.
 pub trait BrickStore: Sync {
@@ -42,9 +44,14 @@ pub struct LevelReader<'a> {
     cache: Mutex<Cache>,
 }
 
+/// Bytes that a brick in the cache takes beside its voxels: entries of two maps, allocations.
+const ENTRY_BYTES: usize = 200;
+
+/// Bricks by key, and keys by the time of their last use: the oldest is found at once, however many there are.
 #[derive(Default)]
 struct Cache {
     bricks: HashMap<BrickKey, (u64, Arc<Vec<u8>>)>,
+    by_use: BTreeMap<u64, BrickKey>,
     bytes: usize,
     clock: u64,
 }
@@ -54,19 +61,28 @@ impl Cache {
         self.clock += 1;
         let now = self.clock;
         let (used, brick) = self.bricks.get_mut(&key)?;
+        self.by_use.remove(used);
+        self.by_use.insert(now, key);
         *used = now;
         Some(brick.clone())
     }
 
     fn put(&mut self, key: BrickKey, brick: Arc<Vec<u8>>, budget_bytes: usize) {
-        while self.bytes + brick.len() > budget_bytes {
-            let Some(oldest) = self.bricks.iter().min_by_key(|(_, (used, _))| *used).map(|(&k, _)| k) else { return };
-            self.bytes -= self.bricks.remove(&oldest).map_or(0, |(_, b)| b.len());
+        self.remove(key);
+        while self.bytes + brick.len() + ENTRY_BYTES > budget_bytes {
+            let Some((_, &oldest)) = self.by_use.first_key_value() else { return };
+            self.remove(oldest);
         }
         self.clock += 1;
-        self.bytes += brick.len();
-        if let Some((_, replaced)) = self.bricks.insert(key, (self.clock, brick)) {
-            self.bytes -= replaced.len();
+        self.bytes += brick.len() + ENTRY_BYTES;
+        self.by_use.insert(self.clock, key);
+        self.bricks.insert(key, (self.clock, brick));
+    }
+
+    fn remove(&mut self, key: BrickKey) {
+        if let Some((used, brick)) = self.bricks.remove(&key) {
+            self.by_use.remove(&used);
+            self.bytes -= brick.len() + ENTRY_BYTES;
         }
     }
 }
@@ -97,20 +113,36 @@ impl<'a> LevelReader<'a> {
             std::array::from_fn(
                 |a| if voxels.end[a] > voxels.start[a] { voxels.end[a].div_ceil(core) } else { first[a] },
             );
-        // One layer of bricks at a time: what is decoded and not yet copied stays small beside the box.
+        // A few bricks at a time: what is decoded and not yet copied stays small beside the box.
+        let at_once = self.bricks_at_once(largest_brick_bytes(pyramid, descriptor.voxel_type));
         for z in first[2]..end[2] {
             for y in first[1]..end[1] {
-                let keys: Vec<BrickKey> = (first[0]..end[0])
-                    .map(|x| BrickKey::new(self.lod, BrickIndex([x as u32, y as u32, z as u32])))
-                    .collect();
-                let bricks: Vec<Arc<Vec<u8>>> =
-                    keys.par_iter().map(|&key| self.brick(key)).collect::<Result<_, ContainerError>>()?;
-                for (key, brick) in keys.iter().zip(&bricks) {
-                    self.copy_core(*key, brick, voxels, out);
+                let row: Vec<u64> = (first[0]..end[0]).collect();
+                for part in row.chunks(at_once) {
+                    let key = |x: u64| BrickKey::new(self.lod, BrickIndex([x as u32, y as u32, z as u32]));
+                    let keys: Vec<BrickKey> = part.iter().map(|&x| key(x)).collect();
+                    let bricks: Vec<Arc<Vec<u8>>> =
+                        keys.par_iter().map(|&key| self.brick(key)).collect::<Result<_, ContainerError>>()?;
+                    for (key, brick) in keys.iter().zip(&bricks) {
+                        self.copy_core(*key, brick, voxels, out);
+                    }
                 }
             }
         }
         Ok(())
+    }
+
+    /// Bytes that reading takes on this many threads beside the caller's buffer and the cache.
+    #[must_use]
+    pub fn working_bytes(descriptor: &Descriptor, threads: usize) -> u64 {
+        let brick = largest_brick_bytes(&descriptor.pyramid, descriptor.voxel_type);
+        // Each thread reads a record, decompresses it and takes it apart; what others have decoded waits to be copied.
+        4 * threads as u64 * brick
+    }
+
+    /// Bricks to decode at once: half of what the cache holds, where they cost nothing, but one for every thread.
+    fn bricks_at_once(&self, brick_bytes: u64) -> usize {
+        (self.budget_bytes / 2 / (brick_bytes as usize + ENTRY_BYTES)).max(rayon::current_num_threads())
     }
 
     fn brick(&self, key: BrickKey) -> Result<Arc<Vec<u8>>, ContainerError> {

@@ -2,11 +2,11 @@
 //!
 //! | part | bytes |
 //! |---|---|
-//! | entry table | 80 per brick, until the container is finished |
+//! | tables | 80 per brick, until the container is finished, and what the source needs |
 //! | workspaces | a quarter of the rest: per thread `WORKSPACE_COPIES` stored bricks (cut, predicted, byte planes, encoded, ...) |
 //! | statistics | per thread one histogram of 64 Ki counters, and one |
 //! | brick cache | a sixteenth of the whole: decoded bricks of the finer level |
-//! | tiles | the rest: `TILES_IN_FLIGHT` tiles of the level being read, with what is made of them |
+//! | tiles | the rest: what is read for a tile and made of it ([`tile_bytes`]) |
 //!
 //! The tiles' share depends on the budget and the volume alone, never on the number of threads, because tiles decide in
 //! which order bricks are written. Where the workspaces do not suffice for all threads, fewer are started.
@@ -20,8 +20,11 @@ use crate::statistics::KEYS;
 
 /// Stored bricks of scratch memory that one thread may need at once.
 const WORKSPACE_COPIES: u64 = 6;
-/// Two tiles in the air (one being read, one being encoded), its coarser half, and its encoded bricks.
-const TILES_IN_FLIGHT: f64 = 3.6;
+/// What is read for a tile is in memory so many times: while it is read, while the one before is encoded, and the coarser
+/// voxels that are made of it.
+const TILES_IN_FLIGHT: f64 = 2.6;
+/// Bytes that an encoded brick takes beside its record.
+const ENCODED_BRICK_BYTES: u64 = 256;
 
 /// The division of one build's memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,37 +33,36 @@ pub struct MemoryPlan {
     pub budget_bytes: u64,
     /// Threads that the workspaces suffice for, at most those asked for.
     pub threads: usize,
-    /// Entry table, workspaces and statistics.
+    /// Tables, workspaces and statistics.
     pub fixed_bytes: u64,
     /// Decoded bricks of the finer level.
     pub cache_bytes: u64,
-    /// Largest tile.
+    /// Most that a tile may take, as [`tile_bytes`] counts.
     pub tile_bytes: u64,
 }
 
 impl MemoryPlan {
-    /// Divides `budget_bytes` for at most `threads` threads.
+    /// Divides `budget_bytes` for at most `threads` threads, beside a source that takes `source_bytes` as long as it is open.
     ///
     /// # Errors
     /// If not even one thread and the smallest tile fit, with what would.
     pub fn new(
         budget_bytes: u64,
         threads: usize,
+        source_bytes: u64,
         pyramid: &Pyramid,
         voxel_type: VoxelType,
     ) -> Result<Self, BuildError> {
-        let stored = pyramid.layout().stored() as u64;
-        let brick = stored.pow(3) * voxel_type.bytes() as u64;
+        let brick = largest_brick_bytes(pyramid, voxel_type);
         let histogram = KEYS as u64 * 8;
-        let table = pyramid.brick_count() * ENTRY_BYTES as u64;
+        let table = pyramid.brick_count() * ENTRY_BYTES as u64 + source_bytes;
         let per_thread = WORKSPACE_COPIES * brick + histogram;
         let cache_bytes = budget_bytes / 16;
         let smallest = pyramid.levels().iter().enumerate().map(|(lod, level)| {
             let finer = if lod == 0 { [1; 3] } else { level.factors };
-            read_bytes(pyramid, level, finer, [1; 3], voxel_type)
+            tile_bytes(pyramid, level, finer, [1; 3], voxel_type)
         });
-        let smallest = smallest.max().expect("a pyramid has levels");
-        let smallest_tiles = (smallest as f64 * TILES_IN_FLIGHT).ceil() as u64;
+        let smallest_tiles = smallest.max().expect("a pyramid has levels");
         let rest = budget_bytes.saturating_sub(table + histogram + cache_bytes);
         if rest < smallest_tiles + per_thread {
             let needed = (smallest_tiles + per_thread + table + histogram) * 16 / 15 + 16;
@@ -69,7 +71,7 @@ impl MemoryPlan {
                 needed: mib(needed),
                 allowed: mib(budget_bytes),
                 what: format!(
-                    "{} for the table of {} bricks, {} for one thread, the rest for tiles of one brick",
+                    "{} for the tables of the source and of {} bricks, {} for one thread, the rest for tiles of one brick",
                     mib(table),
                     pyramid.brick_count(),
                     mib(per_thread + histogram)
@@ -82,20 +84,36 @@ impl MemoryPlan {
         let affordable = usize::try_from((rest - tiles) / per_thread).unwrap_or(usize::MAX);
         let threads = threads.clamp(1, affordable);
         let fixed_bytes = table + histogram + threads as u64 * per_thread;
-        Ok(Self {
-            budget_bytes,
-            threads,
-            fixed_bytes,
-            cache_bytes,
-            tile_bytes: (tiles as f64 / TILES_IN_FLIGHT) as u64,
-        })
+        Ok(Self { budget_bytes, threads, fixed_bytes, cache_bytes, tile_bytes: tiles })
     }
 
     /// What the parts add up to, bytes.
     #[must_use]
     pub fn planned_bytes(&self) -> u64 {
-        self.fixed_bytes + self.cache_bytes + (self.tile_bytes as f64 * TILES_IN_FLIGHT) as u64
+        self.fixed_bytes + self.cache_bytes + self.tile_bytes
     }
+}
+
+/// Bytes of the largest brick of a pyramid, as it is stored.
+#[must_use]
+pub fn largest_brick_bytes(pyramid: &Pyramid, voxel_type: VoxelType) -> u64 {
+    let core = pyramid.layout().core() as u64;
+    // No level is longer than the finest.
+    let extent = pyramid.levels()[0].dims.0.map(|n| n.min(core) + 2 * APRON as u64);
+    extent.iter().product::<u64>() * voxel_type.bytes() as u64
+}
+
+/// Bytes in memory at once for a tile of `size` bricks of a level: what is read, twice over; what is averaged; and the
+/// encoded bricks, which along a line or in a plane are many times what was read, since each stores its apron.
+#[must_use]
+pub fn tile_bytes(pyramid: &Pyramid, level: &Level, factors: [u32; 3], size: [u32; 3], voxel_type: VoxelType) -> u64 {
+    let read = read_bytes(pyramid, level, factors, size, voxel_type) as f64 * TILES_IN_FLIGHT;
+    let bricks: u64 = (0..3).map(|a| u64::from(size[a].min(level.bricks[a]))).product();
+    // No payload is longer than raw voxels by more than 1 in 64; a macro cell takes 2 bytes of 512 voxels.
+    let core = pyramid.layout().core() as u64;
+    let extent = level.dims.0.map(|n| n.min(core) + 2 * APRON as u64);
+    let record = extent.iter().product::<u64>() * voxel_type.bytes() as u64 * 65 / 64;
+    (read.ceil() as u64).saturating_add(bricks.saturating_mul(record + ENCODED_BRICK_BYTES))
 }
 
 /// Bytes to read for a tile of `size` bricks of a level: its voxels with apron, times the factors to the finer level

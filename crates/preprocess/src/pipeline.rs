@@ -16,7 +16,7 @@ use supervol_format::brick::APRON;
 use supervol_format::codec::{BrickShape, Codec, CodecChoice};
 use supervol_format::container::ContainerError;
 use supervol_format::container::header::Descriptor;
-use supervol_format::container::manifest::{AxisName, Manifest, Source};
+use supervol_format::container::manifest::Source;
 use supervol_format::container::reader::decode_record;
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::container::validate::seal_brick;
@@ -30,9 +30,11 @@ use crate::error::BuildError;
 use crate::error_bound::{brick_error, step_error};
 use crate::level_reader::{BrickStore, LevelReader};
 use crate::lod_axes::{self, LodAxes};
-use crate::memory::{MemoryPlan, read_bytes};
-use crate::output::{Existing, OutputFile, check_free};
+use crate::memory::{MemoryPlan, tile_bytes};
+use crate::output::{Existing, OutputFile, check_distinct, check_free};
+use crate::provenance::{bounded_notes, check_unchanged, manifest};
 use crate::report::{BuildReport, LevelReport, Progress};
+use crate::source::file::SourceFile;
 use crate::source::{AccessOrder, VolumeSource};
 use crate::statistics::Statistics;
 
@@ -91,8 +93,11 @@ pub fn build(
     let started = Instant::now();
     // Before the source is sampled; the file itself is begun only once the memory is known to suffice.
     check_free(output, options.existing)?;
+    check_distinct(output, source.info().files.iter().map(SourceFile::path))?;
     let descriptor = describe(source, options)?;
-    let plan = MemoryPlan::new(options.memory_bytes, options.threads, &descriptor.pyramid, descriptor.voxel_type)?;
+    let source_bytes = source.info().memory_bytes;
+    let (pyramid, voxel_type) = (&descriptor.pyramid, descriptor.voxel_type);
+    let plan = MemoryPlan::new(options.memory_bytes, options.threads, source_bytes, pyramid, voxel_type)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(plan.threads)
         .build()
@@ -115,6 +120,7 @@ pub fn build(
         counter: ProgressCounter::new(&descriptor, on_progress),
     };
     let mut levels = vec![build.write_finest(source)?];
+    check_unchanged(source, &origin)?;
     for lod in 1..descriptor.pyramid.levels().len() {
         levels.push(build.write_coarser(lod)?);
     }
@@ -125,7 +131,7 @@ pub fn build(
     writer.finish(&manifest).map_err(write_error)?;
     let container_bytes = unfinished.publish()?;
 
-    let mut notes = source.info().notes.clone();
+    let mut notes = bounded_notes(&source.info().notes);
     if plan.threads < options.threads {
         notes.push(format!("--memory suffices for {} of {} threads", plan.threads, options.threads));
     }
@@ -262,7 +268,7 @@ impl Build<'_> {
             // Room for none: one tile waits in the reader's hands while another is encoded, and that is all.
             let (send, receive) = crossbeam_channel::bounded(0);
             let tiles = &tiles;
-            scope.spawn(move || {
+            let reader = std::thread::Builder::new().spawn_scoped(scope, move || {
                 for tile in tiles {
                     let result = read(tile);
                     let failed = result.is_err();
@@ -272,6 +278,7 @@ impl Build<'_> {
                     }
                 }
             });
+            reader.map_err(BuildError::Thread)?;
             for (tile, result) in receive {
                 let (voxels, bytes) = result?;
                 let bricks = encode(tile, voxels, &bytes)?;
@@ -289,7 +296,7 @@ impl Build<'_> {
     fn tiles(&self, lod: usize, level: &Level, order: AccessOrder) -> Vec<Tile> {
         let factors = if lod == 0 { [1; 3] } else { level.factors };
         let fits = |size: [u32; 3]| {
-            let bytes = read_bytes(&self.descriptor.pyramid, level, factors, size, self.descriptor.voxel_type);
+            let bytes = tile_bytes(&self.descriptor.pyramid, level, factors, size, self.descriptor.voxel_type);
             bytes <= self.plan.tile_bytes
         };
         tiles(level, order, &fits)
@@ -427,75 +434,4 @@ impl<'a> ProgressCounter<'a> {
         state.bytes_done = (state.bytes_done + bytes).min(state.bytes_total);
         (self.on_progress)(*state);
     }
-}
-
-fn manifest(
-    source: &dyn VolumeSource,
-    origin: Source,
-    descriptor: &Descriptor,
-    options: &BuildOptions,
-    statistics: &Statistics,
-    levels: &[LevelReport],
-) -> Manifest {
-    let info = source.info();
-    let range = statistics.range();
-    // JSON has no infinities: values that overflow in data units end at the greatest double.
-    let finite = |v: f64| v.clamp(f64::MIN, f64::MAX);
-    let value = |stored: f64| finite(descriptor.value(stored));
-    let ends = [value(range.min), value(range.max)];
-    let value_range = (!range.is_empty()).then(|| ValueRange { min: ends[0].min(ends[1]), max: ends[0].max(ends[1]) });
-    let mut percentiles: Vec<[f64; 2]> = statistics.percentiles().into_iter().map(|[p, v]| [p, value(v)]).collect();
-    let mut histogram = if range.is_empty() { Vec::new() } else { statistics.histogram() };
-    if descriptor.scale < 0.0 {
-        // A negative scale turns the order of values round.
-        percentiles.iter_mut().for_each(|p| p[0] = 100.0 - p[0]);
-        percentiles.reverse();
-        histogram.reverse();
-    }
-    let codec = match options.codec {
-        CodecChoice::Smallest => "auto",
-        CodecChoice::Only(codec) => codec.name(),
-    };
-    let parameters = [
-        ("brick", options.layout.core().to_string()),
-        ("codec", codec.to_string()),
-        ("lod_axes", format!("{:?}", options.lod_axes).to_lowercase()),
-        ("memory_bytes", options.memory_bytes.to_string()),
-    ];
-    Manifest {
-        tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
-        parameters: parameters.into_iter().map(|(k, v)| (k.to_string(), v)).collect(),
-        source: origin,
-        axes: info.axes.clone().map(|a| AxisName { name: a.name, unit: a.unit }),
-        unit: info.unit.clone(),
-        value_range,
-        present_voxels: statistics.present(),
-        histogram,
-        percentiles,
-        level_errors: levels.iter().map(|l| finite(l.error)).collect(),
-        survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).ok()),
-        notes: info.notes.clone(),
-    }
-}
-
-/// Name, size and checksum of a source file, read once from end to end.
-///
-/// # Errors
-/// If the file cannot be read.
-pub fn identify(path: &Path, format: &str) -> Result<Source, BuildError> {
-    let io = |e| BuildError::Source(crate::source::SourceError::io(path, e));
-    let mut file = File::open(path).map_err(io)?;
-    let mut hash = xxhash_rust::xxh3::Xxh3Default::new();
-    let mut buffer = vec![0; 4 << 20];
-    let mut bytes = 0;
-    loop {
-        let n = std::io::Read::read(&mut file, &mut buffer).map_err(io)?;
-        if n == 0 {
-            break;
-        }
-        bytes += n as u64;
-        hash.update(&buffer[..n]);
-    }
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok(Source { name, format: format.into(), bytes, xxh3_64: format!("{:016x}", hash.digest()) })
 }

@@ -5,6 +5,7 @@
 //! which resolves values to 1 part in 128 at any magnitude, so that one spike does not swallow the rest. Counts are sums
 //! of integers: their order, and with it the number of threads, does not matter.
 
+use supervol_format::container::header::Descriptor;
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{ValueRange, VoxelType, with_voxel};
 
@@ -114,6 +115,45 @@ impl Statistics {
             out[((share * HISTOGRAM_BINS as f64) as usize).min(HISTOGRAM_BINS - 1)] += count;
         }
         out
+    }
+}
+
+/// What the manifest says about the values of level 0, in data units.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Values {
+    /// Range of the present voxels; `None` where there are none.
+    pub range: Option<ValueRange>,
+    /// Present voxels.
+    pub present: u64,
+    /// Counts in equal parts of the range.
+    pub histogram: Vec<u64>,
+    /// `[percent, value]`, ascending.
+    pub percentiles: Vec<[f64; 2]>,
+}
+
+/// JSON has no infinities: values that overflow in data units end at the greatest double.
+#[must_use]
+pub fn finite(value: f64) -> f64 {
+    value.clamp(f64::MIN, f64::MAX)
+}
+
+impl Values {
+    /// Of the voxels that were counted.
+    #[must_use]
+    pub fn of(descriptor: &Descriptor, statistics: &Statistics) -> Self {
+        let stored = statistics.range();
+        let value = |stored: f64| finite(descriptor.value(stored));
+        let ends = [value(stored.min), value(stored.max)];
+        let range = (!stored.is_empty()).then(|| ValueRange { min: ends[0].min(ends[1]), max: ends[0].max(ends[1]) });
+        let mut percentiles: Vec<[f64; 2]> = statistics.percentiles().into_iter().map(|[p, v]| [p, value(v)]).collect();
+        let mut histogram = if stored.is_empty() { Vec::new() } else { statistics.histogram() };
+        if descriptor.scale < 0.0 {
+            // A negative scale turns the order of values round.
+            percentiles.iter_mut().for_each(|p| p[0] = 100.0 - p[0]);
+            percentiles.reverse();
+            histogram.reverse();
+        }
+        Self { range, present: statistics.present(), histogram, percentiles }
     }
 }
 

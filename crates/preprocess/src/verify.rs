@@ -7,11 +7,12 @@
 //! 5. Coarser voxels are the averages of the finer level's.
 //! 6. Each error bound is the largest of its children's plus this level's own greatest difference, or what the value
 //!    ranges allow where that is less ([`brick_error`]): not less, not more.
+//! 7. What the manifest says of the values (range, percentiles, histogram, count, errors of levels) is what the voxels say.
 //!
-//! Memory: a few bricks per thread, decoded bricks of two levels up to `memory_bytes`, 16 bytes per brick for rule 2.
+//! Memory: a few bricks and half a MiB of counts per thread, decoded bricks of two levels up to `memory_bytes`, 16 bytes per brick for rule 2.
 
 use std::path::Path;
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 use supervol_format::container::validate::{check_brick, check_coverage};
@@ -22,6 +23,7 @@ use crate::downsample::{VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
 use crate::error_bound::{brick_error, step_error};
 use crate::level_reader::LevelReader;
+use crate::statistics::{Statistics, Values, finite};
 
 /// Voxels around a core that a brick stores.
 const APRON: u64 = supervol_format::brick::APRON as u64;
@@ -40,6 +42,7 @@ pub fn verify(path: &Path, memory_bytes: u64, on_progress: &dyn Fn(u64, u64)) ->
     check_coverage(&container).map_err(wrong)?;
     let total = container.pyramid().brick_count();
     let mut done = 0;
+    let counts = Counts::new(&container);
     for lod in 0..container.pyramid().levels().len() {
         let lod = Lod(lod as u8);
         let budget = (memory_bytes / 4) as usize;
@@ -50,21 +53,90 @@ pub fn verify(path: &Path, memory_bytes: u64, on_progress: &dyn Fn(u64, u64)) ->
             let batch: Vec<BrickKey> = keys.by_ref().take(BATCH).collect();
             let first_broken = Mutex::new(None::<(usize, BuildError)>);
             batch.par_iter().enumerate().for_each(|(i, &key)| {
-                if let Err(error) = check(path, &container, key, &own, finer.as_ref()) {
-                    let mut first = first_broken.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+                if let Err(error) = check(path, &container, key, &own, finer.as_ref(), &counts) {
+                    let mut first = lock(&first_broken);
                     if first.as_ref().is_none_or(|(j, _)| i < *j) {
                         *first = Some((i, error));
                     }
                 }
             });
-            if let Some((_, error)) = first_broken.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
+            if let Some((_, error)) = first_broken.into_inner().unwrap_or_else(PoisonError::into_inner) {
                 return Err(error);
             }
             done += batch.len() as u64;
             on_progress(done, total);
         }
     }
+    counts.compare(path, &container)?;
     Ok(container)
+}
+
+/// What the bricks say of the values, gathered on all threads.
+struct Counts {
+    /// One for each thread, so that none waits for another.
+    statistics: Vec<Mutex<Statistics>>,
+    /// Greatest error of each level, stored units.
+    errors: Vec<Mutex<f64>>,
+}
+
+impl Counts {
+    fn new(container: &Container) -> Self {
+        let empty = || Mutex::new(Statistics::new(container.descriptor().voxel_type));
+        Self {
+            statistics: (0..rayon::current_num_threads()).map(|_| empty()).collect(),
+            errors: container.pyramid().levels().iter().map(|_| Mutex::new(0.0)).collect(),
+        }
+    }
+
+    /// Adds a brick: its error, and at level 0 the voxels of its core.
+    fn add(&self, container: &Container, key: BrickKey, error: f64, stored: &[u8]) {
+        {
+            let mut greatest = lock(&self.errors[key.lod().0 as usize]);
+            *greatest = greatest.max(error);
+        }
+        if key.lod() != Lod::FINEST {
+            return;
+        }
+        let descriptor = container.descriptor();
+        let size = descriptor.voxel_type.bytes();
+        let [nx, ny, _] = container.pyramid().stored_extent(key);
+        let [core_x, core_y, core_z] = container.pyramid().core_box(key).extent();
+        let thread = rayon::current_thread_index().unwrap_or(0) % self.statistics.len();
+        let mut statistics = lock(&self.statistics[thread]);
+        let apron = APRON as usize;
+        for z in apron..apron + core_z {
+            for y in apron..apron + core_y {
+                let row = ((z * ny + y) * nx + apron) * size;
+                statistics.add(&stored[row..row + core_x * size], descriptor.absence);
+            }
+        }
+    }
+
+    /// Rule 7.
+    fn compare(self, path: &Path, container: &Container) -> Result<(), BuildError> {
+        let (descriptor, manifest) = (container.descriptor(), container.manifest());
+        let mut whole = Statistics::new(descriptor.voxel_type);
+        self.statistics.iter().for_each(|part| whole.merge(&lock(part)));
+        let values = Values::of(descriptor, &whole);
+        let errors: Vec<f64> = self.errors.iter().map(|e| finite(*lock(e) * descriptor.scale.abs())).collect();
+        let said = [
+            ("value range", format!("{:?}", values.range), format!("{:?}", manifest.value_range)),
+            ("present voxels", values.present.to_string(), manifest.present_voxels.to_string()),
+            ("percentiles", format!("{:?}", values.percentiles), format!("{:?}", manifest.percentiles)),
+            ("histogram", format!("{:?}", values.histogram), format!("{:?}", manifest.histogram)),
+            ("errors of levels", format!("{errors:?}"), format!("{:?}", manifest.level_errors)),
+        ];
+        match said.into_iter().find(|(_, expected, found)| expected != found) {
+            None => Ok(()),
+            Some((rule, expected, found)) => {
+                Err(BuildError::Broken { path: path.into(), rule: format!("manifest: {rule}"), expected, found })
+            }
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn check(
@@ -73,6 +145,7 @@ fn check(
     key: BrickKey,
     own: &LevelReader<'_>,
     finer: Option<&LevelReader<'_>>,
+    counts: &Counts,
 ) -> Result<(), BuildError> {
     let wrong = |e| BuildError::container(path, e);
     let broken = |rule: &str, expected: String, found: String| BuildError::Broken {
@@ -82,6 +155,7 @@ fn check(
         found,
     };
     let (entry, stored) = check_brick(container, key).map_err(wrong)?;
+    counts.add(container, key, entry.error, &stored);
     let descriptor = container.descriptor();
     let (voxel_type, absence) = (descriptor.voxel_type, descriptor.absence);
     let size = voxel_type.bytes();

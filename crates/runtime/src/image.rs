@@ -3,7 +3,7 @@
 //! Row 0 is on top, x runs fastest. A file is written under a temporary name beside its own and then renamed, so that
 //! a file with the image's name is always whole.
 
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
 /// Grey levels of full scale: those of an 8-bit channel.
@@ -188,8 +188,7 @@ impl Image {
     /// 8-bit RGB over a background: `round(255 * clamp(C + (1 - A) * background, 0, 1))`.
     #[must_use]
     pub fn to_rgb8(&self, background: [f64; 3]) -> Vec<u8> {
-        let over = |p: &[f32; 4], c: usize| f64::from(p[c]) + (1.0 - f64::from(p[3])) * background[c];
-        self.pixels.iter().flat_map(|p| [0, 1, 2].map(|c| (255.0 * over(p, c).clamp(0.0, 1.0)).round() as u8)).collect()
+        rgb8(&self.pixels, background)
     }
 
     /// Writes the image; the format is that of the file's name. An existing file is replaced.
@@ -198,50 +197,74 @@ impl Image {
     /// If the name has no known extension, or the file cannot be written; no partial file stays behind.
     pub fn write(&self, path: &Path, background: [f64; 3]) -> Result<(), ImageError> {
         let format = ImageFormat::from_path(path)?;
-        let mut name = path.file_name().unwrap_or_default().to_owned();
-        name.push(format!(".{}.partial", std::process::id()));
-        let partial = path.with_file_name(name);
-        let written = match format {
-            ImageFormat::Png => self.write_png(&partial, background),
-            ImageFormat::Exr => self.write_exr(&partial),
-            ImageFormat::Npy => self.write_npy(&partial),
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let write = || {
+            let mut builder = tempfile::Builder::new();
+            // As any new file: what the process's mask leaves.
+            #[cfg(unix)]
+            builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+            // Not the name of what commands have not finished: nobody locks this one, so that it would pass for a leftover.
+            let mut file = builder.prefix(".supervol-").suffix(".picture").tempfile_in(folder)?;
+            self.encode(format, background, file.as_file_mut())?;
+            file.as_file().sync_all()?;
+            file.persist(path).map_err(|e| e.error)?;
+            Ok(())
         };
-        let renamed = written.and_then(|()| std::fs::rename(&partial, path).map_err(WriteFailure::Io));
-        renamed.map_err(|failure| {
-            // The failure that is reported is the first one; a file that was never begun cannot be removed.
-            let _ = std::fs::remove_file(&partial);
-            match failure {
-                WriteFailure::Io(source) => ImageError::Io { path: path.into(), source },
-                WriteFailure::Encode(message) => ImageError::Encode { path: path.into(), message },
+        write().map_err(|failure| match failure {
+            EncodeError::Io(source) => ImageError::Io { path: path.into(), source },
+            EncodeError::Encode(message) => ImageError::Encode { path: path.into(), message },
+        })
+    }
+
+    /// The bytes of an image file, to whatever takes them.
+    ///
+    /// # Errors
+    /// If the bytes are not taken, or the format cannot hold the picture.
+    pub fn encode(
+        &self,
+        format: ImageFormat,
+        background: [f64; 3],
+        out: &mut (impl Write + Seek),
+    ) -> Result<(), EncodeError> {
+        let mut out = BufWriter::new(out);
+        match format {
+            ImageFormat::Png => self.encode_png(&mut out, background)?,
+            ImageFormat::Exr => self.encode_exr(&mut out)?,
+            ImageFormat::Npy => self.encode_npy(&mut out)?,
+        }
+        Ok(out.flush()?)
+    }
+
+    fn encode_png(&self, out: &mut impl Write, background: [f64; 3]) -> Result<(), EncodeError> {
+        let mut encoder = png::Encoder::new(out, self.width, self.height);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        let mut writer = encoder.write_header()?;
+        // Row by row: a second picture of 3 bytes a pixel would be memory that nobody has counted.
+        let mut rows = writer.stream_writer()?;
+        for row in self.pixels.chunks_exact(self.width as usize) {
+            rows.write_all(&rgb8(row, background))?;
+        }
+        Ok(rows.finish()?)
+    }
+
+    fn encode_exr(&self, out: &mut (impl Write + Seek)) -> Result<(), EncodeError> {
+        use exr::prelude::{SpecificChannels, Vec2, WritableImage};
+        let (width, height) = (self.width as usize, self.height as usize);
+        let channels = SpecificChannels::rgba(|Vec2(x, y)| {
+            let [r, g, b, a] = self.pixels[y * width + x];
+            (r, g, b, a)
+        });
+        exr::prelude::Image::from_channels((width, height), channels).write().to_buffered(out).map_err(|error| {
+            match error {
+                exr::error::Error::Io(source) => EncodeError::Io(source),
+                other => EncodeError::Encode(other.to_string()),
             }
         })
     }
 
-    fn write_png(&self, path: &Path, background: [f64; 3]) -> Result<(), WriteFailure> {
-        let mut file = BufWriter::new(std::fs::File::create(path)?);
-        let mut encoder = png::Encoder::new(&mut file, self.width, self.height);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        let mut writer = encoder.write_header()?;
-        writer.write_image_data(&self.to_rgb8(background))?;
-        writer.finish()?;
-        Ok(file.flush()?)
-    }
-
-    fn write_exr(&self, path: &Path) -> Result<(), WriteFailure> {
-        let (width, height) = (self.width as usize, self.height as usize);
-        exr::prelude::write_rgba_file(path, width, height, |x, y| {
-            let [r, g, b, a] = self.pixels[y * width + x];
-            (r, g, b, a)
-        })
-        .map_err(|error| match error {
-            exr::error::Error::Io(source) => WriteFailure::Io(source),
-            other => WriteFailure::Encode(other.to_string()),
-        })
-    }
-
     /// NumPy format 1.0: magic, version, header length (u16), header padded so that the data begin at a multiple of 64.
-    fn write_npy(&self, path: &Path) -> Result<(), WriteFailure> {
+    fn encode_npy(&self, out: &mut impl Write) -> Result<(), EncodeError> {
         const PREFIX: usize = 10;
         let mut header =
             format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}, 4), }}", self.height, self.width);
@@ -249,30 +272,32 @@ impl Image {
             header.push(' ');
         }
         header.push('\n');
-        let mut file = BufWriter::new(std::fs::File::create(path)?);
-        file.write_all(b"\x93NUMPY\x01\x00")?;
-        file.write_all(&(header.len() as u16).to_le_bytes())?;
-        file.write_all(header.as_bytes())?;
+        out.write_all(b"\x93NUMPY\x01\x00")?;
+        out.write_all(&(header.len() as u16).to_le_bytes())?;
+        out.write_all(header.as_bytes())?;
         for value in self.pixels.iter().flatten() {
-            file.write_all(&value.to_le_bytes())?;
+            out.write_all(&value.to_le_bytes())?;
         }
-        Ok(file.flush()?)
+        Ok(())
     }
 }
 
-/// Why the bytes did not reach the file.
-enum WriteFailure {
-    Io(std::io::Error),
+fn rgb8(pixels: &[[f32; 4]], background: [f64; 3]) -> Vec<u8> {
+    let over = |p: &[f32; 4], c: usize| f64::from(p[c]) + (1.0 - f64::from(p[3])) * background[c];
+    pixels.iter().flat_map(|p| [0, 1, 2].map(|c| (255.0 * over(p, c).clamp(0.0, 1.0)).round() as u8)).collect()
+}
+
+/// Why an image was not encoded.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum EncodeError {
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+    #[error("the picture cannot be encoded: {0}")]
     Encode(String),
 }
 
-impl From<std::io::Error> for WriteFailure {
-    fn from(source: std::io::Error) -> Self {
-        Self::Io(source)
-    }
-}
-
-impl From<png::EncodingError> for WriteFailure {
+impl From<png::EncodingError> for EncodeError {
     fn from(error: png::EncodingError) -> Self {
         match error {
             png::EncodingError::IoError(source) => Self::Io(source),

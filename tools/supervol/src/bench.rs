@@ -13,11 +13,13 @@ use supervol_chart::peers::cases::{Looks, Subject};
 use supervol_chart::peers::{self, Options, PeerOptions, Run, SameSampling, Sizes, report, vtk};
 use supervol_chart::{ChartError, Context, Scale, random_scenes};
 use supervol_format::Container;
+use supervol_preprocess::output::unfinished::UnfinishedFolder;
 use supervol_preprocess::{BuildOptions, Existing};
 
 use crate::build::SourceArguments;
 use crate::demo::CARP;
 use crate::failure::{Failure, with_container, with_output};
+use crate::output::{Force, ReportFolder};
 use crate::progress::{Reporter, announce};
 use crate::quantity;
 use crate::render::default_scene;
@@ -102,7 +104,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE.csv|DIR")]
     record: Option<PathBuf>,
     /// Threads of either program
-    #[arg(long, default_value = "1")]
+    #[arg(long, default_value = "1", value_parser = quantity::threads)]
     threads: NonZero<usize>,
     /// The Python that makes the environment
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
@@ -110,6 +112,8 @@ pub struct Arguments {
     /// Folder of the environment; by default in the user's cache
     #[arg(long, value_name = "DIR")]
     environment: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
     // Last: what follows in the help would stand under its headings.
     #[command(flatten)]
     source: SourceArguments,
@@ -124,7 +128,11 @@ enum ShadingName {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let folder = tempfile::tempdir().map_err(with_output)?;
+    let folder = UnfinishedFolder::create_in(&std::env::temp_dir()).map_err(with_output)?;
+    if let Some(output) = &arguments.output {
+        // Before anything is measured: a folder that cannot be written costs no time.
+        ReportFolder::begin(output, arguments.force)?;
+    }
     let scale = if arguments.quick { Scale::Small } else { Scale::Full };
     let context = Context { scale, folder: folder.path(), say: &announce };
     match (&arguments.path, arguments.random_scenes) {
@@ -161,10 +169,10 @@ impl Arguments {
         let comparison = peers::compare(context, &options)?;
         let command = command_line();
         if let Some(output) = &self.output {
-            report::write(&comparison, &command, output)?;
+            self.reports(output, |folder| report::write(&comparison, &command, folder))?;
         }
         keep(ledger.as_ref(), &ledger::of_comparison(&comparison))?;
-        write!(std::io::stdout(), "{}", report::markdown(&comparison, &command)).map_err(with_output)
+        write!(crate::terminal::stdout(), "{}", report::markdown(&comparison, &command)).map_err(with_output)
     }
 
     fn along(&self, context: &Context<'_>, path: &str) -> Result<(), Failure> {
@@ -185,10 +193,10 @@ impl Arguments {
         let rides = paths::run(context, &path, &options)?;
         let command = command_line();
         if let Some(output) = &self.output {
-            paths::write(&path, &rides, &command, output)?;
+            self.reports(output, |folder| paths::write(&path, &rides, &command, folder))?;
         }
         keep(ledger.as_ref(), &ledger::of_rides(&path.name, &rides, options.threads, options.image))?;
-        write!(std::io::stdout(), "{}", paths::markdown(&path, &rides, &options, &command)).map_err(with_output)
+        write!(crate::terminal::stdout(), "{}", paths::markdown(&path, &rides, &options, &command)).map_err(with_output)
     }
 
     fn random(&self, context: &Context<'_>, scenes: u64) -> Result<(), Failure> {
@@ -197,9 +205,9 @@ impl Arguments {
             random_scenes::run(context, random_scenes::Options { seed, first, scenes, threads: self.threads.get() })?;
         let text = random_scenes::markdown(&found, &command_line());
         if let Some(output) = &self.output {
-            random_scenes::write(&found, &text, output)?;
+            self.reports(output, |folder| random_scenes::write(&found, &text, folder))?;
         }
-        write!(std::io::stdout(), "{text}").map_err(with_output)?;
+        write!(crate::terminal::stdout(), "{text}").map_err(with_output)?;
         match found.scenes_above().as_slice() {
             [] => Ok(()),
             above => Err(Failure::Data(format!(
@@ -221,7 +229,15 @@ impl Arguments {
             carp_nifti_gz: CARP,
         };
         let measured = pool.install(|| leaping::run(context, &options))?;
-        write!(std::io::stdout(), "{}", leaping::markdown(&measured)).map_err(with_output)
+        write!(crate::terminal::stdout(), "{}", leaping::markdown(&measured)).map_err(with_output)
+    }
+
+    /// Writes what `write` puts into a folder into the one that was asked for.
+    fn reports(&self, output: &Path, write: impl FnOnce(&Path) -> Result<(), ChartError>) -> Result<(), Failure> {
+        let path = self.path.as_ref().map(PathBuf::from);
+        let inputs: Vec<&Path> =
+            [&self.volume, &path, &self.record].into_iter().flatten().map(PathBuf::as_path).collect();
+        ReportFolder::begin(output, self.force)?.write_with(&inputs, write)
     }
 
     fn looks(&self) -> Looks {
@@ -266,7 +282,7 @@ impl Arguments {
 
     /// A container of a volume file, in this folder.
     fn built(&self, file: &Path, folder: &Path) -> Result<PathBuf, Failure> {
-        let (source, origin) = self.source.open(file, folder)?;
+        let (source, origin) = self.source.open(file, folder, BuildOptions::default().memory_bytes)?;
         let name = file.file_stem().map_or("volume".into(), |stem| stem.to_string_lossy());
         let path = folder.join(format!("{name}.svol"));
         announce(&format!("building {name}, {}", source.info().dims));
@@ -293,8 +309,7 @@ fn camera_path(name: &str) -> Result<CameraPath, Failure> {
         return Ok(CameraPath::from_json(text)?);
     }
     let known = paths::BUILT_IN.map(|(known, _)| known).join(", ");
-    let text = std::fs::read_to_string(name)
-        .map_err(|e| Failure::Command(format!("--path {name}: expected {known} or a file; cannot read it: {e}")))?;
+    let text = crate::input::read_text(Path::new(name), &format!("{known} or a camera path, --path"))?;
     CameraPath::from_json(&text).map_err(|e| Failure::Command(format!("{name}: {e}")))
 }
 

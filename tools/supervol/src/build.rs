@@ -9,9 +9,10 @@ use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::manifest::Source;
 use supervol_format::{BrickLayout, Dims, Geometry};
 use supervol_preprocess::lod_axes::LodAxes;
-use supervol_preprocess::output::folder_of;
+use supervol_preprocess::output::{check_distinct, folder_of};
 use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::source::VolumeSource;
+use supervol_preprocess::source::nrrd::Outside;
 use supervol_preprocess::source::open::{OpenOptions, open};
 use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::segy::SegyOptions;
@@ -39,6 +40,8 @@ pub struct SourceArguments {
     #[command(flatten)]
     raw: RawArguments,
     #[command(flatten)]
+    nrrd: NrrdArguments,
+    #[command(flatten)]
     segy: SegyArguments,
 }
 
@@ -64,7 +67,7 @@ pub struct OutputArguments {
     #[arg(long, default_value = "1GiB", value_parser = quantity::bytes)]
     memory: u64,
     /// Threads; all processors by default
-    #[arg(long)]
+    #[arg(long, value_parser = quantity::threads)]
     threads: Option<NonZero<usize>>,
     /// Overwrite the output
     #[arg(long)]
@@ -114,6 +117,15 @@ struct RawArguments {
     nodata: Option<f64>,
 }
 
+/// What is allowed to NRRD headers.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "NRRD input")]
+struct NrrdArguments {
+    /// Let a header name data files outside its folder; without it, only files below the folder are read
+    #[arg(long)]
+    allow_outside: bool,
+}
+
 /// What SEG-Y headers may not say, or say wrong.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "SEG-Y input")]
@@ -160,6 +172,11 @@ impl OutputArguments {
         if self.force { Existing::Replace } else { Existing::Keep }
     }
 
+    /// What `--memory` allows.
+    pub fn memory_bytes(&self) -> u64 {
+        self.memory
+    }
+
     fn build_options(&self) -> Result<BuildOptions, Failure> {
         let codec = match self.codec {
             CodecName::Auto => CodecChoice::Smallest,
@@ -195,7 +212,7 @@ impl OutputArguments {
             supervol_preprocess::build(source, origin, &self.output, &options, &|progress| reporter.show(progress));
         reporter.finish();
         let report = result?;
-        let mut out = std::io::stdout().lock();
+        let mut out = crate::terminal::stdout();
         if self.json {
             writeln!(out, "{}", serde_json::json!({ "report": report })).map_err(with_output)
         } else {
@@ -229,13 +246,21 @@ impl SourceArguments {
     }
 
     /// Opens a volume file of any format that is read; compressed voxels are decoded into a file in `folder`.
-    pub fn open(&self, input: &Path, folder: &Path) -> Result<(Box<dyn VolumeSource>, Source), Failure> {
-        let source = open(input, &self.open_options(folder)).map_err(supervol_preprocess::BuildError::from)?;
+    ///
+    /// The source itself takes at most `memory_bytes`.
+    pub fn open(
+        &self,
+        input: &Path,
+        folder: &Path,
+        memory_bytes: u64,
+    ) -> Result<(Box<dyn VolumeSource>, Source), Failure> {
+        let source =
+            open(input, &self.open_options(folder, memory_bytes)).map_err(supervol_preprocess::BuildError::from)?;
         let origin = supervol_preprocess::identify(input, source.info().format)?;
         Ok((source, origin))
     }
 
-    fn open_options(&self, folder: &Path) -> OpenOptions {
+    fn open_options(&self, folder: &Path, memory_bytes: u64) -> OpenOptions {
         use supervol_preprocess::source::Endian;
         let raw = match (self.raw.dims, self.raw.dtype) {
             (Some(dims), Some(dtype)) => Some(RawOptions {
@@ -256,12 +281,14 @@ impl SourceArguments {
             inline_byte: self.segy.il_byte,
             crossline_byte: self.segy.xl_byte,
             format: self.segy.format,
+            memory_bytes,
             endian: self.segy.endian.map(|e| match e {
                 EndianName::Big => Endian::Big,
                 EndianName::Little => Endian::Little,
             }),
         };
-        OpenOptions { raw, segy, spool: SpoolFolder::at(folder) }
+        let outside = if self.nrrd.allow_outside { Outside::Allowed } else { Outside::Refused };
+        OpenOptions { raw, outside, segy, spool: SpoolFolder::at(folder) }
     }
 }
 
@@ -269,6 +296,7 @@ impl SourceArguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     // Decoded copies of compressed inputs go where the output goes: that disk has room for a volume.
     let folder = folder_of(&arguments.output.output);
-    let (source, origin) = arguments.source.open(&arguments.input, folder)?;
+    check_distinct(&arguments.output.output, [arguments.input.as_path()])?;
+    let (source, origin) = arguments.source.open(&arguments.input, folder, arguments.output.memory)?;
     arguments.output.build(source.as_ref(), origin)
 }

@@ -9,10 +9,10 @@ use supervol_chart::report::{Circumstances, Extent, Report, chart_page, stabilit
 use supervol_chart::scenes::{self, SceneSpec};
 use supervol_chart::stability::{self, Regime};
 use supervol_chart::{Context, Scale, chart, convergence, points};
-use supervol_preprocess::Existing;
-use supervol_preprocess::output::OutputFile;
+use supervol_preprocess::output::unfinished::UnfinishedFolder;
 
 use crate::failure::{Failure, with_output};
+use crate::output::{Force, ReportFolder};
 use crate::progress::announce;
 
 /// Name of the file that the stability suite leaves for the next report.
@@ -40,6 +40,8 @@ pub struct Arguments {
     /// Folder for report.html, points.csv and points.json, or stability.html and stability.json; made if it is not there
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
+    #[command(flatten)]
+    force: Force,
 }
 
 /// Runs the command.
@@ -48,8 +50,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let regimes = chosen_regimes(&arguments.only)?;
     let folder = &arguments.output;
     let cannot_write = |e| Failure::Machine(format!("cannot write {}: {e}", folder.display()));
-    std::fs::create_dir_all(folder).map_err(cannot_write)?;
-    let containers = tempfile::Builder::new().prefix(".supervol-").tempdir_in(folder).map_err(cannot_write)?;
+    let reports = ReportFolder::begin(folder, arguments.force)?;
+    let containers = UnfinishedFolder::create_in(folder).map_err(cannot_write)?;
     let context = Context {
         scale: if arguments.quick { Scale::Small } else { Scale::Full },
         folder: containers.path(),
@@ -57,9 +59,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let here = Circumstances::now(&arguments.command_line());
     if arguments.stability {
-        run_stability(&context, &regimes, &here, folder)
+        run_stability(&context, &regimes, &here, &reports)
     } else {
-        run_chart(&context, &scenes, &here, folder, arguments.extent())
+        run_chart(&context, &scenes, &here, &reports, arguments.extent())
     }
 }
 
@@ -67,23 +69,25 @@ fn run_chart(
     context: &Context<'_>,
     scenes: &[&SceneSpec],
     here: &Circumstances,
-    folder: &Path,
+    reports: &ReportFolder<'_>,
     extent: Extent,
 ) -> Result<(), Failure> {
+    let folder = reports.folder;
     let chart = chart::run(context, scenes)?;
     let stability = recorded_stability(folder)?;
     let convergence = convergence::table(context)?;
     let (convergence, stability) = (&convergence, stability.as_deref());
     let page = chart_page(&Report { chart: &chart, convergence, stability, here, extent });
+    let mut files = vec![("report.html".into(), page.into_bytes())];
     if extent == Extent::Whole {
-        write_whole(&folder.join("points.json"), &points::to_json(&chart.points))?;
-        write_whole(&folder.join("points.csv"), &points::to_csv(&chart.points))?;
+        files.push(("points.json".into(), points::to_json(&chart.points).into_bytes()));
+        files.push(("points.csv".into(), points::to_csv(&chart.points).into_bytes()));
     }
-    write_whole(&folder.join("report.html"), &page)?;
+    reports.write(&files, &[])?;
     let defaults = chart.points.iter().filter(|p| p.default);
     let worst = defaults.clone().map(|p| p.linf).fold(0.0, f64::max);
     let on_front = defaults.clone().filter(|p| p.pareto).count();
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::stdout();
     writeln!(
         out,
         "{}: {} points; the default is on the Pareto front of {on_front} of {} pictures, its largest error is {:.3} of 255 \
@@ -114,16 +118,17 @@ fn run_stability(
     context: &Context<'_>,
     regimes: &[&'static Regime],
     here: &Circumstances,
-    folder: &Path,
+    reports: &ReportFolder<'_>,
 ) -> Result<(), Failure> {
     let records = record::run(context, regimes);
-    write_whole(&folder.join(STABILITY), &record::to_json(&records))?;
-    write_whole(&folder.join("stability.html"), &stability_page(&records, here))?;
+    let page = stability_page(&records, here);
+    let files = [(STABILITY, record::to_json(&records)), ("stability.html", page)];
+    reports.write(&files.map(|(name, text)| (name.into(), text.into_bytes())), &[])?;
     print_records(&records).map_err(with_output)
 }
 
 fn print_records(records: &[RegimeRecord]) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::stdout();
     let text = |value: Option<f64>| value.map_or_else(|| "-".into(), |v| format!("{v:.3e}"));
     for record in records {
         let verdict = if record.pass { "PASS" } else { "FAIL" };
@@ -180,13 +185,4 @@ impl Arguments {
         words.push(format!("-o {}", name.to_string_lossy()));
         words.join(" ")
     }
-}
-
-/// Writes a file that appears only when it is whole.
-fn write_whole(path: &Path, text: &str) -> Result<(), Failure> {
-    let unfinished = OutputFile::begin(path, Existing::Replace)?;
-    let written = unfinished.file().write_all(text.as_bytes());
-    written.map_err(|e| Failure::Machine(format!("cannot write {}: {e}", path.display())))?;
-    unfinished.publish()?;
-    Ok(())
 }

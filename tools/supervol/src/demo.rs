@@ -8,6 +8,7 @@ use std::time::Instant;
 use clap::Args;
 use supervol_format::container::manifest::Source;
 use supervol_format::{Container, Dims};
+use supervol_preprocess::output::OutputFile;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::nifti::NiftiSource;
 use supervol_preprocess::source::spool::SpoolFolder;
@@ -17,6 +18,7 @@ use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::scene::Scene;
 
 use crate::failure::{Failure, with_container, with_output};
+use crate::output::{Force, PictureFile};
 use crate::quantity::show_bytes;
 use crate::render::picture;
 
@@ -37,6 +39,8 @@ pub struct Arguments {
     /// Folder for containers and pictures; made if it is not there
     #[arg(short, long, default_value = "demo-output")]
     output: PathBuf,
+    #[command(flatten)]
+    force: Force,
 }
 
 /// Runs the command.
@@ -47,22 +51,29 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
     say(format_args!("A real volume: computed tomography of a carp (M. Scheuring, University of Erlangen)."))?;
     let sample = folder.join("carp_ct.nii.gz");
-    std::fs::write(&sample, CARP).map_err(|e| cannot_write(&sample, e))?;
+    if std::fs::read(&sample).ok().as_deref() != Some(CARP) {
+        let file = OutputFile::begin(&sample, arguments.force.or(Existing::Keep))?;
+        file.file().write_all(CARP).map_err(|e| cannot_write(&sample, e))?;
+        file.publish()?;
+    }
     let carp = NiftiSource::open(&sample, &SpoolFolder::at(folder)).map_err(BuildError::from)?;
     let origin = supervol_preprocess::identify(&sample, carp.info().format)?;
-    show(&carp, origin, &folder.join("carp"), CARP_SCENE)?;
+    show(&carp, origin, &folder.join("carp"), CARP_SCENE, arguments.force)?;
 
     say(format_args!("\nA synthetic seismic survey: layers, folds, faults, channels, seed 1."))?;
     let seismic = Synthetic::new("seismic", SURVEY_DIMS, None, 1).map_err(BuildError::from)?;
     let origin = Source::computed("seismic seed 1");
-    show(&seismic, origin, &folder.join("seismic"), SEISMIC_SCENE)
+    show(&seismic, origin, &folder.join("seismic"), SEISMIC_SCENE, arguments.force)
 }
 
 /// Builds `STEM.svol` and renders `STEM.png`.
-fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str) -> Result<(), Failure> {
+fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str, force: Force) -> Result<(), Failure> {
     let (container_path, image_path) = (stem.with_extension("svol"), stem.with_extension("png"));
-    let options =
-        BuildOptions { memory_bytes: BUILD_MEMORY_BYTES, existing: Existing::Replace, ..BuildOptions::default() };
+    // What an earlier demo has made may go; a container of that name with another volume in it may not.
+    let is_ours = Container::open(&container_path).is_ok_and(|found| found.manifest().source == origin);
+    let existing = force.or(if is_ours { Existing::Replace } else { Existing::Keep });
+    let image = PictureFile::begin(&image_path, force)?;
+    let options = BuildOptions { memory_bytes: BUILD_MEMORY_BYTES, existing, ..BuildOptions::default() };
     let report = supervol_preprocess::build(source, origin, &container_path, &options, &|_| ())?;
     say(format_args!(
         "  {}: {} from {} of voxels, {} bricks in {} levels, {:.1} s, at most {} of memory",
@@ -80,7 +91,7 @@ fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str) -> 
     let scene = Scene::from_json(scene).map_err(Failure::command)?;
     let options =
         RenderOptions { backend: Backend::Cpu, host_memory_bytes: RENDER_MEMORY_BYTES, ..RenderOptions::default() };
-    let stats = picture(&container, &scene, &image_path, &options, None)?;
+    let stats = picture(&container, &scene, image, &options, None)?;
     say(format_args!(
         "  {}: {} x {}, {} bricks ({}) read, {:.1} s, at most {} of memory for bricks and rays, peak of the process {}",
         image_path.display(),
@@ -95,5 +106,5 @@ fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str) -> 
 }
 
 fn say(line: std::fmt::Arguments<'_>) -> Result<(), Failure> {
-    writeln!(std::io::stdout(), "{line}").map_err(with_output)
+    writeln!(crate::terminal::stdout(), "{line}").map_err(with_output)
 }

@@ -7,6 +7,7 @@ use clap::Args;
 use supervol_format::{Container, Lod, VoxelBox};
 use supervol_preprocess::Existing;
 use supervol_preprocess::extract::{Extraction, extract};
+use supervol_preprocess::output::check_distinct;
 
 use crate::failure::{Failure, with_container, with_output};
 use crate::quantity;
@@ -43,8 +44,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         existing: if arguments.force { Existing::Replace } else { Existing::Keep },
         memory_bytes: arguments.memory,
     };
+    check_distinct(&arguments.output, [path.as_path()])?;
     let (voxels, voxel_type) = extract(&container, &arguments.output, &what)?;
     let [x, y, z] = voxels.extent();
-    writeln!(std::io::stdout(), "{}: {x} x {y} x {z} {voxel_type} voxels", arguments.output.display())
+    writeln!(crate::terminal::stdout(), "{}: {x} x {y} x {z} {voxel_type} voxels", arguments.output.display())
         .map_err(with_output)
 }

@@ -1,11 +1,14 @@
 //! Failures and their exit codes.
 
 use std::fmt::Display;
+use std::io::Write;
 use std::process::ExitCode;
 
 use supervol_chart::ChartError;
 use supervol_format::container::ContainerError;
 use supervol_preprocess::BuildError;
+
+use crate::terminal;
 
 /// Whose fault it is decides the exit code.
 #[derive(Debug)]
@@ -20,14 +23,14 @@ pub enum Failure {
 
 impl Failure {
     /// Prints the message and returns the exit code.
-    #[allow(clippy::print_stderr, reason = "the one place where failures are reported")]
     pub fn report(self) -> ExitCode {
         let (message, code) = match self {
             Self::Data(message) => (message, 1),
             Self::Command(message) => (message, 2),
             Self::Machine(message) => (message, 3),
         };
-        eprintln!("supervol: {message}");
+        // Nobody is left to tell where standard error cannot be written either; the exit code still says it.
+        let _ = writeln!(terminal::stderr(), "supervol: {message}");
         ExitCode::from(code)
     }
 

@@ -1,12 +1,13 @@
 //! `supervol info`: what a container holds.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
 use supervol_format::container::manifest::{AxisName, Source};
 use supervol_format::{Container, Lod};
+use supervol_preprocess::output::unfinished::{self, Leftover, Writer};
 
 use crate::failure::{Failure, with_container, with_output};
 use crate::quantity::show_bytes;
@@ -14,7 +15,8 @@ use crate::quantity::show_bytes;
 /// Which container.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Container
+    /// Container; or a folder, to learn which unfinished files lie in it
+    #[arg(value_name = "CONTAINER|FOLDER")]
     container: PathBuf,
     /// As JSON
     #[arg(long)]
@@ -64,15 +66,52 @@ struct LevelInfo {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = &arguments.container;
+    if path.is_dir() {
+        return list_unfinished(path, arguments.json);
+    }
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
     let info = gather(&container).map_err(|e| with_container(path, e))?;
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::stdout();
     let printed = if arguments.json {
         serde_json::to_string_pretty(&info).map_err(std::io::Error::other).and_then(|text| writeln!(out, "{text}"))
     } else {
         print(&info, &mut out)
     };
     printed.map_err(with_output)
+}
+
+/// Names what builds and other commands have not finished, or never will.
+fn list_unfinished(folder: &Path, json: bool) -> Result<(), Failure> {
+    let found =
+        unfinished::list(folder).map_err(|e| Failure::Machine(format!("cannot read {}: {e}", folder.display())))?;
+    let mut out = crate::terminal::stdout();
+    if json {
+        let entry = |partial: &Leftover| {
+            let (writer, _) = words_for(partial.writer);
+            serde_json::json!({ "path": partial.path, "bytes": partial.bytes, "writer": writer })
+        };
+        let entries: Vec<_> = found.iter().map(entry).collect();
+        return writeln!(out, "{:#}", serde_json::json!({ "unfinished": entries })).map_err(with_output);
+    }
+    if found.is_empty() {
+        return writeln!(out, "{}: a folder without unfinished files", folder.display()).map_err(with_output);
+    }
+    found
+        .iter()
+        .try_for_each(|partial| {
+            let (_, meaning) = words_for(partial.writer);
+            writeln!(out, "unfinished {}, {}: {meaning}", partial.path.display(), show_bytes(partial.bytes))
+        })
+        .map_err(with_output)
+}
+
+/// The state of a partial's writer, for programs and for people.
+fn words_for(writer: Writer) -> (&'static str, &'static str) {
+    match writer {
+        Writer::Alive => ("alive", "a command is writing it"),
+        Writer::Dead => ("dead", "its command was ended; the next build to this folder removes it"),
+        Writer::Unknown => ("unknown", "whether a command is writing it cannot be told; remove it if none is"),
+    }
 }
 
 fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container::ContainerError> {

@@ -1,8 +1,10 @@
 //! `supervol`: the one command-line program. A file per subcommand; no algorithm lives here.
 //!
 //! Exit codes: 0 done, 1 the data is wrong, 2 the command is wrong, 3 the machine failed us (disk full, no memory, I/O
-//! error). Results go to standard output, messages and progress to standard error.
+//! error), 128 + n ended by signal n ([`signals`]). Results go to standard output, messages and progress to standard
+//! error. What may be overwritten: [`output`].
 
+mod allocation;
 mod bench;
 mod build;
 mod chart;
@@ -10,15 +12,20 @@ mod demo;
 mod extract;
 mod failure;
 mod info;
+mod input;
+mod output;
 mod progress;
 mod quantity;
 mod render;
+mod signals;
 mod synth;
+mod terminal;
 mod verify;
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use supervol_preprocess::output::unfinished::wait_for_end;
 
 /// Turns volumes larger than the hardware into one bricked, multiresolution container, and renders them out of core.
 #[derive(Debug, Parser)]
@@ -50,8 +57,14 @@ enum Command {
     Chart(chart::Arguments),
 }
 
+#[global_allocator]
+static ALLOCATOR: allocation::OrEnd = allocation::OrEnd;
+
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    if let Err(failure) = signals::watch().and_then(|()| start_threads()) {
+        return failure.report();
+    }
     let result = match arguments.command {
         Command::Build(arguments) => build::run(&arguments),
         Command::Synth(arguments) => synth::run(&arguments),
@@ -63,8 +76,16 @@ fn main() -> ExitCode {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Chart(arguments) => chart::run(&arguments),
     };
+    // A signal that has come meanwhile decides how the program ends.
+    wait_for_end();
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),
     }
+}
+
+/// Starts the threads that commands share. Left to the first that needs them, one that cannot be started is a panic.
+fn start_threads() -> Result<(), failure::Failure> {
+    let started = rayon::ThreadPoolBuilder::new().build_global();
+    started.map_err(|e| failure::Failure::Machine(format!("cannot start a thread for each processor: {e}")))
 }

@@ -68,7 +68,7 @@ impl Reporter {
                 if done || last.is_none_or(|at| at.elapsed() >= JSON_INTERVAL) {
                     *last = Some(Instant::now());
                     // A reader that went away is no reason to stop building.
-                    let _ = writeln!(std::io::stdout(), "{}", serde_json::json!({ "progress": progress }));
+                    let _ = writeln!(crate::terminal::stdout(), "{}", serde_json::json!({ "progress": progress }));
                 }
             }
         }
@@ -85,7 +85,7 @@ impl Reporter {
 /// One line of progress on standard error.
 pub fn announce(line: &str) {
     // Progress that cannot be written is progress that nobody reads.
-    let _ = writeln!(std::io::stderr(), "{line}");
+    let _ = writeln!(crate::terminal::stderr(), "{line}");
 }
 
 fn bar(template: &str) -> ProgressBar {

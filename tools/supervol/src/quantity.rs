@@ -1,5 +1,6 @@
 //! Numbers as people write them: with units, fractions, percent, and lists.
 
+use std::num::NonZero;
 use std::str::FromStr;
 
 use supervol_format::{Dims, VoxelBox, VoxelType};
@@ -7,6 +8,9 @@ use supervol_preprocess::source::Endian;
 use supervol_runtime::image::GREY_LEVELS;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::raycast::cpu::MAX_ERROR_LIMITS;
+
+/// 8 EiB, more than any memory or file.
+const MOST_BYTES: f64 = (1u64 << 63) as f64;
 
 /// Bytes: `1048576`, `64MiB`, `1GiB`, `500 MB`, `2G` (binary).
 pub fn bytes(text: &str) -> Result<u64, String> {
@@ -17,14 +21,18 @@ pub fn bytes(text: &str) -> Result<u64, String> {
         "m" | "mib" => 1024.0 * 1024.0,
         "g" | "gib" => 1024.0 * 1024.0 * 1024.0,
         "t" | "tib" => 1024.0 * 1024.0 * 1024.0 * 1024.0,
+        "p" | "pib" => 1024f64.powi(5),
+        "e" | "eib" => 1024f64.powi(6),
         "kb" => 1e3,
         "mb" => 1e6,
         "gb" => 1e9,
         "tb" => 1e12,
-        _ => return Err(format!("unit '{unit}': expected B, KiB, MiB, GiB, TiB, kB, MB, GB or TB")),
+        "pb" => 1e15,
+        "eb" => 1e18,
+        _ => return Err(format!("unit '{unit}': expected B, KiB, MiB, GiB, TiB, PiB, EiB, kB, MB, GB, TB, PB or EB")),
     };
     let value = number * factor;
-    if (0.0..9e18).contains(&value) {
+    if (0.0..=MOST_BYTES).contains(&value) {
         Ok(value as u64)
     } else {
         Err(format!("{text}: expected a size from 0 to 8 EiB"))
@@ -58,6 +66,15 @@ fn list<T: FromStr, const N: usize>(text: &str, what: &str) -> Result<[T; N], St
     let wrong = || format!("'{text}': expected {N} {what} with commas between");
     let values: Vec<T> = text.split(',').map(|v| v.trim().parse().map_err(|_| wrong())).collect::<Result<_, _>>()?;
     values.try_into().map_err(|_| wrong())
+}
+
+/// Most threads that can be asked for: more than any machine has processors, and few enough to be started.
+const MOST_THREADS: usize = 1024;
+
+/// A number of threads.
+pub fn threads(text: &str) -> Result<NonZero<usize>, String> {
+    let number = text.trim().parse().ok().filter(|n: &NonZero<usize>| n.get() <= MOST_THREADS);
+    number.ok_or_else(|| format!("'{text}': expected 1 to {MOST_THREADS} threads"))
 }
 
 /// `NX,NY,NZ`.
@@ -175,12 +192,18 @@ mod tests {
 
     #[test]
     fn sizes_take_binary_and_decimal_units() {
-        for (text, expected) in
-            [("4096", 4096), ("1GiB", 1 << 30), ("1.5 MiB", 3 << 19), ("2MB", 2_000_000), ("64k", 65536)]
-        {
+        for (text, expected) in [
+            ("4096", 4096),
+            ("1GiB", 1 << 30),
+            ("1.5 MiB", 3 << 19),
+            ("2MB", 2_000_000),
+            ("64k", 65536),
+            ("2PiB", 1 << 51),
+            ("8 EiB", 1 << 63),
+        ] {
             assert_eq!(bytes(text), Ok(expected), "{text}");
         }
-        for text in ["", "GiB", "-1", "1 parsec", "1e30GiB"] {
+        for text in ["", "GiB", "-1", "1 parsec", "1e30GiB", "9EiB"] {
             assert!(bytes(text).is_err(), "{text}");
         }
     }
@@ -210,6 +233,10 @@ mod tests {
         assert!(
             advised("0.5") && advised("2") && advised("16") && !advised("0") && !advised("17/255") && !advised("17")
         );
+        assert_eq!(threads("1024").map(NonZero::get), Ok(1024));
+        for text in ["0", "1025", "10000", "18446744073709551615", "-1", "two"] {
+            assert!(threads(text).is_err_and(|message| message.contains("1 to 1024")), "{text}");
+        }
         assert!(dims("10,0,3").is_err() && dims("1,2").is_err());
         assert_eq!(image_size("1024x768"), Ok([1024, 768]));
         assert!(image_size("1024").is_err() && image_size("0x4").is_err() && image_size("4x-3").is_err());

@@ -11,7 +11,7 @@ use supervol_format::{Container, Lod};
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::frame::check::{self, CheckProgress};
 use supervol_runtime::frame::{Backend, LevelChoice, OnProgress, Progress, RenderError, RenderOptions};
-use supervol_runtime::image::ImageError;
+use supervol_runtime::gpu::device::GpuError;
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, PacketRule, Skipping};
 use supervol_runtime::renderer::render;
@@ -19,6 +19,7 @@ use supervol_runtime::scene::{Scene, ShadingSpec};
 use supervol_runtime::stats::FrameStats;
 
 use crate::failure::{Failure, with_container, with_output};
+use crate::output::{Force, PictureFile, RenderOutputs};
 use crate::progress::Reporter;
 use crate::quantity::{self, show_bytes};
 
@@ -68,7 +69,7 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value = "on")]
     skipping: SkippingName,
     /// Threads; all processors by default
-    #[arg(long)]
+    #[arg(long, value_parser = quantity::threads)]
     threads: Option<NonZero<usize>>,
     /// Write what happened, as JSON. `error_predicted` (CPU, dvr) says how far the picture may be from the exact one and
     /// why, in grey levels of 255: `total`, and its terms `cells`, `ray_ends`, `transfer_function`, `levels` and `rounding`,
@@ -80,6 +81,8 @@ pub struct Arguments {
     /// picture is from it; with --level auto from the exact picture of level 0. The level must fit --host-memory
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = CHECK_RAYS)]
     check: Option<NonZero<u64>>,
+    #[command(flatten)]
+    force: Force,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -148,6 +151,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(file) => read_scene(file)?,
         None => default_scene(&container),
     };
+    let inputs: Vec<&Path> =
+        [Some(path), arguments.scene.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
+    let outputs = RenderOutputs::begin(&arguments.output, arguments.stats.as_deref(), &inputs, arguments.force)?;
     let bar = Reporter::over_rows();
     let shown = bar.clone();
     let on_progress = move |progress: Progress| {
@@ -156,13 +162,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         shown.set_message(format!("{} read, {} rays wait", show_bytes(progress.bytes_read), progress.rays_waiting));
     };
     let options = arguments.options(Arc::new(on_progress), start);
-    let result = picture(&container, &scene, &arguments.output, &options, arguments.check);
+    let result = picture(&container, &scene, outputs.picture, &options, arguments.check);
     bar.finish_and_clear();
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
-    if let Some(file) = &arguments.stats {
+    if let Some(file) = outputs.statistics {
         let text = serde_json::to_string_pretty(&stats).map_err(|e| Failure::Machine(e.to_string()))?;
-        std::fs::write(file, text + "\n")
-            .map_err(|e| Failure::Machine(format!("cannot write {}: {e}", file.display())))?;
+        file.write(&(text + "\n"))?;
     }
     print(&arguments.output, &stats).map_err(with_output)
 }
@@ -174,8 +179,7 @@ pub fn default_scene(container: &Container) -> Scene {
 }
 
 fn read_scene(file: &Path) -> Result<Scene, Failure> {
-    let text = std::fs::read_to_string(file)
-        .map_err(|e| Failure::Command(format!("cannot read the scene {}: {e}", file.display())))?;
+    let text = crate::input::read_text(file, "a scene")?;
     Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())))
 }
 
@@ -183,20 +187,16 @@ fn read_scene(file: &Path) -> Result<Scene, Failure> {
 pub fn picture(
     container: &Arc<Container>,
     scene: &Scene,
-    output: &Path,
+    output: PictureFile,
     options: &RenderOptions,
     check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
-    supervol_runtime::image::ImageFormat::from_path(output).map_err(Failure::command)?;
     let resolved = scene.resolve(&VolumeFacts::of(container)).map_err(Failure::command)?;
     if check.is_some() {
         check::check_fits(container, &resolved, options).map_err(with_render)?;
     }
     let (image, mut stats) = render(container, &resolved, options).map_err(with_render)?;
-    image.write(output, resolved.background).map_err(|error| match error {
-        ImageError::Io { .. } => Failure::Machine(error.to_string()),
-        other => Failure::Command(other.to_string()),
-    })?;
+    output.write(&image, resolved.background)?;
     if let Some(rays) = check {
         let start = Instant::now();
         let bar = Reporter::over_rays();
@@ -231,14 +231,16 @@ fn with_render(error: RenderError) -> Failure {
                 needed_bytes.div_ceil(1 << 20),
             ))
         }
-        RenderError::Budget(_) | RenderError::ReferenceTooLarge { .. } => Failure::Command(message),
+        RenderError::Budget(_) | RenderError::ReferenceTooLarge { .. } | RenderError::Gpu(GpuError::Budget { .. }) => {
+            Failure::Command(message)
+        }
         RenderError::Container(_) => Failure::Data(message),
         _ => Failure::Machine(message),
     }
 }
 
 fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
+    let mut out = crate::terminal::stdout();
     writeln!(
         out,
         "{}: {} x {}, {}, {:.0} ms, {} bricks read ({}), peak memory {}{}",
@@ -281,4 +283,17 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
         writeln!(out, "not readable, drawn from its parent: {}: {}", failure.brick, failure.reason)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn budgets_that_are_too_small_are_wrong_commands_on_every_backend() {
+        let gpu = GpuError::Budget { budget: 1, fixed: 2, slot_bytes: 3, min_slots: 4, needed: 5 };
+        assert!(matches!(with_render(gpu.into()), Failure::Command(_)));
+        let host = RenderError::ReferenceTooLarge { level: 0, needed_bytes: 2, budget_bytes: 1 };
+        assert!(matches!(with_render(host), Failure::Command(_)));
+    }
 }

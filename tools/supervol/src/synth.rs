@@ -6,6 +6,7 @@ use clap::Args;
 use supervol_format::container::manifest::Source;
 use supervol_format::{Dims, VoxelBox};
 use supervol_preprocess::BuildError;
+use supervol_preprocess::file_order::boxes;
 use supervol_preprocess::output::OutputFile;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::synthetic::{NAMES, Synthetic};
@@ -46,44 +47,42 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.output.build(&source, origin)
 }
 
-/// Bytes of one slab, unless a single slice is larger.
-const SLAB_BYTES: usize = 64 << 20;
+/// Most bytes that are made before they are written, and the least: more makes nothing faster, less everything slower.
+const BATCH_BYTES: [u64; 2] = [64 << 10, 64 << 20];
 
-/// Writes slabs of whole z slices, a few MiB at a time, under a temporary name that the finished file loses.
+/// Makes as many boxes at a time as there are threads, and writes them under a temporary name that the finished file loses.
 fn write_raw(arguments: &Arguments, source: &dyn VolumeSource) -> Result<(), Failure> {
     use rayon::prelude::*;
     let output = &arguments.output.output;
     let write_error = |e| Failure::from(BuildError::Write { path: output.clone(), source: e });
     let unfinished = OutputFile::begin(output, arguments.output.existing())?;
     let info = source.info();
-    let [nx, ny, nz] = info.dims.0;
-    let slice_bytes = (nx * ny) as usize * info.voxel_type.bytes();
-    let slices = (SLAB_BYTES / slice_bytes).max(1) as u64;
+    let voxel_bytes = info.voxel_type.bytes() as u64;
+    let threads = rayon::current_num_threads();
+    let batch_bytes = arguments.output.memory_bytes().clamp(BATCH_BYTES[0], BATCH_BYTES[1]);
+    let mut boxes = boxes(info.dims.full_box(), batch_bytes / threads as u64 / voxel_bytes, u64::MAX);
     let bar = Reporter::over_slices();
-    bar.set_length(nz);
-    let mut z = 0;
-    while z < nz {
-        let end = (z + slices).min(nz);
-        let mut bytes = vec![0; (end - z) as usize * slice_bytes];
-        bytes
-            .par_chunks_mut(slice_bytes)
-            .enumerate()
-            .try_for_each(|(i, slice)| {
-                let z = z + i as u64;
-                source.read_box(VoxelBox { start: [0, 0, z], end: [nx, ny, z + 1] }, slice)
-            })
-            .map_err(BuildError::from)?;
-        unfinished.file().write_all(&bytes).map_err(write_error)?;
-        z = end;
-        bar.set_position(z);
+    bar.set_length(info.dims.0[2]);
+    loop {
+        let batch: Vec<VoxelBox> = boxes.by_ref().take(threads).collect();
+        let Some(last) = batch.last() else { break };
+        let make = |part: &VoxelBox| {
+            let mut bytes = vec![0; part.voxels() * voxel_bytes as usize];
+            source.read_box(*part, &mut bytes).map(|()| bytes)
+        };
+        let made: Result<Vec<_>, _> = batch.par_iter().map(make).collect();
+        for bytes in made.map_err(BuildError::from)? {
+            unfinished.file().write_all(&bytes).map_err(write_error)?;
+        }
+        bar.set_position(last.end[2]);
     }
     bar.finish_and_clear();
-    let bytes = unfinished.publish()?;
+    unfinished.publish()?;
     writeln!(
-        std::io::stdout(),
+        crate::terminal::stdout(),
         "{}: {} of {}, {} voxels, little endian",
         output.display(),
-        show_bytes(bytes),
+        show_bytes(info.dims.bytes(info.voxel_type).unwrap_or(u64::MAX)),
         info.voxel_type,
         info.dims
     )

@@ -29,7 +29,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     bar.finish_and_clear();
     let container = result?;
     writeln!(
-        std::io::stdout(),
+        crate::terminal::stdout(),
         "{}: whole; {} bricks, {}, every rule holds",
         arguments.container.display(),
         container.pyramid().brick_count(),

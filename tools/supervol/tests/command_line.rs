@@ -1,40 +1,10 @@
 //! The command line is a contract: names, outputs, JSON keys, exit codes.
 
+mod support;
+
 use std::path::Path;
-use std::process::{Command, Output};
 
-struct Folder(tempfile::TempDir);
-
-impl Folder {
-    fn new() -> Self {
-        Self(tempfile::tempdir().expect("a temporary folder"))
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.0.path().join(name).display().to_string()
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_supervol"))
-            .args(arguments)
-            .current_dir(self.0.path())
-            .output()
-            .expect("the program starts")
-    }
-
-    /// Runs and demands an exit code; returns standard output, or standard error where the code is not 0.
-    fn expect(&self, code: i32, arguments: &[&str]) -> String {
-        let output = self.run(arguments);
-        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-        let (out, err) = (text(&output.stdout), text(&output.stderr));
-        assert_eq!(output.status.code(), Some(code), "supervol {arguments:?}\n{out}\n{err}");
-        if code == 0 { out } else { err }
-    }
-}
-
-fn json(text: &str) -> serde_json::Value {
-    serde_json::from_str(text).unwrap_or_else(|e| panic!("{e} in {text}"))
-}
+use support::{Folder, json};
 
 #[test]
 fn a_raw_volume_goes_in_and_the_same_voxels_come_out() {

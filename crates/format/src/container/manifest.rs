@@ -5,8 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::ValueRange;
 
-/// Most bytes a manifest may have.
-pub const BYTES_LIMIT: u64 = 16 << 20;
+/// Most bytes a manifest may have: some ten times what the largest one takes. Parsed, JSON takes up to a hundred times its
+/// bytes, so that no manifest takes more than 25 MiB of memory.
+pub const BYTES_LIMIT: u64 = 256 << 10;
 
 /// The manifest of a container. Values are data values: scale and offset applied.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -71,6 +72,27 @@ pub struct AxisName {
 }
 
 impl Manifest {
+    /// The bytes of a manifest.
+    ///
+    /// # Errors
+    /// If they are more than [`BYTES_LIMIT`], or hold what [`Self::from_json`] does not take.
+    pub fn to_json(&self) -> Result<Vec<u8>, String> {
+        let json = serde_json::to_vec(self).map_err(|e| e.to_string())?;
+        Self::from_json(&json)?;
+        Ok(json)
+    }
+
+    /// A manifest from its bytes.
+    ///
+    /// # Errors
+    /// If they are more than [`BYTES_LIMIT`], or no manifest.
+    pub fn from_json(json: &[u8]) -> Result<Self, String> {
+        if json.len() as u64 > BYTES_LIMIT {
+            return Err(format!("{} bytes, expected at most {BYTES_LIMIT}", json.len()));
+        }
+        serde_json::from_slice(json).map_err(|e| e.to_string())
+    }
+
     /// The value below which this percentage of present voxels lies, interpolated between the stored pairs.
     #[must_use]
     pub fn percentile(&self, percent: f64) -> Option<f64> {

@@ -5,7 +5,7 @@
 //! Nothing read from the file is trusted before its checksum fits and its numbers make sense.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::header::{self, Descriptor, Sections};
@@ -15,7 +15,8 @@ use super::{ContainerError, checksum};
 use crate::byte_source::{ByteSource, ReadShape};
 use crate::codec::{self, BrickShape, Codec};
 use crate::macro_cells::{MACRO_CELL_BYTES, dequantize_cells};
-use crate::{BrickKey, Pyramid, ValueRange};
+use crate::voxel_type::Voxel;
+use crate::{BrickKey, Pyramid, ValueRange, with_voxel};
 
 /// Most TOC pages kept in memory: 1024 pages are 64 MiB and name 837,632 bricks.
 pub const CACHED_TOC_PAGES: usize = 1024;
@@ -30,6 +31,7 @@ pub struct Container {
     sections: Sections,
     manifest: Manifest,
     file_bytes: u64,
+    path: PathBuf,
     toc_pages: Mutex<TocPages>,
 }
 
@@ -63,8 +65,8 @@ impl Container {
     /// If the file cannot be read or is no whole container.
     pub fn open(path: &Path) -> Result<Self, ContainerError> {
         let io = |source| ContainerError::Io { what: "the file".into(), offset: 0, bytes: 0, source };
-        let file = std::fs::File::open(path).map_err(io)?;
-        Self::from_source(Arc::new(file))
+        let file = crate::byte_source::check_is_file(path).and_then(|()| std::fs::File::open(path)).map_err(io)?;
+        Ok(Self { path: path.into(), ..Self::from_source(Arc::new(file))? })
     }
 
     /// Opens a container from any byte source.
@@ -93,7 +95,21 @@ impl Container {
         }
         check_sections(&sections, &descriptor.pyramid, footer_offset)?;
         let manifest = read_manifest(source.as_ref(), &sections)?;
-        Ok(Self { source, descriptor, sections, manifest, file_bytes, toc_pages: Mutex::default() })
+        Ok(Self {
+            source,
+            descriptor,
+            sections,
+            manifest,
+            file_bytes,
+            path: PathBuf::new(),
+            toc_pages: Mutex::default(),
+        })
+    }
+
+    /// Where it lies; empty unless it was opened as a file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// What the container holds.
@@ -283,11 +299,18 @@ fn check_entry(
 ) -> Result<(), (String, String)> {
     let shape = shape_of(descriptor, key);
     if entry.codec == Codec::Uniform {
+        let bits = entry.fill.to_le_bytes();
+        let fill = with_voxel!(shape.voxel_type, V => V::read_le(&bits[..size_of::<V>()]).to_f64());
         let numbers = [entry.offset, entry.record_bytes(), entry.checksum];
-        return if numbers == [0; 3] && (entry.uniform || entry.absent) {
+        if numbers != [0; 3] || !(entry.uniform || entry.absent) {
+            return Err(("no record, and flag uniform or absent, for the uniform codec".into(), format!("{entry:?}")));
+        }
+        // What is drawn of the brick goes by the one or by the other.
+        let range = if entry.absent { ValueRange::EMPTY } else { ValueRange { min: fill, max: fill } };
+        return if entry.range == range {
             Ok(())
         } else {
-            Err(("no record, and flag uniform or absent, for the uniform codec".into(), format!("{entry:?}")))
+            Err((format!("the value range that flags and fill ask for, {range:?}"), format!("{:?}", entry.range)))
         };
     }
     // The worst lossless payload is a raw one, or runs that expand by 1 %; see codec::rle.
@@ -357,5 +380,5 @@ fn read_manifest(source: &dyn ByteSource, sections: &Sections) -> Result<Manifes
         let (expected, found) = (format!("{:016x}", sections.manifest_checksum), format!("{sum:016x}"));
         return Err(ContainerError::invalid("manifest: checksum", offset, expected, found));
     }
-    serde_json::from_slice(&bytes).map_err(|e| ContainerError::invalid("manifest", offset, "the manifest's JSON", e))
+    Manifest::from_json(&bytes).map_err(|e| ContainerError::invalid("manifest", offset, "the manifest's JSON", e))
 }

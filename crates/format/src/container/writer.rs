@@ -128,7 +128,9 @@ impl<W: Write> ContainerWriter<W> {
         for entries in self.entries.chunks(ENTRIES_PER_PAGE * ENTRY_BYTES) {
             self.out.write_all(&toc::encode_page(entries))?;
         }
-        let json = serde_json::to_vec(manifest).map_err(io::Error::other)?;
+        // What no reader takes must not be written.
+        let json =
+            manifest.to_json().map_err(|e| io::Error::new(io::ErrorKind::InvalidData, format!("manifest: {e}")))?;
         self.out.write_all(&json)?;
         let toc_bytes = toc::pages_for(bricks) * toc::PAGE_BYTES as u64;
         let sections = Sections {

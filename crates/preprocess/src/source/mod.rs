@@ -9,6 +9,7 @@
 //! the file likes.
 
 pub mod computed;
+pub mod file;
 pub mod grid_file;
 pub mod nifti;
 pub mod npy;
@@ -23,6 +24,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use supervol_format::{Dims, Geometry, VoxelBox, VoxelType};
+
+use file::SourceFile;
 
 /// Byte order of the numbers in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -84,6 +87,10 @@ pub struct SourceInfo {
     pub access_order: AccessOrder,
     /// What the reader noticed and a person should know, one sentence each: traces missing, header overridden, ...
     pub notes: Vec<String>,
+    /// Bytes of memory that it takes as long as it is open.
+    pub memory_bytes: u64,
+    /// The files it is read from, the one that was asked for first; none where it is computed.
+    pub files: Vec<SourceFile>,
 }
 
 impl SourceInfo {
@@ -103,6 +110,8 @@ impl SourceInfo {
             survey: None,
             access_order: AccessOrder::X_FASTEST,
             notes: Vec::new(),
+            memory_bytes: 0,
+            files: Vec::new(),
         }
     }
 }
@@ -165,12 +174,18 @@ pub enum SourceError {
     /// The machine failed: exit code 3.
     #[error("cannot read {path}: {source}")]
     Io { path: PathBuf, source: std::io::Error },
+    /// Decoded voxels could not be kept: exit code 3.
+    #[error("cannot keep decoded voxels in {folder}: {source}{}", crate::error::advice(source))]
+    Spool { folder: PathBuf, source: std::io::Error },
     /// The file breaks its format's rules: exit code 1.
     #[error("{path}: {location}: expected {expected}, found {found}")]
     Invalid { path: PathBuf, location: String, expected: String, found: String },
     /// The file is right but is not what we read; `advice` says what to do: exit code 1.
     #[error("{path}: {what}; {advice}")]
     Unsupported { path: PathBuf, what: String, advice: String },
+    /// The file was not left alone: exit code 1.
+    #[error("{path} changed while it was read: {what}. Build again when nothing writes to it")]
+    Changed { path: PathBuf, what: String },
     /// The options given contradict the file or each other: exit code 2.
     #[error("{0}")]
     Options(String),
@@ -190,6 +205,11 @@ impl SourceError {
     /// Shorthand for [`SourceError::Unsupported`].
     pub fn unsupported(path: &Path, what: impl Into<String>, advice: impl Into<String>) -> Self {
         Self::Unsupported { path: path.into(), what: what.into(), advice: advice.into() }
+    }
+
+    /// Shorthand for [`SourceError::Spool`].
+    pub fn spool(folder: &Path, source: std::io::Error) -> Self {
+        Self::Spool { folder: folder.into(), source }
     }
 
     /// Shorthand for [`SourceError::Io`].

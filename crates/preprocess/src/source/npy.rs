@@ -12,6 +12,7 @@ use std::path::Path;
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
 use super::Endian;
+use super::file::SourceFile;
 use super::grid_file::shape::{ChosenAxes, choose_axes};
 use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
 use super::{SourceError, SourceInfo, VolumeSource};
@@ -34,6 +35,7 @@ impl NpySource {
     /// # Errors
     /// If the file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
     pub fn open(path: &Path) -> Result<Self, SourceError> {
+        let source_file = SourceFile::of(path)?;
         let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
         let (text, offset) = header_text(path, &file)?;
         let header = parse_header(&text).map_err(|wrong| {
@@ -50,6 +52,7 @@ impl NpySource {
         let grid = GridFile::single(path, file, offset, layout)?;
 
         let mut info = SourceInfo::plain("npy", chosen.dims, voxel_type);
+        info.files = vec![source_file];
         info.notes = chosen.notes;
         if header.fortran_order {
             info.notes.push("Fortran order: z runs fastest in the file".into());

@@ -4,9 +4,10 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use super::file::SourceFile;
 use super::nifti::NiftiSource;
 use super::npy::NpySource;
-use super::nrrd::NrrdSource;
+use super::nrrd::{NrrdSource, Outside};
 use super::raw::{RawOptions, RawSource};
 use super::segy::{SegyOptions, SegySource};
 use super::spool::SpoolFolder;
@@ -17,6 +18,8 @@ use super::{SourceError, VolumeSource};
 pub struct OpenOptions {
     /// Shape of a headerless file; its presence makes the file raw.
     pub raw: Option<RawOptions>,
+    /// For NRRD.
+    pub outside: Outside,
     /// For SEG-Y.
     pub segy: SegyOptions,
     /// Where compressed or textual voxels are decoded to.
@@ -28,6 +31,8 @@ pub struct OpenOptions {
 /// # Errors
 /// If no reader knows the file, or the reader refuses it.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
+    // Before anything is opened: a FIFO would keep us waiting.
+    SourceFile::of(path)?;
     if let Some(raw) = &options.raw {
         return Ok(Box::new(RawSource::open(path, raw)?));
     }
@@ -38,7 +43,7 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>,
     let named = |endings: &[&str]| endings.iter().any(|e| name.ends_with(e));
 
     if start.starts_with(b"NRRD") || named(&[".nrrd", ".nhdr"]) {
-        return Ok(Box::new(NrrdSource::open(path, &options.spool)?));
+        return Ok(Box::new(NrrdSource::open_with(path, &options.spool, options.outside)?));
     }
     if start.starts_with(b"\x93NUM") || named(&[".npy"]) {
         return Ok(Box::new(NpySource::open(path)?));

@@ -9,6 +9,7 @@ use std::path::Path;
 use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
 
 use super::Endian;
+use super::file::SourceFile;
 use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
 use super::{SourceError, SourceInfo, VolumeSource};
 
@@ -44,6 +45,7 @@ impl RawSource {
         if let Some(defect) = options.geometry.defect() {
             return Err(SourceError::Options(format!("{}: {defect}", path.display())));
         }
+        let source_file = SourceFile::of(path)?;
         let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
         let found = file.len().map_err(|e| SourceError::io(path, e))?;
         if header_bytes.checked_add(bytes) != Some(found) {
@@ -54,6 +56,7 @@ impl RawSource {
         let mut info = SourceInfo::plain("raw", dims, voxel_type);
         info.geometry = options.geometry;
         info.nodata = options.nodata;
+        info.files = vec![source_file];
         Ok(Self(GridSource::new(info, grid)))
     }
 }

@@ -54,6 +54,15 @@ pub enum Excess {
     Expected,
 }
 
+/// Whether errors may quote what stands in a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Words {
+    /// It is in the file that a person has named.
+    Shown,
+    /// It is in a file that a header has named: that might be any, and what is in it is nobody's business.
+    Hidden,
+}
+
 /// A compressed stream and what to take from it.
 #[derive(Debug)]
 pub struct GzipShare<'a> {
@@ -83,7 +92,7 @@ impl Spool {
     /// If the folder cannot be written to.
     pub fn create(folder: &SpoolFolder) -> Result<Self, SourceError> {
         let folder = folder.path();
-        let file = tempfile::tempfile_in(&folder).map_err(|e| SourceError::io(&folder, e))?;
+        let file = tempfile::tempfile_in(&folder).map_err(|e| SourceError::spool(&folder, e))?;
         Ok(Self { file: BufWriter::with_capacity(BUFFER_BYTES, file), folder })
     }
 
@@ -133,6 +142,7 @@ impl Spool {
         reader: impl BufRead,
         voxel_type: VoxelType,
         voxels: u64,
+        words: Words,
     ) -> Result<(), SourceError> {
         let mut tokens = Tokens { reader, path, token: String::new() };
         let mut voxel = [0; 8];
@@ -143,7 +153,10 @@ impl Spool {
                 return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));
             };
             if !parse_voxel(token, voxel_type, voxel) {
-                let found = format!("`{token}`");
+                let found = match words {
+                    Words::Shown => format!("`{token}`"),
+                    Words::Hidden => format!("a word of {} characters", token.chars().count()),
+                };
                 let location = format!("number {number} of the text data");
                 return Err(SourceError::invalid(path, location, format!("a number of type {voxel_type}"), found));
             }
@@ -161,11 +174,11 @@ impl Spool {
     /// # Errors
     /// If the last bytes cannot be written.
     pub fn finish(self) -> Result<File, SourceError> {
-        self.file.into_inner().map_err(|e| SourceError::io(&self.folder, e.into_error()))
+        self.file.into_inner().map_err(|e| SourceError::spool(&self.folder, e.into_error()))
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), SourceError> {
-        self.file.write_all(bytes).map_err(|e| SourceError::io(&self.folder, e))
+        self.file.write_all(bytes).map_err(|e| SourceError::spool(&self.folder, e))
     }
 }
 
@@ -208,9 +221,8 @@ impl<R: BufRead> Tokens<'_, R> {
                     self.token.push(char::from(*byte));
                 }
                 if self.token.len() > TOKEN_LIMIT {
-                    let found = format!("`{}...`", self.token);
                     let expected = format!("numbers of at most {TOKEN_LIMIT} characters");
-                    return Err(SourceError::invalid(self.path, "text data", expected, found));
+                    return Err(SourceError::invalid(self.path, "text data", expected, "a longer word"));
                 }
             }
             self.reader.consume(used);

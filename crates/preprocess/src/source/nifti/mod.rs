@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use flate2::bufread::MultiGzDecoder;
 use supervol_format::{ByteSource, Dims, VoxelBox, VoxelType};
 
+use super::file::SourceFile;
 use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
 use super::spool::{Excess, GzipShare, Spool, SpoolFolder, damaged};
 use super::{Axis, SourceError, SourceInfo, VolumeSource};
@@ -31,6 +32,7 @@ impl NiftiSource {
     /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
     pub fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
         let header_path = partner(path, "img", "hdr")?.unwrap_or_else(|| path.into());
+        let mut files = vec![SourceFile::of(path)?, SourceFile::of(&header_path)?];
         let header = Header::parse(&header_path, &first_bytes(&header_path)?)?;
         let shape = Shape::read(&header_path, &header)?;
         let voxel_type = voxel_type(&header_path, header.datatype)?;
@@ -57,6 +59,8 @@ impl NiftiSource {
                 SourceError::invalid(&header_path, "voxels of the pair", expected, "none")
             })?
         };
+        files.push(SourceFile::of(&data_path)?);
+        info.files = files;
         let data = Data { path: &data_path, header: &header, shape: &shape, voxel_type };
         Ok(Self(GridSource::new(info, data.open(spool)?)))
     }

@@ -5,6 +5,7 @@
 //! Field names compare without case and without spaces, so that `datafile` and `data file` are one field.
 //! Promises: reads at most [`HEADER_LIMIT_BYTES`], allocates in proportion to what it read.
 
+use std::collections::HashMap;
 use std::io::BufRead;
 use std::path::Path;
 
@@ -19,8 +20,8 @@ const AXES_LIMIT: usize = 16;
 /// Longest name that a file-name pattern may make, digits.
 const PATTERN_WIDTH_LIMIT: usize = 32;
 
-/// Most files a pattern may name.
-const PATTERN_FILES_LIMIT: i64 = 1 << 16;
+/// Most data files, listed or named by a pattern.
+const FILES_LIMIT: usize = 1 << 16;
 
 /// How the voxels are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,6 +44,8 @@ pub(super) enum DataFiles {
 #[derive(Debug)]
 pub(super) struct Header {
     fields: Vec<(String, String)>,
+    /// Place of each name in `fields`.
+    places: HashMap<String, usize>,
     /// Offset of the first byte behind the header.
     pub(super) end: u64,
     /// Whether an empty line ended it.
@@ -56,13 +59,22 @@ impl Header {
         let mut lines = Lines { path, reader: reader.take(HEADER_LIMIT_BYTES), offset: 0 };
         let magic = lines.next()?.unwrap_or_default();
         check_magic(path, &magic)?;
-        let mut header = Self { fields: Vec::new(), end: 0, has_data: false, list: Vec::new() };
+        let mut header = Self { fields: Vec::new(), places: HashMap::new(), end: 0, has_data: false, list: Vec::new() };
         let mut in_list = false;
         while let Some(line) = lines.next()? {
             if in_list {
                 let name = line.trim();
                 if !name.is_empty() {
                     header.list.push(name.into());
+                }
+                if header.list.len() > FILES_LIMIT {
+                    let found = "more";
+                    return Err(SourceError::invalid(
+                        path,
+                        "data file: LIST",
+                        format!("at most {FILES_LIMIT} files"),
+                        found,
+                    ));
                 }
                 continue;
             }
@@ -88,6 +100,7 @@ impl Header {
                 let found = format!("a second `{name}: {}`", shortened(&description));
                 return Err(SourceError::invalid(path, "header", "each field once", found));
             }
+            header.places.insert(name.clone(), header.fields.len());
             header.fields.push((name, description));
         }
         header.end = lines.offset;
@@ -100,7 +113,7 @@ impl Header {
 
     /// The description of a field.
     pub(super) fn field(&self, name: &str) -> Option<&str> {
-        self.fields.iter().find(|(n, _)| n == name).map(|(_, d)| d.as_str())
+        self.places.get(name).map(|&place| self.fields[place].1.as_str())
     }
 
     /// Names of all fields, as the header has them but without spaces.
@@ -222,7 +235,7 @@ fn pattern_names(path: &Path, pattern: &str, numbers: [&str; 3]) -> Result<Vec<S
         return Err(wrong("whole numbers `min max step` behind a file-name pattern"));
     };
     let count = if step == 0 { None } else { max.checked_sub(min).and_then(|d| d.checked_div(step)) };
-    let Some(count) = count.filter(|c| (0..PATTERN_FILES_LIMIT).contains(c)) else {
+    let Some(count) = count.filter(|c| (0..FILES_LIMIT as i64).contains(c)) else {
         return Err(wrong("min, max and step of 1 to 65536 files"));
     };
     let parts =

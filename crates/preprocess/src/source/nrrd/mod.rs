@@ -11,19 +11,24 @@ mod header;
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
 use super::Endian;
+use super::file::SourceFile;
 use super::grid_file::shape::{ChosenAxes, choose_axes};
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
-use super::spool::{Excess, GzipShare, Spool, SpoolFolder};
+use super::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
 use super::{SourceError, SourceInfo, VolumeSource};
+use crate::output::folder_of;
 use header::{DataFiles, Encoding, Header, shortened};
 
 /// Most bytes that `line skip` may pass over.
 const LINE_SKIP_LIMIT_BYTES: u64 = 16 << 20;
+
+/// Unknown fields that are noted by name.
+const UNKNOWN_FIELDS_NOTED: usize = 8;
 
 /// Fields that change neither voxels nor their place.
 const FIELDS_WITHOUT_EFFECT: [&str; 9] =
@@ -55,6 +60,17 @@ const FIELDS_READ: [&str; 22] = [
     "sampleunits",
 ];
 
+/// Whether the header's data files may lie outside its folder. A header that somebody has sent may name any file of the
+/// machine, whose bytes would then be voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Outside {
+    /// They may not.
+    #[default]
+    Refused,
+    /// They may.
+    Allowed,
+}
+
 /// A NRRD file.
 #[derive(Debug)]
 pub struct NrrdSource(GridSource);
@@ -63,8 +79,18 @@ impl NrrdSource {
     /// Opens a NRRD file, or the header (`.nhdr`) of one in several files; compressed voxels are decoded into `spool`.
     ///
     /// # Errors
-    /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
+    /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot; or if a data file lies
+    /// outside the header's folder.
     pub fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
+        Self::open_with(path, spool, Outside::Refused)
+    }
+
+    /// The same, where a person has said whether data files may lie anywhere.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_with(path: &Path, spool: &SpoolFolder, outside: Outside) -> Result<Self, SourceError> {
+        let source_file = SourceFile::of(path)?;
         let mut reader = BufReader::new(File::open(path).map_err(|e| SourceError::io(path, e))?);
         let header = Header::read(path, &mut reader)?;
         let sizes = header.sizes(path)?;
@@ -81,10 +107,11 @@ impl NrrdSource {
         info.notes.extend(placement.notes);
         info.notes.extend(field_notes(&header));
 
-        let data = Data { path, header: &header, voxel_type, encoding: header.encoding(path)? };
+        let data = Data { path, header: &header, voxel_type, encoding: header.encoding(path)?, outside };
         let layout =
             GridLayout { dims: chosen.dims, voxel_type, endian: data.endian()?, fastest_first: GridLayout::X_FASTEST };
-        let grid = data.open(layout, sizes.len(), spool, &mut info.notes)?;
+        let (grid, data_files) = data.open(layout, sizes.len(), spool, &mut info.notes)?;
+        info.files = [vec![source_file], data_files].concat();
         Ok(Self(GridSource::new(info, grid)))
     }
 }
@@ -175,11 +202,13 @@ fn nth_direction(text: &str, axis: usize) -> Option<&str> {
 
 /// Notes on fields that a person might expect to matter.
 fn field_notes(header: &Header) -> Vec<String> {
-    let mut notes = Vec::new();
-    for name in header.names() {
-        if !FIELDS_READ.contains(&name) && !FIELDS_WITHOUT_EFFECT.contains(&name) {
-            notes.push(format!("field `{}` is unknown and ignored", shortened(name)));
-        }
+    let is_unknown = |name: &&str| !FIELDS_READ.contains(name) && !FIELDS_WITHOUT_EFFECT.contains(name);
+    let unknown = || header.names().filter(is_unknown);
+    let note = |name: &str| format!("field `{}` is unknown and ignored", shortened(name));
+    let mut notes: Vec<String> = unknown().take(UNKNOWN_FIELDS_NOTED).map(note).collect();
+    let more = unknown().count().saturating_sub(UNKNOWN_FIELDS_NOTED);
+    if more > 0 {
+        notes.push(format!("{more} more fields are unknown and ignored"));
     }
     if let (Some(low), Some(high)) = (header.field("oldmin"), header.field("oldmax")) {
         let (low, high) = (shortened(low), shortened(high));
@@ -194,6 +223,7 @@ struct Data<'a> {
     header: &'a Header,
     voxel_type: VoxelType,
     encoding: Encoding,
+    outside: Outside,
 }
 
 impl Data<'_> {
@@ -218,44 +248,76 @@ impl Data<'_> {
         axes: usize,
         spool: &SpoolFolder,
         notes: &mut Vec<String>,
-    ) -> Result<GridFile, SourceError> {
+    ) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
         let bytes = checked_bytes(self.path, layout.dims, layout.voxel_type)?;
         let (files, start) = match self.header.data_files(self.path, axes)? {
             DataFiles::Attached => (vec![self.path.to_path_buf()], self.header.end),
-            DataFiles::Named(names) => (names.iter().map(|name| beside(self.path, name)).collect(), 0),
+            DataFiles::Named(names) => (self.find_all(&names)?, 0),
         };
         if !bytes.is_multiple_of(files.len() as u64 * layout.voxel_type.bytes() as u64) {
             let expected = format!("a number of files that divides the {} voxels", layout.dims);
             return Err(SourceError::invalid(self.path, "data file", expected, format!("{} files", files.len())));
         }
+        let source_files = files.iter().map(|path| self.look_at(path)).collect::<Result<Vec<_>, _>>()?;
         let share_bytes = bytes / files.len() as u64;
         if self.encoding != Encoding::Raw {
             let file = self.decode(&files, start, share_bytes, spool)?;
-            return GridFile::single(&files[0], file, 0, layout);
+            return Ok((GridFile::single(&files[0], file, 0, layout)?, source_files));
         }
         let mut parts = Vec::with_capacity(files.len());
         for path in files {
             let offset = self.raw_offset(&path, start, share_bytes, notes)?;
             parts.push(Part { path, offset });
         }
-        match &parts[..] {
+        let grid = match &parts[..] {
             [one] => {
                 let file = File::open(&one.path).map_err(|e| SourceError::io(&one.path, e))?;
                 GridFile::single(&one.path, file, one.offset, layout)
             }
             _ => GridFile::parts(self.path, parts, layout),
-        }
+        };
+        Ok((grid?, source_files))
     }
 
-    /// Opens a data file; one that is not there is the header's mistake, not the machine's.
-    fn open_data(&self, path: &Path) -> Result<File, SourceError> {
-        File::open(path).map_err(|e| match e.kind() {
-            std::io::ErrorKind::NotFound => {
-                let expected = format!("the data file {}", path.display());
-                SourceError::invalid(self.path, "data file", expected, "no such file")
+    /// Paths of the data files, which lie below the header's folder unless they need not.
+    fn find_all(&self, names: &[String]) -> Result<Vec<PathBuf>, SourceError> {
+        let folder = folder_of(self.path);
+        let folder_is = std::fs::canonicalize(folder).map_err(|e| SourceError::io(folder, e))?;
+        let find = |name: &String| {
+            let file = folder.join(name);
+            let is_below = match std::fs::canonicalize(&file) {
+                Ok(file_is) => file_is.starts_with(&folder_is),
+                // Not there, or not to be reached: whether it is shall only be told of files below the folder.
+                Err(_) => Path::new(name).components().all(|part| matches!(part, Component::Normal(_))),
+            };
+            if is_below || self.outside == Outside::Allowed {
+                return Ok(file);
             }
-            _ => SourceError::io(path, e),
+            let what = format!("its data file `{}` lies outside the folder of the header", shortened(name));
+            Err(SourceError::unsupported(
+                self.path,
+                what,
+                "give --allow-outside if you know where the header comes from",
+            ))
+        };
+        names.iter().map(find).collect()
+    }
+
+    /// Looks at a data file; one that is not there, or is none, is the header's mistake, not the machine's.
+    fn look_at(&self, path: &Path) -> Result<SourceFile, SourceError> {
+        SourceFile::of(path).map_err(|error| {
+            let SourceError::Io { source, .. } = &error else { return error };
+            let found = match source.kind() {
+                std::io::ErrorKind::NotFound => "no such file".to_owned(),
+                std::io::ErrorKind::InvalidInput => source.to_string(),
+                _ => return error,
+            };
+            SourceError::invalid(self.path, "data file", format!("the data file {}", path.display()), found)
         })
+    }
+
+    fn open_data(path: &Path) -> Result<File, SourceError> {
+        File::open(path).map_err(|e| SourceError::io(path, e))
     }
 
     /// First byte of the voxels in a raw data file, after the lines and bytes to skip.
@@ -266,7 +328,7 @@ impl Data<'_> {
         share_bytes: u64,
         notes: &mut Vec<String>,
     ) -> Result<u64, SourceError> {
-        let file = self.open_data(path)?;
+        let file = Self::open_data(path)?;
         let length = file.len().map_err(|e| SourceError::io(path, e))?;
         let byte_skip = self.header.whole_number(self.path, "byteskip")?;
         // -1: the voxels are the end of the file, whatever is before them.
@@ -303,7 +365,7 @@ impl Data<'_> {
     ) -> Result<File, SourceError> {
         let mut spool = Spool::create(folder)?;
         for path in files {
-            let file = self.open_data(path)?;
+            let file = Self::open_data(path)?;
             let length = file.len().map_err(|e| SourceError::io(path, e))?;
             let mut reader = BufReader::new(file);
             let start = self.skip_lines(path, &mut reader, start)?;
@@ -324,7 +386,8 @@ impl Data<'_> {
             let skip = self.byte_skip()?;
             let skip = i64::try_from(skip).map_err(|_| SourceError::invalid(path, "byte skip", "less", "2^63"))?;
             reader.seek_relative(skip).map_err(|e| SourceError::io(path, e))?;
-            spool.append_text(path, reader, self.voxel_type, voxels)?;
+            let words = if path == self.path { Words::Shown } else { Words::Hidden };
+            spool.append_text(path, reader, self.voxel_type, voxels, words)?;
         }
         spool.finish()
     }
@@ -355,9 +418,4 @@ impl Data<'_> {
         }
         Ok(start + LINE_SKIP_LIMIT_BYTES - limited.limit())
     }
-}
-
-/// A data file's path: relative names are relative to the header.
-fn beside(header: &Path, name: &str) -> PathBuf {
-    header.parent().unwrap_or_else(|| Path::new("")).join(name)
 }

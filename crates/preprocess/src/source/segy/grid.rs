@@ -9,9 +9,10 @@
 
 use supervol_format::Dims;
 
+use super::SegyOptions;
 use super::input::Input;
 use super::layout::{Layout, MAX_TRACES};
-use super::scan::{LineSummary, Run, Scan, TraceKind};
+use super::scan::{LineSummary, Run, Scan, TraceKind, run_bytes};
 use crate::source::{LineNumbers, SourceError};
 
 /// Most cells of a grid: 4 GiB of trace numbers, if it has holes.
@@ -81,7 +82,12 @@ pub(super) enum NoGrid {
 
 impl Grid {
     /// Builds the grid from the runs of the scan.
-    pub(super) fn build(input: Input<'_>, scan: &Scan, layout: &Layout) -> Result<Self, GridDefect> {
+    pub(super) fn build(
+        input: Input<'_>,
+        scan: &Scan,
+        layout: &Layout,
+        options: &SegyOptions,
+    ) -> Result<Self, GridDefect> {
         let [Some(inline), Some(crossline)] = scan.lines else {
             let what = "all traces are dead and have no position";
             return Err(GridDefect::Refused(input.unsupported(what, "there is nothing to read")));
@@ -93,10 +99,22 @@ impl Grid {
         if let Some(index) = regular_index(&scan.runs, inline, crossline) {
             return Ok(Self { inline, crossline, missing: 0, dead: 0, index });
         }
+        let needed = run_bytes(scan.runs.len() as u64) + table_bytes(inline, crossline);
+        if needed > options.memory_bytes {
+            return Err(GridDefect::Refused(options.too_little_memory(needed)));
+        }
         let mut table = vec![MISSING; (inline.count * crossline.count) as usize];
         let dead = fill(&mut table, &scan.runs, inline, crossline).map_err(GridDefect::NoGrid)?;
         let missing = inline.count * crossline.count - positioned;
         Ok(Self { inline, crossline, missing, dead, index: TraceIndex::Table(table) })
+    }
+
+    /// Bytes that it takes as long as the source is open.
+    pub(super) fn memory_bytes(&self) -> u64 {
+        match &self.index {
+            TraceIndex::Regular { .. } => 0,
+            TraceIndex::Table(_) => table_bytes(self.inline, self.crossline),
+        }
     }
 
     /// The live trace at column `x`, row `y`, if there is one.
@@ -113,6 +131,10 @@ impl Grid {
             }
         }
     }
+}
+
+fn table_bytes(inline: LineNumbers, crossline: LineNumbers) -> u64 {
+    inline.count * crossline.count * size_of::<u32>() as u64
 }
 
 /// Line numbers of one axis.

@@ -16,8 +16,9 @@
 //! A header that lies is refused with the reason, or overridden by an option; nothing is guessed silently, and what
 //! was assumed stands in [`SourceInfo::notes`].
 //!
-//! Memory: 24 bytes per run of traces while opening (a line in order is one run), then nothing per trace for complete
-//! grids, or 4 bytes per grid cell for grids with holes; all of it bounded by the size of the file.
+//! Memory: 24 bytes per run of traces while opening (a line in order is one run), three times as many while the list
+//! grows, then nothing per trace for complete grids, or 4 bytes per grid cell for grids with holes or without order; all of
+//! it bounded by the size of the file and by [`SegyOptions::memory_bytes`].
 //!
 //! Not read: pre-stack gathers, 2D lines without line numbers, traces of varying length, format 4, and the contents of
 //! trace header extensions and extended text headers.
@@ -50,6 +51,7 @@ use self::read::{Neighbours, Reader};
 use self::samples::SampleFormat;
 use self::scan::Scan;
 use self::text_header::TEXT_BYTES;
+use super::file::SourceFile;
 use super::{AccessOrder, Axis, Endian, SourceError, SourceInfo, Survey, VolumeSource};
 
 /// Last byte of a trace header at which a four-byte word can begin.
@@ -66,15 +68,27 @@ pub struct SegyOptions {
     pub format: Option<u16>,
     /// Byte order, where detection from the headers fails.
     pub endian: Option<Endian>,
+    /// Most bytes of memory for the table of traces; a file that needs more is refused.
+    pub memory_bytes: u64,
 }
 
 impl Default for SegyOptions {
     fn default() -> Self {
-        Self { inline_byte: 189, crossline_byte: 193, format: None, endian: None }
+        Self { inline_byte: 189, crossline_byte: 193, format: None, endian: None, memory_bytes: u64::MAX }
     }
 }
 
 impl SegyOptions {
+    /// What is said where the table of traces takes more than is allowed.
+    fn too_little_memory(&self, needed_bytes: u64) -> SourceError {
+        let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+        SourceError::Options(format!(
+            "{} MiB of memory suffice for the table of traces, which follow no order; --memory allows {} MiB",
+            mib(needed_bytes),
+            mib(self.memory_bytes)
+        ))
+    }
+
     /// Refuses options that no file can satisfy.
     fn check(&self) -> Result<(), SourceError> {
         for (name, byte) in [("--il-byte", self.inline_byte), ("--xl-byte", self.crossline_byte)] {
@@ -115,8 +129,11 @@ impl SegySource {
     /// # Errors
     /// If the file cannot be read, is not a post-stack 3D SEG-Y file, or contradicts itself.
     pub fn open(path: &Path, options: &SegyOptions) -> Result<Self, SourceError> {
+        let source_file = SourceFile::of(path)?;
         let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
-        Self::from_bytes(Box::new(file), path, options)
+        let mut source = Self::from_bytes(Box::new(file), path, options)?;
+        source.info.files = vec![source_file];
+        Ok(source)
     }
 
     /// The same, from any source of bytes; `path` is only used in messages.
@@ -133,7 +150,7 @@ impl SegySource {
             sniff::check_format(input, &layout)?;
         }
         let scan = Scan::run(input, &layout, &header, options)?;
-        let grid = Grid::build(input, &scan, &layout).map_err(|defect| match defect {
+        let grid = Grid::build(input, &scan, &layout, options).map_err(|defect| match defect {
             GridDefect::Refused(error) => error,
             GridDefect::NoGrid(why) => diagnose::refuse(input, &layout, options, &why),
         })?;
@@ -148,6 +165,7 @@ impl SegySource {
             if scan.steps_along[1] > scan.steps_along[0] { Neighbours::AlongY } else { Neighbours::AlongX };
         let mut info = describe(input, (&layout, &header), &scan, &grid, text, notes)?;
         info.voxel_type = absent.voxel_type;
+        info.memory_bytes = grid.memory_bytes();
         info.nodata = (!absent.value.is_nan()).then_some(absent.value);
         info.access_order = AccessOrder(if neighbours == Neighbours::AlongX { [1, 0, 2] } else { [0, 1, 2] });
         Ok(Self { path: path.into(), bytes, layout, grid, absent, neighbours, info })

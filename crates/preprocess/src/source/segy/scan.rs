@@ -123,6 +123,7 @@ impl Scan {
                 _ => TraceKind::Live,
             };
             scan.extend_runs(position, kind, &mut last);
+            scan.check_memory(layout, options)?;
             scan.summarise(trace, position, kind, fields);
             Ok(())
         })?;
@@ -180,6 +181,15 @@ impl Scan {
         self.runs.push(Run { start: position, step: [0, 0], count: 1, kind });
     }
 
+    /// Refuses a list of runs that takes more memory than is allowed when it grows the next time.
+    fn check_memory(&self, layout: &Layout, options: &SegyOptions) -> Result<(), SourceError> {
+        let full = self.runs.len() == self.runs.capacity();
+        if full && run_bytes(self.runs.len() as u64) > options.memory_bytes {
+            return Err(options.too_little_memory(run_bytes(layout.traces)));
+        }
+        Ok(())
+    }
+
     /// Adds a trace to the summary.
     fn summarise(&mut self, trace: u64, position: [i32; 2], kind: TraceKind, fields: Fields<'_>) {
         let interval = fields.i16(117);
@@ -217,6 +227,11 @@ impl Scan {
         }
         self
     }
+}
+
+/// Bytes of a list of runs while it grows: the old one and a new one of twice its length.
+pub(super) fn run_bytes(runs: u64) -> u64 {
+    3 * runs * size_of::<Run>() as u64
 }
 
 /// Adds a line number to an axis.

@@ -1,0 +1,143 @@
+//! What a file is, by what it holds and not by its name: what may be replaced without being asked.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+use supervol_format::container::header::MAGIC;
+
+/// Bytes that tell a binary file.
+const HEAD_BYTES: u64 = 4096;
+/// Longest text that is looked into.
+const TEXT_LIMIT_BYTES: u64 = 64 << 20;
+/// Keys that only statistics of a picture have.
+const STATISTICS_KEYS: [&str; 3] = ["render_ms", "page_ins", "peak_rss_bytes"];
+
+/// What a file holds.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum FileKind {
+    /// Nothing.
+    Empty,
+    /// A `.svol` container.
+    Container,
+    /// A picture: PNG, OpenEXR, or a NumPy array of (height, width, 4) floats.
+    Picture,
+    /// What `--stats` writes.
+    Statistics,
+    /// A page, table or record, with what all of its kind have in common: title, columns or keys.
+    Report(String),
+    /// Anything else.
+    Other,
+}
+
+impl std::fmt::Display for FileKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Empty => "an empty file",
+            Self::Container => "a container",
+            Self::Picture => "a picture",
+            Self::Statistics => "statistics of a picture",
+            Self::Report(_) => "a text or table of another kind",
+            Self::Other => "neither a picture nor statistics",
+        })
+    }
+}
+
+impl FileKind {
+    /// What a file holds.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn of(path: &Path) -> io::Result<Self> {
+        let mut file = File::open(path)?;
+        let mut bytes = Vec::new();
+        file.by_ref().take(HEAD_BYTES).read_to_end(&mut bytes)?;
+        if bytes.contains(&0) || file.metadata()?.len() > TEXT_LIMIT_BYTES {
+            return Ok(Self::of_bytes(&bytes));
+        }
+        file.take(TEXT_LIMIT_BYTES).read_to_end(&mut bytes)?;
+        Ok(Self::of_bytes(&bytes))
+    }
+
+    /// What a file of these bytes holds; of binary files the first 4096 suffice.
+    #[must_use]
+    pub fn of_bytes(bytes: &[u8]) -> Self {
+        match bytes {
+            [] => Self::Empty,
+            _ if bytes.starts_with(&MAGIC) => Self::Container,
+            _ if bytes.starts_with(b"\x89PNG\r\n\x1a\n") || bytes.starts_with(b"\x76\x2f\x31\x01") => Self::Picture,
+            _ if is_numpy_picture(bytes) => Self::Picture,
+            _ => std::str::from_utf8(bytes).ok().and_then(of_text).unwrap_or(Self::Other),
+        }
+    }
+}
+
+/// Whether this is the array that a picture is written as; a volume has other axes or other numbers.
+fn is_numpy_picture(bytes: &[u8]) -> bool {
+    let Some(rest) = bytes.strip_prefix(b"\x93NUMPY\x01\x00") else { return false };
+    let header = String::from_utf8_lossy(rest.split(|b| *b == b'\n').next().unwrap_or_default());
+    let shape = header.split_once("'shape': (").and_then(|(_, shape)| shape.split_once(')'));
+    let sizes: Vec<_> = shape.map(|(sizes, _)| sizes.split(',').map(str::trim).collect()).unwrap_or_default();
+    header.contains("'descr': '<f4'") && header.contains("'fortran_order': False") && matches!(sizes[..], [_, _, "4"])
+}
+
+fn of_text(text: &str) -> Option<FileKind> {
+    if text.contains('\0') {
+        return None;
+    }
+    if let Ok(value) = serde_json::from_str::<serde_json::Value>(text) {
+        let object = value.as_object().or_else(|| value.as_array()?.first()?.as_object())?;
+        if STATISTICS_KEYS.iter().all(|key| object.contains_key(*key)) {
+            return Some(FileKind::Statistics);
+        }
+        let keys: BTreeSet<&str> = object.keys().map(String::as_str).collect();
+        return Some(FileKind::Report(keys.into_iter().collect::<Vec<_>>().join(" ")));
+    }
+    let title = text.split_once("<title>").and_then(|(_, rest)| rest.split_once("</title>")).map(|(title, _)| title);
+    let first = title.or_else(|| text.lines().next()).unwrap_or_default();
+    let words: Vec<&str> = first.split_whitespace().collect();
+    let line = words.join(" ");
+    // Dates and counts differ from one report to the next; columns of a table have no blank behind the comma.
+    let before_number = line.split(" ").take_while(|word| !word.starts_with(|c: char| c.is_ascii_digit()));
+    let line = before_number.collect::<Vec<_>>().join(" ");
+    Some(FileKind::Report(line.split(", ").next().unwrap_or_default().into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_what_they_hold() {
+        let numpy = |header: &str| [b"\x93NUMPY\x01\x00\x76\x00", header.as_bytes(), b"\n\0\0\0"].concat();
+        let picture = "{'descr': '<f4', 'fortran_order': False, 'shape': (30, 40, 4), }   ";
+        assert_eq!(FileKind::of_bytes(&numpy(picture)), FileKind::Picture);
+        for volume in [
+            "{'descr': '|u1', 'fortran_order': False, 'shape': (30, 40, 4), }",
+            "{'descr': '<f4', 'fortran_order': True, 'shape': (30, 40, 4), }",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (30, 40, 44), }",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (30, 40), }",
+        ] {
+            assert_eq!(FileKind::of_bytes(&numpy(volume)), FileKind::Other, "{volume}");
+        }
+        assert_eq!(FileKind::of_bytes(b"\x89PNG\r\n\x1a\nrest"), FileKind::Picture);
+        assert_eq!(FileKind::of_bytes(&[&MAGIC[..], &[0; 9]].concat()), FileKind::Container);
+        let statistics = r#"{"render_ms": 1, "page_ins": 2, "peak_rss_bytes": 3}"#;
+        assert_eq!(FileKind::of_bytes(statistics.as_bytes()), FileKind::Statistics);
+        assert_ne!(FileKind::of_bytes(br#"{"camera": {}, "mode": "mip"}"#), FileKind::Statistics);
+    }
+
+    #[test]
+    fn reports_of_one_kind_differ_in_dates_and_counts_only() {
+        let same = |a: &str, b: &str| FileKind::of_bytes(a.as_bytes()) == FileKind::of_bytes(b.as_bytes());
+        assert!(same("# Frames along the path orbit, 2026-11-20\n", "# Frames along the path orbit, 2026-11-21\n\nx"));
+        assert!(same("Random scenes 2 to 4 of seed 5", "Random scenes 0 to 9 of seed 1"));
+        assert!(same("<html><title>A, 1</title>", "<html><title>A, 2</title>"));
+        assert!(same(r#"[{"a": 1, "b": 2}]"#, r#"[{"b": 1, "a": 3}, {"c": 1}]"#));
+        assert!(same("a,b1,c\n1,2,3", "a,b1,c\n"));
+        assert!(!same("a,b1,c\n1,2,3", "a,b1,d\n"));
+        assert!(!same("# Frames along the path orbit", "# My notes"));
+        assert!(!same(r#"{"a": 1}"#, r#"{"b": 1}"#));
+    }
+}

@@ -1,0 +1,117 @@
+//! What a container says of its volume beside the voxels: where they came from, what they are, what a reader noticed.
+//!
+//! Names, units and notes come from files, and are bounded here: no file makes a manifest that no reader takes.
+
+use std::fs::File;
+use std::path::Path;
+
+use supervol_format::codec::CodecChoice;
+use supervol_format::container::header::Descriptor;
+use supervol_format::container::manifest::{AxisName, Manifest, Source};
+
+use crate::error::BuildError;
+use crate::pipeline::BuildOptions;
+use crate::report::LevelReport;
+use crate::source::file::SourceFile;
+use crate::source::{SourceError, VolumeSource};
+use crate::statistics::{self, Statistics, Values};
+
+/// Longest name or unit, longest note, and most notes that the manifest keeps.
+const LABEL_CHARACTERS: usize = 256;
+const NOTE_CHARACTERS: usize = 500;
+const NOTES: usize = 50;
+
+/// The manifest of a container whose levels have been written.
+pub(crate) fn manifest(
+    source: &dyn VolumeSource,
+    origin: Source,
+    descriptor: &Descriptor,
+    options: &BuildOptions,
+    statistics: &Statistics,
+    levels: &[LevelReport],
+) -> Manifest {
+    let info = source.info();
+    let values = Values::of(descriptor, statistics);
+    let codec = match options.codec {
+        CodecChoice::Smallest => "auto",
+        CodecChoice::Only(codec) => codec.name(),
+    };
+    let parameters = [
+        ("brick", options.layout.core().to_string()),
+        ("codec", codec.to_string()),
+        ("lod_axes", format!("{:?}", options.lod_axes).to_lowercase()),
+        ("memory_bytes", options.memory_bytes.to_string()),
+    ];
+    Manifest {
+        tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
+        parameters: parameters.into_iter().map(|(k, v)| (k.to_string(), v)).collect(),
+        source: origin,
+        axes: info.axes.clone().map(|a| AxisName { name: label(&a.name), unit: label(&a.unit) }),
+        unit: label(&info.unit),
+        value_range: values.range,
+        present_voxels: values.present,
+        histogram: values.histogram,
+        percentiles: values.percentiles,
+        level_errors: levels.iter().map(|l| statistics::finite(l.error)).collect(),
+        survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).ok()),
+        notes: bounded_notes(&info.notes),
+    }
+}
+
+/// A name or unit that a file gives, cut where it is none any more.
+fn label(text: &str) -> String {
+    cut(text, LABEL_CHARACTERS)
+}
+
+fn cut(text: &str, characters: usize) -> String {
+    match text.char_indices().nth(characters) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.into(),
+    }
+}
+
+/// The first notes, and how many more there are: a file must not fill the manifest with what it made us notice.
+pub(crate) fn bounded_notes(notes: &[String]) -> Vec<String> {
+    let mut kept: Vec<String> = notes.iter().take(NOTES).map(|note| cut(note, NOTE_CHARACTERS)).collect();
+    if notes.len() > NOTES {
+        kept.push(format!("and {} more notes", notes.len() - NOTES));
+    }
+    kept
+}
+
+/// Whether a source whose voxels have all been read still is what it was when it was opened, and when `origin` was told.
+pub(crate) fn check_unchanged(source: &dyn VolumeSource, origin: &Source) -> Result<(), BuildError> {
+    let files = &source.info().files;
+    files.iter().try_for_each(SourceFile::check_unchanged)?;
+    // Times may be too coarse to tell two versions apart.
+    if let Some(first) = files.first().filter(|_| !origin.xxh3_64.is_empty()) {
+        let now = identify(first.path(), &origin.format)?.xxh3_64;
+        if now != origin.xxh3_64 {
+            let what = format!("its checksum was {}, now it is {now}", origin.xxh3_64);
+            return Err(SourceError::Changed { path: first.path().into(), what }.into());
+        }
+    }
+    Ok(())
+}
+
+/// Name, size and checksum of a source file, read once from end to end.
+///
+/// # Errors
+/// If the file cannot be read.
+pub fn identify(path: &Path, format: &str) -> Result<Source, BuildError> {
+    let io = |e| BuildError::Source(SourceError::io(path, e));
+    let mut file = File::open(path).map_err(io)?;
+    let mut hash = xxhash_rust::xxh3::Xxh3Default::new();
+    let mut buffer = vec![0; 4 << 20];
+    let mut bytes = 0;
+    loop {
+        let n = std::io::Read::read(&mut file, &mut buffer).map_err(io)?;
+        if n == 0 {
+            break;
+        }
+        bytes += n as u64;
+        hash.update(&buffer[..n]);
+    }
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    Ok(Source { name, format: format.into(), bytes, xxh3_64: format!("{:016x}", hash.digest()) })
+}

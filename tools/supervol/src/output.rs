@@ -1,0 +1,179 @@
+//! What commands write, by the one rule of [`supervol_preprocess::output`]: pictures, statistics, and folders of reports.
+//!
+//! An output is begun before anything is computed, so that one that cannot be written costs no time.
+
+use std::io::{Cursor, Write};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use supervol_preprocess::output::kind::FileKind;
+use supervol_preprocess::output::unfinished::UnfinishedFolder;
+use supervol_preprocess::output::{OutputFile, check_distinct};
+use supervol_preprocess::{BuildError, Existing};
+use supervol_runtime::image::{EncodeError, Image, ImageFormat};
+
+use crate::failure::Failure;
+
+/// `--force`, for commands whose outputs replace their own kind without it.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Force {
+    /// Overwrite files of any kind; without it, only what this command has written itself is replaced
+    #[arg(long)]
+    force: bool,
+}
+
+impl Force {
+    /// What is done with an output that exists, where `kind` is replaced unasked.
+    pub fn or(self, kind: Existing) -> Existing {
+        if self.force { Existing::Replace } else { kind }
+    }
+}
+
+/// A picture that will be written.
+#[derive(Debug)]
+pub struct PictureFile {
+    file: OutputFile,
+    format: ImageFormat,
+    path: PathBuf,
+}
+
+impl PictureFile {
+    /// Begins a picture; the name decides the format.
+    pub fn begin(path: &Path, force: Force) -> Result<Self, Failure> {
+        let format = ImageFormat::from_path(path).map_err(Failure::command)?;
+        let file = OutputFile::begin(path, force.or(Existing::ReplacePicture))?;
+        Ok(Self { file, format, path: path.into() })
+    }
+
+    /// Writes the picture.
+    pub fn write(self, image: &Image, background: [f64; 3]) -> Result<(), Failure> {
+        let encoded = if self.file.is_stream() {
+            // OpenEXR is not written from its beginning to its end.
+            let mut bytes = Cursor::new(Vec::new());
+            let encoded = image.encode(self.format, background, &mut bytes);
+            encoded.and_then(|()| Ok(self.file.file().write_all(bytes.get_ref())?))
+        } else {
+            image.encode(self.format, background, &mut self.file.file())
+        };
+        encoded.map_err(|error| match error {
+            EncodeError::Io(source) => BuildError::Write { path: self.path, source }.into(),
+            EncodeError::Encode(message) => Failure::Command(format!("{}: {message}", self.path.display())),
+        })?;
+        Ok(self.file.publish().map(drop)?)
+    }
+}
+
+/// A text that will be written.
+#[derive(Debug)]
+pub struct TextFile {
+    file: OutputFile,
+    path: PathBuf,
+}
+
+impl TextFile {
+    /// Begins statistics of a picture.
+    pub fn begin_statistics(path: &Path, force: Force) -> Result<Self, Failure> {
+        let file = OutputFile::begin(path, force.or(Existing::ReplaceStatistics))?;
+        Ok(Self { file, path: path.into() })
+    }
+
+    /// Writes the text.
+    pub fn write(self, text: &str) -> Result<(), Failure> {
+        let written = self.file.file().write_all(text.as_bytes());
+        written.map_err(|source| BuildError::Write { path: self.path, source })?;
+        Ok(self.file.publish().map(drop)?)
+    }
+}
+
+/// What `render` writes.
+#[derive(Debug)]
+pub struct RenderOutputs {
+    /// The picture.
+    pub picture: PictureFile,
+    /// Its statistics, where they are wanted.
+    pub statistics: Option<TextFile>,
+}
+
+impl RenderOutputs {
+    /// Begins them: neither is one of the inputs, nor the other.
+    pub fn begin(picture: &Path, statistics: Option<&Path>, inputs: &[&Path], force: Force) -> Result<Self, Failure> {
+        check_distinct(picture, inputs.iter().copied())?;
+        if let Some(statistics) = statistics {
+            check_distinct(statistics, inputs.iter().copied().chain([picture]))?;
+        }
+        let statistics = statistics.map(|path| TextFile::begin_statistics(path, force)).transpose()?;
+        Ok(Self { picture: PictureFile::begin(picture, force)?, statistics })
+    }
+}
+
+/// A folder with the reports of one command, each replacing only a report of its own kind.
+#[derive(Debug)]
+pub struct ReportFolder<'a> {
+    /// Where it is.
+    pub folder: &'a Path,
+    force: Force,
+}
+
+impl<'a> ReportFolder<'a> {
+    /// Makes the folder where it is not there.
+    pub fn begin(folder: &'a Path, force: Force) -> Result<Self, Failure> {
+        std::fs::create_dir_all(folder)
+            .map_err(|e| Failure::Machine(format!("cannot write {}: {e}", folder.display())))?;
+        Ok(Self { folder, force })
+    }
+
+    /// Writes reports of these names. Where one would replace another kind of file, all go into a new folder beside it:
+    /// what took half an hour to measure is not lost either.
+    pub fn write(&self, reports: &[(String, Vec<u8>)], inputs: &[&Path]) -> Result<(), Failure> {
+        let check = |(name, bytes): &(String, Vec<u8>)| {
+            let path = self.folder.join(name);
+            check_distinct(&path, inputs.iter().copied())?;
+            self.check(&path, bytes)
+        };
+        let Err(refused) = reports.iter().try_for_each(check) else { return write_into(self.folder, reports) };
+        let aside = tempfile::Builder::new().prefix("reports-").tempdir_in(self.folder);
+        let aside = aside.map_err(|source| BuildError::Write { path: self.folder.into(), source })?.keep();
+        write_into(&aside, reports)?;
+        Err(Failure::Command(format!("{refused}. The reports are in {}", aside.display())))
+    }
+
+    /// Has `write` fill a temporary folder, and writes what it has put there.
+    pub fn write_with<E: Into<Failure>>(
+        &self,
+        inputs: &[&Path],
+        write: impl FnOnce(&Path) -> Result<(), E>,
+    ) -> Result<(), Failure> {
+        let cannot = |e| Failure::Machine(format!("cannot write {}: {e}", self.folder.display()));
+        let made = UnfinishedFolder::create_in(self.folder).map_err(cannot)?;
+        write(made.path()).map_err(Into::into)?;
+        let read = |entry: std::io::Result<std::fs::DirEntry>| {
+            let entry = entry?;
+            Ok((entry.file_name().to_string_lossy().into_owned(), std::fs::read(entry.path())?))
+        };
+        let reports: Result<Vec<_>, _> = std::fs::read_dir(made.path()).map_err(cannot)?.map(read).collect();
+        self.write(&reports.map_err(cannot)?, inputs)
+    }
+
+    fn check(&self, path: &Path, bytes: &[u8]) -> Result<(), BuildError> {
+        if self.force.or(Existing::Keep) == Existing::Replace || !path.is_file() {
+            return Ok(());
+        }
+        let found = FileKind::of(path).map_err(|source| BuildError::Write { path: path.into(), source })?;
+        let expected = FileKind::of_bytes(bytes);
+        if found == expected || found == FileKind::Empty {
+            return Ok(());
+        }
+        Err(BuildError::OtherKind { path: path.into(), expected, found })
+    }
+}
+
+fn write_into(folder: &Path, reports: &[(String, Vec<u8>)]) -> Result<(), Failure> {
+    for (name, bytes) in reports {
+        let path = folder.join(name);
+        let file = OutputFile::begin(&path, Existing::Replace)?;
+        let written = file.file().write_all(bytes);
+        written.map_err(|source| BuildError::Write { path, source })?;
+        file.publish()?;
+    }
+    Ok(())
+}

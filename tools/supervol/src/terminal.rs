@@ -1,0 +1,69 @@
+//! Standard output and standard error, without the characters that a terminal takes for orders.
+//!
+//! Units, notes, names and keys come from files, and files come from anybody. Control characters (line ends and
+//! tabulators excepted) and those that turn the direction of writing are shown as `\u001b`: so that they do nothing, and
+//! so that JSON that holds them stays the same JSON.
+
+use std::io::{self, StderrLock, StdoutLock, Write};
+
+/// A stream that shows what it must not pass on.
+#[derive(Debug)]
+pub struct Clean<W>(W);
+
+/// Standard output.
+pub fn stdout() -> Clean<StdoutLock<'static>> {
+    Clean(io::stdout().lock())
+}
+
+/// Standard error.
+pub fn stderr() -> Clean<StderrLock<'static>> {
+    Clean(io::stderr().lock())
+}
+
+impl<W: Write> Write for Clean<W> {
+    /// Formatted text comes in whole characters; what is no UTF-8 is shown as such.
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let text = String::from_utf8_lossy(bytes);
+        if text.contains(is_unsafe) {
+            self.0.write_all(cleaned(&text).as_bytes())?;
+        } else {
+            self.0.write_all(text.as_bytes())?;
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
+fn is_unsafe(c: char) -> bool {
+    (c.is_control() && c != '\n' && c != '\t') || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+fn cleaned(text: &str) -> String {
+    let mut shown = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        if is_unsafe(c) { shown += &format!("\\u{:04x}", u32::from(c)) } else { shown.push(c) }
+    }
+    shown
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn orders_to_a_terminal_are_shown_and_json_stays_the_same() {
+        let mut out = Clean(Vec::new());
+        let unit = "HU\u{1b}[2J\u{9b}2J\u{202e}\u{7f}";
+        write!(out, "a\tb\n{unit} ä\r").expect("memory takes everything");
+        assert_eq!(out.0, "a\tb\nHU\\u001b[2J\\u009b2J\\u202e\\u007f ä\\u000d".as_bytes());
+
+        let mut out = Clean(Vec::new());
+        write!(out, "{}", serde_json::json!({ "unit": unit })).expect("memory takes everything");
+        let back: serde_json::Value = serde_json::from_slice(&out.0).expect("still JSON");
+        assert_eq!(back["unit"], unit);
+        assert!(out.0.iter().all(|b| (b' '..0x7f).contains(b)));
+    }
+}

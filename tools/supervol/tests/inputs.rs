@@ -1,0 +1,182 @@
+//! Inputs reach no further than they should: no other files, no waiting, no orders to the terminal.
+#![cfg(unix)]
+
+mod support;
+
+use std::os::unix::fs::symlink;
+use std::process::{Command, Stdio};
+
+use support::{Folder, json};
+
+fn write(folder: &Folder, name: &str, bytes: impl AsRef<[u8]>) {
+    std::fs::write(folder.path(name), bytes).expect("a temporary folder has room");
+}
+
+fn detached(data_file: &str, encoding: &str) -> String {
+    format!("NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 4\nencoding: {encoding}\ndata file: {data_file}\n")
+}
+
+#[test]
+fn data_files_of_nrrd_headers_stay_below_the_header() {
+    let folder = Folder::new();
+    std::fs::create_dir_all(folder.path("in/parts")).expect("folders");
+    write(&folder, "secret", [7; 64]);
+    write(&folder, "in/parts/own.raw", [7; 64]);
+    symlink(folder.path("secret"), folder.path("in/link.raw")).expect("a link");
+    let build = ["build", "in/v.nhdr", "-o", "v.svol", "--force"];
+    for outside in ["../secret", "parts/../../secret", &folder.path("secret"), "link.raw", "LIST\n../secret"] {
+        write(&folder, "in/v.nhdr", detached(outside, "raw"));
+        let message = folder.expect(1, &build);
+        assert!(message.contains("--allow-outside") && message.contains("v.nhdr"), "{outside}: {message}");
+        folder.expect(0, &[&build[..], &["--allow-outside"]].concat());
+    }
+    // Nor does a header learn which other files there are.
+    write(&folder, "in/v.nhdr", detached("../no-such-file", "raw"));
+    assert!(folder.expect(1, &build).contains("--allow-outside"));
+    for inside in ["parts/own.raw", "./parts/own.raw", &folder.path("in/parts/own.raw")] {
+        write(&folder, "in/v.nhdr", detached(inside, "raw"));
+        folder.expect(0, &build);
+    }
+}
+
+#[test]
+fn errors_print_nothing_that_stands_in_another_file() {
+    let folder = Folder::new();
+    std::fs::create_dir(folder.path("in")).expect("a folder");
+    for secret in ["1 2 hunter2 4", &"hunter2".repeat(40), "hunter2"] {
+        write(&folder, "secret", format!("{secret}{}", " ".repeat(200)));
+        for encoding in ["text", "gzip", "raw"] {
+            write(&folder, "in/v.nhdr", detached("../secret", encoding));
+            for allowed in [&[][..], &["--allow-outside"]] {
+                let built = folder.run(&[&["build", "in/v.nhdr", "-o", "v.svol", "--force"], allowed].concat());
+                let said = [built.stdout, built.stderr].concat();
+                assert!(!String::from_utf8_lossy(&said).contains("hunter2"), "{encoding} {allowed:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_no_file_is_refused_at_once() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "sphere", "--dims", "8,8,8", "-o", "c.svol"]);
+    for name in ["f", "f.sgy", "f.nrrd", "f.nii", "f.npy", "f.svol", "f.json"] {
+        assert!(Command::new("mkfifo").arg(folder.path(name)).status().expect("mkfifo starts").success());
+    }
+    std::fs::create_dir(folder.path("d.nrrd")).expect("a folder");
+    write(&folder, "v.nhdr", detached("f", "raw"));
+    let raw = ["--dims", "4,4,4", "--dtype", "u8"];
+    // Nobody writes to the FIFOs: whoever opens one waits for ever.
+    let commands: [&[&str]; 15] = [
+        &["build", "f.sgy", "-o", "o.svol"],
+        &["build", "f.nrrd", "-o", "o.svol"],
+        &["build", "f.nii", "-o", "o.svol"],
+        &["build", "f.npy", "-o", "o.svol"],
+        &["build", "d.nrrd", "-o", "o.svol"],
+        &["build", "/dev/zero", "-o", "o.svol"],
+        &[&["build", "f", "-o", "o.svol"], &raw[..]].concat(),
+        &[&["build", "/dev/zero", "-o", "o.svol"], &raw[..]].concat(),
+        &["info", "f.svol"],
+        &["verify", "f.svol"],
+        &["verify", "d.nrrd"],
+        &["extract", "f.svol", "-o", "o.raw"],
+        &["render", "f.svol", "-o", "o.png"],
+        &["render", "c.svol", "--scene", "f.json", "-o", "o.png"],
+        &["bench", "--path", "f.json"],
+    ];
+    for command in commands {
+        let message = folder.expect(2, command);
+        assert!(message.contains("expected a file, found a"), "{command:?}: {message}");
+    }
+    assert!(folder.expect(1, &["build", "v.nhdr", "-o", "o.svol"]).contains("found a FIFO"));
+}
+
+#[test]
+fn scenes_are_small() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "sphere", "--dims", "8,8,8", "-o", "c.svol"]);
+    let scene = |blanks: usize| format!("{{\"image\": {{\"width\": 8, \"height\": 6}}{}}}", " ".repeat(blanks));
+    let render = ["render", "c.svol", "--scene", "s.json", "-o", "p.png"];
+    write(&folder, "s.json", scene(900_000));
+    folder.expect(0, &render);
+    write(&folder, "s.json", scene(1_000_000));
+    let message = folder.expect(2, &render);
+    assert!(message.contains("s.json") && message.contains("at most 1000000 bytes"), "{message}");
+}
+
+#[test]
+fn terminals_get_no_orders_from_files() {
+    let folder = Folder::new();
+    let bad = "\u{1b}]0;x\u{7}\u{9b}2J\u{7f}";
+    let header = format!(
+        "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 4\nencoding: raw\nsample units: \"{bad}\"\n\
+         labels: \"{bad}\" \"b\" \"c\"\n{bad}: 1\nspace: {bad}\n\n"
+    );
+    let name = "v\u{1b}[2J.nrrd";
+    write(&folder, name, [header.as_bytes(), &[7; 64]].concat());
+    let wrong = header.replace("uint8", bad);
+    write(&folder, "w\u{1b}[2J.nrrd", [wrong.as_bytes(), &[7; 64]].concat());
+    let mut said = Vec::new();
+    let mut keep = |arguments: &[&str], code: i32| {
+        let output = folder.run(arguments);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+        said.extend([output.stdout.clone(), output.stderr].concat());
+        String::from_utf8(output.stdout).expect("UTF-8")
+    };
+    keep(&["build", name, "-o", "v.svol"], 0);
+    keep(&["build", name, "-o", "v.svol", "--force", "--json"], 0);
+    keep(&["build", "w\u{1b}[2J.nrrd", "-o", "w.svol"], 1);
+    keep(&["info", "v.svol"], 0);
+    let info = keep(&["info", "v.svol", "--json"], 0);
+    assert_eq!(json(&info)["source"]["name"], name, "what is not shown raw is still there");
+    keep(&["extract", "v.svol", "-o", "out\u{1b}[2J.raw"], 0);
+    keep(&["bench", "--volume", name, "--size", "8x6", "--repeats", "1", "--pixels", "10"], 0);
+    let said = String::from_utf8(said).expect("UTF-8");
+    assert!(said.contains("\\u001b[2J"), "{said}");
+    let raw: Vec<char> = said.chars().filter(|c| c.is_control() && *c != '\n' && *c != '\t').collect();
+    assert!(raw.is_empty(), "{raw:?} in {said}");
+}
+
+/// Bytes in the middle of the records, which come first in the file.
+fn damage(folder: &Folder, name: &str) {
+    let mut bytes = std::fs::read(folder.path(name)).expect("a container");
+    bytes[5000..6000].fill(0xa5);
+    write(folder, name, bytes);
+}
+
+#[test]
+fn errors_of_extract_name_the_container() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "seismic", "--dims", "40,40,40", "-o", "damaged.svol"]);
+    damage(&folder, "damaged.svol");
+    let message = folder.expect(1, &["extract", "damaged.svol", "-o", "o.raw"]);
+    assert!(message.contains("damaged.svol"), "{message}");
+}
+
+#[test]
+fn an_error_that_nobody_can_be_told_is_no_panic() {
+    let folder = Folder::new();
+    let full = std::fs::File::options().write(true).open("/dev/full").expect("Linux has it");
+    let status = Command::new(env!("CARGO_BIN_EXE_supervol"))
+        .args(["info", "missing.svol"])
+        .current_dir(folder.0.path())
+        .stdout(Stdio::null())
+        .stderr(full)
+        .status()
+        .expect("the program starts");
+    assert_eq!(status.code(), Some(2));
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_found_before_anything_is_made() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "sphere", "--dims", "8,8,8", "-o", "c.svol"]);
+    // The reference would need days.
+    write(&folder, "s.json", br#"{"image": {"width": 4000, "height": 4000}}"#);
+    let render = ["render", "c.svol", "--scene", "s.json", "--backend", "reference", "-o"];
+    assert!(folder.expect(3, &[&render[..], &["missing/p.png"]].concat()).contains("missing/p.png"));
+    assert!(
+        folder.expect(3, &[&render[..], &["p.png", "--stats", "missing/t.json"]].concat()).contains("missing/t.json")
+    );
+    assert_eq!(std::fs::read_dir(folder.0.path()).expect("a folder").count(), 2);
+}

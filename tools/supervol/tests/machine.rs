@@ -1,0 +1,72 @@
+//! When the machine has no memory and no threads to give: a sentence, exit code 3, and nothing left behind.
+#![cfg(unix)]
+
+mod support;
+
+use std::process::{Command, Output};
+
+use support::Folder;
+
+/// Runs a command in an address space of so many KiB.
+fn run_in(folder: &Folder, kibibytes: u64, environment: &str, arguments: &str) -> Output {
+    let program = env!("CARGO_BIN_EXE_supervol");
+    let script = format!("ulimit -v {kibibytes}; {environment} exec {program} {arguments}");
+    Command::new("sh").args(["-c", &script]).current_dir(folder.0.path()).output().expect("sh starts")
+}
+
+/// Demands exit code 3, a sentence that says `what`, and a folder in which only `left` is.
+fn fails(folder: &Folder, output: &Output, what: &str, left: &[&str]) {
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{said}");
+    assert!(said.contains(what) && !said.contains("panicked"), "no '{what}' in: {said}");
+    let names: Vec<_> = std::fs::read_dir(folder.0.path())
+        .expect("a folder")
+        .map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned())
+        .collect();
+    assert_eq!(names, left, "{said}");
+}
+
+#[test]
+fn memory_that_the_system_does_not_give_is_no_abort() {
+    let folder = Folder::new();
+    let synth = "synth constant --dims 2048,2048,2048 --memory 8GiB";
+    for output in ["o.svol", "o.svol --brick 128 --threads 2"] {
+        let built = run_in(&folder, 700_000, "", &format!("{synth} -o {output}"));
+        fails(&folder, &built, "no memory left", &[]);
+    }
+    folder.expect(0, &["synth", "constant", "--dims", "1024,1024,512", "-o", "c.svol"]);
+    let extracted = run_in(&folder, 400_000, "", "extract c.svol -o c.raw --memory 8GiB");
+    fails(&folder, &extracted, "no memory left", &["c.svol"]);
+}
+
+#[test]
+fn threads_that_do_not_start_are_no_panic() {
+    let folder = Folder::new();
+    let synth = "synth sphere --dims 8,8,8 --memory 64GiB -o o.svol";
+    // Stacks so large that a few fill the address space: what little else is wanted still fits.
+    let some = "RAYON_NUM_THREADS=1 RUST_MIN_STACK=67108864";
+    fails(
+        &folder,
+        &run_in(&folder, 700_000, some, &format!("{synth} --threads 1000")),
+        "cannot start 1000 threads",
+        &[],
+    );
+    fails(&folder, &run_in(&folder, 700_000, "RUST_MIN_STACK=1073741824", synth), "cannot start a thread", &[]);
+}
+
+#[test]
+fn more_threads_than_any_machine_has_are_refused() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "sphere", "--dims", "8,8,8", "-o", "c.svol"]);
+    for threads in ["0", "10000", "18446744073709551615", "18446744073709551616"] {
+        for command in [
+            &["synth", "sphere", "--dims", "8,8,8", "-o", "o.svol"][..],
+            &["render", "c.svol", "-o", "p.png"],
+            &["bench", "--random-scenes", "1"],
+        ] {
+            let message = folder.expect(2, &[command, &["--threads", threads]].concat());
+            assert!(message.contains("1 to 1024"), "{message}");
+        }
+    }
+    folder.expect(0, &["synth", "sphere", "--dims", "8,8,8", "-o", "o.svol", "--threads", "64"]);
+}
