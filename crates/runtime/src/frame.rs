@@ -284,7 +284,8 @@ pub fn render_cpu_with(
     let mut streamer = streamer_for(container, scene, options, plan);
     let mut walk = FrameWalk::new(&mut streamer, plan, options, start);
     let image = walk.run(&mut CpuCaster::new(frame), scene.image_size)?;
-    Ok((image, FrameStats { backend: "cpu", ..walk.into_stats() }))
+    let stats = walk.into_stats().with_failures(VolumeFacts::of(container).value_range);
+    Ok((image, FrameStats { backend: "cpu", ..stats }))
 }
 
 /// The picture by the reference integrator.

@@ -74,7 +74,7 @@ enum Work {
 /// How far a picture has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Step {
-    /// Every pixel is finished, from the bricks that it wants: nothing is left to do.
+    /// Every pixel is finished, from the bricks that it wants or, where these failed, from coarser ones: nothing is left to do.
     pub is_converged: bool,
     /// Somebody cancelled the step.
     pub is_cancelled: bool,
@@ -289,7 +289,7 @@ impl Renderer {
             Work::InSteps(drawing) => drawing.stats(),
             Work::AtOnce(_, stats) => (**stats).clone(),
         };
-        let mut stats = stats.since(&self.before);
+        let mut stats = stats.since(&self.before).with_failures(self.volume.facts().value_range);
         if let Some(scene) = &self.scene {
             [stats.image_width, stats.image_height] = scene.image_size;
             stats.mode = mode_name(scene.mode);

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use supervol_format::Lod;
+use supervol_format::{Lod, ValueRange};
 
 use crate::frame::check::ErrorMeasured;
 use crate::frame::predict::ErrorPredicted;
@@ -36,7 +36,7 @@ pub struct FrameStats {
     pub mode: &'static str,
     /// The fixed level of detail; null where each brick's was chosen.
     pub level: Option<u8>,
-    /// Every ray was finished with the bricks it wanted, or with the parents of bricks that failed.
+    /// Every ray was finished with the bricks it wanted, and no brick failed.
     pub converged: bool,
     /// Times the rays were cast.
     pub passes: u64,
@@ -146,6 +146,7 @@ pub struct FrameStats {
     /// Bound on |drawn level - level 0| over all bricks that rays met and drew, data units: how far values are off, whether
     /// they can be seen or not. Beside holes it holds where both levels are present. On a graphics device, bricks of one
     /// value that no ray had to wait for are not in it.
+    /// Where a brick failed, the width of the range of all values.
     pub error_bound: f64,
     /// Bricks drawn from coarser levels although nothing bounds what that does to the picture: because their voxels are
     /// small against a pixel (`lod::by_error`, rule 3), because they stand in for finer ones, or because the level was asked
@@ -195,6 +196,23 @@ pub fn mode_name(mode: Mode) -> &'static str {
 }
 
 impl FrameStats {
+    /// The same, where bricks that failed count: what is drawn instead of them is not the picture that was wanted.
+    #[must_use]
+    pub fn with_failures(mut self, values: ValueRange) -> Self {
+        if self.bricks_failed > 0 {
+            self.converged = false;
+            self.error_bound = self.error_bound.max(values.width());
+        }
+        self
+    }
+
+    /// Whether all that was wanted failed, so that there is nothing to draw from.
+    #[must_use]
+    pub fn has_nothing_but_failures(&self) -> bool {
+        let are_there = |kind: StateKind| self.bricks_by_state.get(kind.name()).is_some_and(|&n| n > 0);
+        self.bricks_failed > 0 && self.page_ins == 0 && !are_there(StateKind::InHost) && !are_there(StateKind::Uniform)
+    }
+
     /// The same without what streaming had cost before: bricks that came and left, and what was read and decoded.
     #[must_use]
     pub fn since(mut self, before: &Self) -> Self {

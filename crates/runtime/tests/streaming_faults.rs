@@ -76,7 +76,7 @@ fn a_brick_that_always_fails_is_drawn_from_its_parent_and_costs_no_other() {
         let bad = record(&bytes, key(0, [1, 0, 1]));
         let (image, stats) =
             render_faulty(&volume, &bytes, move |_, read| if overlaps(&read, &bad) { fault } else { Fault::None });
-        assert!(stats.converged && stats.bricks_failed == 1 && stats.fallbacks > 0, "{stats:#?}");
+        assert!(!stats.converged && stats.bricks_failed == 1 && stats.fallbacks > 0, "{stats:#?}");
         assert_eq!(stats.failures.len(), 1);
         assert!(stats.failures[0].brick.contains("(1, 0, 1)"), "{:?}", stats.failures);
         assert_eq!(stats.bricks_by_level[0].failed, 1);
@@ -115,7 +115,7 @@ fn bricks_that_are_too_coarse_stand_in_for_their_children() {
     for bricks in [1, CACHE_BRICKS, 100] {
         let (expected, _) = draw(LevelChoice::Fixed(Lod(0)), None, Some(bad.clone()), bricks);
         let (image, stats) = draw(LevelChoice::Auto, None, Some(bad.clone()), bricks);
-        assert!(stats.converged && stats.bricks_failed == 1 && stats.fallbacks > 0, "{stats:#?}");
+        assert!(!stats.converged && stats.bricks_failed == 1 && stats.fallbacks > 0, "{stats:#?}");
         assert!(image == expected && stats.error_bound > 0.0, "{bricks} bricks");
         assert_eq!(stats.bricks_without_bound, 1, "the one that stands in");
     }
@@ -202,7 +202,7 @@ fn any_single_read_may_fail() {
             } else {
                 assert!(stats.failures[0].reason.contains("TOC page"), "read {bad}: {:?}", stats.failures);
             }
-            assert!(image.pixels.iter().flatten().all(|v| v.is_finite()) && stats.converged);
+            assert!(image.is_finite() && stats.converged == (stats.bricks_failed == 0));
         }
     }
 }
@@ -240,7 +240,7 @@ fn every_truncation_is_refused_or_drawn_with_failures() {
             }
         };
         let (image, stats) = render_faulty(&volume, &bytes, rule);
-        assert!(stats.converged && image.pixels.iter().flatten().all(|v| v.is_finite()));
+        assert!(image.is_finite() && stats.converged == (stats.bricks_failed == 0));
         assert_eq!(stats.bricks_failed == 0, cut > toc, "cut {cut}, records end at {toc}");
     }
 }

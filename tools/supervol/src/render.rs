@@ -81,6 +81,9 @@ pub struct Arguments {
     /// picture is from it; with --level auto from the exact picture of level 0. The level must fit --host-memory
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = CHECK_RAYS)]
     check: Option<NonZero<u64>>,
+    /// Exit code 0 even where bricks could not be read, and are drawn from coarser ones
+    #[arg(long)]
+    allow_failed: bool,
     #[command(flatten)]
     force: Force,
 }
@@ -169,7 +172,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let text = serde_json::to_string_pretty(&stats).map_err(|e| Failure::Machine(e.to_string()))?;
         file.write(&(text + "\n"))?;
     }
-    print(&arguments.output, &stats).map_err(with_output)
+    print(&arguments.output, &stats).map_err(with_output)?;
+    match stats.bricks_failed {
+        0 => Ok(()),
+        _ if arguments.allow_failed => Ok(()),
+        failed => Err(Failure::Data(format!(
+            "{}: {failed} bricks could not be read: the picture is not what the data show there; --allow-failed accepts it",
+            path.display()
+        ))),
+    }
 }
 
 /// A picture for somebody who asked for none in particular: shaded, but for amplitudes, whose layers have no surfaces.
@@ -196,6 +207,13 @@ pub fn picture(
         check::check_fits(container, &resolved, options).map_err(with_render)?;
     }
     let (image, mut stats) = render(container, &resolved, options).map_err(with_render)?;
+    if stats.has_nothing_but_failures() {
+        let first = stats.failures.first().map_or(String::new(), |f| format!("; the first: {}: {}", f.brick, f.reason));
+        return Err(Failure::Data(format!(
+            "none of the {} bricks that the picture needs can be read: no picture is written{first}",
+            stats.bricks_failed
+        )));
+    }
     output.write(&image, resolved.background)?;
     if let Some(rays) = check {
         let start = Instant::now();
@@ -278,6 +296,11 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
                 pieces => format!("; the reference did not converge on {pieces} pieces of rays"),
             },
         )?;
+    }
+    if stats.bricks_failed > 0 {
+        let share = 100.0 * (stats.fallbacks as f64 / stats.rays.max(1) as f64).min(1.0);
+        let affected = if share >= 1.0 { format!("up to {share:.0} %") } else { "less than 1 %".into() };
+        writeln!(out, "{} bricks could not be read, which {affected} of the rays needed", stats.bricks_failed)?;
     }
     for failure in &stats.failures {
         writeln!(out, "not readable, drawn from its parent: {}: {}", failure.brick, failure.reason)?;
