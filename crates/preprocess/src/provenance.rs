@@ -55,6 +55,7 @@ pub(crate) fn manifest(
         level_errors: levels.iter().map(|l| statistics::finite(l.error)).collect(),
         survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).ok()),
         notes: bounded_notes(&info.notes),
+        others: std::collections::BTreeMap::default(),
     }
 }
 

@@ -163,6 +163,7 @@ impl BrickId {
             level_errors: errors.collect(),
             survey: None,
             notes: vec!["Computed on read; coarser voxels are no averages: each names its own brick.".into()],
+            others: std::collections::BTreeMap::default(),
         }
     }
 

@@ -1,6 +1,8 @@
 //! What the data is and where it came from: JSON at the tail of a container. No dates, no paths, no host names: the
 //! same input and options must give the same bytes.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use crate::ValueRange;
@@ -11,12 +13,11 @@ pub const BYTES_LIMIT: u64 = 256 << 10;
 
 /// The manifest of a container. Values are data values: scale and offset applied.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Manifest {
     /// `supervol VERSION`, the program that wrote the container.
     pub tool: String,
     /// Options that shaped the bytes, by name.
-    pub parameters: std::collections::BTreeMap<String, String>,
+    pub parameters: BTreeMap<String, String>,
     /// Where the voxels came from.
     pub source: Source,
     /// Names and units of x, y, z.
@@ -37,11 +38,14 @@ pub struct Manifest {
     pub survey: Option<serde_json::Value>,
     /// What the reader of the source noticed, one sentence each.
     pub notes: Vec<String>,
+    /// Fields that this program does not know, as they stand in the file: what later writers add that may be ignored. What may
+    /// not be ignored raises the version of the format.
+    #[serde(flatten)]
+    pub others: BTreeMap<String, serde_json::Value>,
 }
 
 /// A source file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Source {
     /// File name without its folder, or the name of a synthetic volume.
     pub name: String,
@@ -63,7 +67,6 @@ impl Source {
 
 /// Name and unit of one axis.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct AxisName {
     /// `x`, `inline`, ...
     pub name: String,
@@ -107,5 +110,31 @@ impl Manifest {
                 v0 + (v1 - v0) * (percent - p0) / (p1 - p0)
             }
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KNOWN: &str = r#"{"tool":"supervol 0","parameters":{},"source":{"name":"n","format":"raw","bytes":3,"xxh3_64":""},
+        "axes":[{"name":"x","unit":""},{"name":"y","unit":""},{"name":"z","unit":""}],"unit":"","value_range":null,
+        "present_voxels":0,"histogram":[],"percentiles":[],"level_errors":[0.1],"survey":null,"notes":[]"#;
+
+    #[test]
+    fn unknown_fields_are_kept_and_missing_ones_refused() {
+        let later = format!(r#"{KNOWN},"time_steps":3,"channels":[{{"name":"c","deep":{{"x":0.1}}}}]}}"#);
+        let manifest: Manifest = serde_json::from_str(&later).expect("a manifest");
+        assert_eq!(manifest.others["time_steps"], 3);
+        let again = serde_json::to_string(&manifest).expect("it is text");
+        assert_eq!(serde_json::from_str::<Manifest>(&again).expect("a manifest"), manifest);
+        assert!(again.contains(r#""deep":{"x":0.1}"#), "{again}");
+        let present: Manifest = serde_json::from_str(&format!("{KNOWN}}}")).expect("a manifest");
+        assert!(present.others.is_empty() && !serde_json::to_string(&present).expect("it is text").contains("others"));
+        // In its parts, too.
+        let with_part = KNOWN.replace(r#""bytes":3"#, r#""bytes":3,"modified":"then""#);
+        assert!(serde_json::from_str::<Manifest>(&format!("{with_part}}}")).is_ok());
+        let without = KNOWN.replace(r#""tool":"supervol 0","#, "");
+        assert!(serde_json::from_str::<Manifest>(&format!("{without}}}")).is_err());
     }
 }

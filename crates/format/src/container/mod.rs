@@ -77,7 +77,7 @@
 //! | 72 | 8 | f64 | stored | error: bound on the distance between this level's and level 0's trilinear interpolation at every point of the brick's region where both are present, and all levels between them |
 //!
 //! # Manifest
-//! UTF-8 JSON of at most 256 KiB ([`manifest::BYTES_LIMIT`]), see [`manifest::Manifest`]: what the data is and where it came from. Nothing in it is needed to decode.
+//! UTF-8 JSON of at most 256 KiB ([`manifest::BYTES_LIMIT`]), see [`manifest::Manifest`]: what the data is and where it came from. Nothing in it is needed to decode. Fields that a reader does not know are kept and ignored.
 
 pub mod header;
 pub mod manifest;

@@ -74,6 +74,7 @@ fn manifest(volume: &Volume) -> Manifest {
         level_errors: vec![],
         survey: None,
         notes: vec![],
+        others: std::collections::BTreeMap::default(),
     }
 }
 
