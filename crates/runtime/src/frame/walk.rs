@@ -21,7 +21,7 @@ const KEPT_SHARE: u64 = 8;
 const KEPT_TIME_SHARE: u32 = 4;
 
 /// Least time that a pass waits for bricks, once it could begin.
-const LEAST_PATIENCE: Duration = Duration::from_millis(2);
+const LEAST_PATIENCE: Duration = Duration::from_millis(10);
 
 /// Takes one ray caster through the passes of one frame.
 ///

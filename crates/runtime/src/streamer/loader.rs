@@ -12,6 +12,8 @@ use super::io::{Answer, IoCounters, MergedRead, read_merged};
 
 /// Threads that read: enough to keep a disk or a network busy while one of them waits.
 pub const READERS: usize = 4;
+/// What the names of these threads begin with.
+pub const READER: &str = "reader";
 /// Most reads that wait for a thread, or are under way.
 pub const QUEUE_LIMIT: usize = 64;
 
@@ -57,7 +59,7 @@ impl Loader {
                     }
                 }
             };
-            std::thread::Builder::new().name(format!("reader {number}")).spawn(read_all)?;
+            std::thread::Builder::new().name(format!("{READER} {number}")).spawn(read_all)?;
         }
         Ok(Self { queue, waiting, finished, pending: 0 })
     }

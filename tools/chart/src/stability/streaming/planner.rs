@@ -73,8 +73,7 @@ fn planning_ms(session: &mut Session, scene: &ResolvedScene, source: &Watched) -
     let before = source.time();
     let stats = session.frame(scene, None)?.stats;
     // What is read while planning: pages of the table of contents.
-    let pages_ms = (source.time() - before).as_secs_f64() * 1e3 - stats.read_ms;
-    Ok(stats.plan_ms - pages_ms.max(0.0))
+    Ok(stats.plan_ms - (source.time() - before).as_secs_f64() * 1e3)
 }
 
 /// Planning of frames of one view: cold, warm, and the bricks that the frame uses.
