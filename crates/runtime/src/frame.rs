@@ -31,6 +31,7 @@ use crate::raycast::gpu::GpuError;
 use crate::raycast::reference::render_reference_counted;
 use crate::scene::ResolvedScene;
 use crate::stats::FrameStats;
+use crate::stop::Stop;
 use crate::streamer::budget::{BrickBytes, BudgetError, CasterBytes, Demand, HostPlan};
 use crate::streamer::classify::Classifier;
 use crate::streamer::priority::FrontToBack;
@@ -268,24 +269,22 @@ pub fn classifier_for(container: &Container, scene: &ResolvedScene, options: &Re
     classifier.with_levels(LevelsByError::new(scene, &data, lod, options.max_error))
 }
 
-/// One picture by the CPU, on the calling thread's pool, with the host budget already divided, pass by pass. The time budget
-/// began at `start`; what a [`Renderer`](crate::renderer::Renderer) adds to the statistics is missing.
+/// Makes the picture on the CPU in one go, on the calling thread's pool, from what the streamer has and fetches. What a
+/// [`Renderer`](crate::renderer::Renderer) adds to the statistics is missing.
 ///
 /// # Errors
 /// As [`crate::renderer::render`].
-pub fn render_cpu_with(
-    container: &Arc<Container>,
+pub fn render_cpu(
     scene: &ResolvedScene,
     options: &RenderOptions,
+    streamer: &mut Streamer,
     plan: HostPlan,
-    start: Instant,
+    stop: &Stop,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let frame = cpu_frame(container, scene, options, &plan);
-    let mut streamer = streamer_for(container, scene, options, plan);
-    let mut walk = FrameWalk::new(&mut streamer, plan, options, start);
-    let image = walk.run(&mut CpuCaster::new(frame), scene.image_size)?;
-    let stats = walk.into_stats().with_failures(VolumeFacts::of(container).value_range);
-    Ok((image, FrameStats { backend: "cpu", ..stats }))
+    let mut caster = CpuCaster::new(cpu_frame(streamer.container(), scene, options, &plan));
+    let mut walk = FrameWalk::new(streamer, plan, options, Instant::now()).until(stop.clone());
+    let image = walk.run(&mut caster, scene.image_size)?;
+    Ok((image, FrameStats { backend: "cpu", ..walk.into_stats() }))
 }
 
 /// The picture by the reference integrator.

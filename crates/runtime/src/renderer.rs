@@ -20,11 +20,9 @@ use std::time::{Duration, Instant};
 
 use supervol_format::Container;
 
-use crate::frame::caster::CpuCaster;
 use crate::frame::gpu::{render_gpu, surviving};
 use crate::frame::{
-    Backend, FrameWalk, LevelChoice, RenderError, RenderOptions, cpu_frame, milliseconds, render_from_reference,
-    thread_pool,
+    Backend, LevelChoice, RenderError, RenderOptions, milliseconds, render_cpu, render_from_reference, thread_pool,
 };
 use crate::image::Image;
 use crate::process;
@@ -69,6 +67,17 @@ enum Work {
     Nothing,
     InSteps(Box<Drawing>),
     AtOnce(Image, Box<FrameStats>),
+}
+
+impl Work {
+    /// What it cost so far, and what of the scene is not finished.
+    fn stats(&self, scene: &ResolvedScene) -> FrameStats {
+        match self {
+            Self::Nothing => FrameStats { pixels_unfinished: scene.pixels(), ..FrameStats::default() },
+            Self::InSteps(drawing) => drawing.stats(),
+            Self::AtOnce(_, stats) => (**stats).clone(),
+        }
+    }
 }
 
 /// How far a picture has come.
@@ -164,11 +173,7 @@ impl Renderer {
                 return Err(error);
             }
         }
-        let stats = match &self.work {
-            Work::Nothing => FrameStats { pixels_unfinished: pixels_of(&scene), ..FrameStats::default() },
-            Work::InSteps(drawing) => drawing.stats(),
-            Work::AtOnce(_, stats) => (**stats).clone(),
-        };
+        let stats = self.work.stats(&scene);
         Ok(Step {
             is_converged: stats.converged,
             is_cancelled,
@@ -248,13 +253,7 @@ impl Renderer {
                 Engine::Gpu { device, .. } => surviving(device, &GpuDevice::open, |device| {
                     render_gpu(device, scene, options, resident.streamer(), plan, stop)
                 })?,
-                _ => {
-                    let mut caster = CpuCaster::new(cpu_frame(container, scene, options, &plan));
-                    let mut walk =
-                        FrameWalk::new(resident.streamer(), plan, options, Instant::now()).until(stop.clone());
-                    let image = walk.run(&mut caster, scene.image_size)?;
-                    (image, FrameStats { backend: "cpu", ..walk.into_stats() })
-                }
+                _ => render_cpu(scene, options, resident.streamer(), plan, stop)?,
             };
             *work = Work::AtOnce(image, Box::new(stats));
             Ok(())
@@ -284,11 +283,7 @@ impl Renderer {
     /// What the picture has cost since it was begun, and how far it has come.
     #[must_use]
     pub fn stats(&self) -> FrameStats {
-        let stats = match &self.work {
-            Work::Nothing => FrameStats::default(),
-            Work::InSteps(drawing) => drawing.stats(),
-            Work::AtOnce(_, stats) => (**stats).clone(),
-        };
+        let stats = self.scene.as_ref().map_or_else(FrameStats::default, |scene| self.work.stats(scene));
         let mut stats = stats.since(&self.before).with_failures(self.volume.facts().value_range);
         if let Some(scene) = &self.scene {
             [stats.image_width, stats.image_height] = scene.image_size;
@@ -316,10 +311,6 @@ impl Renderer {
     pub fn streamer(&self) -> Option<&Streamer> {
         self.resident.as_ref().map(Resident::as_streamer)
     }
-}
-
-fn pixels_of(scene: &ResolvedScene) -> u64 {
-    scene.image_size.map(u64::from).iter().product()
 }
 
 /// Makes the picture of a scene from a container, within the given memory and, if there is one, time budget.

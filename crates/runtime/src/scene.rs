@@ -279,6 +279,12 @@ pub struct ResolvedScene {
 }
 
 impl ResolvedScene {
+    /// Pixels of the finished picture.
+    #[must_use]
+    pub fn pixels(&self) -> u64 {
+        self.image_size.map(u64::from).iter().product()
+    }
+
     /// Whether both show the same of a volume, from wherever and in whatever size.
     #[must_use]
     pub fn has_look_of(&self, other: &Self) -> bool {

@@ -102,6 +102,22 @@ fn check_answers(streamer: &Streamer, wanted: &[BrickKey], fetched: &Fetched) {
     assert!(fetched.answered.iter().chain(&fetched.neighbours).all(|key| answers.contains(&kind(key))));
 }
 
+/// Fetches without waiting, until something is there, or until all is that there is room for.
+fn fetch_somehow(streamer: &mut Streamer, wanted: &[BrickKey], bricks: usize, random: &mut Random) -> Fetched {
+    let room = |stop, patience| Room { bricks, stop, patience };
+    let how = random.below(4);
+    let fetched = match how {
+        // What has been asked for comes, or is taken back, later.
+        0 => streamer.fetch(wanted, room(Stop::at(Some(Instant::now())), None)),
+        1 => streamer.fetch(wanted, room(Stop::NEVER, Some(Duration::ZERO))),
+        _ => streamer.fetch(wanted, room(Stop::NEVER, None)),
+    };
+    let fetched = fetched.unwrap();
+    assert!(how == 0 || wanted.is_empty() || fetched.is_progress(), "one brick at least");
+    assert!(how < 2 || streamer.states().total(StateKind::Reading) == 0, "all is here");
+    fetched
+}
+
 #[test]
 fn states_and_cache_agree_under_random_wishes_and_faults() {
     let volume = volume();
@@ -149,23 +165,7 @@ fn states_and_cache_agree_under_random_wishes_and_faults() {
                     let wanted: Vec<BrickKey> =
                         (0..count).map(|_| keys[random.below(keys.len() as u64) as usize]).collect();
                     let bricks = 1 + random.below(5) as usize;
-                    let fetched = match random.below(4) {
-                        // Nobody waits for what has been asked for: it comes, or is taken back, later.
-                        0 => streamer.request(&wanted, bricks).unwrap(),
-                        1 => {
-                            let room = Room { bricks, stop: Stop::NEVER, patience: Some(Duration::ZERO) };
-                            let fetched = streamer.fetch(&wanted, room).unwrap();
-                            assert!(wanted.is_empty() || fetched.is_progress(), "one brick at least");
-                            fetched
-                        }
-                        _ => {
-                            let fetched =
-                                streamer.fetch(&wanted, Room { bricks, stop: Stop::NEVER, patience: None }).unwrap();
-                            assert!(wanted.is_empty() || fetched.is_progress(), "one brick at least");
-                            assert_eq!(streamer.states().total(StateKind::Reading), 0, "all is here");
-                            fetched
-                        }
-                    };
+                    let fetched = fetch_somehow(&mut streamer, &wanted, bricks, &mut random);
                     check_answers(&streamer, &wanted, &fetched);
                     streamer.note_uses(&wanted, count);
                 }

@@ -166,6 +166,7 @@ impl<'a> FrameWalk<'a> {
     /// The passes of a band until it is finished or the walk is to stop: whether it is finished. Bricks are read while rays
     /// are cast; a pass waits for more of them as long as the last one took.
     fn cast_band(&mut self, caster: &mut CpuCaster) -> Result<bool, RenderError> {
+        let mut unfinished_rays = 0;
         for pass in 1..=PASS_LIMIT {
             let start = Instant::now();
             let report = self.cast_pass(caster, OnMissing::Wait)?;
@@ -176,12 +177,13 @@ impl<'a> FrameWalk<'a> {
             if self.stop.is_due() {
                 return Ok(false);
             }
+            unfinished_rays = report.unfinished_rays;
             self.fetch(pass, &report, caster, Some(patience))?;
             if self.stop.is_due() {
                 return Ok(false);
             }
         }
-        Err(RenderError::TooManyPasses { unfinished_rays: 0 })
+        Err(RenderError::TooManyPasses { unfinished_rays })
     }
 
     fn cast_pass(&mut self, caster: &mut dyn RayCaster, on_missing: OnMissing) -> Result<PassReport, RenderError> {

@@ -54,6 +54,7 @@ pub struct Drawing {
 /// Pictures of one size of pixels, as far as they have come.
 struct Stage {
     pixel: u32,
+    scene: ResolvedScene,
     options: RenderOptions,
     caster: CpuCaster,
     bands: Bands,
@@ -79,17 +80,13 @@ impl Drawing {
     /// Whether every pixel is as it is wanted.
     #[must_use]
     pub fn is_finished(&self) -> bool {
-        self.finished == self.pixels()
-    }
-
-    fn pixels(&self) -> u64 {
-        self.scene.image_size.map(u64::from).iter().product()
+        self.finished == self.scene.pixels()
     }
 
     /// The picture so far, with as many pixels as are wanted; none before something is known of each.
     #[must_use]
     pub fn picture(&self) -> Option<Cow<'_, Image>> {
-        let picture = self.picture.as_ref().filter(|_| self.is_finished() || self.behind.is_some())?;
+        let picture = self.picture.as_ref().filter(|_| self.behind.is_some())?;
         Some(match self.pixel {
             1 => Cow::Borrowed(picture),
             pixel => Cow::Owned(picture.clone().enlarged(pixel, self.scene.image_size)),
@@ -99,15 +96,16 @@ impl Drawing {
     /// The same, for who needs nothing else.
     #[must_use]
     pub fn into_picture(self) -> Option<Image> {
-        let is_whole = self.is_finished() || self.behind.is_some();
-        self.picture.filter(|_| is_whole).map(|picture| picture.enlarged(self.pixel, self.scene.image_size))
+        self.picture
+            .filter(|_| self.behind.is_some())
+            .map(|picture| picture.enlarged(self.pixel, self.scene.image_size))
     }
 
     /// What it cost so far, and what is not finished.
     #[must_use]
     pub fn stats(&self) -> FrameStats {
         let mut stats = FrameStats { backend: "cpu", ..self.stats.clone() };
-        stats.pixels_unfinished = self.pixels() - self.finished;
+        stats.pixels_unfinished = self.scene.pixels() - self.finished;
         if stats.pixels_unfinished > 0 {
             stats.coarsest_pixel = self.behind.unwrap_or(0);
             stats.converged = false;
@@ -128,7 +126,7 @@ impl Drawing {
         options: &RenderOptions,
         stop: &Stop,
     ) -> Result<(), RenderError> {
-        if self.behind.is_none() && !self.is_finished() && stop.deadline().is_some() {
+        if self.behind.is_none() && stop.deadline().is_some() {
             self.sketch(resident, options, stop)?;
         }
         while !self.is_finished() && !stop.is_due() {
@@ -137,6 +135,8 @@ impl Drawing {
                 Some(stage) if stage.pixel == 1 || stop.deadline().is_some() => stage,
                 _ => self.next_stage(resident, options, stop),
             };
+            // A sketch may have come between.
+            resident.aim(&stage.scene, &stage.options);
             let (began, plan) = (Instant::now(), resident.plan());
             let picture = self.picture.as_mut().expect("a stage has a picture");
             let mut walk = FrameWalk::new(resident.streamer(), plan, &stage.options, began)
@@ -161,18 +161,15 @@ impl Drawing {
     fn sketch(&mut self, resident: &mut Resident, options: &RenderOptions, stop: &Stop) -> Result<(), RenderError> {
         let began = Instant::now();
         let pixel = sketch_pixel(&self.scene);
-        let scene = with_pixels(&self.scene, pixel);
-        let options = options_for(resident.container(), options, pixel);
-        resident.aim(&scene, &options);
+        let mut stage = Stage::new(&self.scene, pixel, resident, options);
+        resident.aim(&stage.scene, &stage.options);
         let plan = resident.plan();
-        let mut caster = CpuCaster::new(cpu_frame(resident.container(), &scene, &options, &plan));
-        let mut walk = FrameWalk::new(resident.streamer(), plan, &options, began)
+        let mut walk = FrameWalk::new(resident.streamer(), plan, &stage.options, began)
             .until(stop.instead_at(Some(began)))
             .after(std::mem::take(&mut self.stats));
-        let sketch = walk.run(&mut caster, scene.image_size)?;
+        let sketch = walk.run(&mut stage.caster, stage.scene.image_size)?;
         self.stats = walk.into_stats();
-        self.took = began.elapsed();
-        self.behind = Some(pixel);
+        (self.behind, self.took) = (Some(pixel), began.elapsed());
         match &mut self.picture {
             // The picture that is wanted was begun without a deadline: what is finished of it stands.
             Some(finest) => finest.fill_unknown(&sketch, pixel),
@@ -182,19 +179,26 @@ impl Drawing {
     }
 
     /// Begins the next picture.
-    fn next_stage(&mut self, resident: &mut Resident, options: &RenderOptions, stop: &Stop) -> Stage {
+    fn next_stage(&mut self, resident: &Resident, options: &RenderOptions, stop: &Stop) -> Stage {
         let left = stop.deadline().map(|deadline| deadline.saturating_duration_since(Instant::now()));
         let pixel = left.map_or(1, |left| next_pixel(self.pixel, self.took, left));
-        let scene = with_pixels(&self.scene, pixel);
-        let options = options_for(resident.container(), options, pixel);
-        resident.aim(&scene, &options);
+        let stage = Stage::new(&self.scene, pixel, resident, options);
         let picture = match self.picture.take() {
-            Some(picture) => picture.enlarged(self.pixel / pixel, scene.image_size),
-            None => Image::unknown(scene.image_size),
+            Some(picture) => picture.enlarged(self.pixel / pixel, stage.scene.image_size),
+            None => Image::unknown(stage.scene.image_size),
         };
         (self.picture, self.pixel) = (Some(picture), pixel);
+        stage
+    }
+}
+
+impl Stage {
+    /// Pictures of a scene through pixels of this size; no ray is cast yet.
+    fn new(scene: &ResolvedScene, pixel: u32, resident: &Resident, options: &RenderOptions) -> Self {
+        let scene = with_pixels(scene, pixel);
+        let options = options_for(resident.container(), options, pixel);
         let caster = CpuCaster::new(cpu_frame(resident.container(), &scene, &options, &resident.plan()));
-        Stage { pixel, options, caster, bands: Bands::default(), spent: Duration::ZERO }
+        Self { pixel, scene, options, caster, bands: Bands::default(), spent: Duration::ZERO }
     }
 }
 

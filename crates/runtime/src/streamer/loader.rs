@@ -5,7 +5,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, bounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use supervol_format::Container;
 
 use super::io::{Answer, IoCounters, MergedRead, read_merged};
@@ -70,18 +70,12 @@ impl Loader {
         self.pending
     }
 
-    /// Whether one more read can be asked for.
-    #[must_use]
-    pub fn has_room(&self) -> bool {
-        self.pending < QUEUE_LIMIT
-    }
-
     /// Asks for a read.
     ///
     /// # Panics
     /// If there is no room for it.
     pub fn ask(&mut self, read: MergedRead) {
-        assert!(self.has_room(), "more than {QUEUE_LIMIT} reads");
+        assert!(self.pending < QUEUE_LIMIT, "more than {QUEUE_LIMIT} reads");
         self.pending += 1;
         self.queue.send(read).expect("the loader itself holds a receiver");
     }
@@ -93,28 +87,16 @@ impl Loader {
         taken
     }
 
-    /// A read that has come back, if there is one.
-    pub fn next_finished(&mut self) -> Option<Finished> {
-        match self.finished.try_recv() {
-            Ok(finished) => {
-                self.pending -= 1;
-                Some(finished)
-            }
-            Err(TryRecvError::Empty) => None,
-            Err(TryRecvError::Disconnected) => panic!("the threads that read live as long as the loader"),
-        }
+    /// The reads that have come back.
+    pub fn take_finished(&mut self) -> Vec<Finished> {
+        let taken: Vec<Finished> = self.finished.try_iter().collect();
+        self.pending -= taken.len();
+        taken
     }
 
-    /// Waits until a read comes back, or for so long; nothing where nothing is pending.
-    pub fn wait(&mut self, until: Option<Instant>) -> Option<Finished> {
-        if self.pending == 0 {
-            return None;
-        }
-        let received = match until {
-            Some(until) => self.finished.recv_deadline(until),
-            None => self.finished.recv().map_err(|_| RecvTimeoutError::Disconnected),
-        };
-        match received {
+    /// The next read that comes back until then.
+    pub fn wait(&mut self, until: Instant) -> Option<Finished> {
+        match self.finished.recv_deadline(until) {
             Ok(finished) => {
                 self.pending -= 1;
                 Some(finished)

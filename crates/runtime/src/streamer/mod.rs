@@ -4,8 +4,10 @@
 //! - [`classify`]: what the table of contents alone decides;
 //! - [`priority`]: front to back;
 //! - [`capacity`], [`budget`]: how many bricks fit, and what a frame may hold in memory;
+//! - `on_its_way`: what has been asked for, until it is resident;
 //! - [`loader`], [`io`]: reading, in threads of its own;
-//! - [`decode`]: decoding, on the caller's threads.
+//! - [`decode`]: decoding, on the caller's threads;
+//! - [`view`]: what a ray caster sees of all that.
 //!
 //! Protocol of one frame:
 //! 1. [`Streamer::begin_frame`]; [`Streamer::begin_band`] where the rays are cast band by band.
@@ -21,34 +23,31 @@ pub mod classify;
 pub mod decode;
 pub mod io;
 pub mod loader;
+mod on_its_way;
 pub mod priority;
 pub mod state;
+pub mod view;
 
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use supervol_format::container::ContainerError;
 use supervol_format::container::toc::{BrickEntry, ENTRIES_PER_PAGE};
 use supervol_format::{BrickKey, Container};
 
 use crate::cache::KeyMap;
 use crate::cache::host::{HostCache, Standing, Victims};
-use crate::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap};
+use crate::raycast::volume::{DecodedBrick, ValueMap};
 use crate::stop::Stop;
 use budget::{HostPlan, decoded_bytes};
 use capacity::{Candidate, Supply, admit};
 use classify::{Class, Classifier};
-use decode::Encoded;
-use io::{IoCounters, RecordRequest, merge};
-use loader::{Finished, Loader, QUEUE_LIMIT};
+use io::IoCounters;
+use loader::{Finished, Loader};
 use priority::{FrontToBack, Rank, Ranked};
 use state::{BrickState, StateTable};
+pub use view::{HostView, OnMissing};
 
-/// Bricks that each thread decodes before the time is looked at.
-const DECODED_AT_ONCE: usize = 4;
-/// Longest wait for a read before it is looked whether somebody has cancelled.
-const PATIENCE: Duration = Duration::from_millis(20);
 /// Entries of the table of contents looked at for holes beneath a brick; where there are more, holes are taken for granted.
 const HOLE_SEARCH_LIMIT: usize = 1024;
 
@@ -100,16 +99,6 @@ impl Fetched {
     pub fn is_progress(&self) -> bool {
         !self.bricks.is_empty() || !self.answered.is_empty()
     }
-}
-
-/// What a ray caster is told about bricks that are not resident.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum OnMissing {
-    /// Rays wait for them.
-    #[default]
-    Wait,
-    /// Their nearest resident ancestor stands in: the picture is completed now.
-    UseParent,
 }
 
 /// What streaming cost, since the streamer was made.
@@ -286,7 +275,7 @@ impl Streamer {
     /// What the ray caster may read in this pass.
     #[must_use]
     pub fn view(&self, on_missing: OnMissing) -> HostView<'_> {
-        HostView { states: &self.states, cache: &self.cache, stand_ins: &self.stand_ins, on_missing }
+        HostView::new(&self.states, &self.cache, &self.stand_ins, on_missing)
     }
 
     /// The bricks that the pass used, and how many it wanted in vain.
@@ -344,32 +333,6 @@ impl Streamer {
                 return Ok(fetched);
             }
         }
-    }
-
-    /// Says which bricks are wanted now, and answers what needs no waiting: as many as there is room for are read from now
-    /// on, front to back; what was wanted before and is no longer is not read unless it has been begun.
-    ///
-    /// # Errors
-    /// If nothing could be answered and nothing is on its way, because the bricks that stay leave no room for one more.
-    pub fn request(&mut self, wanted: &[BrickKey], bricks: usize) -> Result<Fetched, StreamError> {
-        self.request_for(Purpose::Draw, wanted, bricks)
-    }
-
-    /// Adds what comes to `fetched`.
-    fn receive(&mut self, room: &Room, fetched: &mut Fetched) {
-        let end = room.patience.map(|patience| Instant::now() + patience);
-        let is_enough = |fetched: &Fetched| fetched.is_progress() && end.is_some_and(|end| Instant::now() >= end);
-        while !self.is_idle() && !room.stop.is_due() && !is_enough(fetched) {
-            let until = end.filter(|_| fetched.is_progress());
-            self.receive_some(room.stop.deadline().into_iter().chain(until).min(), fetched);
-        }
-        fetched.left = self.wanted.len() - fetched.bricks.len() - fetched.answered.len();
-    }
-
-    /// Whether nothing is on its way.
-    #[must_use]
-    pub fn is_idle(&self) -> bool {
-        self.loading.is_empty() && self.due.is_empty()
     }
 
     fn request_for(&mut self, purpose: Purpose, wanted: &[BrickKey], bricks: usize) -> Result<Fetched, StreamError> {
@@ -437,46 +400,7 @@ impl Streamer {
         self.victims = victims;
         self.queued = loads.into_keys().collect();
         self.ask_for_due()?;
-        fetched.left = ranked.len() - fetched.bricks.len() - fetched.answered.len();
         Ok(fetched)
-    }
-
-    /// From now on only these are wanted: what has not been begun for others is not read.
-    fn cancel_all_but(&mut self, wanted: KeyMap<()>) {
-        self.wanted = wanted;
-        // What is due is decided anew.
-        self.due.clear();
-        for key in std::mem::take(&mut self.queued) {
-            if self.states.state(key) == BrickState::Queued && !self.wanted.contains_key(&key) {
-                self.states.cancel(key);
-                self.counters.cancelled += 1;
-            }
-        }
-        let waiting = self.loader.as_mut().map_or(Vec::new(), Loader::take_back);
-        for read in waiting {
-            if read.records.iter().any(|record| self.wanted.contains_key(&record.key)) {
-                self.loader.as_mut().expect("it had the read").ask(read);
-                continue;
-            }
-            self.in_flight_bytes -= read.in_flight_bytes();
-            read.records.iter().for_each(|record| self.cancel_loading(record.key));
-        }
-        let mut arrived = std::mem::take(&mut self.arrived);
-        for read in &mut arrived {
-            let (wanted, others) = std::mem::take(&mut read.answers)
-                .into_iter()
-                .partition::<Vec<_>, _>(|(key, _)| self.wanted.contains_key(key));
-            read.answers = wanted;
-            others.into_iter().for_each(|(key, _)| self.cancel_loading(key));
-        }
-        self.arrived = arrived;
-    }
-
-    fn cancel_loading(&mut self, key: BrickKey) {
-        let load = self.loading.remove(&key).expect("it was on its way");
-        self.cache.release(load.bytes);
-        self.states.cancel(key);
-        self.counters.cancelled += 1;
     }
 
     /// What to do for a wanted brick; afterwards its state is decided, or it is queued.
@@ -604,120 +528,6 @@ impl Streamer {
         decoded_bytes(shape.voxel_type, shape.voxels() as u64, cells as u64)
     }
 
-    /// Asks for what is due, as much as may be in flight.
-    fn ask_for_due(&mut self) -> Result<(), StreamError> {
-        let (shape, limit) = (self.container.read_shape(), self.plan.in_flight_bytes);
-        while !self.due.is_empty() {
-            let pending = self.loader.as_ref().map_or(0, Loader::pending);
-            let mut bytes = self.in_flight_bytes;
-            let fits = |load: &&Load| {
-                bytes += load.entry.record_bytes() + shape.gap_bytes;
-                bytes <= limit
-            };
-            let count = self.due.iter().take(QUEUE_LIMIT - pending).take_while(fits).count();
-            let count = if self.in_flight_bytes == 0 && pending < QUEUE_LIMIT { count.max(1) } else { count };
-            if count == 0 {
-                return Ok(());
-            }
-            self.loader()?;
-            let batch: Vec<Load> = self.due.drain(..count).collect();
-            self.make_room(&batch);
-            let request =
-                |l: &Load| RecordRequest { key: l.key, offset: l.entry.offset, bytes: l.entry.record_bytes() };
-            for read in merge(batch.iter().map(request).collect(), shape, limit) {
-                self.in_flight_bytes += read.in_flight_bytes();
-                self.loader()?.ask(read);
-            }
-        }
-        Ok(())
-    }
-
-    fn loader(&mut self) -> Result<&mut Loader, StreamError> {
-        if self.loader.is_none() {
-            self.loader = Some(Loader::new(&self.container).map_err(|e| StreamError::Threads(e.to_string()))?);
-        }
-        Ok(self.loader.as_mut().expect("it has just been started"))
-    }
-
-    /// Bricks are read from now on, and the cache has room for them.
-    fn make_room(&mut self, batch: &[Load]) {
-        let bytes = batch.iter().map(|load| load.bytes).sum();
-        let dropped = self.cache.make_room(bytes, &mut self.victims).expect("only bricks that fit are admitted");
-        dropped.into_iter().for_each(|key| self.states.evict(key));
-        self.cache.reserve(bytes);
-        for load in batch {
-            self.states.start_reading(load.key);
-            self.loading.insert(load.key, *load);
-        }
-    }
-
-    /// Waits until a read comes back, but not too long, and makes some of what has come resident.
-    fn receive_some(&mut self, until: Option<Instant>, fetched: &mut Fetched) {
-        let Some(loader) = &mut self.loader else { return };
-        self.arrived.extend(std::iter::from_fn(|| loader.next_finished()));
-        if self.arrived.is_empty() {
-            let start = Instant::now();
-            let patience = start + PATIENCE;
-            let finished = loader.wait(Some(until.map_or(patience, |until| until.min(patience))));
-            self.counters.wait_time += start.elapsed();
-            self.arrived.extend(finished);
-        }
-        self.decode_some(fetched);
-        // Nobody can be told here that threads cannot be started: they run already.
-        self.ask_for_due().expect("the loader runs");
-    }
-
-    /// Decodes some of the records that have come, and makes their bricks resident.
-    fn decode_some(&mut self, fetched: &mut Fetched) {
-        let most = DECODED_AT_ONCE * rayon::current_num_threads();
-        let mut encoded = Vec::with_capacity(most);
-        while encoded.len() < most
-            && let Some(read) = self.arrived.front_mut()
-        {
-            let Some((key, record)) = read.answers.pop() else {
-                self.counters.io.add(&read.counters);
-                self.in_flight_bytes -= read.read.in_flight_bytes();
-                self.arrived.pop_front();
-                continue;
-            };
-            match record {
-                Ok(record) => {
-                    self.states.start_decoding(key);
-                    self.counters.record_bytes[key.lod().0 as usize] += record.bytes().len() as u64;
-                    encoded.push(Encoded { key, entry: self.loading[&key].entry, record });
-                }
-                Err(error) => self.settle(key, Err(error), fetched),
-            }
-        }
-        let start = Instant::now();
-        let bricks = decode::decode_bricks(&self.container, &self.map, encoded);
-        self.counters.decode_time += start.elapsed();
-        bricks.into_iter().for_each(|(key, brick)| self.settle(key, brick, fetched));
-    }
-
-    /// A brick that was on its way is here, or has failed.
-    fn settle(&mut self, key: BrickKey, brick: Result<DecodedBrick, ContainerError>, fetched: &mut Fetched) {
-        let load = self.loading.remove(&key).expect("it was on its way");
-        self.cache.release(load.bytes);
-        let is_wanted = self.wanted.contains_key(&key);
-        match brick {
-            Ok(brick) => {
-                self.counters.bytes_decoded += self.container.shape(key).bytes() as u64;
-                self.cache.insert(key, brick, load.bytes);
-                self.states.in_host(key);
-                // The transfer function may have changed meanwhile.
-                if self.class_of(key, &load.entry) == Class::TooCoarse {
-                    self.stand_ins.insert(key, ());
-                }
-                fetched.bricks.extend(is_wanted.then_some(key));
-            }
-            Err(error) => {
-                self.fail(key, error.to_string());
-                fetched.answered.extend(is_wanted.then_some(key));
-            }
-        }
-    }
-
     fn fail(&mut self, key: BrickKey, reason: String) {
         let earlier = self.attempts.remove(&key).unwrap_or(0);
         self.states.fail(key, earlier, reason);
@@ -754,55 +564,6 @@ enum Lookup {
     Answered,
     OnItsWay,
     Load(Load),
-}
-
-/// The bricks of the host cache, and what is known of all others.
-#[derive(Debug, Clone, Copy)]
-pub struct HostView<'a> {
-    states: &'a StateTable,
-    cache: &'a HostCache<DecodedBrick>,
-    stand_ins: &'a KeyMap<()>,
-    on_missing: OnMissing,
-}
-
-impl HostView<'_> {
-    /// What rays are told about bricks that are not resident.
-    #[must_use]
-    pub fn on_missing(&self) -> OnMissing {
-        self.on_missing
-    }
-
-    /// What is drawn of a brick that is in this state and not in the cache.
-    #[inline]
-    fn answer(&self, state: BrickState) -> Resident<'_> {
-        match (state, self.on_missing) {
-            (BrickState::Nothing(_), _) => Resident::Nothing,
-            (BrickState::Uniform(value), _) => Resident::Uniform(value),
-            (BrickState::Failed { .. }, _) | (_, OnMissing::UseParent) => Resident::UseParent,
-            (_, OnMissing::Wait) => Resident::Missing,
-        }
-    }
-}
-
-impl BrickView for HostView<'_> {
-    #[inline]
-    fn lookup(&self, key: BrickKey) -> Resident<'_> {
-        if !self.stand_ins.is_empty() && self.stand_ins.contains_key(&key) {
-            return Resident::TooCoarse;
-        }
-        if let Some(brick) = self.cache.get(key) {
-            return Resident::Brick(brick);
-        }
-        match self.states.state(key) {
-            BrickState::TooCoarse => Resident::TooCoarse,
-            state => self.answer(state),
-        }
-    }
-
-    #[inline]
-    fn stand_in(&self, key: BrickKey) -> Resident<'_> {
-        self.cache.get(key).map_or_else(|| self.answer(self.states.state(key)), Resident::Brick)
-    }
 }
 
 /// Voxels of level 0, absent ones included.

@@ -14,10 +14,12 @@ use supervol_format::container::validate::seal_brick;
 use supervol_format::container::writer::ContainerWriter;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, ByteSource, Container, Dims, Lod, Pyramid, ValueRange, VoxelType};
-use supervol_runtime::frame::{RenderError, RenderOptions, render_cpu_with};
+use supervol_runtime::facts::VolumeFacts;
+use supervol_runtime::frame::{RenderError, RenderOptions, render_cpu, streamer_for};
 use supervol_runtime::image::Image;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
+use supervol_runtime::stop::Stop;
 use supervol_runtime::streamer::budget::{BrickBytes, HostPlan, MADE_LIMIT};
 
 use crate::support::Volume;
@@ -180,5 +182,10 @@ pub fn render_planned(
     threads: usize,
 ) -> Result<(Image, FrameStats), RenderError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| render_cpu_with(container, scene, options, plan, Instant::now()))
+    pool.install(|| {
+        let stop = Stop::at(options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms)));
+        let mut streamer = streamer_for(container, scene, options, plan);
+        let (image, stats) = render_cpu(scene, options, &mut streamer, plan, &stop)?;
+        Ok((image, stats.with_failures(VolumeFacts::of(container).value_range)))
+    })
 }
