@@ -13,6 +13,7 @@ pub mod check;
 pub(crate) mod gpu;
 pub mod predict;
 pub mod reference;
+pub mod stated;
 pub mod walk;
 
 use std::sync::Arc;
@@ -25,6 +26,7 @@ use supervol_format::{Container, Lod};
 
 use crate::image::Image;
 use crate::lod::by_error::{DataScale, LevelsByError};
+use crate::lod::deviation::Deviations;
 use crate::lod::{LodChoice, LodRule};
 use crate::raycast::cpu::{Caster, CpuFrame, CpuQuality, Skipping};
 use crate::raycast::gpu::GpuError;
@@ -187,7 +189,7 @@ pub fn plan_host(
     scene: &ResolvedScene,
     options: &RenderOptions,
 ) -> Result<HostPlan, BudgetError> {
-    let caster = options.caster.bytes(container.pyramid().layout().core());
+    let caster = caster_of(options).bytes(container.pyramid().layout().core());
     plan_host_for(caster, container, scene, options, options.time_budget_ms.is_some())
 }
 
@@ -229,11 +231,32 @@ pub fn lod_choice(options: &RenderOptions) -> LodChoice {
 pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderOptions, plan: &HostPlan) -> CpuFrame {
     let descriptor = container.descriptor();
     let value_range = VolumeFacts::of(container).value_range;
-    let caster = options.caster.clone().with_max_error(options.max_error);
-    let caster = if options.predict_error { caster.summing_errors() } else { caster };
-    let quality =
-        CpuQuality { lod: lod_choice(options), skipping: options.skipping, caster, made_bytes: plan.made_bytes };
+    let quality = CpuQuality {
+        lod: lod_choice(options),
+        skipping: options.skipping,
+        caster: caster_of(options),
+        made_bytes: plan.made_bytes,
+    };
     CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, value_map(container), value_range, quality)
+        .with_deviations(Deviations::new(scene, &data_scale(container)))
+}
+
+/// The ray caster that the options mean.
+pub(crate) fn caster_of(options: &RenderOptions) -> Caster {
+    let caster = options.caster.clone().with_max_error(options.max_error);
+    if options.predict_error { caster.summing_errors() } else { caster }
+}
+
+/// What the rules of levels must know of a container.
+fn data_scale(container: &Container) -> DataScale<'_> {
+    let descriptor = container.descriptor();
+    DataScale {
+        pyramid: &descriptor.pyramid,
+        geometry: &descriptor.geometry,
+        scale: descriptor.scale,
+        offset: descriptor.offset,
+        value_range: VolumeFacts::of(container).value_range,
+    }
 }
 
 /// A streamer with an empty cache for frames of this scene.
@@ -258,15 +281,8 @@ pub fn classifier_for(container: &Container, scene: &ResolvedScene, options: &Re
     if let LevelChoice::Fixed(_) = options.level {
         return classifier;
     }
-    let data = DataScale {
-        pyramid: &descriptor.pyramid,
-        geometry: &descriptor.geometry,
-        scale: descriptor.scale,
-        offset: descriptor.offset,
-        value_range: VolumeFacts::of(container).value_range,
-    };
     let lod = LodRule::new(lod_choice(options), &scene.camera, &descriptor.geometry);
-    classifier.with_levels(LevelsByError::new(scene, &data, lod, options.max_error))
+    classifier.with_levels(LevelsByError::new(scene, &data_scale(container), lod, options.max_error))
 }
 
 /// Makes the picture on the CPU in one go, on the calling thread's pool, from what the streamer has and fetches. What a

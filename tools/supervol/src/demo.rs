@@ -91,7 +91,7 @@ fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str, for
     let scene = Scene::from_json(scene).map_err(Failure::command)?;
     let options =
         RenderOptions { backend: Backend::Cpu, host_memory_bytes: RENDER_MEMORY_BYTES, ..RenderOptions::default() };
-    let stats = picture(&container, &scene, image, &options, None)?;
+    let stats = picture(&container, &scene, (image, None), &options, None)?;
     say(format_args!(
         "  {}: {} x {}, {} bricks ({}) read, {:.1} s, at most {} of memory for bricks and rays, peak of the process {}",
         image_path.display(),

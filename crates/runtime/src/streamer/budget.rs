@@ -2,7 +2,7 @@
 //!
 //! | part | size |
 //! |---|---|
-//! | picture | 16 bytes per pixel; a quarter more with a deadline |
+//! | picture | 16 bytes per pixel; a quarter more with a deadline; twice as much more where errors are stated |
 //! | rays | tiles, miss list and pixel of every ray of a band; a band is the whole picture if that takes at most 1/4 |
 //! | casting | what every thread that casts has at hand: the rays of one tile on their way |
 //! | made of bricks | what the ray caster makes once of each brick, and keeps: 1/16, at most 32 MiB; at least one brick's |
@@ -103,11 +103,14 @@ pub struct CasterBytes {
     pub thread: u64,
     /// Most bytes that are made once of a brick.
     pub made_of_brick: u64,
+    /// Bytes of what is said of each pixel of the picture beside its colour.
+    pub of_pixel: u64,
 }
 
 impl CasterBytes {
     /// Everything lies on a device, and the whole picture is cast at once.
-    pub const ON_DEVICE: Self = Self { bands: Bands::Whole, tile_side: 1, tile: 0, thread: 0, made_of_brick: 0 };
+    pub const ON_DEVICE: Self =
+        Self { bands: Bands::Whole, tile_side: 1, tile: 0, thread: 0, made_of_brick: 0, of_pixel: 0 };
 }
 
 /// What a frame needs memory for.
@@ -183,6 +186,7 @@ impl HostPlan {
         let [width, height] = demand.image_size.map(u64::from);
         let image = width * height * PIXEL_BYTES;
         let image = if demand.has_deadline { image + image.div_ceil(4) } else { image };
+        let image = image + width * height * demand.caster.of_pixel;
         let least_bricks = if demand.has_deadline { 2 } else { 1 };
         let casting = demand.threads * demand.caster.thread;
         let toc = demand.toc_pages.min(CACHED_TOC_PAGES as u64) * toc::PAGE_BYTES as u64;
@@ -236,8 +240,14 @@ fn plural(n: u64, thing: &str) -> String {
 mod tests {
     use super::*;
 
-    const IN_TILES: CasterBytes =
-        CasterBytes { bands: Bands::Allowed, tile_side: 16, tile: 24_000, thread: 250_000, made_of_brick: 5_000 };
+    const IN_TILES: CasterBytes = CasterBytes {
+        bands: Bands::Allowed,
+        tile_side: 16,
+        tile: 24_000,
+        thread: 250_000,
+        made_of_brick: 5_000,
+        of_pixel: 0,
+    };
 
     fn demand() -> Demand {
         Demand {
