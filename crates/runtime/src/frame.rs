@@ -94,6 +94,8 @@ pub struct RenderOptions {
     pub level: LevelChoice,
     /// Bytes that the frame may hold in host memory.
     pub host_memory_bytes: u64,
+    /// Of these, what the process holds beside the frame: program, stacks, manifest, what the allocator keeps.
+    pub process_bytes: u64,
     /// Most bytes of decoded bricks among these; `None`: all that is left of them.
     pub cache_bytes: Option<u64>,
     /// Bytes that the frame may hold on a graphics device.
@@ -123,6 +125,7 @@ impl Default for RenderOptions {
             backend: Backend::Auto,
             level: LevelChoice::Auto,
             host_memory_bytes: 512 << 20,
+            process_bytes: 0,
             cache_bytes: None,
             gpu_memory_bytes: 256 << 20,
             threads: None,
@@ -209,6 +212,7 @@ pub(crate) fn plan_host_for(
         has_deadline,
         threads: rayon::current_num_threads() as u64,
         toc_pages: toc::pages_for(container.pyramid().brick_count()),
+        process_bytes: options.process_bytes,
     };
     let plan = HostPlan::new(options.host_memory_bytes, &demand)?;
     Ok(HostPlan {

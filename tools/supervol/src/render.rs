@@ -12,11 +12,13 @@ use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::frame::check::{self, CheckProgress};
 use supervol_runtime::frame::{Backend, LevelChoice, OnProgress, Progress, RenderError, RenderOptions};
 use supervol_runtime::gpu::device::GpuError;
+use supervol_runtime::process;
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, PacketRule, Skipping};
 use supervol_runtime::renderer::render_with_errors;
 use supervol_runtime::scene::{Scene, ShadingSpec};
 use supervol_runtime::stats::FrameStats;
+use supervol_runtime::streamer::loader::READERS;
 
 use crate::failure::{Failure, with_container, with_output};
 use crate::output::{Force, PictureFile, RenderOutputs};
@@ -114,6 +116,16 @@ fn level(text: &str) -> Result<LevelChoice, String> {
     text.parse().map(|l| LevelChoice::Fixed(Lod(l))).map_err(|_| format!("'{text}': expected auto, 0, 1, 2, ..."))
 }
 
+/// What a thread takes beside what it casts with: its stack as far as it is used, and what the allocator keeps for it.
+const THREAD_BYTES: u64 = 1 << 20;
+
+/// What the process holds beside the picture that it is about to make.
+fn process_bytes(threads: Option<NonZero<usize>>) -> u64 {
+    let threads = threads.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZero::get);
+    // Those that read are there, too.
+    process::resident_bytes() + THREAD_BYTES * (threads + READERS) as u64
+}
+
 impl Arguments {
     /// What the command line asks for; its time budget began at `start`.
     fn options(&self, progress: OnProgress, start: Instant) -> RenderOptions {
@@ -129,6 +141,7 @@ impl Arguments {
             },
             level: self.level,
             host_memory_bytes: self.host_memory,
+            process_bytes: process_bytes(self.threads),
             cache_bytes: None,
             gpu_memory_bytes: self.gpu_memory,
             threads: self.threads.map(NonZero::get),

@@ -9,10 +9,11 @@
 //! | TOC pages | what the container keeps of its table of contents, at most 64 MiB |
 //! | states | one record per brick that was met, 1/32 of the budget |
 //! | in flight | records being read and bricks being decoded, 1/8 of the budget, at most 128 MiB |
-//! | cache | the rest; at least one brick |
+//! | cache | the rest, less what the process holds beside the frame; at least one brick |
 //!
 //! Everything is computed before anything is allocated; a budget that is too small is refused with the sum of the least
-//! parts. Not counted: the program itself, its threads' stacks, and the container's manifest.
+//! parts. The program itself, its threads' stacks and the container's manifest are counted where somebody says how much that
+//! is ([`Demand::process_bytes`]); a budget that all the rest fits is not refused for their sake.
 
 use supervol_format::container::reader::CACHED_TOC_PAGES;
 use supervol_format::container::toc;
@@ -131,6 +132,8 @@ pub struct Demand {
     pub threads: u64,
     /// TOC pages of the container.
     pub toc_pages: u64,
+    /// What the process holds beside the frame.
+    pub process_bytes: u64,
 }
 
 /// The division of the budget.
@@ -227,7 +230,9 @@ impl HostPlan {
             made_bytes: made,
             state_limit: usize::try_from(states / RECORD_BYTES).unwrap_or(usize::MAX),
             in_flight_bytes: in_flight - scratch,
-            cache_bytes: budget_bytes - fixed - made - states - in_flight,
+            cache_bytes: (budget_bytes - fixed - made - states - in_flight)
+                .saturating_sub(demand.process_bytes)
+                .max(least_cache),
         })
     }
 }
@@ -258,6 +263,7 @@ mod tests {
             has_deadline: false,
             threads: 2,
             toc_pages: 3,
+            process_bytes: 0,
         }
     }
 
@@ -284,6 +290,17 @@ mod tests {
         assert_eq!(HostPlan::new(1 << 30, &demand()).unwrap().band_rows, 600);
         assert_eq!(HostPlan::new(1 << 30, &demand()).unwrap().made_bytes, MADE_LIMIT);
         assert_eq!(HostPlan::new(64 << 20, &demand()).unwrap().made_bytes, 4 << 20);
+    }
+
+    #[test]
+    fn what_the_process_holds_is_taken_off_the_cache_as_far_as_that_goes() {
+        let plan = |budget, process_bytes| HostPlan::new(budget, &Demand { process_bytes, ..demand() });
+        let (all, less) = (plan(64 << 20, 0).unwrap(), plan(64 << 20, 9 << 20).unwrap());
+        assert_eq!(HostPlan { cache_bytes: all.cache_bytes - (9 << 20), ..all }, less);
+        let least = plan(1, 0).unwrap_err().needed_bytes;
+        assert_eq!(plan(1, 9 << 20).unwrap_err().needed_bytes, least);
+        let little = plan(64 << 20, 1 << 30).unwrap();
+        assert_eq!(little.cache_bytes, demand().brick.decoded);
     }
 
     #[test]
