@@ -4,7 +4,7 @@
 //! 2. The records tile the file: nothing overlaps, nothing is unreachable.
 //! 3. Each brick keeps [`check_brick`]'s rules: checksum, flags, exact ranges, macro cells, range beneath.
 //! 4. Aprons repeat the neighbours' voxels (and beyond the grid the nearest ones).
-//! 5. Coarser voxels are the averages of the finer level's.
+//! 5. Coarser voxels are what stands for those of the finer level, by what the manifest says (mean, max, majority).
 //! 6. Each error bound is the largest of its children's plus this level's own greatest difference, or what the value
 //!    ranges allow where that is less ([`brick_error`]): not less, not more.
 //! 7. What the manifest says of the values (range, percentiles, histogram, count, errors of levels) is what the voxels say.
@@ -19,10 +19,11 @@ use supervol_format::container::validate::{check_brick, check_coverage};
 use supervol_format::{BrickKey, Container, Lod, ValueRange};
 
 use crate::bricker::cut_brick;
-use crate::downsample::{VoxelBlock, downsample, finer_box};
+use crate::downsample::{Reduce, VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
 use crate::error_bound::{brick_error, step_error};
 use crate::level_reader::LevelReader;
+use crate::provenance::reduce_of;
 use crate::statistics::{Statistics, Values, finite};
 
 /// Voxels around a core that a brick stores.
@@ -174,18 +175,22 @@ fn check(
     }
     let Some(finer) = finer else { return Ok(()) };
 
-    // Rule 5: averages.
+    // Rule 5: what stands for the finer voxels.
     let finer_dims = pyramid.level_at(Lod(key.lod().0 - 1)).dims;
     let fine_box = finer_box(around, level.factors, finer_dims);
     let mut fine = vec![0; fine_box.voxels() * size];
     finer.read_box(fine_box, &mut fine).map_err(wrong)?;
     let fine = VoxelBlock { voxels: fine_box, bytes: &fine };
-    let mut averages = vec![0; around.voxels() * size];
-    downsample(voxel_type, absence, level.factors, fine, around, &mut averages);
-    if let Some(at) = averages.iter().zip(&voxels).position(|(a, v)| a != v) {
+    let mut reduced = vec![0; around.voxels() * size];
+    let reduce = reduce_of(container.manifest()).map_err(|found| {
+        let names = Reduce::ALL.map(Reduce::name).join(", ");
+        broken("manifest, parameter reduce", format!("one of {names}"), found)
+    })?;
+    downsample(reduce, voxel_type, absence, level.factors, fine, around, &mut reduced);
+    if let Some(at) = reduced.iter().zip(&voxels).position(|(a, v)| a != v) {
         return Err(broken(
-            "average of the finer level",
-            format!("{} at byte {at}", averages[at]),
+            &format!("{} of the finer level", reduce.name()),
+            format!("{} at byte {at}", reduced[at]),
             voxels[at].to_string(),
         ));
     }

@@ -8,6 +8,7 @@ use clap::{Args, ValueEnum};
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::manifest::Source;
 use supervol_format::{BrickLayout, Dims, Geometry};
+use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::output::{check_distinct, folder_of};
 use supervol_preprocess::report::BuildReport;
@@ -63,6 +64,9 @@ pub struct OutputArguments {
     /// Axes that coarser levels halve
     #[arg(long, default_value = "auto", value_enum)]
     lod_axes: LodAxesName,
+    /// What stands for several voxels in coarser levels: auto is the majority of labels, the mean of all else
+    #[arg(long, default_value = "auto", value_enum)]
+    reduce: ReduceName,
     /// Most memory to use
     #[arg(long, default_value = "1GiB", value_parser = quantity::bytes)]
     memory: u64,
@@ -84,6 +88,14 @@ enum CodecName {
     Rle,
     Zstd,
     Wavelet,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum ReduceName {
+    Auto,
+    Mean,
+    Max,
+    Majority,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -198,6 +210,12 @@ impl OutputArguments {
             layout: self.brick,
             codec,
             lod_axes,
+            reduce: match self.reduce {
+                ReduceName::Auto => None,
+                ReduceName::Mean => Some(Reduce::Mean),
+                ReduceName::Max => Some(Reduce::Max),
+                ReduceName::Majority => Some(Reduce::Majority),
+            },
             memory_bytes: self.memory,
             threads: self.threads.map_or(default.threads, NonZero::get),
             existing: self.existing(),
