@@ -18,7 +18,7 @@ pub mod walk;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use crate::facts::{VolumeFacts, value_map};
+use crate::facts::value_map;
 use supervol_format::container::ContainerError;
 use supervol_format::container::toc;
 use supervol_format::{Container, Lod};
@@ -36,6 +36,7 @@ use crate::streamer::budget::{BrickBytes, BudgetError, CasterBytes, Demand, Host
 use crate::streamer::classify::Classifier;
 use crate::streamer::priority::FrontToBack;
 use crate::streamer::{StreamError, Streamer};
+use crate::units::InUnits;
 use caster::CpuCaster;
 pub use gpu::render_gpu_surviving;
 pub use walk::{FrameWalk, PASS_LIMIT};
@@ -227,13 +228,12 @@ pub fn lod_choice(options: &RenderOptions) -> LodChoice {
 /// What all rays of the CPU ray caster share in a frame.
 #[must_use]
 pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderOptions, plan: &HostPlan) -> CpuFrame {
-    let descriptor = container.descriptor();
-    let value_range = VolumeFacts::of(container).value_range;
+    let InUnits { geometry, value_range, .. } = InUnits::of(container);
     let caster = options.caster.clone().with_max_error(options.max_error);
     let caster = if options.predict_error { caster.summing_errors() } else { caster };
     let quality =
         CpuQuality { lod: lod_choice(options), skipping: options.skipping, caster, made_bytes: plan.made_bytes };
-    CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, value_map(container), value_range, quality)
+    CpuFrame::new(scene, container.pyramid(), &geometry, value_map(container), value_range, quality)
 }
 
 /// A streamer with an empty cache for frames of this scene.
@@ -244,7 +244,7 @@ pub fn streamer_for(
     options: &RenderOptions,
     plan: HostPlan,
 ) -> Streamer {
-    let order = FrontToBack::new(&scene.camera, &container.descriptor().geometry);
+    let order = FrontToBack::new(&scene.camera, &InUnits::of(container).geometry);
     let classifier = classifier_for(container, scene, options);
     Streamer::new(container.clone(), value_map(container), classifier, order, plan)
 }
@@ -258,14 +258,9 @@ pub fn classifier_for(container: &Container, scene: &ResolvedScene, options: &Re
     if let LevelChoice::Fixed(_) = options.level {
         return classifier;
     }
-    let data = DataScale {
-        pyramid: &descriptor.pyramid,
-        geometry: &descriptor.geometry,
-        scale: descriptor.scale,
-        offset: descriptor.offset,
-        value_range: VolumeFacts::of(container).value_range,
-    };
-    let lod = LodRule::new(lod_choice(options), &scene.camera, &descriptor.geometry);
+    let InUnits { geometry, scale, offset, value_range } = InUnits::of(container);
+    let data = DataScale { pyramid: &descriptor.pyramid, geometry: &geometry, scale, offset, value_range };
+    let lod = LodRule::new(lod_choice(options), &scene.camera, &geometry);
     classifier.with_levels(LevelsByError::new(scene, &data, lod, options.max_error))
 }
 
