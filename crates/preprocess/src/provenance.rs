@@ -7,7 +7,7 @@ use std::path::Path;
 
 use supervol_format::codec::CodecChoice;
 use supervol_format::container::header::Descriptor;
-use supervol_format::container::manifest::{AxisName, Manifest, Source};
+use supervol_format::container::manifest::{AxisName, Json, Manifest, Source};
 
 use crate::downsample::Reduce;
 use crate::error::BuildError;
@@ -67,7 +67,7 @@ pub(crate) fn manifest(
         histogram: values.histogram,
         percentiles: values.percentiles,
         level_errors: levels.iter().map(|l| statistics::finite(l.error)).collect(),
-        survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).ok()),
+        survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).and_then(|s| Json::of(&s)).ok()),
         notes: bounded_notes(&info.notes),
         others: std::collections::BTreeMap::default(),
     }

@@ -4,6 +4,7 @@ use supervol_format::container::manifest::Source;
 use supervol_format::{Container, Dims, Geometry, ValueRange};
 
 use crate::raycast::volume::ValueMap;
+use crate::units::InUnits;
 
 /// What kind of data a volume holds: decides the default picture only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -51,13 +52,18 @@ impl VolumeFacts {
     }
 }
 
-/// What the data are, by where they came from and how far their values reach: Hounsfield units go from air, near
-/// -1000, to bone, above 400.
+/// Whether values may be Hounsfield units: these go from air, near -1000, to bone, above 400, and to metal, below a million.
+#[must_use]
+pub fn is_hounsfield(range: ValueRange) -> bool {
+    range.min < -500.0 && range.max > 400.0 && range.min.abs().max(range.max) < 1e6
+}
+
+/// What the data are, by where they came from and how far their values reach.
 fn data_kind(source: &Source, value_range: ValueRange) -> DataKind {
     let seismic = source.format == "segy" || (source.format == "synth" && source.name.starts_with("seismic"));
     if seismic {
         DataKind::Seismic
-    } else if value_range.min < -500.0 && value_range.max > 400.0 {
+    } else if is_hounsfield(value_range) {
         DataKind::Ct
     } else {
         DataKind::Generic
@@ -68,6 +74,7 @@ fn data_kind(source: &Source, value_range: ValueRange) -> DataKind {
 #[must_use]
 pub fn value_map(container: &Container) -> ValueMap {
     let d = container.descriptor();
-    let range = container.manifest().value_range.unwrap_or(ValueRange::EMPTY);
-    ValueMap::for_container(d.voxel_type, d.scale, d.offset, d.absence.nodata, range)
+    let InUnits { scale, offset, value_range, .. } = InUnits::of(container);
+    let range = if container.manifest().value_range.is_some() { value_range } else { ValueRange::EMPTY };
+    ValueMap::for_container(d.voxel_type, scale, offset, d.absence.nodata, range)
 }

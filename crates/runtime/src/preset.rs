@@ -4,7 +4,8 @@
 //! like the same volume sampled at 256^3. This choice is part of the preset and ends up as an explicit unit distance;
 //! the ray casters know nothing of volume sizes.
 
-use crate::facts::{DataKind, VolumeFacts};
+use crate::facts::{DataKind, VolumeFacts, is_hounsfield};
+use crate::units::edges;
 use glam::DVec3;
 use supervol_format::space::HALF_VOXEL;
 
@@ -63,7 +64,7 @@ pub fn default_camera(facts: &VolumeFacts, size: [u32; 2]) -> Result<Camera, Cam
     let front = up.cross(side);
     let outward = (0.55 * side - 0.75 * front + 0.5 * up).normalize();
     let projection = Projection::Perspective { fov_y: FOV_Y };
-    let unit = Camera::look_at(centre + outward, centre, up, projection, size)?;
+    let unit = Camera::look_at(outward, DVec3::ZERO, up, projection, size)?;
 
     // A corner at (x, y, z) of the camera's frame around the centre is inside the picture when the eye's distance d
     // satisfies |x| <= FILL tan_x (d + z), and likewise y: the farthest such d frames all corners.
@@ -74,7 +75,7 @@ pub fn default_camera(facts: &VolumeFacts, size: [u32; 2]) -> Result<Camera, Cam
         let needed = (p.dot(unit.right).abs() / tan_x).max(p.dot(unit.up).abs() / tan_y) / FILL;
         distance.max(needed - p.dot(unit.forward))
     });
-    Camera::look_at(centre + outward * distance, centre, up, projection, size)
+    Ok(Camera { eye: centre + outward * distance, ..unit })
 }
 
 /// The named preset for a volume; the grey ramp for a name that is not in [`NAMES`].
@@ -91,8 +92,7 @@ pub fn transfer_function(name: &str, facts: &VolumeFacts) -> Result<TransferFunc
 }
 
 fn unit_distance(facts: &VolumeFacts) -> f64 {
-    let linear = facts.geometry.linear();
-    let edges = [linear.x_axis.length(), linear.y_axis.length(), linear.z_axis.length()];
+    let edges = edges(&facts.geometry);
     let extents: [f64; 3] = std::array::from_fn(|a| edges[a] * facts.dims.0[a] as f64);
     let mean = extents.iter().sum::<f64>() / 3.0;
     let thinnest = extents.iter().copied().fold(f64::INFINITY, f64::min);
@@ -157,7 +157,7 @@ fn seismic(facts: &VolumeFacts) -> Vec<ControlPoint> {
 /// Hounsfield units are recognised by a range that reaches from air to bone; anything else goes by percentiles.
 fn ct(facts: &VolumeFacts) -> Vec<ControlPoint> {
     let range = facts.value_range;
-    let [air, soft, dense, bone, metal] = if range.min < -500.0 && range.max > 400.0 {
+    let [air, soft, dense, bone, metal] = if is_hounsfield(range) {
         [-500.0, 40.0, 180.0, 450.0, 1500.0]
     } else {
         let (low, high) = window(facts);

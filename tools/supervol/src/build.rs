@@ -27,7 +27,7 @@ use crate::quantity::{self, Dtype, ErrorBound, show_bytes};
 /// What to build, from what, and how.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Volume file: SEG-Y, NRRD, NIfTI, npy, or raw with --dims and --dtype
+    /// Volume file: SEG-Y, NRRD, NIfTI, MetaImage, TIFF, npy, or raw with --dims and --dtype
     input: PathBuf,
     #[command(flatten)]
     output: OutputArguments,
@@ -129,9 +129,9 @@ struct RawArguments {
     nodata: Option<f64>,
 }
 
-/// What is allowed to NRRD headers.
+/// What is allowed to headers that name data files.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "NRRD input")]
+#[command(next_help_heading = "NRRD and MetaImage input")]
 struct NrrdArguments {
     /// Let a header name data files outside its folder; without it, only files below the folder are read
     #[arg(long)]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use serde::Serialize;
-use supervol_format::container::manifest::{AxisName, Source};
+use supervol_format::container::manifest::{AxisName, Json, Source};
 use supervol_format::{Container, Lod};
 use supervol_preprocess::output::unfinished::{self, Leftover, Writer};
 
@@ -46,7 +46,7 @@ struct Info<'a> {
     source: &'a Source,
     tool: &'a str,
     parameters: &'a std::collections::BTreeMap<String, String>,
-    survey: &'a Option<serde_json::Value>,
+    survey: Option<serde_json::Value>,
     notes: &'a [String],
     container_bytes: u64,
     format_version: u32,
@@ -162,7 +162,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
         source: &manifest.source,
         tool: &manifest.tool,
         parameters: &manifest.parameters,
-        survey: &manifest.survey,
+        survey: manifest.survey.as_ref().map(Json::value),
         notes: &manifest.notes,
         container_bytes: container.file_bytes(),
         format_version: supervol_format::container::header::VERSION,

@@ -9,16 +9,21 @@
 //! the file likes.
 
 pub mod computed;
+mod data_files;
 pub mod file;
 pub mod grid_file;
+pub mod metaimage;
 pub mod nifti;
 pub mod npy;
 pub mod nrrd;
 pub mod open;
+mod others;
 pub mod raw;
 pub mod segy;
 pub mod spool;
 pub mod synthetic;
+mod text;
+pub mod tiff;
 
 use std::path::{Path, PathBuf};
 
@@ -63,7 +68,7 @@ pub trait VolumeSource: Send + Sync {
 /// What a source says about itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceInfo {
-    /// `raw`, `nrrd`, `segy`, `nifti`, `npy` or `synth`.
+    /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `metaimage`, `tiff` or `synth`.
     pub format: &'static str,
     /// Voxels along x, y, z.
     pub dims: Dims,

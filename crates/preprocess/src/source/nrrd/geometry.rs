@@ -11,8 +11,9 @@ use glam::{DMat3, DVec3};
 use supervol_format::Geometry;
 
 use super::super::grid_file::shape::ChosenAxes;
+use super::super::text::shortened;
 use super::super::{Axis, SourceError};
-use super::header::{Header, shortened};
+use super::header::Header;
 
 /// Geometry and axes, and what a person should know about them.
 pub(super) struct Placement {
