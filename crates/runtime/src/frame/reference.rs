@@ -4,6 +4,7 @@
 //! would be none.
 
 use glam::DVec3;
+use supervol_format::container::ContainerError;
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{Container, Geometry, Level, Lod, ValueRange, VoxelBox, with_voxel};
@@ -40,10 +41,20 @@ pub fn load_level(
     if needed_bytes > host_memory_bytes {
         return Err(RenderError::ReferenceTooLarge { level: lod.0, needed_bytes, budget_bytes: host_memory_bytes });
     }
-    let level = container.pyramid().level_at(lod);
-    let dims = level.dims.full_box().extent();
-    let mut values = vec![f64::NAN; dims.iter().product()];
+    let (dims, values) = level_values(container, lod)?;
     let mut value_range = ValueRange::EMPTY;
+    values.iter().filter(|v| !v.is_nan()).for_each(|&v| value_range.include(v));
+    let geometry = level_geometry(&container.descriptor().geometry, container.pyramid().level_at(lod));
+    Ok(ReferenceVolume { dims, geometry, values, value_range })
+}
+
+/// Voxels along each axis and values of a level, x fastest, NaN where absent: 8 bytes for each voxel.
+///
+/// # Errors
+/// If a brick cannot be read.
+pub fn level_values(container: &Container, lod: Lod) -> Result<([usize; 3], Vec<f64>), ContainerError> {
+    let dims = container.pyramid().level_at(lod).dims.full_box().extent();
+    let mut values = vec![f64::NAN; dims.iter().product()];
     for key in container.pyramid().keys_of(lod) {
         let entry = container.entry(key)?;
         let voxels = container.read_brick(key, &entry)?;
@@ -51,9 +62,7 @@ pub fn load_level(
         let core = container.pyramid().core_box(key);
         copy_core(container, &voxels, extent, core, dims, &mut values);
     }
-    values.iter().filter(|v| !v.is_nan()).for_each(|&v| value_range.include(v));
-    let geometry = level_geometry(&container.descriptor().geometry, level);
-    Ok(ReferenceVolume { dims, geometry, values, value_range })
+    Ok((dims, values))
 }
 
 /// Copies a brick's core into the level's values; absent voxels become NaN.
