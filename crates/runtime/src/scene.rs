@@ -58,10 +58,10 @@ pub struct Scene {
     /// Colours and opacities, or the name of a preset; `None`: the preset of the data's kind.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transfer_function: Option<TransferFunctionSpec>,
-    /// Shading; `None`: that of the data's kind where mode and transfer function are left out too, the default one in mode
-    /// `iso`, else none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub shading: Option<ShadingSpec>,
+    /// Shading, or null for none; left out: that of the data's kind where mode and transfer function are left out too, the
+    /// default one in mode `iso`, else none.
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "said")]
+    pub shading: Option<Option<ShadingSpec>>,
     /// Iso surfaces, for mode `iso`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub iso: Vec<IsoSpec>,
@@ -71,6 +71,11 @@ pub struct Scene {
     /// open, else 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub samples_per_pixel: Option<u32>,
+}
+
+/// A value that is there, be it null.
+fn said<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<Option<T>, D::Error> {
+    T::deserialize(deserializer).map(Some)
 }
 
 /// `camera`: exactly one of `fov_y` and `height`.
@@ -397,7 +402,7 @@ impl Scene {
     }
 
     fn validate_shading(&self) -> Result<(), SceneError> {
-        let Some(shading) = &self.shading else { return Ok(()) };
+        let Some(Some(shading)) = &self.shading else { return Ok(()) };
         let factors = [("ambient", shading.ambient), ("diffuse", shading.diffuse), ("specular", shading.specular)];
         for (name, factor) in factors {
             let good = factor.is_finite() && factor >= 0.0;
@@ -449,14 +454,12 @@ impl Scene {
         let look = Look::of(facts);
         if left_open {
             scene.mode = Some(look.mode);
-            scene.shading = self.shading.clone().or(look.shading);
+            scene.shading.get_or_insert(look.shading);
             scene.iso = look.iso;
         }
         let mode = scene.gathers();
         scene.mode = Some(mode);
-        if mode == Mode::Iso {
-            scene.shading.get_or_insert_default();
-        }
+        scene.shading.get_or_insert_with(|| (mode == Mode::Iso).then(ShadingSpec::default));
         let samples = if left_open { look.samples_per_pixel } else { 1 };
         scene.samples_per_pixel =
             Some(self.samples_per_pixel.unwrap_or_else(|| samples_that_fit(&self.image, samples)));
@@ -518,7 +521,7 @@ impl Scene {
             background: scene.image.background,
             mode: scene.gathers(),
             transfer_function: scene.classification(facts)?,
-            shading: scene.shading.as_ref().map(|s| s.resolve(&camera)),
+            shading: scene.shading.as_ref().and_then(Option::as_ref).map(|s| s.resolve(&camera)),
             iso: scene.iso,
             clip: scene.clip.resolve(),
         })

@@ -195,7 +195,7 @@ impl LookArguments {
             scene.iso = usual.iso;
             scene.samples_per_pixel = scene.samples_per_pixel.or(usual.samples_per_pixel);
         } else if mode == Mode::Dvr && scene.transfer_function.is_none() && !facts.kind.is_seismic() {
-            scene.shading.get_or_insert_default();
+            scene.shading.get_or_insert_with(|| Some(ShadingSpec::default()));
         }
         scene.mode = Some(mode);
         if mode != Mode::Iso {
@@ -224,7 +224,7 @@ impl LookArguments {
         scene.clip.index_box = Some([low, high]);
         scene.mode = Some(Mode::Mean);
         scene.iso.clear();
-        scene.shading = None;
+        scene.shading = Some(None);
         if scene.transfer_function.is_none() {
             let is_painted = self.window.is_some() || self.clip_percent.is_some() || self.colormap.is_some();
             let points = if is_painted { ramps::plain_slice(facts) } else { ramps::of_slice(facts) };
@@ -292,14 +292,8 @@ impl LookArguments {
     }
 
     fn put_out_light(&self, scene: &mut Scene) -> Result<(), Failure> {
-        match scene.mode.unwrap_or_default() {
-            // A surface is lit unless its scene says otherwise.
-            Mode::Iso => {
-                let dark = ShadingSpec { ambient: 1.0, diffuse: 0.0, specular: 0.0, ..ShadingSpec::default() };
-                scene.shading = Some(dark);
-                Ok(())
-            }
-            _ if scene.shading.take().is_some() => Ok(()),
+        match scene.shading.replace(None) {
+            Some(Some(_)) => Ok(()),
             _ => Err(Failure::Command("--unlit changes nothing: this picture is not lit".into())),
         }
     }

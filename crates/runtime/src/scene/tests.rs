@@ -156,6 +156,7 @@ fn kinds_have_the_looks_that_their_users_know() {
 fn surfaces_are_lit_and_projections_have_grey_ramps_of_their_own() {
     let resolve = |json: &str| Scene::from_json(json).unwrap().resolve(&facts()).unwrap();
     assert!(resolve(r#"{"mode": "iso", "iso": [{"value": 1, "color": [1, 1, 1]}]}"#).shading.is_some());
+    assert!(resolve(r#"{"shading": null, "iso": [{"value": 1, "color": [1, 1, 1]}]}"#).shading.is_none());
     assert_eq!(resolve(r#"{"iso": [{"value": 1, "color": [1, 1, 1]}]}"#).mode, Mode::Iso);
     let window = |mode: &str| {
         let shown = resolve(&format!(r#"{{"mode": "{mode}"}}"#));
@@ -165,4 +166,42 @@ fn surfaces_are_lit_and_projections_have_grey_ramps_of_their_own() {
     };
     let [mip, minip, mean] = ["mip", "minip", "mean"].map(window);
     assert!(mip[1] > mean[1] && mean[0] > minip[0] && minip[1] < mip[1], "{mip:?} {minip:?} {mean:?}");
+}
+
+/// Every key of a JSON value: `camera.eye`, `iso[].value`.
+fn keys(value: &serde_json::Value, at: &str, found: &mut std::collections::BTreeSet<String>) {
+    match value {
+        serde_json::Value::Object(members) => {
+            for (name, member) in members {
+                let key = if at.is_empty() { name.clone() } else { format!("{at}.{name}") };
+                found.insert(key.clone());
+                keys(member, &key, found);
+            }
+        }
+        serde_json::Value::Array(items) => items.iter().for_each(|item| keys(item, &format!("{at}[]"), found)),
+        _ => {}
+    }
+}
+
+#[test]
+fn the_page_on_scenes_has_every_key_and_no_other() {
+    let page = include_str!("../../../../docs/scene.md");
+    let table = page.split("\n\n").find(|part| part.starts_with("| key |")).expect("the page has a table of keys");
+    let named: std::collections::BTreeSet<String> =
+        table.lines().skip(2).filter_map(|row| row.split('`').nth(1)).map(str::to_owned).collect();
+    // A scene that has everything, both kinds of cameras included.
+    let full =
+        FULL.replace("\"clip\"", "\"iso\": [{\"value\": 1, \"color\": [1, 1, 1]}], \"clip\"").replace("dvr", "iso");
+    let mut known = std::collections::BTreeSet::new();
+    for camera in ["\"fov_y\": 30.0", "\"height\": 30.0"] {
+        let scene = Scene::from_json(&full.replace("\"fov_y\": 30.0", camera)).unwrap();
+        keys(&serde_json::to_value(&scene).unwrap(), "", &mut known);
+    }
+    assert_eq!(named, known);
+    for kind in DataKind::ALL {
+        assert!(page.contains(&format!("`{}`", kind.name())), "{kind:?} is not on the page");
+    }
+    for name in preset::NAMES {
+        assert!(page.contains(&format!("`{name}`")), "{name} is not on the page");
+    }
 }
