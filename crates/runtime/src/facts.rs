@@ -83,6 +83,13 @@ impl VolumeFacts {
         }
     }
 
+    /// The axis along a single line of voxels: a trace, a well.
+    #[must_use]
+    pub fn line_axis(&self) -> Option<usize> {
+        let n = self.dims.0;
+        (0..3).find(|&a| n[a] > 1 && n[(a + 1) % 3] == 1 && n[(a + 2) % 3] == 1)
+    }
+
     /// The axis across a section: one with a single voxel where both others have more, or with a few where both others have
     /// many more.
     #[must_use]

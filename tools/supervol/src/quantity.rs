@@ -109,9 +109,9 @@ pub struct Spacing {
     pub unit: String,
 }
 
-/// Units of length, in metres.
+/// Units of length, in nanometres: whole numbers, so that one is exact in another.
 const LENGTHS: [(&str, f64); 8] =
-    [("nm", 1e-9), ("um", 1e-6), ("µm", 1e-6), ("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("km", 1e3), ("ft", 0.3048)];
+    [("nm", 1.0), ("um", 1e3), ("µm", 1e3), ("mm", 1e6), ("cm", 1e7), ("m", 1e9), ("km", 1e12), ("ft", 304_800_000.0)];
 
 /// `1,1,2`, `1mm,1mm,2mm` or `500um,500um,2mm`: all in the first one's unit then, or in none.
 pub fn spacing(text: &str) -> Result<Spacing, String> {
@@ -120,13 +120,13 @@ pub fn spacing(text: &str) -> Result<Spacing, String> {
         let units: Vec<&str> = LENGTHS.iter().map(|(name, _)| *name).collect();
         format!("'{text}': expected three lengths, without units or each with one of {}", units.join(", "))
     };
-    let metres = |unit: &str| LENGTHS.iter().find(|(name, _)| *name == unit).map(|(_, metres)| *metres);
+    let nanometres = |unit: &str| LENGTHS.iter().find(|(name, _)| *name == unit).map(|(_, length)| *length);
     let unit = split_unit(&parts[0]).map_err(|_| expected())?.1.to_owned();
     let mut lengths = [0.0; 3];
     for (length, part) in lengths.iter_mut().zip(&parts) {
         let (number, own) = split_unit(part).map_err(|_| expected())?;
-        *length = match (metres(own), metres(&unit)) {
-            _ if own == unit && (unit.is_empty() || metres(&unit).is_some()) => number,
+        *length = match (nanometres(own), nanometres(&unit)) {
+            _ if own == unit && (unit.is_empty() || nanometres(&unit).is_some()) => number,
             (Some(own), Some(first)) => number * own / first,
             _ => return Err(expected()),
         };

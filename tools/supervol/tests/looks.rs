@@ -155,6 +155,8 @@ fn nothing_is_black_without_a_word() {
     assert!(scene(r#"{"clip": {"planes": [{"normal": [1, 0, 0], "offset": 500}]}}"#).contains("clip box and planes"));
     assert!(warning(&folder, &["--iso", "1e6"]).contains("no surface is at 1000000"));
     assert!(warning(&folder, &["--tf", "1e6:black:0,2e6:white:1"]).contains("shows nothing where the camera looks"));
+    let trace = Folder::with_bytes([1, 1, 250], |[_, _, k]| k as u8);
+    assert!(!warning(&trace, &[]).contains("warning"), "a trace is drawn so wide that it can be seen");
     let constant = Folder::with_bytes([9, 9, 9], |_| 5);
     assert!(!warning(&constant, &[]).contains("warning"), "a grey block is something");
     assert!(warning(&constant, &["--tf", "6:black:0,7:white:1"]).contains("every voxel is 5"));
@@ -185,4 +187,34 @@ fn shells_and_manuals_know_every_command() {
     folder.expect(0, &["man", "-o", "pages"]);
     let page = std::fs::read_to_string(folder.path("pages/supervol-render.1")).expect("man wrote it");
     assert!(page.contains("Where the camera stands"), "{page}");
+}
+
+#[test]
+fn decorations_are_drawn_beside_what_is_measured() {
+    let folder = Folder::with_sphere();
+    let bare = folder.picture(&[]);
+    let decorated = folder.picture(&["--decorate"]);
+    let changed = bare.iter().zip(&decorated).filter(|(a, b)| a != b).count();
+    assert!(changed > 400, "{changed}");
+    // The error is that of the picture without them.
+    let checked =
+        folder.expect(0, &[&["render", "v.svol", "-o", "q.npy", "--decorate", "--check", "100"], &SMALL[..]].concat());
+    assert!(checked.contains("largest 0."), "{checked}");
+}
+
+#[test]
+fn a_place_given_by_hand_is_kept_with_its_unit() {
+    let folder = Folder::new();
+    std::fs::write(folder.path("v.raw"), [7u8, 8, 9, 10, 11, 12, 13, 14]).expect("room");
+    let raw = ["build", "v.raw", "--dims", "2x2x2", "--dtype", "uint8", "-o", "v.svol"];
+    let turned = ["--spacing", "500um,500um,2mm", "--origin", "-1,2,3", "--direction", "0,1,0,1,0,0,0,0,1"];
+    folder.expect(0, &[&raw[..], &turned].concat());
+    let info = json(&folder.expect(0, &["info", "v.svol", "--json"]));
+    assert_eq!((info["spacing"][2].as_f64(), info["axes"][2]["unit"].as_str()), (Some(2000.0), Some("um")));
+    assert_eq!((info["origin"][0].as_f64(), info["left_handed"].as_bool()), (Some(-1.0), Some(true)));
+    // What a file says of itself can be overruled, with a note.
+    folder.expect(0, &["extract", "v.svol", "-o", "v.nrrd"]);
+    folder.expect(0, &["build", "v.nrrd", "--spacing", "3,3,3", "-o", "w.svol"]);
+    assert!(folder.expect(0, &["info", "w.svol"]).contains("note       the spacing was given by hand"));
+    assert!(folder.expect(2, &["build", "v.nrrd", "--spacing", "3,3,-3", "-o", "x.svol"]).contains("spacing"));
 }

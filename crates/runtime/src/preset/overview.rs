@@ -1,6 +1,6 @@
 //! What a coarse level tells of a whole volume: where something can be seen, and what projections come to.
 //!
-//! The finest level of at most [`VOXEL_LIMIT`] voxels is read once. Coarser voxels are averages: what is smaller than one
+//! The finest level of at most half a million voxels is read once. Coarser voxels are averages: what is smaller than one
 //! of them may be missed, so that frames made of this are close, not exact.
 
 use glam::DVec3;

@@ -40,7 +40,7 @@ const COLORS: [(&str, [f64; 3]); 10] = [
     ("orange", [1.0, 0.6, 0.0]),
 ];
 
-/// A direction's name, or AZ,EL[,DIST].
+/// A direction's name, or `AZ,EL[,DIST]`.
 pub fn camera(text: &str) -> Result<CameraWish, String> {
     let named = |direction| Ok(CameraWish { direction, distance: None });
     match text {
