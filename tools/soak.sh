@@ -109,7 +109,13 @@ killed_build() {
     stopped "$signal" build "$seed.raw" --dims "$DIMS" --dtype f32 -o kept.svol --force
     now="$(hash_of kept.svol)"
     [ "$now" = "${hashes[1]}" ] || [ "$now" = "${hashes[2]}" ] || lost "kept.svol is neither the old nor the new one"
-    # The next command that writes here removes what a kill has left.
+    if ((RANDOM % 2)); then
+        # The same build goes on with what a kill has left.
+        run build "$seed.raw" --dims "$DIMS" --dtype f32 -o kept.svol --force
+        [ "$(hash_of kept.svol)" = "${hashes[seed]}" ] || lost "a build that went on makes other bytes"
+        no_partials .
+    fi
+    # Another build to this folder removes it.
     run synth sphere --dims 8,8,8 -o next.svol --force
     no_partials .
 }

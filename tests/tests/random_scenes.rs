@@ -33,6 +33,10 @@ fn random_scenes_keep_the_error() {
         // A prediction that is far too large says nothing.
         assert!(at.largest_share_of_predicted > 0.05, "{at:#?}");
     }
+    for at in &found.stated {
+        assert!(at.scenes_above_stated.is_empty(), "further off than is stated of a pixel: {at:#?}");
+        assert!(at.pixels > 1000 && at.largest_share_of_stated > 0.05, "{at:#?}");
+    }
     let [smallest, greatest] = [0, ERRORS.len() - 1].map(|i| found.errors[i].largest_grey_levels);
     assert!(greatest > smallest && smallest > 0.0, "the error that is asked for changes nothing: {found:#?}");
 }

@@ -40,6 +40,16 @@ impl ValueRange {
         other.is_empty() || (self.min <= other.min && other.max <= self.max)
     }
 
+    /// The range of `scale * value + offset`.
+    #[must_use]
+    pub fn scaled(self, scale: f64, offset: f64) -> Self {
+        if self.is_empty() {
+            return self;
+        }
+        let ends = [self.min, self.max].map(|value| value * scale + offset);
+        Self { min: ends[0].min(ends[1]), max: ends[0].max(ends[1]) }
+    }
+
     /// `max - min`, or 0 where nothing is present.
     #[must_use]
     pub fn width(self) -> f64 {

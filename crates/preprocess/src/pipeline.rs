@@ -3,10 +3,11 @@
 //! Level 0 is read from the source. Each coarser level is read from the container's own finer level, averaged, and
 //! compared with it for the error bound. Of each level one tile is read ahead while another is encoded on all threads;
 //! encoded bricks are written in tile order, Morton order inside a tile, so that the bytes do not depend on the number
-//! of threads. The output is written under a temporary name beside the final one, synced, and renamed when it is whole.
+//! of threads. The output is written under a temporary name beside the final one, synced, and renamed when it is whole. A
+//! build that was killed goes on where it was ([`crate::journal`]), and ends with the same bytes.
 
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{self, BufWriter};
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -15,7 +16,7 @@ use rayon::prelude::*;
 use supervol_format::brick::APRON;
 use supervol_format::codec::{BrickShape, Codec, CodecChoice};
 use supervol_format::container::ContainerError;
-use supervol_format::container::header::Descriptor;
+use supervol_format::container::header::{self, Descriptor, Sections};
 use supervol_format::container::manifest::Source;
 use supervol_format::container::reader::decode_record;
 use supervol_format::container::toc::BrickEntry;
@@ -28,12 +29,14 @@ use crate::bricker::{Tile, cut_brick, key_of, tiles};
 use crate::downsample::{VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
 use crate::error_bound::{brick_error, step_error};
+use crate::journal::{self, Frame, Journal};
 use crate::level_reader::{BrickStore, LevelReader};
 use crate::lod_axes::{self, LodAxes};
 use crate::memory::{MemoryPlan, tile_bytes};
-use crate::output::{Existing, OutputFile, check_distinct, check_free};
+use crate::output::{Existing, check_distinct, check_free};
 use crate::provenance::{bounded_notes, check_unchanged, manifest};
 use crate::report::{BuildReport, LevelReport, Progress};
+use crate::restore::{Begun, Plan, Restored};
 use crate::source::file::SourceFile;
 use crate::source::{AccessOrder, VolumeSource};
 use crate::statistics::Statistics;
@@ -41,7 +44,7 @@ use crate::statistics::Statistics;
 /// Voxels of margin around a tile's core when it is read: the apron.
 const MARGIN: u64 = APRON as u64;
 /// Bytes buffered before the file is written to.
-const WRITE_BUFFER_BYTES: usize = 1 << 20;
+pub(crate) const WRITE_BUFFER_BYTES: usize = 1 << 20;
 
 /// How to build.
 #[derive(Debug, Clone)]
@@ -103,21 +106,29 @@ pub fn build(
         .build()
         .map_err(|source| BuildError::Threads { threads: plan.threads, source })?;
 
-    let unfinished = OutputFile::begin(output, options.existing)?;
-    let write_error = |e| BuildError::write(output, e);
-    let file = unfinished.file().try_clone().map_err(write_error)?;
-    let writer = ContainerWriter::begin(BufWriter::with_capacity(WRITE_BUFFER_BYTES, file), descriptor.clone())
-        .map_err(write_error)?;
+    let begun = Begun::new(&Plan {
+        output,
+        descriptor: &descriptor,
+        options,
+        identity: identity_of(&descriptor, (source, &origin), options, plan),
+        tiles: &|lod| tiles_of(&descriptor, plan, source.info().access_order, lod),
+        pool: &pool,
+    })?;
+    let restored: u64 = begun.levels.iter().map(|level| level.report.bricks).sum();
+    let counter = ProgressCounter::new(&descriptor, on_progress);
+    counter.restore(&begun.levels, &descriptor);
     let build = Build {
         output,
         descriptor: &descriptor,
         options,
         plan,
         pool: &pool,
-        file: unfinished.file(),
-        writer: Mutex::new(writer),
-        statistics: Mutex::new(Statistics::new(descriptor.voxel_type)),
-        counter: ProgressCounter::new(&descriptor, on_progress),
+        file: begun.container.file(),
+        journal: begun.journal.as_ref(),
+        restored: begun.levels,
+        writer: Mutex::new(begun.writer),
+        statistics: Mutex::new(begun.statistics),
+        counter,
     };
     let mut levels = vec![build.write_finest(source)?];
     check_unchanged(source, &origin)?;
@@ -128,10 +139,14 @@ pub fn build(
     let statistics = statistics.into_inner().unwrap_or_else(PoisonError::into_inner);
     let manifest = manifest(source, origin, &descriptor, options, &statistics, &levels);
     let writer = writer.into_inner().unwrap_or_else(PoisonError::into_inner);
-    writer.finish(&manifest).map_err(write_error)?;
-    let container_bytes = unfinished.publish()?;
+    writer.finish(&manifest).map_err(|e| BuildError::write(output, e))?;
+    let container_bytes = begun.container.publish()?;
 
     let mut notes = bounded_notes(&source.info().notes);
+    if restored > 0 {
+        let total = descriptor.pyramid.brick_count();
+        notes.push(format!("went on with a build that was interrupted: {restored} of {total} bricks were there"));
+    }
     if plan.threads < options.threads {
         notes.push(format!("--memory suffices for {} of {} threads", plan.threads, options.threads));
     }
@@ -149,6 +164,34 @@ pub fn build(
         bytes_per_second: source_bytes as f64 / wall,
         notes,
     })
+}
+
+/// All that decides the bytes of a container but the source's voxels, which its checksum stands for; where there are several
+/// files, size and time of the others.
+fn identity_of(
+    descriptor: &Descriptor,
+    (source, origin): (&dyn VolumeSource, &Source),
+    options: &BuildOptions,
+    plan: MemoryPlan,
+) -> Option<u64> {
+    if origin.xxh3_64.is_empty() {
+        return None;
+    }
+    let page = header::encode(descriptor, Sections::default());
+    // The order of bricks follows the tiles, and those the memory.
+    let files = &source.info().files;
+    let choices = format!("{origin:?} {files:?} {:?} {} {}", options.codec, options.memory_bytes, plan.tile_bytes);
+    Some(journal::identity(&[env!("CARGO_PKG_VERSION").as_bytes(), &page[..], choices.as_bytes()]))
+}
+
+/// The tiles of a level, in the order in which they are read and written.
+fn tiles_of(descriptor: &Descriptor, plan: MemoryPlan, order: AccessOrder, lod: usize) -> Vec<Tile> {
+    let level = descriptor.pyramid.level_at(Lod(lod as u8));
+    let (factors, order) = if lod == 0 { ([1; 3], order) } else { (level.factors, AccessOrder::X_FASTEST) };
+    let fits = |size: [u32; 3]| {
+        tile_bytes(&descriptor.pyramid, level, factors, size, descriptor.voxel_type) <= plan.tile_bytes
+    };
+    tiles(level, order, &fits)
 }
 
 fn describe(source: &dyn VolumeSource, options: &BuildOptions) -> Result<Descriptor, BuildError> {
@@ -176,6 +219,9 @@ struct Build<'a> {
     pool: &'a rayon::ThreadPool,
     /// The unfinished container, for reading finer levels back.
     file: &'a File,
+    journal: Option<&'a Journal>,
+    /// What an interrupted build has left of each level.
+    restored: Vec<Restored>,
     writer: Mutex<ContainerWriter<BufWriter<File>>>,
     statistics: Mutex<Statistics>,
     counter: ProgressCounter<'a>,
@@ -201,7 +247,7 @@ impl Build<'_> {
             self.read_source(source, voxels, &mut bytes)?;
             Ok((voxels, bytes))
         };
-        self.write_level(0, order, &read, &|tile, voxels, bytes| {
+        self.write_level(0, &tiles_of(self.descriptor, self.plan, order, 0), &read, &|tile, voxels, bytes| {
             self.encode_tile(0, tile, VoxelBlock { voxels, bytes }, None)
         })
     }
@@ -241,15 +287,20 @@ impl Build<'_> {
                 .map_err(|e| BuildError::container(self.output, e))?;
             Ok((fine, bytes))
         };
-        self.write_level(lod, AccessOrder::X_FASTEST, &read, &|tile, fine, bytes| {
-            let block = VoxelBlock { voxels: fine, bytes };
-            let coarse = coarse_box(&tile);
-            let mut voxels = vec![0; coarse.voxels() * voxel_bytes];
-            let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
-            self.pool.install(|| downsample(voxel_type, absence, level.factors, block, coarse, &mut voxels));
-            let finer = FinerTile { factors: level.factors, block };
-            self.encode_tile(lod, tile, VoxelBlock { voxels: coarse, bytes: &voxels }, Some(&finer))
-        })
+        self.write_level(
+            lod,
+            &tiles_of(self.descriptor, self.plan, AccessOrder::X_FASTEST, lod),
+            &read,
+            &|tile, fine, bytes| {
+                let block = VoxelBlock { voxels: fine, bytes };
+                let coarse = coarse_box(&tile);
+                let mut voxels = vec![0; coarse.voxels() * voxel_bytes];
+                let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
+                self.pool.install(|| downsample(voxel_type, absence, level.factors, block, coarse, &mut voxels));
+                let finer = FinerTile { factors: level.factors, block };
+                self.encode_tile(lod, tile, VoxelBlock { voxels: coarse, bytes: &voxels }, Some(&finer))
+            },
+        )
     }
 
     /// Reads the level's tiles one ahead, has each encoded, and writes its bricks.
@@ -257,19 +308,19 @@ impl Build<'_> {
     fn write_level(
         &self,
         lod: usize,
-        order: AccessOrder,
+        tiles: &[Tile],
         read: &(dyn Fn(&Tile) -> Result<(VoxelBox, Vec<u8>), BuildError> + Sync),
         encode: &dyn Fn(Tile, VoxelBox, &[u8]) -> Result<Vec<EncodedBrick>, BuildError>,
     ) -> Result<LevelReport, BuildError> {
         let level = *self.descriptor.pyramid.level_at(Lod(lod as u8));
-        let tiles = self.tiles(lod, &level, order);
-        let mut report = LevelReport { factors: level.factors, dims: level.dims.0, ..LevelReport::default() };
+        let new = LevelReport { factors: level.factors, dims: level.dims.0, ..LevelReport::default() };
+        let Restored { tiles: done, mut report } =
+            self.restored.get(lod).cloned().unwrap_or(Restored { tiles: 0, report: new });
         std::thread::scope(|scope| {
             // Room for none: one tile waits in the reader's hands while another is encoded, and that is all.
             let (send, receive) = crossbeam_channel::bounded(0);
-            let tiles = &tiles;
             let reader = std::thread::Builder::new().spawn_scoped(scope, move || {
-                for tile in tiles {
+                for tile in &tiles[done..] {
                     let result = read(tile);
                     let failed = result.is_err();
                     // The receiver is gone only when encoding or writing failed: then there is nothing left to read for.
@@ -283,23 +334,26 @@ impl Build<'_> {
                 let (voxels, bytes) = result?;
                 let bricks = encode(tile, voxels, &bytes)?;
                 let count = bricks.len() as u64;
-                for brick in bricks {
-                    let entry = self.writer().append(brick).map_err(|e| BuildError::write(self.output, e))?;
-                    tally(&mut report, &entry, self.descriptor.scale);
-                }
+                self.append(lod, bricks, &mut report).map_err(|e| BuildError::write(self.output, e))?;
                 self.counter.add(lod, count, bytes.len() as u64);
             }
             Ok(report)
         })
     }
 
-    fn tiles(&self, lod: usize, level: &Level, order: AccessOrder) -> Vec<Tile> {
-        let factors = if lod == 0 { [1; 3] } else { level.factors };
-        let fits = |size: [u32; 3]| {
-            let bytes = tile_bytes(&self.descriptor.pyramid, level, factors, size, self.descriptor.voxel_type);
-            bytes <= self.plan.tile_bytes
-        };
-        tiles(level, order, &fits)
+    /// Writes the bricks of a tile, and notes them once they have left the process.
+    fn append(&self, lod: usize, bricks: Vec<EncodedBrick>, report: &mut LevelReport) -> io::Result<()> {
+        let mut writer = self.writer();
+        let mut frame = Frame { lod: lod as u32, end: 0, bricks: Vec::with_capacity(bricks.len()) };
+        for brick in bricks {
+            let number = self.descriptor.pyramid.entry(brick.key);
+            let entry = writer.append(brick)?;
+            frame.bricks.push((number, entry.encode()));
+            tally(report, &entry, self.descriptor.scale);
+        }
+        writer.flush()?;
+        frame.end = writer.position();
+        self.journal.map_or(Ok(()), |journal| journal.append(&frame))
     }
 
     /// Encodes all bricks of a tile, in Morton order.
@@ -397,7 +451,7 @@ impl BrickStore for Build<'_> {
     }
 }
 
-fn tally(report: &mut LevelReport, entry: &BrickEntry, scale: f64) {
+pub(crate) fn tally(report: &mut LevelReport, entry: &BrickEntry, scale: f64) {
     report.bricks += 1;
     report.uniform_bricks += u64::from(entry.uniform);
     report.absent_bricks += u64::from(entry.absent);
@@ -424,6 +478,16 @@ impl<'a> ProgressCounter<'a> {
         let start =
             Progress { level: 0, levels: levels.len(), bricks_done: 0, bricks_total, bytes_done: 0, bytes_total };
         Self { on_progress, state: Mutex::new(start) }
+    }
+
+    /// What an interrupted build has left counts as done.
+    fn restore(&self, levels: &[Restored], descriptor: &Descriptor) {
+        for (lod, level) in levels.iter().enumerate() {
+            let of_level = descriptor.pyramid.level_at(Lod(lod as u8));
+            let bytes = of_level.dims.bytes(descriptor.voxel_type).unwrap_or(u64::MAX);
+            let share = level.report.bricks as f64 / of_level.brick_count() as f64;
+            self.add(lod, level.report.bricks, (bytes as f64 * share) as u64);
+        }
     }
 
     fn add(&self, level: usize, bricks: u64, bytes: u64) {

@@ -13,6 +13,7 @@ pub mod check;
 pub(crate) mod gpu;
 pub mod predict;
 pub mod reference;
+pub mod stated;
 pub mod walk;
 
 use std::sync::Arc;
@@ -25,6 +26,7 @@ use supervol_format::{Container, Lod};
 
 use crate::image::Image;
 use crate::lod::by_error::{DataScale, LevelsByError};
+use crate::lod::deviation::Deviations;
 use crate::lod::{LodChoice, LodRule};
 use crate::raycast::cpu::{Caster, CpuFrame, CpuQuality, Skipping};
 use crate::raycast::gpu::GpuError;
@@ -92,6 +94,8 @@ pub struct RenderOptions {
     pub level: LevelChoice,
     /// Bytes that the frame may hold in host memory.
     pub host_memory_bytes: u64,
+    /// Of these, what the process holds beside the frame: program, stacks, manifest, what the allocator keeps.
+    pub process_bytes: u64,
     /// Most bytes of decoded bricks among these; `None`: all that is left of them.
     pub cache_bytes: Option<u64>,
     /// Bytes that the frame may hold on a graphics device.
@@ -121,6 +125,7 @@ impl Default for RenderOptions {
             backend: Backend::Auto,
             level: LevelChoice::Auto,
             host_memory_bytes: 512 << 20,
+            process_bytes: 0,
             cache_bytes: None,
             gpu_memory_bytes: 256 << 20,
             threads: None,
@@ -187,7 +192,7 @@ pub fn plan_host(
     scene: &ResolvedScene,
     options: &RenderOptions,
 ) -> Result<HostPlan, BudgetError> {
-    let caster = options.caster.bytes(container.pyramid().layout().core());
+    let caster = caster_of(options).bytes(container.pyramid().layout().core());
     plan_host_for(caster, container, scene, options, options.time_budget_ms.is_some())
 }
 
@@ -207,6 +212,7 @@ pub(crate) fn plan_host_for(
         has_deadline,
         threads: rayon::current_num_threads() as u64,
         toc_pages: toc::pages_for(container.pyramid().brick_count()),
+        process_bytes: options.process_bytes,
     };
     let plan = HostPlan::new(options.host_memory_bytes, &demand)?;
     Ok(HostPlan {
@@ -229,11 +235,32 @@ pub fn lod_choice(options: &RenderOptions) -> LodChoice {
 pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderOptions, plan: &HostPlan) -> CpuFrame {
     let descriptor = container.descriptor();
     let value_range = VolumeFacts::of(container).value_range;
-    let caster = options.caster.clone().with_max_error(options.max_error);
-    let caster = if options.predict_error { caster.summing_errors() } else { caster };
-    let quality =
-        CpuQuality { lod: lod_choice(options), skipping: options.skipping, caster, made_bytes: plan.made_bytes };
+    let quality = CpuQuality {
+        lod: lod_choice(options),
+        skipping: options.skipping,
+        caster: caster_of(options),
+        made_bytes: plan.made_bytes,
+    };
     CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, value_map(container), value_range, quality)
+        .with_deviations(Deviations::new(scene, &data_scale(container)))
+}
+
+/// The ray caster that the options mean.
+pub(crate) fn caster_of(options: &RenderOptions) -> Caster {
+    let caster = options.caster.clone().with_max_error(options.max_error);
+    if options.predict_error { caster.summing_errors() } else { caster }
+}
+
+/// What the rules of levels must know of a container.
+fn data_scale(container: &Container) -> DataScale<'_> {
+    let descriptor = container.descriptor();
+    DataScale {
+        pyramid: &descriptor.pyramid,
+        geometry: &descriptor.geometry,
+        scale: descriptor.scale,
+        offset: descriptor.offset,
+        value_range: VolumeFacts::of(container).value_range,
+    }
 }
 
 /// A streamer with an empty cache for frames of this scene.
@@ -258,15 +285,8 @@ pub fn classifier_for(container: &Container, scene: &ResolvedScene, options: &Re
     if let LevelChoice::Fixed(_) = options.level {
         return classifier;
     }
-    let data = DataScale {
-        pyramid: &descriptor.pyramid,
-        geometry: &descriptor.geometry,
-        scale: descriptor.scale,
-        offset: descriptor.offset,
-        value_range: VolumeFacts::of(container).value_range,
-    };
     let lod = LodRule::new(lod_choice(options), &scene.camera, &descriptor.geometry);
-    classifier.with_levels(LevelsByError::new(scene, &data, lod, options.max_error))
+    classifier.with_levels(LevelsByError::new(scene, &data_scale(container), lod, options.max_error))
 }
 
 /// Makes the picture on the CPU in one go, on the calling thread's pool, from what the streamer has and fetches. What a

@@ -4,8 +4,10 @@
 //! [`LodRule`]: does one of its voxels, at the brick's point nearest to the eye, cover at most the tolerated number of
 //! pixels? The camera alone answers; larger voxels are never drawn. [`by_error`]: is the picture right where the brick is
 //! drawn? The table of contents and the transfer function answer; a brick that is too coarse gives way to its children.
+//! [`deviation`] says of a picture that has been drawn how far it may be off.
 
 pub mod by_error;
+pub mod deviation;
 
 use glam::{DMat3, DVec3};
 use supervol_format::space::HALF_VOXEL;

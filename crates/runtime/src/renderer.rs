@@ -22,7 +22,8 @@ use supervol_format::Container;
 
 use crate::frame::gpu::{render_gpu, surviving};
 use crate::frame::{
-    Backend, LevelChoice, RenderError, RenderOptions, milliseconds, render_cpu, render_from_reference, thread_pool,
+    Backend, LevelChoice, RenderError, RenderOptions, caster_of, milliseconds, render_cpu, render_from_reference,
+    thread_pool,
 };
 use crate::image::Image;
 use crate::process;
@@ -222,7 +223,7 @@ impl Renderer {
         let container = volume.container();
         let caster_bytes = match engine {
             Engine::Gpu { .. } => CasterBytes::ON_DEVICE,
-            _ => options.caster.bytes(container.pyramid().layout().core()),
+            _ => caster_of(options).bytes(container.pyramid().layout().core()),
         };
         pool.install(|| {
             if let Engine::Reference = engine {
@@ -280,6 +281,16 @@ impl Renderer {
         }
     }
 
+    /// How far each pixel of the picture may be from the exact one of the finest level: grey, 1 being white, opaque. None before
+    /// there is a picture, where nobody asked ([`RenderOptions::predict_error`]), and of backends that cannot say it.
+    #[must_use]
+    pub fn error_map(&self) -> Option<Image> {
+        match &self.work {
+            Work::InSteps(drawing) => drawing.error_map(),
+            Work::Nothing | Work::AtOnce(..) => None,
+        }
+    }
+
     /// What the picture has cost since it was begun, and how far it has come.
     #[must_use]
     pub fn stats(&self) -> FrameStats {
@@ -288,6 +299,9 @@ impl Renderer {
         if let Some(scene) = &self.scene {
             [stats.image_width, stats.image_height] = scene.image_size;
             stats.mode = mode_name(scene.mode);
+        }
+        if let Work::InSteps(drawing) = &self.work {
+            stats.error_stated = drawing.error_stated();
         }
         if let Engine::Cpu { no_gpu_because } = &self.engine {
             stats.no_gpu_because.clone_from(no_gpu_because);
@@ -322,11 +336,24 @@ pub fn render(
     scene: &ResolvedScene,
     options: &RenderOptions,
 ) -> Result<(Image, FrameStats), RenderError> {
+    let (picture, _, stats) = render_with_errors(container, scene, options)?;
+    Ok((picture, stats))
+}
+
+/// The same, with what each pixel may be off by: [`Renderer::error_map`].
+///
+/// # Errors
+/// As [`Renderer::advance`].
+pub fn render_with_errors(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+) -> Result<(Image, Option<Image>, FrameStats), RenderError> {
     let deadline = options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms));
     let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone())?;
     renderer.set_scene(scene.clone());
     renderer.advance(deadline)?;
-    let stats = renderer.stats();
+    let (stats, errors) = (renderer.stats(), renderer.error_map());
     let picture = renderer.into_picture().expect("nobody cancels, and with or without a deadline there is a picture");
-    Ok((picture, stats))
+    Ok((picture, errors, stats))
 }

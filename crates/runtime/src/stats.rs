@@ -11,6 +11,7 @@ use supervol_format::{Lod, ValueRange};
 
 use crate::frame::check::ErrorMeasured;
 use crate::frame::predict::ErrorPredicted;
+use crate::frame::stated::ErrorStated;
 use crate::scene::Mode;
 use crate::streamer::Streamer;
 use crate::streamer::state::{Failure, StateKind};
@@ -157,6 +158,9 @@ pub struct FrameStats {
     /// How far the picture may be from the exact one, by what is known without measuring, term by term, each with whether it
     /// is a bound: of pictures in mode `dvr` by packets of rays; null for others, and where nobody asked.
     pub error_predicted: Option<ErrorPredicted>,
+    /// How far each pixel may be from the exact picture of the finest level, whatever level was asked for and however far the
+    /// picture has come: of pictures by packets of rays; null for others, and where nobody asked.
+    pub error_stated: Option<ErrorStated>,
     /// Distance from the exact picture where that was measured; null where nobody asked.
     pub error_measured: Option<ErrorMeasured>,
 }

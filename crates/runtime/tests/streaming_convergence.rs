@@ -28,6 +28,7 @@ const FINEST: RenderOptions = RenderOptions {
     backend: Backend::Cpu,
     level: LevelChoice::Fixed(Lod(0)),
     host_memory_bytes: 512 << 20,
+    process_bytes: 0,
     cache_bytes: None,
     gpu_memory_bytes: 0,
     threads: None,

@@ -134,7 +134,10 @@ fn list_unfinished(folder: &Path, json: bool) -> Result<(), Failure> {
 fn words_for(writer: Writer) -> (&'static str, &'static str) {
     match writer {
         Writer::Alive => ("alive", "a command is writing it"),
-        Writer::Dead => ("dead", "its command was ended; the next build to this folder removes it"),
+        Writer::Dead => (
+            "dead",
+            "its command was ended; the next build to this folder goes on with it if it is the same, else removes it",
+        ),
         Writer::Unknown => ("unknown", "whether a command is writing it cannot be told; remove it if none is"),
     }
 }

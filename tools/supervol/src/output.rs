@@ -10,6 +10,7 @@ use supervol_preprocess::output::kind::FileKind;
 use supervol_preprocess::output::unfinished::UnfinishedFolder;
 use supervol_preprocess::output::{OutputFile, check_distinct};
 use supervol_preprocess::{BuildError, Existing};
+use supervol_runtime::frame::stated::in_colors;
 use supervol_runtime::image::{EncodeError, Image, ImageFormat};
 
 use crate::failure::Failure;
@@ -43,6 +44,12 @@ impl PictureFile {
         let format = ImageFormat::from_path(path).map_err(Failure::command)?;
         let file = OutputFile::begin(path, force.or(Existing::ReplacePicture))?;
         Ok(Self { file, format, path: path.into() })
+    }
+
+    /// Writes how far pixels may be off: numbers where the format holds them, else colours for people to look at.
+    pub fn write_error_map(self, map: Image) -> Result<(), Failure> {
+        let map = if self.format == ImageFormat::Png { in_colors(map) } else { map };
+        self.write(&map, [0.0; 3])
     }
 
     /// Writes the picture.
@@ -90,19 +97,29 @@ impl TextFile {
 pub struct RenderOutputs {
     /// The picture.
     pub picture: PictureFile,
+    /// What its pixels may be off by, where that is wanted.
+    pub error_map: Option<PictureFile>,
     /// Its statistics, where they are wanted.
     pub statistics: Option<TextFile>,
 }
 
 impl RenderOutputs {
-    /// Begins them: neither is one of the inputs, nor the other.
-    pub fn begin(picture: &Path, statistics: Option<&Path>, inputs: &[&Path], force: Force) -> Result<Self, Failure> {
-        check_distinct(picture, inputs.iter().copied())?;
-        if let Some(statistics) = statistics {
-            check_distinct(statistics, inputs.iter().copied().chain([picture]))?;
+    /// Begins them: none is one of the inputs, nor another one.
+    pub fn begin(
+        picture: &Path,
+        error_map: Option<&Path>,
+        statistics: Option<&Path>,
+        inputs: &[&Path],
+        force: Force,
+    ) -> Result<Self, Failure> {
+        let mut taken = inputs.to_vec();
+        for path in [Some(picture), error_map, statistics].into_iter().flatten() {
+            check_distinct(path, taken.iter().copied())?;
+            taken.push(path);
         }
         let statistics = statistics.map(|path| TextFile::begin_statistics(path, force)).transpose()?;
-        Ok(Self { picture: PictureFile::begin(picture, force)?, statistics })
+        let error_map = error_map.map(|path| PictureFile::begin(path, force)).transpose()?;
+        Ok(Self { picture: PictureFile::begin(picture, force)?, error_map, statistics })
     }
 }
 

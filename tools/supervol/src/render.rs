@@ -13,11 +13,13 @@ use supervol_runtime::frame::check::{self, CheckProgress};
 use supervol_runtime::frame::{Backend, LevelChoice, OnProgress, Progress, RenderError, RenderOptions};
 use supervol_runtime::gpu::device::GpuError;
 use supervol_runtime::preset::overview::Overview;
+use supervol_runtime::process;
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, PacketRule, Skipping};
-use supervol_runtime::renderer::render;
+use supervol_runtime::renderer::render_with_errors;
 use supervol_runtime::scene::Scene;
 use supervol_runtime::stats::FrameStats;
+use supervol_runtime::streamer::loader::READERS;
 
 use crate::decorate;
 use crate::failure::{Failure, with_container, with_output};
@@ -80,10 +82,15 @@ pub struct Arguments {
     threads: Option<NonZero<usize>>,
     /// Write what happened, as JSON. `error_predicted` (CPU, dvr) says how far the picture may be from the exact one and
     /// why, in grey levels of 255: `total`, and its terms `cells`, `ray_ends`, `transfer_function`, `levels` and `rounding`,
-    /// each with `is_bound`: true where it is never more, false where it is an estimate. Summing it up takes 1 to 2 % of the
-    /// time of casting
+    /// each with `is_bound`: true where it is never more, false where it is an estimate. `error_stated` (CPU) says it against
+    /// the finest level, whatever was drawn. Summing it up takes 1 to 2 % of the time of casting
     #[arg(long, value_name = "STATS.json")]
     stats: Option<PathBuf>,
+    /// Write how far each pixel may be from the exact picture of the finest level, for all reasons (CPU). EXR and NumPy: a
+    /// share of full scale, as in the picture. PNG: colours, from black (a tenth of a grey level of 255 or less) through blue
+    /// (0.5), green (2), yellow (16) and red (64) to white (255)
+    #[arg(long, value_name = "FILE")]
+    error_map: Option<PathBuf>,
     /// Cast N rays of the picture again (1000 if no number is given) by the reference integrator, and say how far the
     /// picture is from it; with --level auto from the exact picture of level 0. The level must fit --host-memory
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = CHECK_RAYS)]
@@ -122,12 +129,24 @@ fn level(text: &str) -> Result<LevelChoice, String> {
     text.parse().map(|l| LevelChoice::Fixed(Lod(l))).map_err(|_| format!("'{text}': expected auto, 0, 1, 2, ..."))
 }
 
+/// What a thread takes beside what it casts with: its stack as far as it is used, and what the allocator keeps for it.
+const THREAD_BYTES: u64 = 1 << 20;
+
+/// What the process holds beside the picture that it is about to make.
+fn process_bytes(threads: Option<NonZero<usize>>) -> u64 {
+    let threads = threads.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZero::get);
+    // Those that read are there, too.
+    process::resident_bytes() + THREAD_BYTES * (threads + READERS) as u64
+}
+
 impl Arguments {
     /// What the command line asks for; its time budget began at `start`.
     fn options(&self, progress: OnProgress, start: Instant) -> RenderOptions {
         let passed = u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX);
         RenderOptions {
             backend: match self.backend {
+                // Graphics devices do not say it.
+                BackendName::Auto if self.error_map.is_some() => Backend::Cpu,
                 BackendName::Auto => Backend::Auto,
                 BackendName::Cpu => Backend::Cpu,
                 BackendName::Gpu => Backend::Gpu,
@@ -135,6 +154,7 @@ impl Arguments {
             },
             level: self.level,
             host_memory_bytes: self.host_memory,
+            process_bytes: process_bytes(self.threads),
             cache_bytes: None,
             gpu_memory_bytes: self.gpu_memory,
             threads: self.threads.map(NonZero::get),
@@ -145,7 +165,7 @@ impl Arguments {
             time_budget_ms: self.time_budget.map(|budget| budget.saturating_sub(passed)),
             caster: Caster::Packets(PacketRule { instructions: self.instructions, ..PacketRule::DEFAULT }),
             max_error: self.max_error,
-            predict_error: self.stats.is_some(),
+            predict_error: self.stats.is_some() || self.error_map.is_some(),
             progress: Some(progress),
         }
     }
@@ -164,13 +184,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             format!("--level {}: {} has levels 0 to {}", lod.0, path.display(), container.pyramid().coarsest().0);
         return Err(Failure::Command(message));
     }
+    if arguments.error_map.is_some() && matches!(arguments.backend, BackendName::Gpu | BackendName::Reference) {
+        return Err(Failure::Command("--error-map: only --backend cpu says how far pixels may be off".into()));
+    }
     let facts = arguments.look.facts(&container);
-    let overview = overview(&container);
     let scene = match &arguments.scene {
         Some(file) => read_scene(file)?,
         None => Scene::default(),
     };
-    let scene = arguments.look.scene(&scene, &container, &facts, overview.as_ref());
+    // Memory is counted from here on: what the overview took is given back first.
+    let scene = arguments.look.scene(&scene, &container, &facts, overview(&container).as_ref());
     let scene = scene.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
     if arguments.print_scene {
         let text = serde_json::to_string_pretty(&scene).map_err(|e| Failure::Machine(e.to_string()))?;
@@ -179,7 +202,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Some(output) = &arguments.output else { return Ok(()) };
     let inputs: Vec<&Path> =
         [Some(path), arguments.scene.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
-    let outputs = RenderOutputs::begin(output, arguments.stats.as_deref(), &inputs, arguments.force)?;
+    let [error_map, stats] = [&arguments.error_map, &arguments.stats].map(Option::as_deref);
+    let outputs = RenderOutputs::begin(output, error_map, stats, &inputs, arguments.force)?;
     let bar = Reporter::over_rows();
     let shown = bar.clone();
     let on_progress = move |progress: Progress| {
@@ -189,7 +213,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let options = arguments.options(Arc::new(on_progress), start);
     let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate: arguments.decorate };
-    let result = picture(&subject, outputs.picture, &options, arguments.check);
+    let result = picture(&subject, (outputs.picture, outputs.error_map), &options, arguments.check);
     bar.finish_and_clear();
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
     if let Some(file) = outputs.statistics {
@@ -239,7 +263,7 @@ pub struct Subject<'a> {
 /// Renders and writes one picture, and casts `check` of its rays again: what `render` and `demo` share.
 pub fn picture(
     subject: &Subject<'_>,
-    output: PictureFile,
+    (output, error_map): (PictureFile, Option<PictureFile>),
     options: &RenderOptions,
     check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
@@ -248,7 +272,7 @@ pub fn picture(
     if check.is_some() {
         check::check_fits(container, &resolved, options).map_err(with_render)?;
     }
-    let (image, mut stats) = render(container, &resolved, options).map_err(with_render)?;
+    let (image, errors, mut stats) = render_with_errors(container, &resolved, options).map_err(with_render)?;
     if stats.has_nothing_but_failures() {
         let first = stats.failures.first().map_or(String::new(), |f| format!("; the first: {}: {}", f.brick, f.reason));
         return Err(Failure::Data(format!(
@@ -266,6 +290,9 @@ pub fn picture(
         output.write(&decorated, resolved.background)?;
     } else {
         output.write(&image, resolved.background)?;
+    }
+    if let (Some(file), Some(errors)) = (error_map, errors) {
+        file.write_error_map(errors)?;
     }
     if let Some(rays) = check {
         let start = Instant::now();
@@ -331,6 +358,15 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
         writeln!(
             out,
             "the time was up: {share:.0} % of the pixels are taken from a picture of pixels {edge} times as large"
+        )?;
+    }
+    if let Some(stated) = &stats.error_stated {
+        let or_not =
+            if stated.presence_may_change { "; voxels may be there in one level and not in another" } else { "" };
+        writeln!(
+            out,
+            "stated error, against the finest level, of 255 grey levels: at most {:.3}, mean {:.4}{or_not}",
+            stated.largest_grey_levels, stated.mean_grey_levels,
         )?;
     }
     if let Some(measured) = &stats.error_measured {

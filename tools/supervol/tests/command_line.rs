@@ -151,7 +151,7 @@ fn a_check_says_how_far_the_picture_is_from_the_exact_one() {
     let number = |measured: &serde_json::Value, key: &str| measured[key].as_f64().unwrap_or_else(|| panic!("no {key}"));
 
     let (printed, measured) = check(&["--level", "0"]);
-    assert!(measured.is_null() && !printed.contains("error"), "nobody asked: {printed}");
+    assert!(measured.is_null() && !printed.contains("error against"), "nobody asked: {printed}");
 
     let (printed, measured) = check(&["--level", "0", "--check"]);
     assert_eq!((number(&measured, "rays"), number(&measured, "level")), (1000.0, 0.0));
@@ -176,6 +176,16 @@ fn a_check_says_how_far_the_picture_is_from_the_exact_one() {
     assert!(largest <= levels_of("total") && predicted["level"] == 0, "{measured}, {predicted}");
     let bounds = ["total", "cells", "ray_ends", "levels"].map(|term| predicted[term]["is_bound"].as_bool());
     assert_eq!(bounds, [false, false, true, true].map(Some), "{predicted}");
+
+    // Against the finest level, whatever is drawn.
+    let (printed, _) = check(&["--level", "0", "--error-map", "e.npy", "--force"]);
+    assert!(printed.contains("stated error, against the finest level"), "{printed}");
+    let stats = json(&std::fs::read_to_string(folder.path("t.json")).expect("render wrote it"));
+    let stated = stats["error_stated"]["largest_grey_levels"].as_f64().expect("packets state their error");
+    assert!(largest <= stated && stated <= levels_of("total") + 1e-4, "{stats}");
+    let map = std::fs::read(folder.path("e.npy")).expect("render wrote it");
+    let shares = map[map.len() - 1200 * 16..].chunks_exact(16).map(|p| f32::from_le_bytes([p[0], p[1], p[2], p[3]]));
+    assert!((f64::from(shares.fold(0.0, f32::max)) * 255.0 - stated).abs() < 1e-4, "{stats}");
 
     // More rays than pixels: every pixel, once.
     assert_eq!(number(&check(&["--check", "5000", "--level", "0"]).1, "rays"), 1200.0);

@@ -5,7 +5,7 @@ mod support;
 
 use std::process::{Command, Output};
 
-use support::Folder;
+use support::{Folder, json};
 
 /// Runs a command in an address space of so many KiB.
 fn run_in(folder: &Folder, kibibytes: u64, environment: &str, arguments: &str) -> Output {
@@ -69,4 +69,22 @@ fn more_threads_than_any_machine_has_are_refused() {
         }
     }
     folder.expect(0, &["synth", "sphere", "--dims", "8,8,8", "-o", "o.svol", "--threads", "64"]);
+}
+
+/// `--host-memory` is for the whole process: program, stacks and what the allocator keeps.
+#[test]
+fn a_picture_takes_no_more_memory_than_it_was_given() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "seismic", "--dims", "256,256,192", "--dtype", "f32", "--brick", "32", "-o", "v.svol"]);
+    let scene = r#"{"mode": "mean", "image": {"width": 160, "height": 120}}"#;
+    std::fs::write(folder.path("s.json"), scene).expect("room");
+    for (memory, bytes) in [("32MiB", 32 << 20), ("40MiB", 40 << 20)] {
+        let render = ["render", "v.svol", "--backend", "cpu", "--level", "0", "--threads", "2", "-o", "p.png"];
+        let rest = ["--scene", "s.json", "--host-memory", memory, "--stats", "s.stats.json", "--force"];
+        folder.expect(0, &[&render[..], &rest[..]].concat());
+        let stats = json(&std::fs::read_to_string(folder.path("s.stats.json")).expect("render wrote it"));
+        let number = |name: &str| stats[name].as_u64().expect("a number");
+        assert!(number("bytes_decoded") > 40 << 20, "all of it is read: {stats}");
+        assert!(number("peak_rss_bytes") <= bytes, "{} of {memory}: {stats}", number("peak_rss_bytes"));
+    }
 }

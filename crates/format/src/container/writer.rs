@@ -51,9 +51,31 @@ impl<W: Write> ContainerWriter<W> {
     /// If `out` cannot be written.
     pub fn begin(mut out: W, descriptor: Descriptor) -> io::Result<Self> {
         out.write_all(&header::encode(&descriptor, Sections::default()))?;
+        Self::resume(out, descriptor)
+    }
+
+    /// The writer of a container whose header page has been written before, and some bricks: [`Self::restore`] names those.
+    ///
+    /// # Errors
+    /// If the entries do not fit in memory.
+    pub fn resume(out: W, descriptor: Descriptor) -> io::Result<Self> {
         let table = usize::try_from(Self::entry_table_bytes(&descriptor.pyramid))
             .map_err(|_| io::Error::from(io::ErrorKind::OutOfMemory))?;
         Ok(Self { out, descriptor, position: header::PAGE_BYTES as u64, entries: vec![0; table], written: 0 })
+    }
+
+    /// Remembers a brick that was written before, behind the last one; `out` need not stand there yet. False, and nothing is
+    /// remembered, where it cannot have been.
+    pub fn restore(&mut self, key: BrickKey, entry: &BrickEntry) -> bool {
+        let at = self.slot(key);
+        let has_record = entry.codec != Codec::Uniform;
+        if self.entries[at..at + ENTRY_BYTES].iter().any(|b| *b != 0) || (has_record && entry.offset != self.position) {
+            return false;
+        }
+        self.position += if has_record { entry.record_bytes() } else { 0 };
+        self.entries[at..at + ENTRY_BYTES].copy_from_slice(&entry.encode());
+        self.written += 1;
+        true
     }
 
     /// What is being written.

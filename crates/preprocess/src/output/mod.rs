@@ -217,6 +217,25 @@ impl OutputFile {
         Ok(Self(Target::File { unfinished, path: resolved, existing }))
     }
 
+    /// Where a container that will be called `path` is to be written, with links followed, and with which permissions.
+    ///
+    /// # Errors
+    /// As [`check_free`].
+    pub fn place(path: &Path, existing: Existing) -> Result<(PathBuf, Permissions), BuildError> {
+        check_free(path, existing)?;
+        let (resolved, replaced) = match find(path)? {
+            Place::Taken(resolved, metadata) => (resolved, Some(metadata)),
+            _ => (path.into(), None),
+        };
+        Ok((resolved, first_permissions(replaced.as_ref()).map_err(|e| BuildError::write(path, e))?))
+    }
+
+    /// A file that was begun, and will be called `path`, which is no link.
+    #[must_use]
+    pub fn of(unfinished: UnfinishedFile, path: PathBuf, existing: Existing) -> Self {
+        Self(Target::File { unfinished, path, existing })
+    }
+
     /// The file, to write to; to be read back and sought in unless it [is a stream](Self::is_stream).
     #[must_use]
     pub fn file(&self) -> &File {

@@ -5,19 +5,24 @@
 //! 2. It leaves the list when it is renamed or dropped. A program that a signal ends calls [`remove_all`]: what is on
 //!    the list goes, and nothing can be begun or renamed any more.
 //! 3. The kernel drops the lock of a process that was killed. A partial that can be locked has no writer any more:
-//!    [`sweep`] removes it, [`list`] names it. File systems without locks keep theirs: better a leftover than a loss.
+//!    [`sweep`] removes it, [`list`] names it; what a build has left, the same build goes on with ([`crate::journal`]), and
+//!    any other build to that folder removes ([`sweep_builds`]). File systems without locks keep theirs: better a leftover than a loss.
 
 use std::collections::BTreeSet;
+use std::ffi::OsStr;
 use std::fs::{File, Permissions, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use tempfile::{NamedTempFile, TempDir};
+use tempfile::{NamedTempFile, TempDir, TempPath};
 
 /// How names of partials begin and end.
 const PREFIX: &str = ".supervol-";
 const SUFFIX: &str = ".partial";
+/// How names of what a build has not finished begin: the next build may go on with it ([`crate::journal`]), so that only a
+/// build removes it.
+const BUILD_PREFIX: &str = ".supervol-build-";
 
 /// Removals of a folder that other threads of this process still write to.
 const REMOVAL_ATTEMPTS: usize = 8;
@@ -65,12 +70,24 @@ impl UnfinishedFile {
     /// If the folder cannot be written to.
     pub fn create_in(folder: &Path, permissions: Permissions) -> io::Result<Self> {
         sweep(folder);
+        Self::create(PREFIX, folder, permissions)
+    }
+
+    /// The same for what a later build may go on with. Nothing is removed: see [`sweep_builds`].
+    ///
+    /// # Errors
+    /// If the folder cannot be written to.
+    pub fn create_for_build(folder: &Path, permissions: Permissions) -> io::Result<Self> {
+        Self::create(BUILD_PREFIX, folder, permissions)
+    }
+
+    fn create(prefix: &str, folder: &Path, permissions: Permissions) -> io::Result<Self> {
         loop {
             let (file, entry) = {
                 let mut list = unfinished();
                 let mut builder = tempfile::Builder::new();
                 let file =
-                    builder.prefix(PREFIX).suffix(SUFFIX).permissions(permissions.clone()).tempfile_in(folder)?;
+                    builder.prefix(prefix).suffix(SUFFIX).permissions(permissions.clone()).tempfile_in(folder)?;
                 list.insert(file.path().into());
                 let entry = Entry(file.path().into());
                 (file, entry)
@@ -79,6 +96,39 @@ impl UnfinishedFile {
                 return Ok(Self { file, _entry: entry });
             }
         }
+    }
+
+    /// Takes over what a process has left behind that was killed; none where somebody else holds it, or it is of somebody
+    /// else.
+    ///
+    /// # Errors
+    /// If it cannot be opened.
+    pub fn adopt(path: &Path) -> io::Result<Option<Self>> {
+        let mut list = unfinished();
+        // Not through a symbolic link.
+        if !std::fs::symlink_metadata(path)?.is_file() {
+            return Ok(None);
+        }
+        let file = File::options().read(true).write(true).open(path)?;
+        if file.try_lock().is_err() || !is_of_this_user(&file)? {
+            return Ok(None);
+        }
+        list.insert(path.into());
+        let entry = Entry(path.into());
+        let file = NamedTempFile::from_parts(file, TempPath::try_from_path(path)?);
+        Ok(Some(Self { file, _entry: entry }))
+    }
+
+    /// Its name in its folder.
+    #[must_use]
+    pub fn file_name(&self) -> &OsStr {
+        self.file.path().file_name().expect("a file has a name")
+    }
+
+    /// Leaves it behind as a killed process does.
+    #[cfg(test)]
+    pub fn abandon(self) {
+        self.file.keep().expect("it need not be renamed");
     }
 
     /// The file.
@@ -227,14 +277,47 @@ pub fn list(folder: &Path) -> io::Result<Vec<Leftover>> {
     Ok(found)
 }
 
-/// Removes what dead processes left in a folder; what cannot be removed stays.
+/// The partials of builds among those in a folder.
+///
+/// # Errors
+/// If the folder cannot be read.
+pub fn list_builds(folder: &Path) -> io::Result<Vec<Leftover>> {
+    Ok(list(folder)?.into_iter().filter(is_of_build).collect())
+}
+
+fn is_of_build(leftover: &Leftover) -> bool {
+    leftover.path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(BUILD_PREFIX))
+}
+
+/// Removes what dead processes left in a folder, but for builds; what cannot be removed stays.
 pub fn sweep(folder: &Path) {
-    for leftover in list(folder).unwrap_or_default() {
-        if leftover.writer == Writer::Dead {
-            // Removed while locked: a process that has just created it waits for the lock, and then creates another.
-            remove(&leftover.path);
-        }
+    let left = list(folder).unwrap_or_default();
+    left.iter().filter(|leftover| !is_of_build(leftover)).for_each(remove_dead);
+}
+
+/// Removes what builds left in a folder that have died.
+pub fn sweep_builds(folder: &Path) {
+    list_builds(folder).unwrap_or_default().iter().for_each(remove_dead);
+}
+
+fn remove_dead(leftover: &Leftover) {
+    if leftover.writer == Writer::Dead {
+        // Removed while locked: a process that has just created it waits for the lock, and then creates another.
+        remove(&leftover.path);
     }
+}
+
+/// Whether a file belongs to who runs this process, as every file does that it creates.
+#[cfg(unix)]
+fn is_of_this_user(file: &File) -> io::Result<bool> {
+    use std::os::unix::fs::MetadataExt;
+    let (own, found) = (tempfile::tempfile()?.metadata()?.uid(), file.metadata()?);
+    Ok(found.uid() == own && found.nlink() == 1)
+}
+
+#[cfg(not(unix))]
+fn is_of_this_user(_: &File) -> io::Result<bool> {
+    Ok(true)
 }
 
 #[cfg(test)]

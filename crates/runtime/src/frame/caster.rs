@@ -15,6 +15,7 @@ use supervol_format::BrickKey;
 
 use super::RenderError;
 use crate::image::Image;
+use crate::raycast::cpu::levels::ErrorsByReason;
 use crate::raycast::cpu::simd::InstructionSet;
 use crate::raycast::cpu::{Counters, CpuFrame, Rays, cast_pass};
 use crate::stop::Stop;
@@ -77,12 +78,14 @@ pub struct CasterTotals {
 pub struct CasterErrors {
     /// The greatest sum, over all rays, of what cells may be off by.
     pub cells: f64,
+    /// Most that coarser levels may do to a ray, against the finest.
+    pub levels: f64,
     /// Most that is left out behind the end of a ray that ends early.
     pub ray_ends: f64,
     /// What the fit of the transfer function may do to a ray.
     pub transfer_function: f64,
-    /// Most cells that a ray crosses in a brick.
-    pub cells_per_brick: u32,
+    /// What sums of `f32` over the cells of a brick may do to a ray.
+    pub rounding: f64,
 }
 
 /// Casts rays through resident bricks.
@@ -126,7 +129,7 @@ pub struct CpuCaster {
     counters: Counters,
     rays: u64,
     rays_terminated_early: u64,
-    cells_error: f64,
+    errors: ErrorsByReason,
 }
 
 impl CpuCaster {
@@ -141,7 +144,7 @@ impl CpuCaster {
             counters: Counters::default(),
             rays: 0,
             rays_terminated_early: 0,
-            cells_error: 0.0,
+            errors: ErrorsByReason::default(),
         }
     }
 
@@ -157,10 +160,23 @@ impl CpuCaster {
         self.band.finished_pixels(&self.states)
     }
 
+    /// What the pixels of the band may be off by, where they are finished and that is summed up; see
+    /// [`CpuFrame::error_pixels`].
+    #[must_use]
+    pub fn error_pixels(&self) -> Option<Image> {
+        self.band.error_pixels(&self.states)
+    }
+
+    /// What rays may be off by at most, reason by reason.
+    #[must_use]
+    pub fn errors_by_reason(&self) -> ErrorsByReason {
+        self.errors
+    }
+
     /// Sums up what the rays of a band say at its end.
     fn note_band(&mut self) {
         self.rays_terminated_early += self.states.terminated_early();
-        self.cells_error = self.cells_error.max(self.states.cells_error());
+        self.errors = self.errors.or(self.states.errors());
     }
 }
 
@@ -208,7 +224,7 @@ impl RayCaster for CpuCaster {
             cells_refined: self.counters.cells_refined,
             cells_exact: self.counters.cells_exact,
             instructions: self.frame.instructions().map(InstructionSet::name),
-            errors: self.frame.errors(self.cells_error),
+            errors: self.frame.errors(self.errors),
             macro_cells: self.counters.macro_cells,
             macro_cells_skipped: self.counters.macro_cells_skipped,
             ..CasterTotals::default()

@@ -10,8 +10,8 @@
 //! - *ray ends*: what lies behind the end of rays that end early: a bound, because no channel exceeds 1.
 //! - *transfer function*: extinction and emission are piecewise quadratic within a share of the extinction; it is looked at in
 //!   nine places between two control points, so that this is no bound.
-//! - *levels*: with levels chosen automatically, what coarser levels do: nothing where none are drawn, at most the error asked
-//!   for where every brick was chosen by its bound ([`crate::lod::by_error`]), unknown where one was not.
+//! - *levels*: with levels chosen automatically, what coarser levels do, summed up brick by brick along each ray
+//!   ([`crate::lod::deviation`]); the ray with the greatest sum: a bound.
 //! - *rounding*: `f32` sums over the cells of a brick. No bound: values and positions are rounded, too.
 
 use serde::Serialize;
@@ -22,11 +22,6 @@ use super::caster::CasterErrors;
 use super::{LevelChoice, RenderOptions};
 use crate::image::GREY_LEVELS;
 use crate::stats::FrameStats;
-
-/// Roundings of colour and of optical depth in a cell.
-const ROUNDINGS: f64 = 4.0;
-/// Half the distance of 1 from the next `f32`.
-const HALF_EPSILON: f64 = 0.5 * f32::EPSILON as f64;
 
 /// One reason to be off.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -79,24 +74,18 @@ pub fn predict(errors: &CasterErrors, stats: &FrameStats, options: &RenderOption
     let cells = Term::estimate(errors.cells);
     let ray_ends = Term::bound(if stats.rays_terminated_early > 0 { errors.ray_ends } else { 0.0 });
     let transfer_function = Term::estimate(errors.transfer_function);
-    let rounding = Term::estimate(ROUNDINGS * f64::from(errors.cells_per_brick) * HALF_EPSILON);
-    let levels = levels(stats, options);
+    let rounding = Term::estimate(errors.rounding);
+    let levels = levels(errors, stats, options);
     let total = Term::sum([cells, ray_ends, transfer_function, levels, rounding]);
     ErrorPredicted { level: level.0, total, cells, ray_ends, transfer_function, levels, rounding }
 }
 
-fn levels(stats: &FrameStats, options: &RenderOptions) -> Term {
-    let is_asked_for = matches!(options.level, LevelChoice::Fixed(_));
-    if stats.fallbacks > 0 || !stats.converged {
-        Term::UNKNOWN
-    } else if is_asked_for {
-        Term::bound(0.0)
-    } else if stats.bricks_without_bound > 0 {
-        Term::UNKNOWN
-    } else if stats.error_bound == 0.0 {
-        Term::bound(0.0)
-    } else {
-        Term::bound(options.max_error)
+fn levels(errors: &CasterErrors, stats: &FrameStats, options: &RenderOptions) -> Term {
+    match options.level {
+        LevelChoice::Auto => Term::bound(errors.levels),
+        // Nobody sums up how far a level that stands in is from the one that was asked for.
+        LevelChoice::Fixed(_) if stats.fallbacks > 0 || !stats.converged => Term::UNKNOWN,
+        LevelChoice::Fixed(_) => Term::bound(0.0),
     }
 }
 
@@ -104,7 +93,7 @@ fn levels(stats: &FrameStats, options: &RenderOptions) -> Term {
 mod tests {
     use super::*;
     const ERRORS: CasterErrors =
-        CasterErrors { cells: 0.004, ray_ends: 0.001, transfer_function: 0.002, cells_per_brick: 50 };
+        CasterErrors { cells: 0.004, levels: 0.003, ray_ends: 0.001, transfer_function: 0.002, rounding: 1e-5 };
 
     fn stats() -> FrameStats {
         FrameStats { converged: true, ..FrameStats::default() }
@@ -116,31 +105,28 @@ mod tests {
 
     #[test]
     fn the_total_is_the_sum_and_a_bound_only_if_all_terms_are() {
-        let stats = FrameStats { rays_terminated_early: 3, error_bound: 2.0, ..stats() };
+        let stats = FrameStats { rays_terminated_early: 3, ..stats() };
         let found = prediction(&stats, LevelChoice::Auto);
-        let sum = 255.0 * (0.004 + 0.001 + 0.002 + 0.01) + found.rounding.grey_levels.unwrap();
+        let sum = 255.0 * (0.004 + 0.003 + 0.001 + 0.002 + 1e-5);
         assert!((found.total.grey_levels.unwrap() - sum).abs() < 1e-9 && !found.total.is_bound, "{found:?}");
-        assert_eq!((found.ray_ends, found.levels), (Term::bound(0.001), Term::bound(0.01)));
+        assert_eq!((found.ray_ends, found.levels), (Term::bound(0.001), Term::bound(0.003)));
         assert!(!found.cells.is_bound && !found.transfer_function.is_bound && !found.rounding.is_bound);
-        assert!(found.rounding.grey_levels.unwrap() < 0.01);
         assert!(Term::sum([Term::bound(1.0); 5]).is_bound);
         // Rays that go on to the end leave nothing out.
         assert_eq!(prediction(&self::stats(), LevelChoice::Auto).ray_ends, Term::bound(0.0));
     }
 
     #[test]
-    fn levels_without_a_bound_are_unknown_and_so_is_the_total() {
-        let averaged = FrameStats { bricks_without_bound: 1, error_bound: 2.0, ..stats() };
+    fn a_level_that_is_asked_for_is_what_the_picture_is_held_against() {
         let stood_in = FrameStats { fallbacks: 1, ..stats() };
         let late = FrameStats { converged: false, ..stats() };
-        for stats in [&averaged, &stood_in, &late] {
-            let found = prediction(stats, LevelChoice::Auto);
+        let fixed = LevelChoice::Fixed(Lod(1));
+        assert_eq!(prediction(&stats(), fixed).levels, Term::bound(0.0));
+        for stats in [&stood_in, &late] {
+            // Against the finest level whatever is drawn is bounded, against another one it is not.
+            assert_eq!(prediction(stats, LevelChoice::Auto).levels, Term::bound(0.003));
+            let found = prediction(stats, fixed);
             assert!(found.levels == Term::UNKNOWN && found.total == Term::UNKNOWN, "{found:?}");
         }
-        // A level that is asked for is what the picture is held against.
-        let fixed = LevelChoice::Fixed(Lod(1));
-        assert_eq!(prediction(&averaged, fixed).levels, Term::bound(0.0));
-        assert_eq!(prediction(&stood_in, fixed).levels, Term::UNKNOWN);
-        assert_eq!(prediction(&stats(), LevelChoice::Auto).levels, Term::bound(0.0));
     }
 }

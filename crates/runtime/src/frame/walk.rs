@@ -98,14 +98,14 @@ impl<'a> FrameWalk<'a> {
     }
 
     /// Casts until the picture is finished or the walk is to stop, and writes the pixels that are finished over those of
-    /// `picture`; how many those are by now. `bands` says where an earlier walk with the same caster has stopped.
+    /// `picture`, and what they may be off by over those of `errors`; how many those are by now. `bands` says where an earlier walk with the same caster has stopped.
     ///
     /// # Errors
     /// If memory does not suffice, or there is no progress.
     pub fn run_over(
         &mut self,
         caster: &mut CpuCaster,
-        picture: &mut Image,
+        (picture, mut errors): (&mut Image, Option<&mut Image>),
         bands: &mut Bands,
     ) -> Result<u64, RenderError> {
         self.rows = picture.height;
@@ -124,6 +124,9 @@ impl<'a> FrameWalk<'a> {
             }
             let is_finished = self.cast_band(caster)?;
             written = bands.written_before + picture.write_over(bands.rows.start, &caster.finished_pixels());
+            if let (Some(errors), Some(band)) = (&mut errors, caster.error_pixels()) {
+                errors.write_over(bands.rows.start, &band);
+            }
             if !is_finished {
                 self.stats.converged = false;
                 break;

@@ -271,11 +271,7 @@ impl LevelsByError {
 
     /// A stored range in data units.
     fn data_range(&self, stored: ValueRange) -> ValueRange {
-        if stored.is_empty() {
-            return stored;
-        }
-        let ends = [stored.min, stored.max].map(|v| v * self.scale + self.offset);
-        ValueRange { min: ends[0].min(ends[1]), max: ends[0].max(ends[1]) }
+        stored.scaled(self.scale, self.offset)
     }
 }
 

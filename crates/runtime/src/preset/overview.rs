@@ -1,6 +1,6 @@
 //! What a coarse level tells of a whole volume: where something can be seen, and what projections come to.
 //!
-//! The finest level of at most half a million voxels is read once. Coarser voxels are averages: what is smaller than one
+//! The finest level of at most a quarter of a million voxels is read once. Coarser voxels are averages: what is smaller than one
 //! of them may be missed, so that frames made of this are close, not exact.
 
 use glam::DVec3;
@@ -15,7 +15,7 @@ use crate::scene::Mode;
 use crate::transfer_function::TransferFunction;
 
 /// Most voxels of the level that is read: 8 bytes each.
-const VOXEL_LIMIT: u64 = 1 << 19;
+const VOXEL_LIMIT: u64 = 1 << 18;
 /// Opacity over the unit distance from which on something is seen, as a share of the greatest.
 const VISIBLE_SHARE: f64 = 0.02;
 /// Shares of the projected values that the window of a projection leaves out at its ends.

@@ -7,6 +7,7 @@
 //!
 //! Bricks are stored with their apron, x fastest. Macro cells lie on the core from its first voxel, x fastest.
 
+use supervol_format::container::toc::BrickEntry;
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{BrickKey, ValueRange, VoxelType, with_voxel};
 
@@ -216,6 +217,20 @@ pub trait BrickView: Sync {
     fn stand_in(&self, key: BrickKey) -> Resident<'_> {
         self.lookup(key)
     }
+
+    /// What the table of contents says of a brick, where that is known; may read it.
+    fn entry(&self, _key: BrickKey) -> Option<KnownEntry> {
+        None
+    }
+}
+
+/// A brick's entry in the table of contents.
+#[derive(Debug, Clone, Copy)]
+pub struct KnownEntry {
+    /// The entry.
+    pub entry: BrickEntry,
+    /// Whether a voxel that the brick or one beneath it reaches may be absent.
+    pub may_have_holes: bool,
 }
 
 #[cfg(test)]

@@ -17,10 +17,12 @@ use supervol_format::{Container, Lod};
 
 use super::resident::Resident;
 use crate::frame::caster::CpuCaster;
+use crate::frame::stated::{ErrorStated, complete};
 use crate::frame::walk::{Bands, FrameWalk};
 use crate::frame::{LevelChoice, RenderError, RenderOptions, cpu_frame};
 use crate::image::Image;
 use crate::lod::by_error::ANY_ERROR;
+use crate::raycast::cpu::levels::ErrorsByReason;
 use crate::scene::ResolvedScene;
 use crate::stats::FrameStats;
 use crate::stop::Stop;
@@ -39,6 +41,11 @@ pub struct Drawing {
     scene: ResolvedScene,
     /// The best so far; NaN where nothing is known.
     picture: Option<Image>,
+    /// What the pixels of the picture that is wanted may be off by, where errors are summed up; NaN where they are not
+    /// finished.
+    errors: Option<Image>,
+    /// Of its rays, reason by reason.
+    by_reason: ErrorsByReason,
     /// Size of its pixels.
     pixel: u32,
     /// Size of the pixels that those are taken from which are not finished; `None` where nothing is known of them.
@@ -68,6 +75,8 @@ impl Drawing {
         Self {
             scene,
             picture: None,
+            errors: None,
+            by_reason: ErrorsByReason::default(),
             pixel: 1,
             behind: None,
             took: Duration::ZERO,
@@ -101,6 +110,19 @@ impl Drawing {
             .map(|picture| picture.enlarged(self.pixel, self.scene.image_size))
     }
 
+    /// What each pixel of the picture may be off by, grey, 1 being white: where errors are summed up, once there is a picture.
+    #[must_use]
+    pub fn error_map(&self) -> Option<Image> {
+        Some(complete(self.errors.clone()?, self.picture()?.as_ref()))
+    }
+
+    /// The same in numbers.
+    #[must_use]
+    pub fn error_stated(&self) -> Option<ErrorStated> {
+        let pixels_unfinished = self.scene.pixels() - self.finished;
+        Some(ErrorStated::of(self.errors.as_ref()?, self.picture()?.as_ref(), self.by_reason, pixels_unfinished))
+    }
+
     /// What it cost so far, and what is not finished.
     #[must_use]
     pub fn stats(&self) -> FrameStats {
@@ -126,6 +148,9 @@ impl Drawing {
         options: &RenderOptions,
         stop: &Stop,
     ) -> Result<(), RenderError> {
+        if options.predict_error && self.errors.is_none() {
+            self.errors = Some(Image::unknown(self.scene.image_size));
+        }
         if self.behind.is_none() && stop.deadline().is_some() {
             self.sketch(resident, options, stop)?;
         }
@@ -142,11 +167,13 @@ impl Drawing {
             let mut walk = FrameWalk::new(resident.streamer(), plan, &stage.options, began)
                 .until(stop.clone())
                 .after(std::mem::take(&mut self.stats));
-            let written = walk.run_over(&mut stage.caster, picture, &mut stage.bands)?;
+            let errors = self.errors.as_mut().filter(|_| stage.pixel == 1);
+            let written = walk.run_over(&mut stage.caster, (picture, errors), &mut stage.bands)?;
             self.stats = walk.into_stats();
             stage.spent += began.elapsed();
             if stage.pixel == 1 {
                 self.finished = written;
+                self.by_reason = stage.caster.errors_by_reason();
             }
             if written == picture.pixels.len() as u64 {
                 (self.behind, self.took) = (Some(stage.pixel), stage.spent);

@@ -2,17 +2,18 @@
 //!
 //! | part | size |
 //! |---|---|
-//! | picture | 16 bytes per pixel; a quarter more with a deadline |
+//! | picture | 16 bytes per pixel; a quarter more with a deadline; twice as much more where errors are stated |
 //! | rays | tiles, miss list and pixel of every ray of a band; a band is the whole picture if that takes at most 1/4 |
 //! | casting | what every thread that casts has at hand: the rays of one tile on their way |
 //! | made of bricks | what the ray caster makes once of each brick, and keeps: 1/16, at most 32 MiB; at least one brick's |
 //! | TOC pages | what the container keeps of its table of contents, at most 64 MiB |
 //! | states | one record per brick that was met, 1/32 of the budget |
 //! | in flight | records being read and bricks being decoded, 1/8 of the budget, at most 128 MiB |
-//! | cache | the rest; at least one brick |
+//! | cache | the rest, less what the process holds beside the frame; at least one brick |
 //!
 //! Everything is computed before anything is allocated; a budget that is too small is refused with the sum of the least
-//! parts. Not counted: the program itself, its threads' stacks, and the container's manifest.
+//! parts. The program itself, its threads' stacks and the container's manifest are counted where somebody says how much that
+//! is ([`Demand::process_bytes`]); a budget that all the rest fits is not refused for their sake.
 
 use supervol_format::container::reader::CACHED_TOC_PAGES;
 use supervol_format::container::toc;
@@ -103,11 +104,14 @@ pub struct CasterBytes {
     pub thread: u64,
     /// Most bytes that are made once of a brick.
     pub made_of_brick: u64,
+    /// Bytes of what is said of each pixel of the picture beside its colour.
+    pub of_pixel: u64,
 }
 
 impl CasterBytes {
     /// Everything lies on a device, and the whole picture is cast at once.
-    pub const ON_DEVICE: Self = Self { bands: Bands::Whole, tile_side: 1, tile: 0, thread: 0, made_of_brick: 0 };
+    pub const ON_DEVICE: Self =
+        Self { bands: Bands::Whole, tile_side: 1, tile: 0, thread: 0, made_of_brick: 0, of_pixel: 0 };
 }
 
 /// What a frame needs memory for.
@@ -128,6 +132,8 @@ pub struct Demand {
     pub threads: u64,
     /// TOC pages of the container.
     pub toc_pages: u64,
+    /// What the process holds beside the frame.
+    pub process_bytes: u64,
 }
 
 /// The division of the budget.
@@ -183,6 +189,7 @@ impl HostPlan {
         let [width, height] = demand.image_size.map(u64::from);
         let image = width * height * PIXEL_BYTES;
         let image = if demand.has_deadline { image + image.div_ceil(4) } else { image };
+        let image = image + width * height * demand.caster.of_pixel;
         let least_bricks = if demand.has_deadline { 2 } else { 1 };
         let casting = demand.threads * demand.caster.thread;
         let toc = demand.toc_pages.min(CACHED_TOC_PAGES as u64) * toc::PAGE_BYTES as u64;
@@ -223,7 +230,9 @@ impl HostPlan {
             made_bytes: made,
             state_limit: usize::try_from(states / RECORD_BYTES).unwrap_or(usize::MAX),
             in_flight_bytes: in_flight - scratch,
-            cache_bytes: budget_bytes - fixed - made - states - in_flight,
+            cache_bytes: (budget_bytes - fixed - made - states - in_flight)
+                .saturating_sub(demand.process_bytes)
+                .max(least_cache),
         })
     }
 }
@@ -236,8 +245,14 @@ fn plural(n: u64, thing: &str) -> String {
 mod tests {
     use super::*;
 
-    const IN_TILES: CasterBytes =
-        CasterBytes { bands: Bands::Allowed, tile_side: 16, tile: 24_000, thread: 250_000, made_of_brick: 5_000 };
+    const IN_TILES: CasterBytes = CasterBytes {
+        bands: Bands::Allowed,
+        tile_side: 16,
+        tile: 24_000,
+        thread: 250_000,
+        made_of_brick: 5_000,
+        of_pixel: 0,
+    };
 
     fn demand() -> Demand {
         Demand {
@@ -248,6 +263,7 @@ mod tests {
             has_deadline: false,
             threads: 2,
             toc_pages: 3,
+            process_bytes: 0,
         }
     }
 
@@ -274,6 +290,17 @@ mod tests {
         assert_eq!(HostPlan::new(1 << 30, &demand()).unwrap().band_rows, 600);
         assert_eq!(HostPlan::new(1 << 30, &demand()).unwrap().made_bytes, MADE_LIMIT);
         assert_eq!(HostPlan::new(64 << 20, &demand()).unwrap().made_bytes, 4 << 20);
+    }
+
+    #[test]
+    fn what_the_process_holds_is_taken_off_the_cache_as_far_as_that_goes() {
+        let plan = |budget, process_bytes| HostPlan::new(budget, &Demand { process_bytes, ..demand() });
+        let (all, less) = (plan(64 << 20, 0).unwrap(), plan(64 << 20, 9 << 20).unwrap());
+        assert_eq!(HostPlan { cache_bytes: all.cache_bytes - (9 << 20), ..all }, less);
+        let least = plan(1, 0).unwrap_err().needed_bytes;
+        assert_eq!(plan(1, 9 << 20).unwrap_err().needed_bytes, least);
+        let little = plan(64 << 20, 1 << 30).unwrap();
+        assert_eq!(little.cache_bytes, demand().brick.decoded);
     }
 
     #[test]

@@ -9,7 +9,7 @@
 //! that would change the picture too much is *too coarse* ([`crate::lod::by_error`]): its children are drawn instead.
 
 use supervol_format::container::toc::BrickEntry;
-use supervol_format::{BrickKey, Lod, ValueRange, VoxelType};
+use supervol_format::{BrickKey, Container, Lod, ValueRange, VoxelType};
 
 use super::state::Emptiness;
 use crate::lod::by_error::{LevelsByError, Verdict};
@@ -17,6 +17,29 @@ use crate::raycast::cpu::Skipping;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{Mode, ResolvedScene};
 use crate::transfer_function::RenderTransferFunction;
+
+/// Entries of the table of contents looked at for holes beneath a brick; where there are more, holes are taken for granted.
+const HOLE_SEARCH_LIMIT: usize = 1024;
+
+/// Whether a voxel that this brick or a brick beneath it reaches may be absent, by their TOC entries.
+#[must_use]
+pub fn may_have_holes(container: &Container, key: BrickKey, entry: &BrickEntry) -> bool {
+    let voxels = container.descriptor().dims().0.iter().fold(1, |product: u64, &n| product.saturating_mul(n));
+    if container.manifest().present_voxels == voxels {
+        return false;
+    }
+    let mut left = vec![(key, Ok(*entry))];
+    for _ in 0..HOLE_SEARCH_LIMIT {
+        match left.pop() {
+            None => return false,
+            Some((key, Ok(entry))) if !entry.has_holes && !entry.absent => {
+                left.extend(container.pyramid().children(key).map(|k| (k, container.entry(k))));
+            }
+            Some(_) => return true,
+        }
+    }
+    true
+}
 
 /// What must be done for a brick.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -41,15 +41,12 @@ use crate::raycast::volume::{DecodedBrick, ValueMap};
 use crate::stop::Stop;
 use budget::{HostPlan, decoded_bytes};
 use capacity::{Candidate, Supply, admit};
-use classify::{Class, Classifier};
+use classify::{Class, Classifier, may_have_holes};
 use io::IoCounters;
 use loader::{Finished, Loader};
 use priority::{FrontToBack, Rank, Ranked};
 use state::{BrickState, StateTable};
 pub use view::{HostView, OnMissing};
-
-/// Entries of the table of contents looked at for holes beneath a brick; where there are more, holes are taken for granted.
-const HOLE_SEARCH_LIMIT: usize = 1024;
 
 /// Why the streamer cannot go on.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -141,8 +138,6 @@ pub struct Streamer {
     stand_ins: KeyMap<()>,
     /// Bricks whose error bound has been counted in this frame.
     drawn: KeyMap<()>,
-    /// Whether a voxel of level 0 is absent.
-    has_holes: bool,
     /// What the last request wanted.
     wanted: KeyMap<()>,
     /// Bricks left in `Queued` by the last request.
@@ -205,7 +200,6 @@ impl Streamer {
             kept: KeyMap::default(),
             stand_ins: KeyMap::default(),
             drawn: KeyMap::default(),
-            has_holes: container.manifest().present_voxels != voxel_count(&container),
             wanted: KeyMap::default(),
             queued: Vec::new(),
             due: VecDeque::new(),
@@ -275,7 +269,7 @@ impl Streamer {
     /// What the ray caster may read in this pass.
     #[must_use]
     pub fn view(&self, on_missing: OnMissing) -> HostView<'_> {
-        HostView::new(&self.states, &self.cache, &self.stand_ins, on_missing)
+        HostView::new(&self.container, &self.states, &self.cache, &self.stand_ins, on_missing)
     }
 
     /// The bricks that the pass used, and how many it wanted in vain.
@@ -296,7 +290,7 @@ impl Streamer {
     }
 
     fn count_error(&mut self, key: BrickKey, entry: &BrickEntry) {
-        let has_bound = self.classifier.has_bound(key, entry, || self.may_have_holes(key, entry));
+        let has_bound = self.classifier.has_bound(key, entry, || may_have_holes(&self.container, key, entry));
         self.counters.drawn_without_bound += u64::from(!has_bound);
         let data_error = entry.error * self.container.descriptor().scale.abs();
         self.counters.error_bound = self.counters.error_bound.max(data_error);
@@ -455,25 +449,7 @@ impl Streamer {
     }
 
     fn class_of(&self, key: BrickKey, entry: &BrickEntry) -> Class {
-        self.classifier.classify(key, entry, || self.may_have_holes(key, entry))
-    }
-
-    /// Whether a voxel that this brick or a brick beneath it reaches may be absent, by their TOC entries.
-    fn may_have_holes(&self, key: BrickKey, entry: &BrickEntry) -> bool {
-        if !self.has_holes {
-            return false;
-        }
-        let mut left = vec![(key, Ok(*entry))];
-        for _ in 0..HOLE_SEARCH_LIMIT {
-            match left.pop() {
-                None => return false,
-                Some((key, Ok(entry))) if !entry.has_holes && !entry.absent => {
-                    left.extend(self.container.pyramid().children(key).map(|k| (k, self.container.entry(k))));
-                }
-                Some(_) => return true,
-            }
-        }
-        true
+        self.classifier.classify(key, entry, || may_have_holes(&self.container, key, entry))
     }
 
     fn enter_class(&mut self, key: BrickKey, class: Class) {
@@ -564,9 +540,4 @@ enum Lookup {
     Answered,
     OnItsWay,
     Load(Load),
-}
-
-/// Voxels of level 0, absent ones included.
-fn voxel_count(container: &Container) -> u64 {
-    container.descriptor().dims().0.iter().fold(1, |product: u64, &n| product.saturating_mul(n))
 }

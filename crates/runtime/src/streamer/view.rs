@@ -1,11 +1,12 @@
 //! What a ray caster sees of bricks: those in the host cache, and what is known of all others.
 
-use supervol_format::BrickKey;
+use supervol_format::{BrickKey, Container};
 
+use super::classify::may_have_holes;
 use super::state::{BrickState, StateTable};
 use crate::cache::KeyMap;
 use crate::cache::host::HostCache;
-use crate::raycast::volume::{BrickView, DecodedBrick, Resident};
+use crate::raycast::volume::{BrickView, DecodedBrick, KnownEntry, Resident};
 
 /// What a ray caster is told about bricks that are not resident.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -20,6 +21,7 @@ pub enum OnMissing {
 /// The bricks of the host cache, and what is known of all others.
 #[derive(Debug, Clone, Copy)]
 pub struct HostView<'a> {
+    container: &'a Container,
     states: &'a StateTable,
     cache: &'a HostCache<DecodedBrick>,
     stand_ins: &'a KeyMap<()>,
@@ -29,12 +31,13 @@ pub struct HostView<'a> {
 impl<'a> HostView<'a> {
     /// A view of these, of which `stand_ins` are too coarse for the rays that want them.
     pub(super) fn new(
+        container: &'a Container,
         states: &'a StateTable,
         cache: &'a HostCache<DecodedBrick>,
         stand_ins: &'a KeyMap<()>,
         on_missing: OnMissing,
     ) -> Self {
-        Self { states, cache, stand_ins, on_missing }
+        Self { container, states, cache, stand_ins, on_missing }
     }
 
     /// What rays are told about bricks that are not resident.
@@ -73,5 +76,10 @@ impl BrickView for HostView<'_> {
     #[inline]
     fn stand_in(&self, key: BrickKey) -> Resident<'_> {
         self.cache.get(key).map_or_else(|| self.answer(self.states.state(key)), Resident::Brick)
+    }
+
+    fn entry(&self, key: BrickKey) -> Option<KnownEntry> {
+        let entry = self.container.entry(key).ok()?;
+        Some(KnownEntry { entry, may_have_holes: may_have_holes(self.container, key, &entry) })
     }
 }

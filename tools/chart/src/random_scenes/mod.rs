@@ -5,6 +5,7 @@
 //! --random-scenes N` as many as wanted; scene K of seed S is the same in both, whatever is run before it.
 
 mod generate;
+mod stated;
 
 use std::fmt::Write;
 use std::path::Path;
@@ -17,12 +18,16 @@ use supervol_runtime::renderer::render;
 use supervol_runtime::scene::ResolvedScene;
 
 pub use generate::{IMAGE, RandomScene};
+pub use stated::AtLevel;
+use stated::Pixels;
 
 use crate::context::{ChartError, Context, Pace};
 use crate::volume::{Volume, build_options, finest};
 
 /// Errors that are asked for, grey levels of 255.
 pub const ERRORS: [f64; 4] = [0.1, 0.5, 2.0, 8.0];
+/// Levels that are asked for.
+const LEVELS: [u8; 2] = [0, 1];
 /// Voxels along an edge of a brick's core: the least, so that rays cross several.
 const CORE: u32 = 16;
 
@@ -58,6 +63,8 @@ pub struct Found {
     pub seconds: f64,
     /// By error asked for.
     pub errors: Vec<AtError>,
+    /// By level that is asked for: what is stated of pixels against level 0.
+    pub stated: Vec<AtLevel>,
 }
 
 /// All scenes at one error. Errors are in grey levels of 255.
@@ -116,6 +123,7 @@ pub fn aimed_at(grey_levels: f64, threads: usize) -> RenderOptions {
 pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError> {
     let (start, pace) = (Instant::now(), Pace::new(context.say));
     let mut differences = ERRORS.map(Differences::new);
+    let mut stated = LEVELS.map(Pixels::new);
     let (mut not_judged, mut shown) = (Vec::new(), 0);
     for number in options.first..options.first + options.scenes {
         let (volume, scene) = RandomScene::new(options.seed, number).build(context)?;
@@ -133,6 +141,9 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
             let predicted = predicted.ok_or_else(|| ChartError::Broken(format!("no prediction: {stats:?}")))?;
             differences.add(number, &picture, &exact, predicted);
         }
+        for pixels in &mut stated {
+            pixels.draw(number, &volume, &scene, &exact, options.threads)?;
+        }
         let done = number - options.first + 1;
         pace.tell(|| progress(done, options.scenes, start.elapsed().as_secs_f64(), &differences));
     }
@@ -145,6 +156,7 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
         scenes_not_judged: not_judged,
         seconds: start.elapsed().as_secs_f64(),
         errors: differences.into_iter().map(Differences::finish).collect(),
+        stated: stated.into_iter().map(Pixels::finish).collect(),
     })
 }
 
@@ -263,6 +275,26 @@ pub fn markdown(found: &Found, command: &str) -> String {
         )
         .expect(WRITES);
     }
+    text.push_str(
+        "\nWhat is stated of each pixel (`error_stated`) against the exact picture of level 0, over the pixels that are more \
+         than 0.01 off:\n\n| level drawn | pixels | true, median | stated, median | stated / true, median | largest true / \
+         stated | pixels with a bound below 254 | scenes above stated |\n|---|---|---|---|---|---|---|---|\n",
+    );
+    for at in &found.stated {
+        writeln!(
+            text,
+            "| {} | {} | {:.3} | {:.3} | {:.1} | {:.2} | {:.0} % | {} |",
+            at.level,
+            at.pixels,
+            at.median_true_grey_levels,
+            at.median_stated_grey_levels,
+            at.median_stated_over_true,
+            at.largest_share_of_stated,
+            100.0 * at.share_with_a_bound,
+            counted(&at.scenes_above_stated)
+        )
+        .expect(WRITES);
+    }
     if !found.scenes_not_judged.is_empty() {
         let numbers = &found.scenes_not_judged;
         writeln!(text, "\nNot judged, because the reference did not stand still: scenes {numbers:?}.").expect(WRITES);
@@ -316,6 +348,7 @@ mod tests {
             scenes_not_judged: vec![],
             seconds: 1.0,
             errors: vec![at],
+            stated: vec![Pixels::new(1).finish()],
         };
         assert_eq!(found.scenes_above(), [12]);
         let text = markdown(&found, "supervol bench");

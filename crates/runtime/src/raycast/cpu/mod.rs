@@ -23,6 +23,7 @@ mod fetch;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod integrate;
 pub mod leap;
+pub mod levels;
 mod lookup;
 mod order;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
@@ -57,17 +58,19 @@ use supervol_format::{BrickKey, Geometry, Lod, Pyramid, ValueRange};
 
 use super::scalar::shade::Lighting;
 use super::scalar::{self, CellByCell, CellRule, Integration, Integrator};
-use super::volume::{BrickView, Resident, ValueMap};
+use super::volume::{BrickView, KnownEntry, Resident, ValueMap};
 use crate::camera::{Camera, Ray};
 use crate::clip::{Clip, IndexRay, Segment, clip_ray};
 use crate::frame::caster::CasterErrors;
 use crate::image::Image;
+use crate::lod::deviation::Deviations;
 use crate::lod::{LodChoice, LodRule};
 use crate::scene::{Mode, ResolvedScene};
 use crate::stop::Stop;
 use crate::streamer::budget::{Bands, CasterBytes, MADE_LIMIT};
 use crate::transfer_function::RenderTransferFunction;
-use packets::{PacketTables, Tile, cast_tiles, pixels_of, tiles_of};
+use levels::ErrorsByReason;
+use packets::{PacketTables, Tile, cast_tiles, error_pixels_of, pixels_of, tiles_of};
 use simd::InstructionSet;
 
 /// A ray ends when its opacity reaches this; what lies behind can change no channel by more than 0.08/255, and no mean of
@@ -123,6 +126,8 @@ pub struct CpuFrame {
     termination_opacity: f64,
     /// What packets look up; `None` where rays are cast one by one.
     packets: Option<Arc<PacketTables>>,
+    /// What coarser levels do, where errors are summed up.
+    deviations: Option<Arc<Deviations>>,
     /// When packets stop where they are.
     stop: Stop,
 }
@@ -254,13 +259,12 @@ impl Rays {
         }
     }
 
-    /// The greatest sum of the errors of cells over all rays in packets, where those are summed up; 1 is white.
+    /// What rays in packets may be off by at most, where that is summed up.
     #[must_use]
-    pub fn cells_error(&self) -> f64 {
-        match self {
-            Self::Scalar(_) => 0.0,
-            Self::Tiles(tiles) => tiles.iter().map(Tile::cells_error).fold(0.0, f64::max),
-        }
+    pub fn errors(&self) -> ErrorsByReason {
+        let Self::Tiles(tiles) = self else { return ErrorsByReason::default() };
+        let errors = tiles.iter().filter_map(Tile::errors);
+        errors.fold(ErrorsByReason::default(), |greatest, tile| greatest.or(tile.greatest))
     }
 
     /// Rays that ended before they left the volume.
@@ -374,6 +378,7 @@ impl CpuFrame {
             integrator: quality.caster.integrator(scene, geometry),
             termination_opacity: quality.caster.termination_opacity(),
             packets: None,
+            deviations: None,
             stop: Stop::NEVER,
         };
         if let Caster::Packets(rule) = quality.caster {
@@ -381,6 +386,13 @@ impl CpuFrame {
             frame.packets = Some(Arc::new(tables));
         }
         frame
+    }
+
+    /// Where packets sum up errors, what these coarser levels do counts, too.
+    #[must_use]
+    pub fn with_deviations(self, deviations: Deviations) -> Self {
+        let sums_errors = self.packets.as_ref().is_some_and(|tables| tables.sums_errors());
+        Self { deviations: sums_errors.then(|| Arc::new(deviations)), ..self }
     }
 
     /// Packets stop where they are when this is due: tiles that are not finished by then stay as they were before the pass.
@@ -420,16 +432,16 @@ impl CpuFrame {
         self.packets.as_ref().map(|tables| tables.instructions())
     }
 
-    /// What a picture may be off by whose rays' cells are off by `cells`: where packets sum that up, in mode `dvr`.
+    /// What a picture may be off by whose rays are off by so much: where packets sum that up, in mode `dvr`.
     #[must_use]
-    pub fn errors(&self, cells: f64) -> Option<CasterErrors> {
+    pub fn errors(&self, rays: ErrorsByReason) -> Option<CasterErrors> {
         let tables = self.packets.as_ref().filter(|tables| self.mode == Mode::Dvr && tables.sums_errors())?;
         Some(CasterErrors {
-            cells,
+            cells: rays.cells,
+            levels: rays.levels,
             ray_ends: tables.end_error(),
             transfer_function: tables.fit_error(),
-            // A ray leaves a cell through a plane of voxels.
-            cells_per_brick: 3 * self.pyramid.layout().core() as u32 + 1,
+            rounding: tables.rounding_error(self),
         })
     }
 
@@ -454,6 +466,17 @@ impl CpuFrame {
         let Rays::Tiles(tiles) = rays else { panic!("rays of another frame") };
         let pixels = pixels_of(self, tiles, |_| [f32::NAN; 4]);
         Image { width: self.camera.width, height: self.rows.len() as u32, pixels }.downsampled(self.subgrid)
+    }
+
+    /// What each pixel of finished tiles may be off by, grey, 1 being white, sub-grid averaged: NaN elsewhere; `None` where
+    /// that is not summed up.
+    #[must_use]
+    pub fn error_pixels(&self, rays: &Rays) -> Option<Image> {
+        self.deviations.as_ref()?;
+        let Rays::Tiles(tiles) = rays else { return None };
+        let pixels = error_pixels_of(self, tiles);
+        let image = Image { width: self.camera.width, height: self.rows.len() as u32, pixels };
+        Some(image.downsampled(self.subgrid))
     }
 
     /// The picture of what the rays have gathered, sub-grid averaged.
@@ -557,7 +580,7 @@ impl Caster {
         }
     }
 
-    /// The same caster, which sums up what cells may be off by if it can.
+    /// The same caster, which sums up what its rays may be off by if it can.
     #[must_use]
     pub fn summing_errors(self) -> Self {
         match self {
@@ -580,13 +603,14 @@ impl Caster {
     #[must_use]
     pub fn bytes(&self, core: usize) -> CasterBytes {
         match self {
-            Self::Packets(_) => packets::bytes_held(core),
+            Self::Packets(rule) => packets::bytes_held(core, rule.sums_errors),
             Self::Cells(_) | Self::Custom(_) => CasterBytes {
                 bands: Bands::Allowed,
                 tile_side: 1,
                 tile: size_of::<RayState>() as u64,
                 thread: 0,
                 made_of_brick: 0,
+                of_pixel: 0,
             },
         }
     }
@@ -616,7 +640,7 @@ pub struct PacketRule {
     pub max_error: f64,
     /// Instructions to use; `None`: the best that the processor has.
     pub instructions: Option<InstructionSet>,
-    /// Whether the errors of cells are summed up along rays, for a prediction: 1 to 2 % of the time.
+    /// Whether what cells and levels may do is summed up along rays, for a prediction: 1 to 2 % of the time.
     pub sums_errors: bool,
 }
 
@@ -686,6 +710,10 @@ impl<V: BrickView + ?Sized> BrickView for Viewed<'_, V> {
 
     fn stand_in(&self, key: BrickKey) -> Resident<'_> {
         self.0.stand_in(key)
+    }
+
+    fn entry(&self, key: BrickKey) -> Option<KnownEntry> {
+        self.0.entry(key)
     }
 }
 

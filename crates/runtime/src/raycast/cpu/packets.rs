@@ -16,6 +16,7 @@ use supervol_format::{BrickKey, Lod};
 use super::blocks::cloud_of_blocks;
 use super::fetch::Stored;
 use super::leap::{Ahead, BLOCK, ProximityCloud};
+use super::levels::{LevelErrors, TileErrors, errors_of};
 use super::lookup::{FewPieces, Lookup, ManyPieces};
 use super::order::{View, push_children, region_of, ways_through};
 use super::packet::{Classifier, ClassifyTask, Host, Precision, Queues, Work, cast};
@@ -29,6 +30,7 @@ use super::walk::{Packet, PacketBrick};
 use super::{BlockFeedback, Counters, CpuFrame, MAX_ERROR_LIMITS, PacketRule, RayState, Skipping};
 use crate::camera::{PixelRays, Projection};
 use crate::clip::{IndexRay, Segment, ToIndex};
+use crate::lod::deviation::Deviation;
 use crate::raycast::scalar::walk::AxisRay;
 use crate::raycast::scalar::{CastRay, LevelVisit, exact_cell};
 use crate::raycast::volume::{BrickView, DecodedBrick, Resident, Voxels};
@@ -62,6 +64,8 @@ pub struct PacketTables {
     plans: PerBrick<BrickPlan>,
     /// Of bricks, in all modes but `dvr`.
     pub(super) summaries: BrickSummaries,
+    /// What bricks of coarser levels are off by, where errors are summed up.
+    pub(super) of_levels: PerBrick<Deviation>,
 }
 
 /// How packets go through a brick in mode `dvr`.
@@ -81,6 +85,13 @@ impl BrickPlan {
         (size_of::<Self>() - size_of::<ProximityCloud<BLOCK>>()) as u64 + cloud
     }
 }
+
+/// Part of what is kept of bricks, as a divisor, that is for what coarser levels do.
+const LEVELS_SHARE: u64 = 8;
+/// Roundings of colour and of optical depth in a cell.
+const ROUNDINGS: f64 = 4.0;
+/// Half the distance of 1 from the next `f32`.
+const HALF_EPSILON: f64 = 0.5 * f32::EPSILON as f64;
 
 /// Share of a brick's blocks that show nothing from which rays leap.
 const LEAST_LEAPT: f64 = 0.125;
@@ -141,8 +152,8 @@ pub struct FinishedTile {
     pixels: [[f32; 4]; TILE_RAYS],
     /// Rays that ended before they left the volume.
     terminated_early: u64,
-    /// `dvr`: the greatest sum of the errors of cells, over its rays; 1 is white.
-    cells_error: f64,
+    /// What its rays may be off by, where that was summed up.
+    errors: Option<Box<TileErrors>>,
 }
 
 impl Tile {
@@ -164,12 +175,12 @@ impl Tile {
         }
     }
 
-    /// The greatest sum of the errors of cells over its rays, once the tile is finished; 1 is white.
+    /// What its rays may be off by, once the tile is finished, where that was summed up.
     #[must_use]
-    pub fn cells_error(&self) -> f64 {
+    pub fn errors(&self) -> Option<&TileErrors> {
         match self {
-            Self::Finished(tile) => tile.cells_error,
-            Self::Fresh | Self::Waiting(_) => 0.0,
+            Self::Finished(tile) => tile.errors.as_deref(),
+            Self::Fresh | Self::Waiting(_) => None,
         }
     }
 }
@@ -182,6 +193,7 @@ impl PacketTables {
         let fit = FIT_SHARE * max_error;
         let pieces = TransferPieces::new(source, frame.map.shift + f64::from(origin), fit);
         let precision = precision_of(max_error, pieces.has_steps(), rule.sums_errors);
+        let for_levels = if rule.sums_errors { made_bytes / LEVELS_SHARE } else { 0 };
         let set = rule.instructions.unwrap_or_else(InstructionSet::best);
         let ray = frame.camera.ray(0, 0);
         let index_ray = IndexRay::new(&ray, &frame.geometry);
@@ -200,8 +212,9 @@ impl PacketTables {
             pixel_rays: frame.camera.rays(),
             to_index: ToIndex::new(&frame.geometry),
             // A frame has one mode: only one of the two is filled.
-            plans: PerBrick::new(made_bytes),
-            summaries: BrickSummaries::new(made_bytes),
+            plans: PerBrick::new(made_bytes - for_levels),
+            summaries: BrickSummaries::new(made_bytes - for_levels),
+            of_levels: PerBrick::new(for_levels),
         }
     }
 
@@ -224,6 +237,22 @@ impl PacketTables {
     /// this share of the extinction, and no ray gathers more than one whole.
     pub fn fit_error(&self) -> f64 {
         2.0 * self.fit
+    }
+
+    /// What `f32` does to a ray that has gathered something, 1 being white: sums over the cells of a brick.
+    pub fn rounding_error(&self, frame: &CpuFrame) -> f64 {
+        // A ray leaves a cell through a plane of voxels.
+        let cells_per_brick = 3 * frame.pyramid.layout().core() + 1;
+        ROUNDINGS * cells_per_brick as f64 * HALF_EPSILON
+    }
+
+    /// What is not of any single cell: what a ray of this opacity may be off by in mode `dvr`; in others, what is aimed at.
+    pub fn own_error(&self, frame: &CpuFrame, opacity: f64) -> f64 {
+        match frame.mode {
+            Mode::Dvr if opacity > 0.0 => self.fit_error() * opacity + self.rounding_error(frame),
+            Mode::Iso if opacity > 0.0 => self.fit / FIT_SHARE,
+            _ => 0.0,
+        }
     }
 
     /// How to go through a brick.
@@ -314,12 +343,13 @@ fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision
 
 /// What packets hold in host memory beside their tables; `core`: voxels along an edge of a full brick's core.
 #[must_use]
-pub fn bytes_held(core: usize) -> CasterBytes {
+pub fn bytes_held(core: usize, sums_errors: bool) -> CasterBytes {
     let plan = BrickPlan::bytes_with(ProximityCloud::<BLOCK>::most_bytes(core));
     let made = plan.max(BrickSummary::most_bytes(core));
     let made_of_brick = bytes_kept(made);
-    let gathered = size_of::<Gathered>();
+    let gathered = size_of::<Gathered>() + if sums_errors { size_of::<LevelErrors>() } else { 0 };
     const { assert!(size_of::<FinishedTile>() <= size_of::<Gathered>()) };
+    const { assert!(size_of::<TileErrors>() <= size_of::<LevelErrors>()) };
     CasterBytes {
         bands: Bands::Allowed,
         tile_side: TILE_SIDE,
@@ -327,6 +357,8 @@ pub fn bytes_held(core: usize) -> CasterBytes {
         // A tile that goes on to wait is there twice for a moment.
         thread: (size_of::<TileRays>() + size_of::<Queues>() + gathered) as u64 + MAKING * made_of_brick,
         made_of_brick,
+        // The map of errors, and a copy to hand out.
+        of_pixel: if sums_errors { 2 * size_of::<[f32; 4]>() as u64 } else { 0 },
     }
 }
 
@@ -391,6 +423,9 @@ fn begin_tile(
         rays.gathered = (**gathered).clone();
         rays.gathered.waiting = [None; TILE_RAYS];
     }
+    if frame.deviations.is_some() && rays.gathered.levels.is_none() {
+        rays.gathered.levels = Some(Box::new(LevelErrors::NONE));
+    }
     let size = [frame.camera.width, frame.rows.len() as u32];
     for ray in 0..TILE_RAYS {
         let place = place_of(ray);
@@ -423,13 +458,33 @@ fn end_tile((frame, tables): (&CpuFrame, &PacketTables), rays: &TileRays) -> Til
     };
     let terminated_early = (0..TILE_RAYS).filter(|&ray| has_ended(ray)).count() as u64;
     let pixels = std::array::from_fn(|ray| frame.pixel(&gathered.state(ray)));
-    let cells_error = gathered.error.iter().copied().fold(0.0, f64::max);
-    Tile::Finished(Box::new(FinishedTile { pixels, terminated_early, cells_error }))
+    let errors = errors_of(frame, tables, gathered, &pixels);
+    Tile::Finished(Box::new(FinishedTile { pixels, terminated_early, errors }))
 }
 
 /// The pixels of all tiles, row by row from the top; of rays that wait `waiting` makes one.
 #[must_use]
 pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile], waiting: impl Fn(&RayState) -> [f32; 4]) -> Vec<[f32; 4]> {
+    row_by_row(frame, tiles, |tile, ray| match tile {
+        Tile::Fresh => waiting(&RayState::new(None)),
+        Tile::Finished(finished) => finished.pixels[ray],
+        Tile::Waiting(gathered) => waiting(&gathered.state(ray)),
+    })
+}
+
+/// What the rays of all tiles may be off by, row by row from the top, grey; NaN of those that are not finished.
+#[must_use]
+pub fn error_pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
+    row_by_row(frame, tiles, |tile, ray| {
+        tile.errors().map_or([f32::NAN; 4], |errors| {
+            let error = errors.of_rays[ray];
+            [error, error, error, 1.0]
+        })
+    })
+}
+
+/// What `pixel` says of each ray, row by row from the top.
+fn row_by_row(frame: &CpuFrame, tiles: &[Tile], pixel: impl Fn(&Tile, usize) -> [f32; 4]) -> Vec<[f32; 4]> {
     let (width, height) = (frame.camera.width as usize, frame.rows.len());
     let columns = tiles_of(frame)[0] as usize;
     let mut pixels = vec![[0.0; 4]; width * height];
@@ -439,11 +494,7 @@ pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile], waiting: impl Fn(&RayState) -
             let [x, y] = place_of(ray).map(|v| v as usize);
             let (x, y) = (corner[0] + x, corner[1] + y);
             if x < width && y < height {
-                pixels[y * width + x] = match tile {
-                    Tile::Fresh => waiting(&RayState::new(None)),
-                    Tile::Finished(finished) => finished.pixels[ray],
-                    Tile::Waiting(gathered) => waiting(&gathered.state(ray)),
-                };
+                pixels[y * width + x] = pixel(tile, ray);
             }
         }
     }
@@ -452,7 +503,7 @@ pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile], waiting: impl Fn(&RayState) -
 
 /// A tile through all bricks.
 pub(super) struct CastTile<'a> {
-    view: &'a dyn BrickView,
+    pub(super) view: &'a dyn BrickView,
     pub(super) frame: &'a CpuFrame,
     pub(super) tables: &'a PacketTables,
     /// First pixel of the tile, counted in the frame's rows.
@@ -525,6 +576,7 @@ impl CastTile<'_> {
             return Visit::Done;
         }
         self.feedback.uses.insert(key);
+        let crossing = self.crossing(key, resident);
         let is_dvr = self.frame.mode == Mode::Dvr;
         match resident {
             Resident::Brick(brick) if is_dvr => self.cast_brick(key, brick),
@@ -533,6 +585,9 @@ impl CastTile<'_> {
             Resident::Uniform(value) => self.gather_uniform(key, value),
             Resident::Nothing | Resident::TooCoarse | Resident::UseParent if !is_dvr => self.gather_nothing(),
             Resident::Nothing | Resident::TooCoarse | Resident::UseParent | Resident::Missing => {}
+        }
+        if let Some(crossing) = crossing {
+            self.note_levels(&crossing);
         }
         Visit::Done
     }

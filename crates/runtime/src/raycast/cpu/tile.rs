@@ -10,6 +10,7 @@
 use supervol_format::BrickKey;
 use supervol_format::space::HALF_VOXEL;
 
+use super::levels::LevelErrors;
 use super::walk::Packet;
 use super::{IsoSides, RayState};
 use crate::clip::{IndexRay, Segment};
@@ -64,6 +65,8 @@ pub struct Gathered {
     pub iso: [IsoSides; TILE_RAYS],
     /// The brick that the ray waits for.
     pub waiting: [Option<BrickKey>; TILE_RAYS],
+    /// What coarser levels may do to the rays, where errors are summed up.
+    pub levels: Option<Box<LevelErrors>>,
 }
 
 impl Gathered {
@@ -160,6 +163,7 @@ impl TileRays {
                 length: zero,
                 iso: [IsoSides::default(); TILE_RAYS],
                 waiting: [None; TILE_RAYS],
+                levels: None,
             },
             entry: zero,
             exit: zero,
@@ -181,6 +185,7 @@ impl TileRays {
         self.gathered.length.fill(0.0);
         self.gathered.iso.fill(IsoSides::default());
         self.gathered.waiting.fill(None);
+        self.gathered.levels = None;
         (self.going, self.hit_count, self.has_parallel) = (0, 0, false);
     }
 

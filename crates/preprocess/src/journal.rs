@@ -1,0 +1,263 @@
+//! What a build has finished, tile by tile, so that one that was killed goes on where it was.
+//!
+//! ```text
+//! .supervol-build-A.partial   header page | records of the bricks, in tile order ...
+//! .supervol-build-B.partial   this journal: head | frame | frame | ...
+//! head    magic, identity of the build (u64), name of A (u16 length, bytes), checksum of all that (u64)
+//! frame   level (u32), bricks (u32), where the records end (u64), then of each brick its number in the pyramid (u64) and its
+//!         entry (80 bytes), checksum of the frame (u64); all little endian
+//! ```
+//!
+//! 1. A build begins a journal beside its container, and writes a frame for each tile whose records have left the process.
+//! 2. Both are partials ([`crate::output::unfinished`]): gone when the build fails or a signal ends it, left behind when the
+//!    process is killed, or the machine stops.
+//! 3. A build that would make the same bytes ([`identity`]) takes both over: frames are believed as far as their checksums
+//!    go, and records as far as the checksums in their entries do. All else is cut off and made anew.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
+use std::path::Path;
+
+use supervol_format::container::toc::ENTRY_BYTES;
+use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
+
+use crate::output::unfinished::{UnfinishedFile, Writer, list_builds};
+
+const MAGIC: [u8; 8] = *b"SVJOURN1";
+/// Bytes of a frame before its bricks.
+const FRAME_HEAD: usize = 16;
+/// Bytes of a brick in a frame.
+const BRICK_BYTES: usize = 8 + ENTRY_BYTES;
+const CHECKSUM_BYTES: usize = 8;
+
+/// A journal being written.
+#[derive(Debug)]
+pub struct Journal(UnfinishedFile);
+
+/// One tile whose bricks have been written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Frame {
+    /// Level of detail.
+    pub lod: u32,
+    /// Where the records of its bricks end in the container.
+    pub end: u64,
+    /// Number in the pyramid and encoded entry of each brick, in the order in which they were written.
+    pub bricks: Vec<(u64, [u8; ENTRY_BYTES])>,
+}
+
+/// An unfinished build that can be gone on with.
+#[derive(Debug)]
+pub struct Unfinished {
+    /// The container as far as it came.
+    pub container: UnfinishedFile,
+    /// What is known of it.
+    pub journal: Journal,
+    /// Frames that have been read.
+    frames: BufReader<File>,
+    /// Where the next one begins.
+    at: u64,
+}
+
+/// A number that two builds share only if they make the same bytes: whatever decides them goes in.
+#[must_use]
+pub fn identity(parts: &[&[u8]]) -> u64 {
+    let mut hash = Xxh3Default::new();
+    for part in parts {
+        hash.update(&(part.len() as u64).to_le_bytes());
+        hash.update(part);
+    }
+    hash.digest()
+}
+
+impl Journal {
+    /// Begins the journal of a container.
+    ///
+    /// # Errors
+    /// If its folder cannot be written to.
+    pub fn begin(folder: &Path, container: &UnfinishedFile, identity: u64) -> io::Result<Self> {
+        let file = UnfinishedFile::create_for_build(folder, container.as_file().metadata()?.permissions())?;
+        file.as_file().write_all(&head(identity, container.file_name().as_encoded_bytes()))?;
+        Ok(Self(file))
+    }
+
+    /// Notes that the records of a tile have left the process.
+    ///
+    /// # Errors
+    /// If the disk does not take it.
+    pub fn append(&self, frame: &Frame) -> io::Result<()> {
+        // One write: what is torn of it the checksum tells.
+        self.0.as_file().write_all(&frame.encode())
+    }
+}
+
+fn head(identity: u64, name: &[u8]) -> Vec<u8> {
+    let mut head = MAGIC.to_vec();
+    head.extend(identity.to_le_bytes());
+    head.extend((name.len() as u16).to_le_bytes());
+    head.extend(name);
+    head.extend(xxh3_64(&head).to_le_bytes());
+    head
+}
+
+impl Frame {
+    fn encode(&self) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(FRAME_HEAD + self.bricks.len() * BRICK_BYTES + CHECKSUM_BYTES);
+        bytes.extend(self.lod.to_le_bytes());
+        bytes.extend((self.bricks.len() as u32).to_le_bytes());
+        bytes.extend(self.end.to_le_bytes());
+        for (number, entry) in &self.bricks {
+            bytes.extend(number.to_le_bytes());
+            bytes.extend(entry);
+        }
+        bytes.extend(xxh3_64(&bytes).to_le_bytes());
+        bytes
+    }
+
+    /// The next frame; none where it is not whole, or has more than `most` bricks.
+    fn read(from: &mut impl Read, most: usize) -> Option<Self> {
+        let mut bytes = vec![0; FRAME_HEAD];
+        from.read_exact(&mut bytes).ok()?;
+        let count = u32::from_le_bytes(bytes[4..8].try_into().ok()?) as usize;
+        if count > most {
+            return None;
+        }
+        bytes.resize(FRAME_HEAD + count * BRICK_BYTES + CHECKSUM_BYTES, 0);
+        from.read_exact(&mut bytes[FRAME_HEAD..]).ok()?;
+        let (content, checksum) = bytes.split_at(bytes.len() - CHECKSUM_BYTES);
+        if xxh3_64(content).to_le_bytes() != checksum {
+            return None;
+        }
+        let bricks = content[FRAME_HEAD..].chunks_exact(BRICK_BYTES).map(|brick| {
+            let (number, entry) = brick.split_at(8);
+            Some((u64::from_le_bytes(number.try_into().ok()?), entry.try_into().ok()?))
+        });
+        Some(Self {
+            lod: u32::from_le_bytes(content[..4].try_into().ok()?),
+            end: u64::from_le_bytes(content[8..16].try_into().ok()?),
+            bricks: bricks.collect::<Option<_>>()?,
+        })
+    }
+}
+
+impl Unfinished {
+    /// An unfinished build of this identity that its process has left in the folder.
+    #[must_use]
+    pub fn find(folder: &Path, identity: u64) -> Option<Self> {
+        let left = list_builds(folder).ok()?;
+        let dead = left.iter().filter(|leftover| leftover.writer == Writer::Dead);
+        let paths: Vec<_> = dead.map(|leftover| leftover.path.clone()).collect();
+        // Their locks are ours as long as the list lives.
+        drop(left);
+        paths.iter().find_map(|path| Self::take_over(folder, path, identity))
+    }
+
+    fn take_over(folder: &Path, journal: &Path, identity: u64) -> Option<Self> {
+        let container = {
+            let mut file = File::open(journal).ok()?;
+            let mut start = [0; MAGIC.len() + 10];
+            file.read_exact(&mut start).ok()?;
+            let mut name = vec![0; usize::from(u16::from_le_bytes([start[16], start[17]]))];
+            file.read_exact(&mut name).ok()?;
+            let expected = head(identity, &name);
+            let mut found = vec![0; expected.len()];
+            file.seek(SeekFrom::Start(0)).ok()?;
+            file.read_exact(&mut found).ok()?;
+            if found != expected {
+                return None;
+            }
+            let name = String::from_utf8(name).ok()?;
+            // A name, not a path to somewhere else.
+            let is_name = Path::new(&name).file_name().is_some_and(|n| n == name.as_str());
+            if !is_name {
+                return None;
+            }
+            (folder.join(name), expected.len() as u64)
+        };
+        let (container, at) = container;
+        let journal = UnfinishedFile::adopt(journal).ok()??;
+        let container = UnfinishedFile::adopt(&container).ok()??;
+        let mut frames = journal.as_file().try_clone().ok()?;
+        frames.seek(SeekFrom::Start(at)).ok()?;
+        Some(Self { container, journal: Journal(journal), frames: BufReader::new(frames), at })
+    }
+
+    /// The next tile that was finished, of at most `most` bricks.
+    pub fn next_frame(&mut self, most: usize) -> Option<Frame> {
+        Frame::read(&mut self.frames, most)
+    }
+
+    /// The frame that was read last holds.
+    pub fn accept(&mut self, frame: &Frame) {
+        self.at += (FRAME_HEAD + frame.bricks.len() * BRICK_BYTES + CHECKSUM_BYTES) as u64;
+    }
+
+    /// Cuts off all that was not accepted: the container ends at `end`.
+    ///
+    /// # Errors
+    /// If the disk does not take it.
+    pub fn go_on(self, end: u64) -> io::Result<(UnfinishedFile, Journal)> {
+        for (mut file, end) in [(self.journal.0.as_file(), self.at), (self.container.as_file(), end)] {
+            file.set_len(end)?;
+            file.seek(SeekFrom::Start(end))?;
+        }
+        Ok((self.container, self.journal))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(lod: u32, bricks: u64) -> Frame {
+        Frame { lod, end: 4096 + 100 * bricks, bricks: (0..bricks).map(|n| (n, [n as u8 + 1; ENTRY_BYTES])).collect() }
+    }
+
+    #[test]
+    fn frames_are_believed_only_where_they_are_whole() {
+        let bytes: Vec<u8> = [frame(0, 3), frame(1, 0)].iter().flat_map(Frame::encode).collect();
+        let read = |bytes: &[u8], most| {
+            let mut from = bytes;
+            std::iter::from_fn(|| Frame::read(&mut from, most)).collect::<Vec<_>>()
+        };
+        assert_eq!(read(&bytes, 3), [frame(0, 3), frame(1, 0)]);
+        assert!(read(&bytes, 2).is_empty());
+        let first = frame(0, 3).encode().len();
+        for cut in 0..bytes.len() {
+            assert_eq!(read(&bytes[..cut], 3).len(), usize::from(cut >= first), "cut at {cut}");
+        }
+        for byte in 0..first {
+            let mut wrong = bytes.clone();
+            wrong[byte] ^= 0x10;
+            assert!(read(&wrong, 1 << 20).is_empty(), "byte {byte}");
+        }
+    }
+
+    #[test]
+    fn builds_of_the_same_identity_are_found_and_no_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let permissions = std::fs::metadata(folder.path()).unwrap().permissions();
+        let container = UnfinishedFile::create_for_build(folder.path(), permissions).unwrap();
+        let journal = Journal::begin(folder.path(), &container, 7).unwrap();
+        journal.append(&frame(0, 2)).unwrap();
+        container.as_file().write_all(&[1; 5000]).unwrap();
+        assert!(Unfinished::find(folder.path(), 7).is_none(), "somebody writes it");
+        container.abandon();
+        journal.0.abandon();
+        assert!(Unfinished::find(folder.path(), 8).is_none());
+        let mut found = Unfinished::find(folder.path(), 7).unwrap();
+        assert!(Unfinished::find(folder.path(), 7).is_none(), "it has been taken over");
+        let first = found.next_frame(10).unwrap();
+        assert_eq!(first, frame(0, 2));
+        found.accept(&first);
+        assert!(found.next_frame(10).is_none());
+        let (container, journal) = found.go_on(4296).unwrap();
+        assert_eq!(container.as_file().metadata().unwrap().len(), 4296);
+        journal.append(&frame(1, 1)).unwrap();
+        container.abandon();
+        journal.0.abandon();
+        let mut again = Unfinished::find(folder.path(), 7).unwrap();
+        assert_eq!([again.next_frame(10), again.next_frame(10)], [Some(frame(0, 2)), Some(frame(1, 1))]);
+        drop(again);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "dropped, it is removed");
+    }
+}

@@ -1,0 +1,147 @@
+//! A build that was killed goes on where it was, and ends with the same bytes: whatever its process left behind.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use supervol_format::container::manifest::Source;
+use supervol_format::{BrickLayout, VoxelType};
+use supervol_preprocess::output::unfinished::list_builds;
+use supervol_preprocess::report::{BuildReport, Progress};
+use supervol_preprocess::source::VolumeSource;
+use supervol_preprocess::source::computed::Computed;
+use supervol_preprocess::{BuildOptions, Existing, build};
+
+const OUTPUT: &str = "v.svol";
+
+fn source(seed: u64) -> Computed {
+    Computed::new([70, 50, 150], VoxelType::I16, move |[x, y, z]| {
+        let hash = (x + 70 * y + 3500 * z + seed).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 52;
+        // Noise in one half, one value in the other.
+        if x < 40 { hash as f64 } else { 7.0 }
+    })
+}
+
+fn options() -> BuildOptions {
+    // So little memory that a level has many tiles.
+    BuildOptions {
+        layout: BrickLayout::new(16).expect("16 is a core"),
+        memory_bytes: 2 << 20,
+        threads: 2,
+        existing: Existing::Keep,
+        ..BuildOptions::default()
+    }
+}
+
+/// A source whose voxels have this checksum.
+fn origin(xxh3_64: &str) -> Source {
+    Source { name: "a".into(), format: "computed".into(), bytes: 0, xxh3_64: xxh3_64.into() }
+}
+
+fn run(folder: &Path, source: &dyn VolumeSource, on_progress: &(dyn Fn(Progress) + Sync)) -> BuildReport {
+    build(source, origin("01"), &folder.join(OUTPUT), &options(), on_progress).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// The files of a build as they are at every moment that it tells of, each moment in a folder of its own.
+fn moments(folder: &Path) -> Vec<PathBuf> {
+    let building = folder.join("whole");
+    std::fs::create_dir(&building).expect("room");
+    let seen: Mutex<Vec<PathBuf>> = Mutex::default();
+    run(&building, &source(1), &|progress| {
+        let mut seen = seen.lock().expect("nobody panics");
+        let moment = folder.join(format!("{:03}-{}", seen.len(), progress.bricks_done));
+        std::fs::create_dir(&moment).expect("room");
+        for leftover in list_builds(&building).expect("the folder is there") {
+            std::fs::copy(&leftover.path, moment.join(leftover.path.file_name().expect("a name"))).expect("room");
+        }
+        seen.push(moment);
+    });
+    seen.into_inner().expect("nobody panics")
+}
+
+fn bytes(folder: &Path) -> Vec<u8> {
+    std::fs::read(folder.join(OUTPUT)).expect("the build wrote it")
+}
+
+/// Bricks that a build did not make anew.
+fn restored(report: &BuildReport) -> u64 {
+    let note = report.notes.iter().find(|note| note.contains("interrupted"));
+    note.map_or(0, |note| note.split_whitespace().find_map(|word| word.parse().ok()).expect("a number"))
+}
+
+#[test]
+fn builds_go_on_from_every_moment_and_end_with_the_same_bytes() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let moments = moments(folder.path());
+    let expected = bytes(&folder.path().join("whole"));
+    assert!(moments.len() > 12, "{moments:?}");
+    for moment in &moments {
+        let done: u64 = moment.to_string_lossy().rsplit('-').next().and_then(|n| n.parse().ok()).expect("a number");
+        let most = Mutex::new((u64::MAX, 0));
+        let report = run(moment, &source(1), &|progress| {
+            let mut most = most.lock().expect("nobody panics");
+            *most = (most.0.min(progress.bricks_done), progress.bricks_done);
+        });
+        assert_eq!(restored(&report), done, "{moment:?}: what was told to be done is done");
+        assert_eq!(most.into_inner().expect("nobody panics").1, report.bricks);
+        assert!(bytes(moment) == expected, "{moment:?}: other bytes");
+        assert_eq!(std::fs::read_dir(moment).expect("the folder is there").count(), 1, "{moment:?}");
+    }
+}
+
+#[test]
+fn what_is_torn_or_damaged_is_made_anew() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let moments = moments(folder.path());
+    let expected = bytes(&folder.path().join("whole"));
+    let mut seed = 5u64;
+    let mut random = move |n: usize| {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) as usize % n
+    };
+    let (mut went_on, mut less) = (0, 0);
+    for (i, moment) in moments.iter().enumerate() {
+        let done: u64 = moment.to_string_lossy().rsplit('-').next().and_then(|n| n.parse().ok()).expect("a number");
+        let mut files: Vec<PathBuf> =
+            list_builds(moment).expect("the folder is there").into_iter().map(|l| l.path.clone()).collect();
+        files.sort_by_key(|path| std::fs::metadata(path).expect("it is there").len());
+        // Journal or container, cut or wrong in one byte.
+        let path = &files[i % 2];
+        let mut content = std::fs::read(path).expect("it is there");
+        let at = random(content.len());
+        if i % 4 < 2 {
+            content.truncate(at)
+        } else {
+            content[at] ^= 0x40
+        }
+        std::fs::write(path, &content).expect("room");
+        let report = run(moment, &source(1), &|_| ());
+        assert!(restored(&report) <= done && bytes(moment) == expected, "{moment:?}: {:?} at {at}", path.file_name());
+        went_on += usize::from(restored(&report) > 0);
+        less += usize::from(restored(&report) < done);
+        assert_eq!(std::fs::read_dir(moment).expect("the folder is there").count(), 1, "{moment:?}");
+    }
+    assert!(went_on > 3 && less > 3, "{went_on} of {} went on, {less} with less", moments.len());
+}
+
+#[test]
+fn another_build_begins_anew_and_removes_what_is_left() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let moments = moments(folder.path());
+    let last = &moments[moments.len() - 1..];
+    for moment in last.iter().chain(&moments[3..4]) {
+        let path = moment.join("other.svol");
+        let report = build(&source(2), origin("02"), &path, &options(), &|_| ()).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(restored(&report), 0);
+        assert_eq!(std::fs::read_dir(moment).expect("the folder is there").count(), 1, "{moment:?}");
+    }
+    // Another brick size, another memory: other bytes.
+    let moment = &moments[5];
+    let larger = BuildOptions { memory_bytes: 3 << 20, ..options() };
+    let report = build(&source(1), origin("01"), &moment.join(OUTPUT), &larger, &|_| ());
+    assert_eq!(restored(&report.unwrap_or_else(|e| panic!("{e}"))), 0);
+    // Of a source without a checksum nobody knows whether it is the same.
+    let moment = &moments[6];
+    let report = build(&source(1), origin(""), &moment.join(OUTPUT), &options(), &|_| ());
+    assert_eq!(restored(&report.unwrap_or_else(|e| panic!("{e}"))), 0);
+    assert_eq!(std::fs::read_dir(moment).expect("the folder is there").count(), 1);
+}

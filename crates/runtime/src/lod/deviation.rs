@@ -1,0 +1,531 @@
+//! How far rays may be from those through level 0 because a brick is drawn from a coarser level: what the table of contents
+//! says of its values, seen through the transfer function.
+//!
+//! [`by_error`](super::by_error) asks whether a brick may be drawn at all, of the brick alone and whatever the ray. Here a
+//! picture has been drawn, and the opacity that a ray gathered in the brick is known; so the bound is far tighter.
+//!
+//! ## The bound of a ray in mode `dvr`
+//!
+//! A ray gathers `C = sum over bricks of T_i E_i`, T_i the transmittance in front of brick i and E_i its own premultiplied
+//! colour, and all colours are in [0, 1]. Exchange its bricks for those of level 0 one after the other, front to back. The
+//! exchange of brick i changes the ray by at most `T'_i |(E - E') + (t - t') B|`, where T' is the transmittance through the
+//! bricks of level 0 in front, t and t' that of the brick before and after, and B in [0, 1] the colour behind.
+//!
+//! *In the brick*, let kappa and q = kappa c be extinction and emission drawn at a place, and kappa' and q' the exact ones
+//! there. Going from one to the other in equal shares (as in `by_error`), the change is at most the integral over the brick of
+//! `t e^d r`, where `r = max(|kappa - kappa'|, |q - q'|, |(q - kappa) - (q' - kappa')|)` and d the integral of
+//! `max(0, kappa - kappa')` so far. With numbers a and b such that `r <= a kappa + b` for all values of the brick,
+//! `integral of t (a kappa + b) <= a (1 - t) + b l` over the length l, and d is at most both its length times the greatest
+//! `kappa - kappa'`, and `-ln t`. Several pairs (a, b) are kept: the least of their sums counts.
+//! Never more than `1 - exp(-kappa_max l)`, kappa_max over the brick's own and all exact values.
+//!
+//! *In front*, `T' <= T e^D`, D the sum of d over the bricks so far. And whatever lies behind a place with transmittance T can
+//! change the ray by no more than T: the sum so far plus T is a bound, too, at every place; and the only one for a ray that
+//! ended there.
+//!
+//! Where voxels may be absent in one level and not in the other, the drawn value may be exchanged for nothing, and nothing for
+//! any value beneath. Shaded colours may be any: r is the greater of both extinctions.
+//!
+//! In `mip`, `minip` and `mean` values are off, not rays: [`Deviation::value`] says by how much. In `iso` everything from a
+//! brick on whose exact values hold an iso value may be different.
+
+use supervol_format::container::toc::BrickEntry;
+use supervol_format::{BrickKey, Lod, ValueRange};
+
+use super::by_error::DataScale;
+use crate::scene::{Mode, ResolvedScene};
+use crate::transfer_function::intervals::Extent;
+use crate::transfer_function::{ALPHA_LIMIT, Intervals};
+
+/// What `f32` may do to a value, as a share of the range of all values: an estimate.
+const VALUE_ROUNDING: f64 = 1e-5;
+/// Parts of a brick's range of values that are looked at one by one.
+const PARTS: usize = 64;
+/// a of each pair, see the module.
+const PER_OPACITY: [f64; 7] = [0.0, 1.0 / 1024.0, 1.0 / 256.0, 1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0, 1.0];
+
+/// What is drawn of one brick, against level 0; see the module. World lengths, data values, 1 is white.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Deviation {
+    /// Mode `dvr`: b for each a of [`PER_OPACITY`].
+    per_length: [f64; PER_OPACITY.len()],
+    /// Mode `dvr`: most that the drawn extinction is above the exact one.
+    thinner: f64,
+    /// Greatest extinction that may be drawn or exact; infinite in mode `iso` where a surface may lie beneath.
+    kappa_max: f64,
+    /// Most that a value is off; infinite where one may be there or not.
+    pub value: f64,
+    /// Greatest and least exact value; empty where there is none.
+    pub beneath: ValueRange,
+    /// Whether a voxel may be absent in the brick or beneath: then something may be drawn where nothing is, and the other way
+    /// round.
+    pub presence_may_change: bool,
+}
+
+impl Deviation {
+    /// Of level 0.
+    pub const NONE: Self = Self {
+        per_length: [0.0; PER_OPACITY.len()],
+        thinner: 0.0,
+        kappa_max: 0.0,
+        value: 0.0,
+        beneath: ValueRange::EMPTY,
+        presence_may_change: false,
+    };
+    /// Of a brick of which nothing is known.
+    pub const UNKNOWN: Self = Self {
+        per_length: [f64::INFINITY; PER_OPACITY.len()],
+        thinner: f64::INFINITY,
+        kappa_max: f64::INFINITY,
+        value: f64::INFINITY,
+        beneath: ValueRange { min: f64::NEG_INFINITY, max: f64::INFINITY },
+        presence_may_change: true,
+    };
+
+    /// Whether nothing is off.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        *self == Self::NONE
+    }
+
+    /// How much less optical depth the brick may really have for a ray that goes through `length` of it and keeps the share
+    /// `through` of its light.
+    #[must_use]
+    pub fn thinner(&self, length: f64, through: f64) -> f64 {
+        (self.thinner * length).min(-through.ln())
+    }
+
+    /// Most by which such a ray may be off, of what there is in front of the brick.
+    #[must_use]
+    pub fn of_ray(&self, length: f64, through: f64) -> f64 {
+        let opacity = 1.0 - through;
+        let sums = PER_OPACITY.iter().zip(self.per_length).map(|(a, b)| a * opacity + b * length);
+        let integral = sums.fold(f64::INFINITY, f64::min);
+        (integral * self.thinner(length, through).exp()).min(self.of_nothing(length))
+    }
+
+    /// The same where nothing of the brick is drawn.
+    #[must_use]
+    pub fn of_nothing(&self, length: f64) -> f64 {
+        -(-self.kappa_max * length).exp_m1()
+    }
+}
+
+/// What the bricks that a ray has passed may do to it; see the module.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RayDeviation {
+    /// `dvr`, `iso`: what the bricks so far may do, summed up; `mean`: what values are off, times the length.
+    sum: f64,
+    /// `dvr`, `iso`: least of the sum and the transmittance at all places so far.
+    bound: f64,
+    /// `dvr`: how much less optical depth there may be in front.
+    thinner: f64,
+    /// `mip`, `minip`: how far the exact value may be below.
+    below: f64,
+    /// And above.
+    above: f64,
+}
+
+impl RayDeviation {
+    /// Of a ray that has passed nothing.
+    pub const NONE: Self = Self { sum: 0.0, bound: 1.0, thinner: 0.0, below: 0.0, above: 0.0 };
+
+    /// `dvr`, `iso`: the ray has gone through `length` of a brick, which has changed its transmittance from `before` to
+    /// `after`; none where nothing of the brick is drawn.
+    pub fn note_brick(&mut self, before: f64, after: Option<f64>, length: f64, deviation: &Deviation) {
+        if before == 0.0 {
+            return;
+        }
+        self.bound = self.bound.min(self.sum + before);
+        let in_front = (before * self.thinner.exp()).min(1.0);
+        if let Some(after) = after {
+            let through = after / before;
+            self.sum += in_front * deviation.of_ray(length, through);
+            self.thinner += deviation.thinner(length, through);
+        } else {
+            self.sum += in_front * deviation.of_nothing(length);
+        }
+    }
+
+    /// `dvr`, `iso`: by how much a ray may be off behind whose end there is no more light than `behind`.
+    #[must_use]
+    pub fn of_ray(&self, behind: f64) -> f64 {
+        (self.sum + behind).min(self.bound)
+    }
+
+    /// `mip`, `minip`: a brick has changed the greatest value of the ray, or the least; NaN where there is none.
+    pub fn note_extreme(&mut self, [before, after]: [f64; 2], is_greatest: bool, deviation: &Deviation) {
+        let beyond = if is_greatest { deviation.beneath.max - after } else { after - deviation.beneath.min };
+        // Exact values go beyond the drawn one as far as their own range does.
+        let beyond = if after.is_nan() { deviation.value } else { beyond.clamp(0.0, deviation.value) };
+        let Self { below, above, .. } = self;
+        let (inward, outward) = if is_greatest { (below, above) } else { (above, below) };
+        *outward = outward.max(beyond);
+        if before.is_nan() || before != after {
+            *inward = deviation.value;
+        }
+    }
+
+    /// `mip`, `minip`: how far below and above the exact value may be.
+    #[must_use]
+    pub fn reach(&self) -> [f64; 2] {
+        [self.below, self.above]
+    }
+
+    /// `mean`: a brick has added to the integral of the ray's values.
+    pub fn note_mean(&mut self, length: f64, deviation: &Deviation) {
+        self.sum += deviation.value * length;
+    }
+
+    /// `mean`: how far below and above the exact mean over this length may be.
+    #[must_use]
+    pub fn mean_reach(&self, length: f64) -> [f64; 2] {
+        if self.sum == 0.0 { [0.0; 2] } else { [self.sum / length; 2] }
+    }
+}
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub struct Deviations {
+    mode: Mode,
+    intervals: Intervals,
+    /// Iso values, data units.
+    iso: Vec<f64>,
+    is_shaded: bool,
+    scale: f64,
+    offset: f64,
+    value_range: ValueRange,
+}
+
+impl Deviations {
+    /// What to know for pictures of a scene.
+    #[must_use]
+    pub fn new(scene: &ResolvedScene, data: &DataScale<'_>) -> Self {
+        Self {
+            mode: scene.mode,
+            intervals: Intervals::new(&scene.transfer_function),
+            iso: scene.iso.iter().map(|surface| surface.value).collect(),
+            is_shaded: scene.shading.is_some(),
+            scale: data.scale,
+            offset: data.offset,
+            value_range: data.value_range,
+        }
+    }
+
+    /// Of a brick with this entry; whether a voxel of it or beneath it may be absent is asked at most once.
+    #[must_use]
+    pub fn of(&self, key: BrickKey, entry: &BrickEntry, may_have_holes: bool) -> Deviation {
+        let beneath = self.data_range(entry.range_beneath);
+        let error = entry.error * self.scale.abs();
+        let is_exact =
+            error == 0.0 && !may_have_holes && !(self.is_shaded && matches!(self.mode, Mode::Dvr | Mode::Iso));
+        if key.lod() == Lod::FINEST || beneath.is_empty() || is_exact {
+            return Deviation::NONE;
+        }
+        let known = Deviation {
+            value: if may_have_holes { f64::INFINITY } else { error },
+            beneath,
+            presence_may_change: may_have_holes,
+            ..Deviation::NONE
+        };
+        match self.mode {
+            Mode::Dvr => self.of_rays(self.data_range(entry.range), error, known),
+            Mode::Iso => {
+                let has_surface = self.iso.iter().any(|&value| beneath.min <= value && value <= beneath.max);
+                if has_surface { Deviation { kappa_max: f64::INFINITY, ..known } } else { Deviation::NONE }
+            }
+            Mode::Mip | Mode::Minip | Mode::Mean | Mode::Slice => known,
+        }
+    }
+
+    /// `known` with what mode `dvr` wants: drawn values lie in `own`, each off by at most `error`.
+    fn of_rays(&self, own: ValueRange, error: f64, known: Deviation) -> Deviation {
+        let kappa = |alpha| self.intervals.function().kappa(alpha);
+        let kappa_max = |range: ValueRange| {
+            if range.is_empty() { 0.0 } else { kappa(self.intervals.extent(range.min, range.max).high[3]) }
+        };
+        let beneath = known.beneath;
+        let mut found = Deviation { kappa_max: kappa_max(own).max(kappa_max(beneath)), ..known };
+        if found.kappa_max == 0.0 {
+            return Deviation::NONE;
+        }
+        if known.presence_may_change {
+            found.per_length = [kappa_max(beneath); PER_OPACITY.len()];
+            found.thinner = kappa_max(own);
+        }
+        if own.is_empty() {
+            return found;
+        }
+        for part in 0..PARTS {
+            let place = |i: usize| own.min + (own.max - own.min) * (i as f64 / PARTS as f64);
+            let [low, high] = [place(part), if part + 1 == PARTS { own.max } else { place(part + 1) }];
+            let least = kappa(self.intervals.extent(low, high).low[3]);
+            // Exact values lie to one side or to the other.
+            let reaches =
+                [((low - error).max(beneath.min).min(low), high), (low, (high + error).min(beneath.max).max(high))];
+            for (from, to) in reaches {
+                let (extinction, rate) = self.change(from, to, error, known.presence_may_change);
+                found.thinner = found.thinner.max(extinction);
+                for (a, b) in PER_OPACITY.iter().zip(&mut found.per_length) {
+                    *b = b.max(rate - a * least);
+                }
+            }
+            if low == high {
+                break;
+            }
+        }
+        found
+    }
+
+    /// Most by which extinction, and r of the module's text, change between two values of an interval that are `error` apart
+    /// at most; or between one of its values and nothing.
+    fn change(&self, from: f64, to: f64, error: f64, or_nothing: bool) -> (f64, f64) {
+        let extent: Extent = self.intervals.extent(from, to);
+        let function = self.intervals.function();
+        let (least, greatest) = (function.kappa(extent.low[3]), function.kappa(extent.high[3]));
+        if or_nothing {
+            return (greatest, greatest);
+        }
+        let width = to - from;
+        // Where the transfer function is linear, the error moves it by its share.
+        let share = if width > error && self.intervals.is_linear(from, to) { error / width } else { 1.0 };
+        // Extinction is steepest where it is greatest.
+        let steepest = 1.0 / ((1.0 - extent.high[3].min(ALPHA_LIMIT)) * function.unit_distance());
+        let extinction = (greatest - least).min(share * (extent.high[3] - extent.low[3]) * steepest);
+        if self.is_shaded {
+            return (extinction, greatest);
+        }
+        let brightest = extent.high[..3].iter().copied().fold(0.0, f64::max);
+        let darkest = extent.low[..3].iter().copied().fold(1.0, f64::min);
+        let emission = extinction * brightest.max(1.0 - darkest) + greatest * share * extent.color_change();
+        (extinction, extinction.max(emission).min(greatest))
+    }
+
+    /// Most by which the pixel of a value may be off that lies up to `below` and `above` elsewhere, of what is drawn: colour
+    /// times opacity, and opacity. Where nothing is drawn the value is NaN.
+    #[must_use]
+    pub fn of_value(&self, value: f64, [below, above]: [f64; 2], drawn: [f32; 4]) -> f64 {
+        if value.is_nan() && below == 0.0 && above == 0.0 {
+            return 0.0;
+        }
+        let all = self.value_range;
+        let rounding = VALUE_ROUNDING * all.width();
+        // `max` and `min` drop NaN: where nothing is drawn, anything may be there.
+        let (from, to) = ((value - below - rounding).max(all.min), (value + above + rounding).min(all.max));
+        let (from, to) = (from.min(all.max), to.max(all.min));
+        let may_be_nothing = below.is_infinite() || above.is_infinite();
+        let extent = self.intervals.extent(from, to);
+        let off = |c: usize| {
+            let [low, high] = if c == 3 { [1.0, 1.0] } else { [extent.low[c], extent.high[c]] };
+            let drawn = f64::from(drawn[c]);
+            // Nothing at all may be there, too.
+            let least = if may_be_nothing { 0.0 } else { low * extent.low[3] };
+            (drawn - least).max(high * extent.high[3] - drawn)
+        };
+        (0..4).map(off).fold(0.0, f64::max)
+    }
+
+    /// A stored range in data units.
+    fn data_range(&self, stored: ValueRange) -> ValueRange {
+        stored.scaled(self.scale, self.offset)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::facts::{DataKind, VolumeFacts};
+    use crate::scene::Scene;
+    use proptest::prelude::*;
+    use supervol_format::codec::Codec;
+    use supervol_format::{BrickIndex, BrickLayout, Dims, Geometry, Pyramid};
+
+    const VALUES: ValueRange = ValueRange { min: 0.0, max: 100.0 };
+
+    fn deviations(json: &str) -> Deviations {
+        let pyramid = Pyramid::new(Dims([32; 3]), BrickLayout::new(16).unwrap(), &[[2, 2, 2]]).unwrap();
+        let facts = VolumeFacts {
+            dims: Dims([32; 3]),
+            geometry: Geometry::IDENTITY,
+            value_range: VALUES,
+            percentiles: vec![],
+            kind: DataKind::Generic,
+            has_zero_centre: false,
+        };
+        let scene = Scene::from_json(json).unwrap().resolve(&facts).unwrap();
+        let geometry = &Geometry::IDENTITY;
+        Deviations::new(
+            &scene,
+            &DataScale { pyramid: &pyramid, geometry, scale: 1.0, offset: 0.0, value_range: VALUES },
+        )
+    }
+
+    fn function(points: &[(f64, f64)]) -> String {
+        let point = |&(value, alpha): &(f64, f64)| {
+            format!(r#"{{"value": {value:?}, "color": [{:?}, 0.5, 0.25], "alpha": {alpha:?}}}"#, value / 100.0)
+        };
+        format!(r#""transfer_function": {{"points": [{}]}}"#, points.iter().map(point).collect::<Vec<_>>().join(", "))
+    }
+
+    fn entry(own: ValueRange, beneath: ValueRange, error: f64) -> BrickEntry {
+        BrickEntry {
+            offset: 4096,
+            payload_bytes: 1,
+            macro_cell_bytes: 2,
+            codec: Codec::Raw,
+            absent: own.is_empty(),
+            uniform: false,
+            has_holes: false,
+            checksum: 0,
+            fill: 0,
+            range: own,
+            range_beneath: beneath,
+            error,
+        }
+    }
+
+    fn coarse() -> BrickKey {
+        BrickKey::new(Lod(1), BrickIndex([0; 3]))
+    }
+
+    /// Premultiplied colour and transmittance of pieces `(length, value)` of constant value, none where nothing is there.
+    fn gather(deviations: &Deviations, pieces: &[(f64, Option<f64>)]) -> ([f64; 3], f64) {
+        let function = deviations.intervals.function();
+        let (mut color, mut transmittance) = ([0.0; 3], 1.0);
+        for &(length, value) in pieces {
+            let Some(value) = value else { continue };
+            let (c, alpha) = function.classify(value);
+            let through = (-function.kappa(alpha) * length).exp();
+            (0..3).for_each(|i| color[i] += transmittance * (1.0 - through) * c[i]);
+            transmittance *= through;
+        }
+        (color, transmittance)
+    }
+
+    fn difference((c, t): ([f64; 3], f64), (d, u): ([f64; 3], f64)) -> f64 {
+        (0..3).map(|i| (c[i] - d[i]).abs()).fold((t - u).abs(), f64::max)
+    }
+
+    /// A brick of a ray: least drawn value, width of those, error, and pieces `(length, share of the width, share of the
+    /// error)`; in some, values may be absent.
+    type Brick = (f64, f64, f64, bool, Vec<(f64, f64, f64)>);
+
+    fn bricks() -> impl Strategy<Value = Vec<Brick>> {
+        let pieces = prop::collection::vec((0.01f64..3.0, 0.0f64..1.0, -1.0f64..1.0), 1..6);
+        let magnitude = (-4.0f64..1.6).prop_map(|e| 10f64.powf(e));
+        prop::collection::vec((0.0f64..90.0, 0.0f64..60.0, magnitude, prop::bool::weighted(0.2), pieces), 1..8)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(3000))]
+        /// The theorem of the module's text, and that it is worth something.
+        #[test]
+        fn no_ray_is_farther_off_than_is_stated(
+            points in prop::collection::vec((0.0f64..100.0, prop::sample::select(vec![0.0, 0.01, 0.1, 0.12, 0.8, 1.0])), 1..6),
+            bricks in bricks(), ends_at in prop::sample::select(vec![0.0, 0.01]),
+        ) {
+            let mut points = points;
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let deviations = deviations(&format!("{{{}}}", function(&points)));
+            let (mut drawn, mut exact) = (Vec::new(), Vec::new());
+            let (mut stated, mut behind, mut transmittance) = (RayDeviation::NONE, 0.0, 1.0);
+            for (low, width, error, may_be_absent, pieces) in &bricks {
+                let own = ValueRange { min: *low, max: (low + width).min(100.0) };
+                let beneath = ValueRange { min: (own.min - error).max(0.0), max: (own.max + error).min(100.0) };
+                let deviation = deviations.of(coarse(), &entry(own, beneath, *error), *may_be_absent);
+                let before = drawn.len();
+                for &(length, share, off) in pieces {
+                    let value = own.min + share * (own.max - own.min);
+                    let off = (3.0 * off).clamp(-1.0, 1.0) * error;
+                    // Something where there is nothing, and the other way round.
+                    let is_there = [!may_be_absent || off > -0.5 * error, !may_be_absent || off < 0.5 * error];
+                    exact.push((length, is_there[0].then_some((value + off).clamp(beneath.min, beneath.max))));
+                    if behind == 0.0 {
+                        drawn.push((length, is_there[1].then_some(value)));
+                    }
+                }
+                if behind > 0.0 {
+                    continue;
+                }
+                let through = gather(&deviations, &drawn[before..]).1;
+                let length = pieces.iter().map(|piece| piece.0).sum();
+                stated.note_brick(transmittance, Some(transmittance * through), length, &deviation);
+                transmittance *= through;
+                // The ray ends here: what lies behind is not drawn.
+                behind = if transmittance <= ends_at { transmittance.max(f64::MIN_POSITIVE) } else { 0.0 };
+            }
+            let found = difference(gather(&deviations, &drawn), gather(&deviations, &exact));
+            let stated = stated.of_ray(behind);
+            prop_assert!(found <= stated + 1e-9, "{found} of {stated}");
+        }
+
+        /// Nothing of a brick is drawn, and whatever is beneath may be there.
+        #[test]
+        fn bricks_of_which_nothing_is_drawn_are_bounded(low in 0.0f64..90.0, width in 0.0f64..30.0, length in 0.01f64..20.0) {
+            let deviations = deviations(&format!("{{{}}}", function(&[(20.0, 0.0), (60.0, 0.3), (80.0, 0.1)])));
+            let beneath = ValueRange { min: low, max: low + width };
+            let own = ValueRange { min: low, max: low };
+            let deviation = deviations.of(coarse(), &entry(own, beneath, width), false);
+            let mut stated = RayDeviation::NONE;
+            stated.note_brick(0.5, None, length, &deviation);
+            for share in [0.0, 0.3, 1.0] {
+                let (color, through) = gather(&deviations, &[(length, Some(low + share * width))]);
+                let most = color.into_iter().fold(1.0 - through, f64::max);
+                prop_assert!(0.5 * most <= stated.of_ray(0.0) + 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn the_bound_is_proportional_to_small_errors_and_ends_at_what_is_there() {
+        let deviations = deviations(&format!("{{{}}}", function(&[(0.0, 0.0), (100.0, 0.5)])));
+        let own = ValueRange { min: 20.0, max: 80.0 };
+        let of = |error: f64| {
+            let deviation = deviations.of(coarse(), &entry(own, VALUES, error), false);
+            let mut stated = RayDeviation::NONE;
+            // Values of 50 over a length of 4: kappa is 0.2877 each.
+            stated.note_brick(1.0, Some((-4.0f64 * 0.287_68).exp()), 4.0, &deviation);
+            stated.of_ray(0.0)
+        };
+        assert!((4.0..6.0).contains(&(of(0.5) / of(0.1))), "{} and {}", of(0.5), of(0.1));
+        // 0.005 of alpha a value, 0.01 of red: the exact change is some 0.012 where all errors are alike.
+        assert!((0.01..0.05).contains(&of(0.5)), "{}", of(0.5));
+        assert!(of(90.0) <= 1.0);
+        let exact = deviations.of(coarse(), &entry(own, VALUES, 0.0), false);
+        assert!(
+            exact.is_none()
+                && deviations.of(BrickKey::new(Lod(0), BrickIndex([0; 3])), &entry(own, VALUES, 9.0), true).is_none()
+        );
+        // Normals are unknown even where values are exact.
+        let shaded =
+            super::tests::deviations(&format!(r#"{{"shading": {{}}, {}}}"#, function(&[(0.0, 0.0), (100.0, 0.5)])));
+        assert!(!shaded.of(coarse(), &entry(own, VALUES, 0.0), false).is_none());
+    }
+
+    #[test]
+    fn values_are_mistaken_for_what_lies_beneath() {
+        let deviations = deviations(&format!(r#"{{"mode": "mip", {}}}"#, function(&[(0.0, 0.0), (100.0, 1.0)])));
+        let brick = |own: [f64; 2], beneath: [f64; 2], error: f64, holes: bool| {
+            let [own, beneath] = [own, beneath].map(|[min, max]| ValueRange { min, max });
+            deviations.of(coarse(), &entry(own, beneath, error), holes)
+        };
+        let mut ray = RayDeviation::NONE;
+        ray.note_extreme([f64::NAN, 40.0], true, &brick([10.0, 40.0], [5.0, 44.0], 6.0, false));
+        assert_eq!(ray.reach(), [6.0, 4.0]);
+        ray.note_extreme([40.0, 60.0], true, &brick([10.0, 60.0], [5.0, 90.0], 3.0, false));
+        assert_eq!(ray.reach(), [3.0, 4.0]);
+        ray.note_extreme([60.0, 60.0], true, &brick([10.0, 50.0], [5.0, 90.0], 50.0, true));
+        assert_eq!(ray.reach(), [3.0, 30.0]);
+        // Opacity is the value's: 0.57 to 0.9 may be there where 0.6 is drawn.
+        let off = deviations.of_value(60.0, ray.reach(), [0.36, 0.3, 0.15, 0.6]);
+        assert!((off - 0.45).abs() < 2e-3, "red is 0.9 * 0.9: {off}");
+        let mut least = RayDeviation::NONE;
+        least.note_extreme([f64::NAN, 40.0], false, &brick([40.0, 80.0], [38.0, 90.0], 6.0, false));
+        assert_eq!(least.reach(), [2.0, 6.0]);
+        let mut mean = RayDeviation::NONE;
+        mean.note_mean(3.0, &brick([0.0, 1.0], [0.0, 1.0], 2.0, false));
+        assert_eq!((mean.mean_reach(6.0), RayDeviation::NONE.mean_reach(0.0)), ([1.0; 2], [0.0; 2]));
+        assert_eq!(deviations.of_value(f64::NAN, [0.0; 2], [0.0; 4]), 0.0);
+        assert_eq!(deviations.of_value(f64::NAN, [f64::INFINITY; 2], [0.0; 4]), 1.0);
+    }
+}

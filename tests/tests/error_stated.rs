@@ -1,0 +1,148 @@
+//! The stated error of a frame holds, pixel by pixel: each against the reference integrator over level 0.
+
+#![allow(clippy::print_stdout, reason = "how tight the statements are is what these tests are for, too")]
+
+use std::time::{Duration, Instant};
+
+use supervol_format::{Lod, VoxelType};
+use supervol_preprocess::source::VolumeSource;
+use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
+use supervol_runtime::image::{GREY_LEVELS, Image, greatest};
+use supervol_runtime::renderer::Renderer;
+use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::stats::FrameStats;
+use supervol_runtime::volume::Volume;
+use supervol_tests::Random;
+use supervol_tests::fields::{Content, Field, options};
+use supervol_tests::pictures::{Subject, finest};
+
+const SIZE: &str = r#""image": {"width": 24, "height": 20}"#;
+/// What the reference itself may be off, grey levels.
+const REFERENCE: f64 = 0.01;
+
+/// A picture, what each of its pixels may be off by, and its statistics.
+fn stated(
+    subject: &Subject,
+    scene: &ResolvedScene,
+    level: LevelChoice,
+    budget: Option<Duration>,
+) -> (Image, Image, FrameStats) {
+    let options = RenderOptions { level, predict_error: true, ..finest(Backend::Cpu) };
+    let mut renderer = Renderer::new(Volume::of(subject.container.clone()), options).expect("threads");
+    renderer.set_scene(scene.clone());
+    renderer.advance(budget.map(|budget| Instant::now() + budget)).expect("a picture");
+    let (errors, stats) = (renderer.error_map().expect("somebody asked"), renderer.stats());
+    (renderer.into_picture().expect("there is one"), errors, stats)
+}
+
+/// Greatest distance of a pixel from the exact one that is above what is stated, and the greatest of all; grey levels.
+fn beyond(picture: &Image, exact: &Image, errors: &Image) -> (f64, f64) {
+    let pixels = picture.pixels.iter().zip(&exact.pixels).zip(&errors.pixels);
+    pixels.fold((f64::NEG_INFINITY, 0.0), |(beyond, largest), ((found, exact), stated)| {
+        let off = greatest([0, 1, 2, 3].map(|c| f64::from(found[c] - exact[c])));
+        assert!(stated[0].is_finite() && stated[3] == 1.0);
+        (beyond.max(GREY_LEVELS * (off - f64::from(stated[0]))), largest.max(GREY_LEVELS * off))
+    })
+}
+
+/// `"transfer_function"` with random points: from far wider than the values to far narrower, steps included.
+fn random_function(random: &mut Random, subject: &Subject) -> String {
+    let width = 8.0 * 0.02f64.powf(random.unit());
+    let mut places: Vec<f64> = (0..2 + random.below(5)).map(|_| 0.5 + width * (random.unit() - 0.5)).collect();
+    places.sort_by(f64::total_cmp);
+    if random.below(4) == 0 {
+        places[1] = places[0];
+    }
+    let most = [0.02, 0.3, 1.0][random.below(3) as usize];
+    let points: Vec<_> =
+        places.iter().map(|&p| (p, [random.unit(), random.unit(), 0.5], most * random.unit())).collect();
+    subject.transfer_function(&points)
+}
+
+fn waves() -> Field {
+    Field::new([48; 3], VoxelType::F32, |p| {
+        let [x, y, z] = p.map(|v| v as f64 / 48.0);
+        0.5 + 0.2 * (7.0 * x + 2.0 * z).sin() + 0.2 * (6.0 * y - 3.0 * x).cos() + 0.1 * (9.0 * z).sin()
+    })
+}
+
+/// Every mode, level and kind of content, with random transfer functions: what is stated is never less than what is measured.
+#[test]
+fn no_pixel_is_farther_off_than_is_stated() {
+    let field = |content| Field::of(content, [40, 33, 27], VoxelType::U8);
+    let fields: [(&str, Field); 5] = [
+        ("waves", waves()),
+        ("noise", field(Content::Noise)),
+        ("smooth", field(Content::Smooth)),
+        ("holes", field(Content::Holes)),
+        ("shells", field(Content::Shells)),
+    ];
+    let levels =
+        [LevelChoice::Auto, LevelChoice::Fixed(Lod(0)), LevelChoice::Fixed(Lod(1)), LevelChoice::Fixed(Lod(2))];
+    let mut random = Random::new(7);
+    for (name, field) in fields {
+        let subject = Subject::new(name, &field as &dyn VolumeSource, &options(16));
+        let iso = format!(
+            r#""mode": "iso", "iso": [{{"value": {:?}, "color": [1, 0.5, 0], "alpha": 0.6}}]"#,
+            subject.value(0.6)
+        );
+        for mode in [
+            r#""mode": "dvr""#,
+            r#""mode": "dvr", "shading": {}"#,
+            r#""mode": "mip""#,
+            r#""mode": "minip""#,
+            r#""mode": "mean""#,
+            &iso,
+        ] {
+            let (mut tightest, mut useful) = (f64::INFINITY, 0);
+            for _ in 0..4 {
+                let function = random_function(&mut random, &subject);
+                let scene = subject.scene(&[&subject.outside(), SIZE, &function, mode]);
+                let exact = subject.finest(&scene, Backend::Reference);
+                for level in levels {
+                    let (picture, errors, stats) = stated(&subject, &scene, level, None);
+                    let (beyond, largest) = beyond(&picture, &exact, &errors);
+                    let said = stats.error_stated.expect("packets state their error");
+                    assert!(beyond <= REFERENCE, "{name}, {mode}, {level:?}: {beyond} above, {said:?}; {function}");
+                    assert!(said.largest_grey_levels + 1e-4 >= largest && said.pixels_unknown == 0, "{said:?}");
+                    if largest > 0.5 {
+                        tightest = tightest.min(said.largest_grey_levels / largest);
+                        useful += usize::from(said.largest_grey_levels < 250.0);
+                    }
+                    if level == LevelChoice::Fixed(Lod(0)) {
+                        assert!(said.levels_grey_levels == 0.0 && !said.presence_may_change, "{said:?}");
+                        assert!(said.largest_grey_levels < 4.0, "{name}, {mode}: {said:?}");
+                    }
+                }
+            }
+            println!("{name}, {mode}: stated / measured at best {tightest:.2}; {useful} statements below 250 levels");
+        }
+    }
+}
+
+/// Presence that changes between levels is told.
+#[test]
+fn voxels_that_may_be_there_or_not_are_told() {
+    let subject = Subject::new("holes", &Field::of(Content::Holes, [40; 3], VoxelType::U8), &options(16));
+    let seen = subject.transfer_function(&[(0.0, [1.0; 3], 0.05), (1.0, [0.5; 3], 0.1)]);
+    let scene = subject.scene(&[&subject.outside(), SIZE, &seen]);
+    let (_, _, coarse) = stated(&subject, &scene, LevelChoice::Fixed(Lod(1)), None);
+    assert!(coarse.error_stated.is_some_and(|said| said.presence_may_change), "{coarse:#?}");
+}
+
+/// A picture by a deadline states what it does not know, and less and less of it.
+#[test]
+fn unfinished_pictures_state_what_they_do_not_know() {
+    let subject = Subject::new("waves", &waves(), &options(16));
+    let seen = subject.transfer_function(&[(0.3, [0.9, 0.3, 0.1], 0.0), (0.8, [0.2, 0.7, 0.9], 0.4)]);
+    let scene = subject.scene(&[&subject.outside(), r#""image": {"width": 140, "height": 100}"#, &seen]);
+    let exact = subject.finest(&scene, Backend::Reference);
+    let (picture, errors, stats) = stated(&subject, &scene, LevelChoice::Auto, Some(Duration::ZERO));
+    let said = stats.error_stated.unwrap();
+    assert!(said.pixels_unknown == 14_000 && said.largest_grey_levels > 100.0, "{said:?}");
+    let (beyond, largest) = beyond(&picture, &exact, &errors);
+    assert!(beyond <= REFERENCE && largest > 1.0, "{beyond}, {largest}");
+    let (_, _, whole) = stated(&subject, &scene, LevelChoice::Auto, Some(Duration::from_secs(60)));
+    let whole = whole.error_stated.unwrap();
+    assert!(whole.pixels_unknown == 0 && whole.largest_grey_levels < 4.0, "{whole:?}");
+}
