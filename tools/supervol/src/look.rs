@@ -124,6 +124,8 @@ const SLICE_VOXELS: f64 = 0.1;
 const SLICE_SUPERSAMPLING: u32 = 4;
 /// Opacity of all surfaces but the last.
 const CLEAR_SURFACE: f64 = 0.35;
+/// Their colours, from the first on.
+const CLEAR_COLORS: [[f64; 3]; 4] = [[0.82, 0.50, 0.38], [0.35, 0.60, 0.85], [0.45, 0.75, 0.40], [0.85, 0.75, 0.35]];
 
 impl LookArguments {
     /// The container with heights drawn as they are wanted, and a single line of voxels so wide that it can be seen.
@@ -314,7 +316,7 @@ fn surfaces(values: &[f64], usual: [f64; 3]) -> Vec<IsoSpec> {
     let last = values.len().saturating_sub(1);
     let surface = |(i, &value): (usize, &f64)| IsoSpec {
         value,
-        color: if i == last { usual } else { colormap::of_label(i as u64 + 1) },
+        color: if i == last { usual } else { CLEAR_COLORS[i % CLEAR_COLORS.len()] },
         alpha: if i == last { 1.0 } else { CLEAR_SURFACE },
     };
     values.iter().enumerate().map(surface).collect()

@@ -218,3 +218,32 @@ fn a_place_given_by_hand_is_kept_with_its_unit() {
     assert!(folder.expect(0, &["info", "w.svol"]).contains("note       the spacing was given by hand"));
     assert!(folder.expect(2, &["build", "v.nrrd", "--spacing", "3,3,-3", "-o", "x.svol"]).contains("spacing"));
 }
+
+/// A patient in RAS, the same in LPS, and what `extract` writes of it: one picture, and the space is not lost.
+#[test]
+fn the_same_patient_is_seen_from_the_same_side() {
+    let folder = Folder::new();
+    let voxels: Vec<u8> =
+        (0..20 * 16 * 12).map(|i| if i % 20 < 8 && i / 320 > 4 { 200 } else { (i % 7) as u8 }).collect();
+    for (name, space, sign) in [("ras", "right-anterior-superior", 1), ("lps", "left-posterior-superior", -1)] {
+        let header = format!(
+            "NRRD0004\ntype: uint8\ndimension: 3\nspace: {space}\nsizes: 20 16 12\n\
+             space directions: ({sign},0,0) (0,{sign},0) (0,0,2)\nspace origin: ({},{},7)\nencoding: raw\n\n",
+            5 * sign,
+            -3 * sign
+        );
+        std::fs::write(folder.path(name), [header.as_bytes(), &voxels].concat()).expect("room");
+        folder.expect(0, &["build", name, "-o", &format!("{name}.svol")]);
+    }
+    folder.expect(0, &["extract", "lps.svol", "-o", "again.nrrd"]);
+    folder.expect(0, &["build", "again.nrrd", "-o", "again.svol"]);
+    let info = json(&folder.expect(0, &["info", "again.svol", "--json"]));
+    assert_eq!((info["space"].as_str(), info["kind"].as_str()), (Some("left-posterior-superior"), Some("mri")));
+    let pictures = ["ras", "lps", "again"].map(|name| {
+        std::fs::rename(folder.path(&format!("{name}.svol")), folder.path("v.svol")).expect("it was built");
+        folder.picture(&[])
+    });
+    assert_eq!(pictures[1], pictures[2]);
+    let apart = pictures[0].iter().zip(&pictures[1]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(apart < 1e-3 && pictures[0].iter().any(|v| *v > 0.1), "{apart}");
+}
