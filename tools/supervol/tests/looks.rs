@@ -223,8 +223,9 @@ fn a_place_given_by_hand_is_kept_with_its_unit() {
 #[test]
 fn the_same_patient_is_seen_from_the_same_side() {
     let folder = Folder::new();
-    let voxels: Vec<u8> =
-        (0..20 * 16 * 12).map(|i| if i % 20 < 8 && i / 320 > 4 { 200 } else { (i % 7) as u8 }).collect();
+    let voxels: Vec<u8> = (0..20 * 16 * 12)
+        .map(|i| if i % 20 < 8 && i / 320 > 4 { 120 + (i % 90) as u8 } else { (i % 50) as u8 })
+        .collect();
     for (name, space, sign) in [("ras", "right-anterior-superior", 1), ("lps", "left-posterior-superior", -1)] {
         let header = format!(
             "NRRD0004\ntype: uint8\ndimension: 3\nspace: {space}\nsizes: 20 16 12\n\
