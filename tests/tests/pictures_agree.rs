@@ -78,7 +78,7 @@ fn modes(subject: &Subject) -> Vec<(&'static str, String)> {
         ("minip", r#""mode": "minip""#.into()),
         ("mean", r#""mode": "mean""#.into()),
         ("iso shaded", format!("{iso}, {SHADED}")),
-        ("iso", iso),
+        ("iso", format!(r#"{iso}, "shading": null"#)),
     ]
 }
 

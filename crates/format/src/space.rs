@@ -150,6 +150,13 @@ impl Geometry {
         self.spacing.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
+    /// Whether the axes x, y, z are arranged as thumb, forefinger and middle finger of the left hand. Such a grid is as valid
+    /// as any: its voxels are placed where they belong.
+    #[must_use]
+    pub fn is_left_handed(&self) -> bool {
+        DMat3::from_cols_array(&self.direction).determinant() < 0.0
+    }
+
     /// What is wrong with these numbers, if anything: spacings must be positive and finite, the matrix invertible.
     #[must_use]
     pub fn defect(&self) -> Option<String> {
@@ -161,5 +168,37 @@ impl Geometry {
         }
         let determinant = DMat3::from_cols_array(&self.direction).determinant();
         (determinant.abs() < 1e-9).then(|| format!("direction {:?} is singular", self.direction))
+    }
+}
+
+/// What the world's axes mean, where a file says so. Both are right-handed: a file in a left-handed space is turned over
+/// when it is read, so that nothing is ever drawn as its mirror image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum WorldSpace {
+    /// Nothing is known.
+    #[default]
+    Unknown,
+    /// A patient's: x to the right, y to the front, z to the head (NIfTI, many NRRD files).
+    RightAnteriorSuperior,
+    /// A patient's: x to the left, y to the back, z to the head (DICOM, ITK).
+    LeftPosteriorSuperior,
+}
+
+impl WorldSpace {
+    /// Its name as NRRD spells it; empty where nothing is known.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Unknown => "",
+            Self::RightAnteriorSuperior => "right-anterior-superior",
+            Self::LeftPosteriorSuperior => "left-posterior-superior",
+        }
+    }
+
+    /// The space of a name; [`Self::Unknown`] for any other.
+    #[must_use]
+    pub fn from_name(name: &str) -> Self {
+        let known = [Self::RightAnteriorSuperior, Self::LeftPosteriorSuperior];
+        known.into_iter().find(|space| space.name() == name).unwrap_or_default()
     }
 }

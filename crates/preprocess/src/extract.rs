@@ -9,6 +9,7 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use supervol_format::container::header::Descriptor;
+use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::{Voxel, voxels_as_f64};
 use supervol_format::{Container, Geometry, Lod, VoxelBox, VoxelType};
 
@@ -169,7 +170,7 @@ fn file_header(format: Format, container: &Container, lod: Lod, voxels: VoxelBox
         Format::Npy => npy_header(t, [nz, ny, nx]),
         Format::Nrrd => {
             let geometry = level_geometry(container, lod, voxels);
-            nrrd_header(t, [nx, ny, nz], &geometry).into_bytes()
+            nrrd_header(t, [nx, ny, nz], &geometry, &container.manifest().space).into_bytes()
         }
     }
 }
@@ -207,7 +208,8 @@ fn npy_header(t: VoxelType, shape: [usize; 3]) -> Vec<u8> {
     header
 }
 
-fn nrrd_header(t: VoxelType, sizes: [usize; 3], geometry: &Geometry) -> String {
+/// A NRRD header; `space` is one of the format's names, or empty.
+fn nrrd_header(t: VoxelType, sizes: [usize; 3], geometry: &Geometry, space: &str) -> String {
     let kind = match t {
         VoxelType::U8 => "uint8",
         VoxelType::I8 => "int8",
@@ -223,9 +225,13 @@ fn nrrd_header(t: VoxelType, sizes: [usize; 3], geometry: &Geometry) -> String {
     // A space direction is a column of D times the spacing.
     let directions: Vec<String> =
         (0..3).map(|a| vector([d[a], d[3 + a], d[6 + a]].map(|c| c * geometry.spacing[a]))).collect();
+    let space = match WorldSpace::from_name(space).name() {
+        "" => "space dimension: 3".into(),
+        name => format!("space: {name}"),
+    };
     let endian = if t.bytes() > 1 { "endian: little\n" } else { "" };
     format!(
-        "NRRD0004\ntype: {kind}\ndimension: 3\nspace dimension: 3\nsizes: {} {} {}\nspace directions: {}\nspace origin: {}\n{endian}encoding: raw\n\n",
+        "NRRD0004\ntype: {kind}\ndimension: 3\n{space}\nsizes: {} {} {}\nspace directions: {}\nspace origin: {}\n{endian}encoding: raw\n\n",
         sizes[0],
         sizes[1],
         sizes[2],

@@ -60,6 +60,7 @@ pub(crate) fn manifest(
         tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
         parameters: parameters.into_iter().map(|(k, v)| (k.to_string(), v)).collect(),
         source: origin,
+        space: info.space.name().into(),
         axes: info.axes.clone().map(|a| AxisName { name: label(&a.name), unit: label(&a.unit) }),
         unit: label(&info.unit),
         value_range: values.range,

@@ -12,6 +12,7 @@ use flate2::write::GzEncoder;
 use grid_support::{
     BOTH_ORDERS, assert_refused, check_boxes, data_file, in_order, random_voxels, read_all, summary, value_at,
 };
+use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Geometry, VoxelBox, VoxelType};
 use supervol_preprocess::source::Endian;
@@ -361,4 +362,27 @@ fn geometry() {
     let header = "NRRD0004\ntype: uint8\ndimension: 2\nsizes: 4 3\nspace dimension: 2\nspace directions: (2,0) (0,5)\n";
     let plane = Files::new().open(&format!("{header}space origin: (1,2)\nencoding: raw\n\n123456789012")).unwrap();
     assert_eq!((plane.info().geometry.spacing, plane.info().geometry.origin), ([2.0, 5.0, 1.0], [1.0, 2.0, 0.0]));
+}
+
+#[test]
+fn patients_frames_are_known_and_left_handed_spaces_turned_round() {
+    let files = Files::new();
+    let open = |space: &str| {
+        let header = format!(
+            "{SMALL}encoding: raw\nspace: {space}\nspace directions: (2,0,0) (0,3,0) (0,0,4)\nspace origin: (1,2,3)\n\n"
+        );
+        open(&files.put("s.nrrd", [header.as_bytes(), &[1; 24]].concat())).unwrap_or_else(|e| panic!("{space}: {e}"))
+    };
+    let place = |space: &str| {
+        let source = open(space);
+        let Geometry { origin, direction: d, .. } = source.info().geometry;
+        (source.info().space, origin, [d[0], d[4], d[8]])
+    };
+    let (ras, lps) = (WorldSpace::RightAnteriorSuperior, WorldSpace::LeftPosteriorSuperior);
+    assert_eq!(place("RAS"), (ras, [1.0, 2.0, 3.0], [1.0; 3]));
+    assert_eq!(place("left-posterior-superior"), (lps, [1.0, 2.0, 3.0], [1.0; 3]));
+    assert_eq!(place("left-anterior-superior"), (ras, [-1.0, 2.0, 3.0], [-1.0, 1.0, 1.0]));
+    assert_eq!(place("3D-left-handed"), (WorldSpace::Unknown, [1.0, 2.0, -3.0], [1.0, 1.0, -1.0]));
+    assert_eq!(place("scanner-xyz"), (WorldSpace::Unknown, [1.0, 2.0, 3.0], [1.0; 3]));
+    assert!(has_note(&open("LAS"), "x turned round") && !has_note(&open("LPS"), "turned round"));
 }

@@ -255,3 +255,24 @@ fn options_change_what_is_read() {
     let section = SegySource::open(&folder.join("real/volve_arbitrary_line_2d.sgy"), &line).unwrap();
     assert_eq!(section.info().dims, Dims([225, 1, 850]));
 }
+
+/// F3: crosslines run east and inlines north, so that with depth downwards the grid is left-handed. The voxel of each
+/// corner lies where the map has it, turned about the first one and with y a quarter turn clockwise from x.
+#[test]
+fn surveys_are_not_mirrored() {
+    let Some(folder) = folder() else { return };
+    for file in ["real/f3_int16_be.sgy", "real/volve_migvel_depth_sub3d.sgy", "odd/missing_traces_75x71x26.segy"] {
+        let source = open(&folder.join(file)).unwrap();
+        let (info, geometry) = (source.info(), source.info().geometry);
+        let corners = info.survey.as_ref().and_then(|s| s.corners).unwrap();
+        let [x, y] = [1, 2].map(|c| [0, 1].map(|k| corners[c][k] - corners[0][k]));
+        let turn = x[0] * y[1] - x[1] * y[0];
+        // With x and y of the map and depth downwards, counter-clockwise is left-handed.
+        assert_eq!(geometry.is_left_handed(), turn > 0.0, "{file}");
+        let last = [0.0, info.dims.0[1] as f64 - 1.0, 0.0];
+        let world = geometry.world_from_index().transform_point3(last.into());
+        let clockwise = -turn / x[0].hypot(x[1]);
+        assert!((world.y - clockwise).abs() < 0.01 * clockwise.abs(), "{file}: {world} and {clockwise}");
+    }
+    assert!(open(&folder.join("real/f3_int16_be.sgy")).unwrap().info().geometry.is_left_handed());
+}

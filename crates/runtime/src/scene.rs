@@ -1,18 +1,21 @@
 //! The scene file: what picture is wanted (RENDERING-MODEL, section 9).
 //!
 //! JSON. Unknown keys, wrong types and numbers out of range are errors that say what was expected, what was found, and
-//! where. Camera and transfer function may be left out: [`Scene::resolve`] fills them in for a given volume. What the
-//! model names but this version does not draw is refused by name, never ignored.
+//! where. Everything may be left out: [`Scene::complete`] fills it in for a given volume, so that `{}` is the default
+//! picture. What the model names but this version does not draw is refused by name, never ignored.
 
 use glam::DVec3;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::camera::{Camera, CameraError, Projection, unit_vector};
 use crate::clip::{Clip, ClipPlane};
 use crate::facts::VolumeFacts;
-use crate::preset;
+use crate::preset::looks;
+use crate::preset::overview::Overview;
+use crate::preset::view::{Framed, View};
+use crate::preset::{self, Look};
 use crate::transfer_function::{ControlPoint, TransferFunction, TransferFunctionError};
 use crate::units::{Units, edges};
 
@@ -51,40 +54,42 @@ pub enum SceneError {
 }
 
 /// A scene as written.
-#[derive(Debug, Clone, PartialEq, Deserialize, Default)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 pub struct Scene {
-    /// Where the picture is taken from; `None`: so that the whole volume is seen.
+    /// Where the picture is taken from; `None`: so that all that can be seen is in it.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraSpec>,
     /// Pixels and background.
     pub image: ImageSpec,
-    /// What a ray gathers.
-    pub mode: Mode,
+    /// What a ray gathers; `None`: what suits the data where the transfer function is left out too, else `dvr`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mode: Option<Mode>,
     /// Colours and opacities, or the name of a preset; `None`: the preset of the data's kind.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub transfer_function: Option<TransferFunctionSpec>,
-    /// Shading; `None`: unshaded.
-    pub shading: Option<ShadingSpec>,
+    /// Shading, or null for none; left out: that of the data's kind where mode and transfer function are left out too, the
+    /// default one in mode `iso`, else none.
+    #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "said")]
+    pub shading: Option<Option<ShadingSpec>>,
     /// Iso surfaces, for mode `iso`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub iso: Vec<IsoSpec>,
     /// What is kept of the volume.
     pub clip: ClipSpec,
-    /// Rays per pixel: a square number; they lie on a regular sub-grid.
-    pub samples_per_pixel: SamplesPerPixel,
+    /// Rays per pixel: a square number; they lie on a regular sub-grid. `None`: what suits the data where the look is left
+    /// open, else 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub samples_per_pixel: Option<u32>,
 }
 
-/// Number of rays per pixel as written; 1 where nothing is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(transparent)]
-pub struct SamplesPerPixel(pub u32);
-
-impl Default for SamplesPerPixel {
-    fn default() -> Self {
-        Self(1)
-    }
+/// A value that is there, be it null.
+fn said<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<Option<T>, D::Error> {
+    T::deserialize(deserializer).map(Some)
 }
 
 /// `camera`: exactly one of `fov_y` and `height`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraSpec {
     /// World position.
@@ -94,15 +99,15 @@ pub struct CameraSpec {
     /// World vector that points up in the picture.
     pub up: [f64; 3],
     /// Perspective: vertical angle of view in degrees.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fov_y: Option<f64>,
     /// Orthographic: world height of the picture.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub height: Option<f64>,
 }
 
 /// `image`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImageSpec {
     /// Pixels along x.
@@ -120,7 +125,7 @@ impl Default for ImageSpec {
 }
 
 /// `mode`: what a ray gathers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {
     /// Emission and absorption.
@@ -148,18 +153,18 @@ pub enum TransferFunctionSpec {
 }
 
 /// A transfer function written out.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PointsSpec {
     /// World length over which `alpha` is gathered; `None`: the smallest spacing.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit_distance: Option<f64>,
     /// Control points, sorted by value.
     pub points: Vec<PointSpec>,
 }
 
 /// One control point.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PointSpec {
     /// Data value.
@@ -168,6 +173,15 @@ pub struct PointSpec {
     pub color: [f64; 3],
     /// Opacity over the unit distance, in [0, 1].
     pub alpha: f64,
+}
+
+impl Serialize for TransferFunctionSpec {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Preset(name) => serializer.serialize_str(name),
+            Self::Points(points) => points.serialize(serializer),
+        }
+    }
 }
 
 // An untagged enum would answer every mistake inside the object with "did not match any variant"; this keeps the
@@ -195,7 +209,7 @@ impl<'de> Deserialize<'de> for TransferFunctionSpec {
 }
 
 /// `shading`: two-sided Blinn-Phong (RENDERING-MODEL, section 5).
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShadingSpec {
     /// ka.
@@ -207,6 +221,7 @@ pub struct ShadingSpec {
     /// Exponent of the highlight.
     pub shininess: f64,
     /// Directional lights; `None`: one along the camera's forward axis.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub lights: Option<Vec<LightSpec>>,
 }
 
@@ -217,7 +232,7 @@ impl Default for ShadingSpec {
 }
 
 /// One directional light.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LightSpec {
     /// World direction in which the light travels.
@@ -228,7 +243,7 @@ pub struct LightSpec {
 }
 
 /// One iso surface.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct IsoSpec {
     /// Data value.
@@ -245,18 +260,18 @@ fn one() -> f64 {
 }
 
 /// `clip`.
-#[derive(Debug, Clone, PartialEq, Deserialize, Default)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 pub struct ClipSpec {
     /// Least and greatest corner, index coordinates.
-    #[serde(rename = "box")]
+    #[serde(rename = "box", skip_serializing_if = "Option::is_none")]
     pub index_box: Option<[[f64; 3]; 2]>,
     /// Half-spaces that are kept.
     pub planes: Vec<PlaneSpec>,
 }
 
 /// One clip plane: keeps `normal . x >= offset`.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlaneSpec {
     /// World vector.
@@ -369,7 +384,7 @@ impl Scene {
 
     fn validate_image(&self) -> Result<(), SceneError> {
         let ImageSpec { width, height, background } = self.image;
-        let samples = self.samples_per_pixel.0;
+        let samples = self.samples_per_pixel.unwrap_or(1);
         check(width >= 1, "image.width", || "at least 1 pixel".into(), width)?;
         check(height >= 1, "image.height", || "at least 1 pixel".into(), height)?;
         let square = samples >= 1 && samples.isqrt().pow(2) == samples;
@@ -380,7 +395,7 @@ impl Scene {
     }
 
     fn validate_surfaces(&self) -> Result<(), SceneError> {
-        match self.mode {
+        match self.gathers() {
             Mode::Slice => return Err(SceneError::NotAvailable { key: "mode", what: "mode `slice`" }),
             Mode::Iso => check(!self.iso.is_empty(), "iso", || "at least one surface in mode `iso`".into(), "none")?,
             Mode::Dvr if !self.iso.is_empty() => {
@@ -398,7 +413,7 @@ impl Scene {
     }
 
     fn validate_shading(&self) -> Result<(), SceneError> {
-        let Some(shading) = &self.shading else { return Ok(()) };
+        let Some(Some(shading)) = &self.shading else { return Ok(()) };
         let factors = [("ambient", shading.ambient), ("diffuse", shading.diffuse), ("specular", shading.specular)];
         for (name, factor) in factors {
             check_factor(&format!("shading.{name}"), factor)?;
@@ -432,41 +447,118 @@ impl Scene {
         Ok(())
     }
 
+    /// What a ray gathers, as far as the scene says: surfaces where there are some, else emission and absorption.
+    fn gathers(&self) -> Mode {
+        self.mode.unwrap_or(if self.iso.is_empty() { Mode::Dvr } else { Mode::Iso })
+    }
+
+    /// The scene with everything that it leaves open written out for this volume: a scene of its own that means the same.
+    ///
+    /// An overview lets the camera frame what can be seen, and projections show what they come to; without one, the whole
+    /// volume is framed, and percentiles of the voxels stand in.
+    #[must_use]
+    pub fn complete(&self, facts: &VolumeFacts, overview: Option<&Overview>) -> Self {
+        let mut scene = self.with_look(facts, overview);
+        if scene.camera.is_none() {
+            scene.camera = Some(scene.default_camera(facts, overview));
+        }
+        scene
+    }
+
+    /// The same, but for the camera.
+    fn with_look(&self, facts: &VolumeFacts, overview: Option<&Overview>) -> Self {
+        let mut scene = self.clone();
+        let left_open = self.mode.is_none() && self.transfer_function.is_none() && self.iso.is_empty();
+        let look = Look::of(facts);
+        if left_open {
+            scene.mode = Some(look.mode);
+            scene.shading.get_or_insert(look.shading);
+            scene.iso = look.iso;
+        }
+        let mode = scene.gathers();
+        scene.mode = Some(mode);
+        scene.shading.get_or_insert_with(|| (mode == Mode::Iso).then(ShadingSpec::default));
+        let samples = if left_open { look.samples_per_pixel } else { 1 };
+        scene.samples_per_pixel =
+            Some(self.samples_per_pixel.unwrap_or_else(|| samples_that_fit(&self.image, samples)));
+        scene.transfer_function = self.transfer_function.clone().or_else(|| {
+            let projects = matches!(mode, Mode::Mip | Mode::Minip | Mode::Mean);
+            let points = if projects { looks::projection(mode, facts, overview) } else { look.transfer_function };
+            Some(TransferFunctionSpec::Points(points))
+        });
+        scene
+    }
+
+    /// The camera of a scene that leaves it open.
+    fn default_camera(&self, facts: &VolumeFacts, overview: Option<&Overview>) -> CameraSpec {
+        View::of(facts).camera(&self.framed(facts, overview), [self.image.width, self.image.height])
+    }
+
+    /// What the picture should show: what can be seen inside the clip box, where an overview says where that is, else all
+    /// that the clip box leaves.
+    #[must_use]
+    pub fn framed(&self, facts: &VolumeFacts, overview: Option<&Overview>) -> Framed {
+        let whole = preset::domain(facts);
+        let kept = self.clip.index_box.map_or(whole, |[low, high]| {
+            [std::array::from_fn(|a| low[a].max(whole[0][a])), std::array::from_fn(|a| high[a].min(whole[1][a]))]
+        });
+        let kept = if (0..3).all(|a| kept[0][a] < kept[1][a]) { kept } else { whole };
+        let seen = overview.and_then(|overview| match self.gathers() {
+            Mode::Dvr => self.classification(facts).ok().and_then(|shown| overview.visible(facts, kept, &shown)),
+            Mode::Iso => self.iso.first().and_then(|iso| overview.beyond(facts, kept, iso.value)),
+            _ => None,
+        });
+        seen.unwrap_or_else(|| Framed::whole(facts, kept))
+    }
+
+    fn classification(&self, facts: &VolumeFacts) -> Result<TransferFunction, SceneError> {
+        match &self.transfer_function {
+            Some(TransferFunctionSpec::Points(spec)) => spec.transfer_function(facts.geometry.smallest_spacing()),
+            Some(TransferFunctionSpec::Preset(name)) => Ok(preset::transfer_function(name, facts)?),
+            None => Ok(preset::transfer_function(facts.kind.name(), facts)?),
+        }
+    }
+
     /// Fills in what the scene leaves open, for this volume.
     ///
     /// # Errors
     /// If the scene is not valid; see [`Scene::validate`].
     pub fn resolve(&self, facts: &VolumeFacts) -> Result<ResolvedScene, SceneError> {
         self.validate()?;
-        let image_size = [self.image.width, self.image.height];
         check_edges(facts)?;
+        let scene = self.with_look(facts, None);
+        scene.validate()?;
+        let image_size = [scene.image.width, scene.image.height];
         let units = Units::of(facts);
-        let camera = match &self.camera {
+        let camera = match &scene.camera {
             Some(spec) => {
                 spec.check_distance(facts, &units)?;
                 spec.camera(&units, image_size)?
             }
-            None => preset::default_camera(&units.facts(facts), image_size)?,
+            // In the world, a camera beside an extreme volume may have no place.
+            None => scene.default_camera(&units.facts(facts), None).camera(&Units::WORLD, image_size)?,
         };
-        let transfer_function = match &self.transfer_function {
-            Some(TransferFunctionSpec::Points(spec)) => spec.transfer_function(facts.geometry.smallest_spacing())?,
-            Some(TransferFunctionSpec::Preset(name)) => preset::transfer_function(name, facts)?,
-            None => preset::transfer_function(preset::default_name(facts.kind), facts)?,
-        };
+        let transfer_function = scene.classification(facts)?;
         check_unit_distance(&transfer_function, facts)?;
-        let subgrid = self.samples_per_pixel.0.isqrt();
+        let subgrid = scene.samples_per_pixel.unwrap_or(1).isqrt();
         Ok(ResolvedScene {
             camera: camera.supersampled(subgrid),
             image_size,
             subgrid,
-            background: self.image.background,
-            mode: self.mode,
+            background: scene.image.background,
+            mode: scene.gathers(),
             transfer_function: transfer_function.in_units(&units),
-            shading: self.shading.as_ref().map(|s| s.resolve(&camera)),
-            iso: self.iso.iter().map(|iso| IsoSpec { value: units.value(iso.value), ..*iso }).collect(),
-            clip: self.clip.resolve(&units),
+            shading: scene.shading.as_ref().and_then(Option::as_ref).map(|s| s.resolve(&camera)),
+            iso: scene.iso.iter().map(|iso| IsoSpec { value: units.value(iso.value), ..*iso }).collect(),
+            clip: scene.clip.resolve(&units),
         })
     }
+}
+
+/// As many samples as suit, or 1 where the picture has too many pixels for them.
+fn samples_that_fit(image: &ImageSpec, samples: u32) -> u32 {
+    let rays = u64::from(image.width).saturating_mul(u64::from(image.height)).saturating_mul(u64::from(samples));
+    if rays <= RAY_LIMIT { samples } else { 1 }
 }
 
 impl CameraSpec {
@@ -494,7 +586,11 @@ impl CameraSpec {
         }
     }
 
-    fn camera(&self, units: &Units, size: [u32; 2]) -> Result<Camera, SceneError> {
+    /// The camera of a picture of `size` pixels, in units.
+    ///
+    /// # Errors
+    /// If the numbers make no camera.
+    pub fn camera(&self, units: &Units, size: [u32; 2]) -> Result<Camera, SceneError> {
         let [eye, target] = [self.eye, self.target].map(|point| units.point(point.into()));
         let projection = match self.projection()? {
             Projection::Orthographic { height } => Projection::Orthographic { height: height / units.length },
@@ -519,9 +615,21 @@ impl CameraSpec {
 }
 
 impl PointsSpec {
+    /// Control points over a unit distance, written out.
+    #[must_use]
+    pub fn of(points: &[ControlPoint], unit_distance: f64) -> Self {
+        let points = points.iter().map(|p| PointSpec { value: p.value, color: p.color, alpha: p.alpha }).collect();
+        Self { unit_distance: Some(unit_distance), points }
+    }
+
+    /// Its control points.
+    #[must_use]
+    pub fn control_points(&self) -> Vec<ControlPoint> {
+        self.points.iter().map(|p| ControlPoint { value: p.value, color: p.color, alpha: p.alpha }).collect()
+    }
+
     fn transfer_function(&self, default_unit_distance: f64) -> Result<TransferFunction, SceneError> {
-        let points = self.points.iter().map(|p| ControlPoint { value: p.value, color: p.color, alpha: p.alpha });
-        Ok(TransferFunction::new(points.collect(), self.unit_distance.unwrap_or(default_unit_distance))?)
+        Ok(TransferFunction::new(self.control_points(), self.unit_distance.unwrap_or(default_unit_distance))?)
     }
 }
 

@@ -85,11 +85,12 @@ impl Units {
         Geometry { spacing, origin: self.point(world.origin.into()).to_array(), direction: world.direction }
     }
 
-    /// Facts of a volume in units: all but percentiles, which only presets ask for, in data units.
+    /// Facts of a volume in units, without percentiles and histogram, which only presets ask for, in data units.
     #[must_use]
     pub fn facts(&self, world: &VolumeFacts) -> VolumeFacts {
         let value_range = self.range(world.value_range);
-        VolumeFacts { geometry: self.geometry(&world.geometry), value_range, percentiles: vec![], ..*world }
+        let geometry = self.geometry(&world.geometry);
+        VolumeFacts { geometry, value_range, percentiles: vec![], histogram: vec![], ..world.clone() }
     }
 
     fn range(&self, ValueRange { min, max }: ValueRange) -> ValueRange {
@@ -161,10 +162,12 @@ impl InUnits {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::DataKind;
+    use crate::facts::{DataKind, Frame};
 
     fn facts(value: f64, spacing: f64, origin: f64) -> VolumeFacts {
         VolumeFacts {
+            frame: Frame::Unknown,
+            histogram: vec![],
             dims: Dims([30, 20, 10]),
             geometry: Geometry { spacing: [spacing; 3], origin: [origin; 3], ..Geometry::IDENTITY },
             value_range: ValueRange { min: -0.5 * value, max: value },

@@ -94,7 +94,7 @@ fn iso_surfaces() {
     let volume = Volume::new([41, 41, 41], VoxelType::F32, marschner_lobb(41));
     let surfaces = r#", "mode": "iso", "iso": [{"value": 0.5, "color": [0.9, 0.7, 0.4], "alpha": 0.5},
         {"value": 0.55, "color": [0.3, 0.7, 0.9], "alpha": 0.7}, {"value": 0.2, "color": [1, 1, 1]}]"#;
-    for shading in ["", SHADED] {
+    for shading in [r#", "shading": null"#, SHADED] {
         let s = scene(&volume, &dvr(CAMERA, &smooth(), &format!("{surfaces}{shading}")));
         let exact = reference(&volume, &s);
         let cast = Bricked::new(&volume, 16).render(&s);

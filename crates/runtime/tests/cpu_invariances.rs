@@ -33,9 +33,9 @@ fn scenes(volume: &Volume) -> Vec<ResolvedScene> {
     let tf = points(1.0, &[(0.4, c, 0.0), (0.5, [0.2, 0.7, 1.0], 0.6), (0.6, c, 0.0), (0.9, c, 0.0), (0.9, c, 0.5)]);
     let iso =
         r#", "iso": [{"value": 0.5, "color": [0.9, 0.7, 0.4], "alpha": 0.5}, {"value": 0.3, "color": [1, 1, 1]}]"#;
-    let shaded_iso = format!(r#"{iso}, "shading": {{}}"#);
+    let [unlit_iso, shaded_iso] = ["null", "{}"].map(|shading| format!(r#"{iso}, "shading": {shading}"#));
     let shaded = r#", "shading": {}"#;
-    [("dvr", ""), ("dvr", shaded), ("mip", ""), ("minip", ""), ("mean", ""), ("iso", iso), ("iso", &shaded_iso)]
+    [("dvr", ""), ("dvr", shaded), ("mip", ""), ("minip", ""), ("mean", ""), ("iso", &unlit_iso), ("iso", &shaded_iso)]
         .map(|(mode, rest)| {
             let json = format!(
                 r#"{{"camera": {{"eye": [95, -70, 62], "target": [20, 25, 18], "up": [0, 0, 1], "fov_y": 32}},

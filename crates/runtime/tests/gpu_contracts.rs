@@ -6,7 +6,7 @@ mod gpu_support;
 use gpu_support::{F32, TestVolume, U8, brick, gpu, greatest_difference, marschner_lobb, pyramid};
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_runtime::clip::{IndexRay, clip_slab};
-use supervol_runtime::facts::{DataKind, VolumeFacts};
+use supervol_runtime::facts::{DataKind, Frame, VolumeFacts};
 use supervol_runtime::image::{Image, greatest};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, Skipping, cast_pass};
@@ -118,6 +118,8 @@ fn far_scene(camera: &str, mode: &str, length: usize, value_range: ValueRange) -
         geometry: Geometry::IDENTITY,
         value_range,
         percentiles: Vec::new(),
+        frame: Frame::Unknown,
+        histogram: Vec::new(),
         kind: DataKind::Generic,
         has_zero_centre: false,
     };

@@ -36,7 +36,7 @@ const MODES: [(&str, &str); 7] = [
     ("mean", r#", "mode": "mean""#),
     (
         "iso",
-        r#", "mode": "iso", "iso": [{"value": 0.5, "color": [0.9, 0.8, 0.2], "alpha": 0.5},
+        r#", "mode": "iso", "shading": null, "iso": [{"value": 0.5, "color": [0.9, 0.8, 0.2], "alpha": 0.5},
                                      {"value": 0.7, "color": [0.1, 0.8, 0.9]}]"#,
     ),
     ("iso shaded", r#", "mode": "iso", "shading": {}, "iso": [{"value": 0.5, "color": [0.9, 0.8, 0.2]}]"#),

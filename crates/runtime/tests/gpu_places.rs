@@ -14,7 +14,7 @@ use gpu_support::{F32, Random, gpu, marschner_lobb, pyramid};
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_runtime::camera::Projection;
 use supervol_runtime::clip::{IndexRay, clip_ray};
-use supervol_runtime::facts::{DataKind, VolumeFacts};
+use supervol_runtime::facts::{DataKind, Frame, VolumeFacts};
 use supervol_runtime::gpu::layout::{
     GpuRay, PAGE_FAILED, PAGE_MISSING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, SlotGrid,
 };
@@ -86,6 +86,8 @@ impl Setting {
             geometry,
             value_range: RANGE,
             percentiles: Vec::new(),
+            frame: Frame::Unknown,
+            histogram: Vec::new(),
             kind: DataKind::Generic,
             has_zero_centre: false,
         };

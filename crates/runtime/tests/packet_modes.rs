@@ -74,7 +74,7 @@ fn members(random: &mut Random, volume: &Volume, mode: &str) -> String {
         let all: Vec<String> = [0.3, 0.55, 1.0].map(|alpha| of(value(random), alpha)).into();
         surfaces = format!(r#", "iso": [{}]"#, all[..1 + random.below(3)].join(", "));
     }
-    let shading = if mode.ends_with("shaded") { r#", "shading": {}"# } else { "" };
+    let shading = if mode.ends_with("shaded") { r#", "shading": {}"# } else { r#", "shading": null"# };
     let mode = mode.split(' ').next().expect("a mode has a name");
     format!(r#""mode": "{mode}", "transfer_function": {tf}{surfaces}{shading}"#)
 }

@@ -129,7 +129,8 @@ fn iso_sphere() {
                 "iso": [{{"value": 9, "color": [0.5, 0.25, 1.0], "alpha": 0.5}}]{rest}}}"#
         )
     };
-    let flat = render_reference(&volume.reference(), &scene(&volume, &json("")));
+    let unlit = r#", "shading": null"#;
+    let flat = render_reference(&volume.reference(), &scene(&volume, &json(unlit)));
     let shaded = render_reference(&volume.reference(), &scene(&volume, &json(r#", "shading": {}"#)));
     for y in 0..65i32 {
         for x in 0..65i32 {

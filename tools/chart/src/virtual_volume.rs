@@ -154,6 +154,7 @@ impl BrickId {
             tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
             parameters: [("lod_axes".into(), "xyz".into())].into(),
             source: Source::computed("brickid"),
+            space: String::new(),
             axes: ["x", "y", "z"].map(|name| AxisName { name: name.into(), unit: String::new() }),
             unit: String::new(),
             value_range: Some(finest),

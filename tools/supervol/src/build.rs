@@ -15,6 +15,7 @@ use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::nrrd::Outside;
 use supervol_preprocess::source::open::{OpenOptions, open};
+use supervol_preprocess::source::placed::{PlacedSource, Placing};
 use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::segy::SegyOptions;
 use supervol_preprocess::source::spool::SpoolFolder;
@@ -22,7 +23,7 @@ use supervol_preprocess::{BuildOptions, Existing};
 
 use crate::failure::{Failure, with_output};
 use crate::progress::Reporter;
-use crate::quantity::{self, Dtype, ErrorBound, show_bytes};
+use crate::quantity::{self, Dtype, ErrorBound, Spacing, show_bytes};
 
 /// What to build, from what, and how.
 #[derive(Debug, Args)]
@@ -38,6 +39,8 @@ pub struct Arguments {
 /// What a volume file may not say about itself.
 #[derive(Debug, Args)]
 pub struct SourceArguments {
+    #[command(flatten)]
+    place: PlaceArguments,
     #[command(flatten)]
     raw: RawArguments,
     #[command(flatten)]
@@ -105,22 +108,41 @@ enum LodAxesName {
     Xy,
 }
 
+/// Where the volume lies, for any format.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Place, where the file does not say it or says it wrong")]
+struct PlaceArguments {
+    /// World length between voxels, with units or without: 0.7,0.7,1.2 or 1mm,1mm,2mm
+    #[arg(long, value_name = "SX,SY,SZ", value_parser = quantity::spacing)]
+    spacing: Option<Spacing>,
+    /// World position of the first voxel
+    #[arg(long, value_name = "X,Y,Z", value_parser = quantity::triple, allow_hyphen_values = true)]
+    origin: Option<[f64; 3]>,
+    /// Directions of the axes: the rows of a 3x3 matrix, whose columns are the axes'
+    #[arg(long, value_name = "D11,D12,...,D33", value_parser = quantity::matrix, allow_hyphen_values = true)]
+    direction: Option<[f64; 9]>,
+}
+
+impl PlaceArguments {
+    fn placing(&self) -> Option<Placing> {
+        let Self { spacing, origin, direction } = self;
+        let unit = spacing.as_ref().map(|s| s.unit.clone()).filter(|unit| !unit.is_empty());
+        let placing =
+            Placing { spacing: spacing.as_ref().map(|s| s.lengths), unit, origin: *origin, direction: *direction };
+        (placing != Placing::default()).then_some(placing)
+    }
+}
+
 /// Shape of a headerless file.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Raw input")]
 struct RawArguments {
-    /// Voxels along x, y, z
+    /// Voxels along x, y, z: 512,512,300 or 512x512x300
     #[arg(long, value_name = "NX,NY,NZ", value_parser = quantity::dims, requires = "dtype")]
     dims: Option<Dims>,
-    /// Voxel type, with byte order: u8, i16be, f32le, ...
+    /// Voxel type, with byte order: u8, i16be, f32le, uint16, float32, ...
     #[arg(long, value_name = "TYPE", value_parser = quantity::dtype, requires = "dims")]
     dtype: Option<Dtype>,
-    /// World length between voxels
-    #[arg(long, value_name = "SX,SY,SZ", value_parser = quantity::triple, requires = "dims")]
-    spacing: Option<[f64; 3]>,
-    /// World position of the first voxel
-    #[arg(long, value_name = "X,Y,Z", value_parser = quantity::triple, requires = "dims", allow_hyphen_values = true)]
-    origin: Option<[f64; 3]>,
     /// Bytes before the first voxel
     #[arg(long, value_name = "BYTES", default_value = "0", value_parser = quantity::bytes)]
     offset: u64,
@@ -275,7 +297,9 @@ impl SourceArguments {
         let source =
             open(input, &self.open_options(folder, memory_bytes)).map_err(supervol_preprocess::BuildError::from)?;
         let origin = supervol_preprocess::identify(input, source.info().format)?;
-        Ok((source, origin))
+        let Some(placing) = self.place.placing() else { return Ok((source, origin)) };
+        let placed = PlacedSource::new(source, &placing).map_err(supervol_preprocess::BuildError::from)?;
+        Ok((Box::new(placed), origin))
     }
 
     fn open_options(&self, folder: &Path, memory_bytes: u64) -> OpenOptions {
@@ -286,11 +310,7 @@ impl SourceArguments {
                 voxel_type: dtype.voxel_type,
                 endian: dtype.endian,
                 header_bytes: self.raw.offset,
-                geometry: Geometry {
-                    spacing: self.raw.spacing.unwrap_or([1.0; 3]),
-                    origin: self.raw.origin.unwrap_or([0.0; 3]),
-                    ..Geometry::IDENTITY
-                },
+                geometry: Geometry::IDENTITY,
                 nodata: self.raw.nodata,
             }),
             _ => None,

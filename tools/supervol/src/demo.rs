@@ -14,13 +14,14 @@ use supervol_preprocess::source::nifti::NiftiSource;
 use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_preprocess::{BuildError, BuildOptions, Existing};
+use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::scene::Scene;
 
 use crate::failure::{Failure, with_container, with_output};
 use crate::output::{Force, PictureFile};
 use crate::quantity::show_bytes;
-use crate::render::picture;
+use crate::render::{Subject, picture};
 
 /// CT of a carp; scan by M. Scheuring, University of Erlangen; BSD-2-Clause; see `tests/data/README.md`.
 pub const CARP: &[u8] = include_bytes!("../../../tests/data/carp_ct.nii.gz");
@@ -91,7 +92,9 @@ fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str, for
     let scene = Scene::from_json(scene).map_err(Failure::command)?;
     let options =
         RenderOptions { backend: Backend::Cpu, host_memory_bytes: RENDER_MEMORY_BYTES, ..RenderOptions::default() };
-    let stats = picture(&container, &scene, (image, None), &options, None)?;
+    let facts = VolumeFacts::of(&container);
+    let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate: false };
+    let stats = picture(&subject, (image, None), &options, None)?;
     say(format_args!(
         "  {}: {} x {}, {} bricks ({}) read, {:.1} s, at most {} of memory for bricks and rays, peak of the process {}",
         image_path.display(),

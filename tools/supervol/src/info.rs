@@ -8,6 +8,8 @@ use serde::Serialize;
 use supervol_format::container::manifest::{AxisName, Json, Source};
 use supervol_format::{Container, Lod};
 use supervol_preprocess::output::unfinished::{self, Leftover, Writer};
+use supervol_preprocess::source::{LineNumbers, Survey};
+use supervol_runtime::facts::kind;
 
 use crate::failure::{Failure, with_container, with_output};
 use crate::quantity::show_bytes;
@@ -21,6 +23,9 @@ pub struct Arguments {
     /// As JSON
     #[arg(long)]
     json: bool,
+    /// The text header of the SEG-Y file that the container was built from, and nothing else
+    #[arg(long, conflicts_with = "json")]
+    text_header: bool,
 }
 
 /// The JSON that `--json` prints; its keys are a contract.
@@ -30,6 +35,10 @@ struct Info<'a> {
     spacing: [f64; 3],
     origin: [f64; 3],
     direction: [f64; 9],
+    left_handed: bool,
+    space: &'a str,
+    kind: &'static str,
+    kind_because: String,
     dtype: &'static str,
     scale: f64,
     offset: f64,
@@ -70,6 +79,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return list_unfinished(path, arguments.json);
     }
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
+    if arguments.text_header {
+        return print_text_header(path, &container);
+    }
     let info = gather(&container).map_err(|e| with_container(path, e))?;
     let mut out = crate::terminal::stdout();
     let printed = if arguments.json {
@@ -78,6 +90,20 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         print(&info, &mut out)
     };
     printed.map_err(with_output)
+}
+
+fn print_text_header(path: &Path, container: &Container) -> Result<(), Failure> {
+    let Some(survey) = survey_of(container.manifest().survey.as_ref().map(Json::value)) else {
+        let message = "--text-header: the container was not built from a SEG-Y file";
+        return Err(Failure::Command(format!("{}: {message}", path.display())));
+    };
+    let mut out = crate::terminal::stdout();
+    survey.text_header.lines().try_for_each(|line| writeln!(out, "{}", line.trim_end())).map_err(with_output)
+}
+
+/// The survey that a manifest holds.
+pub fn survey_of(json: Option<serde_json::Value>) -> Option<Survey> {
+    json.and_then(|json| serde_json::from_value(json).ok())
 }
 
 /// Names what builds and other commands have not finished, or never will.
@@ -121,6 +147,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
     let descriptor = container.descriptor();
     let manifest = container.manifest();
     let pyramid = container.pyramid();
+    let recognised = kind::recognise(container);
     let mut levels = Vec::new();
     for (lod, level) in pyramid.levels().iter().enumerate() {
         let mut info = LevelInfo {
@@ -146,6 +173,10 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
         spacing: descriptor.geometry.spacing,
         origin: descriptor.geometry.origin,
         direction: descriptor.geometry.direction,
+        left_handed: descriptor.geometry.is_left_handed(),
+        space: &manifest.space,
+        kind: recognised.kind.name(),
+        kind_because: recognised.because,
         dtype: descriptor.voxel_type.name(),
         scale: descriptor.scale,
         offset: descriptor.offset,
@@ -176,6 +207,8 @@ fn print(info: &Info<'_>, out: &mut impl Write) -> std::io::Result<()> {
     writeln!(out, "volume     {nx} x {ny} x {nz} {} voxels", info.dtype)?;
     writeln!(out, "axes       {}", axes.collect::<Vec<_>>().join(", "))?;
     writeln!(out, "spacing    {:?}, origin {:?}", info.spacing, info.origin)?;
+    print_orientation(info, out)?;
+    writeln!(out, "kind       {}: {}", info.kind, info.kind_because)?;
     match info.value_range {
         Some([min, max]) => writeln!(out, "values     {min} to {max} {}", info.unit)?,
         None => writeln!(out, "values     none present")?,
@@ -216,3 +249,44 @@ fn print(info: &Info<'_>, out: &mut impl Write) -> std::io::Result<()> {
     }
     Ok(())
 }
+
+/// Which way the grid lies, and where the survey is.
+fn print_orientation(info: &Info<'_>, out: &mut impl Write) -> std::io::Result<()> {
+    let d = info.direction;
+    let axes: Vec<String> = (0..3).map(|a| format!("({}, {}, {})", d[a], d[3 + a], d[6 + a])).collect();
+    let hand = if info.left_handed { "left" } else { "right" };
+    let space = if info.space.is_empty() { String::new() } else { format!(", world {}", info.space) };
+    writeln!(out, "direction  x {}, y {}, z {}: {hand}-handed{space}", axes[0], axes[1], axes[2])?;
+    let Some(survey) = survey_of(info.survey.clone()) else { return Ok(()) };
+    let lines = |name: &str, lines: LineNumbers| {
+        let last = lines.first + lines.step * (lines.count as i64 - 1);
+        format!("{name} {} to {last} in steps of {}", lines.first, lines.step)
+    };
+    writeln!(out, "survey     {}, {}", lines("inlines", survey.inline), lines("crosslines", survey.crossline))?;
+    let Some(corners) = survey.corners else { return Ok(()) };
+    for (corner, name) in corners.iter().zip(CORNERS) {
+        writeln!(out, "corner     {name}: {:.2}, {:.2}", corner[0], corner[1])?;
+    }
+    if survey.inline.count > 1 && survey.crossline.count > 1 {
+        let azimuth = |to: usize| {
+            let [east, north] = [0, 1].map(|k| corners[to][k] - corners[0][k]);
+            east.atan2(north).to_degrees().rem_euclid(360.0)
+        };
+        let turn = if info.left_handed { "left" } else { "right" };
+        writeln!(
+            out,
+            "map        crosslines ascend towards {:.1} degrees from north, inlines towards {:.1}: to the {turn} of it",
+            azimuth(1),
+            azimuth(2)
+        )?;
+    }
+    Ok(())
+}
+
+/// Names of a survey's corners, in the order in which they are kept.
+const CORNERS: [&str; 4] = [
+    "first inline, first crossline",
+    "first inline, last crossline",
+    "last inline, first crossline",
+    "last inline, last crossline",
+];

@@ -8,11 +8,15 @@ mod allocation;
 mod bench;
 mod build;
 mod chart;
+mod completions;
+mod decorate;
 mod demo;
 mod extract;
 mod failure;
+mod histogram;
 mod info;
 mod input;
+mod look;
 mod output;
 mod progress;
 mod quantity;
@@ -43,18 +47,24 @@ enum Command {
     Synth(synth::Arguments),
     /// Say what a container holds
     Info(info::Arguments),
+    /// Draw the histogram of a container, with the opacities of its default picture
+    Histogram(histogram::Arguments),
     /// Check every rule of a container
     Verify(verify::Arguments),
     /// Write voxels of a container to a .npy, .raw or .nrrd file
     Extract(extract::Arguments),
     /// Make a picture of a container
-    Render(render::Arguments),
+    Render(Box<render::Arguments>),
     /// Measure pictures: cost, distance from the reference, and the same by other programs
     Bench(Box<bench::Arguments>),
     /// Build and render a real and a synthetic volume, to see that everything works
     Demo(demo::Arguments),
     /// Measure speed against accuracy, or where methods fail, and write a report
     Chart(chart::Arguments),
+    /// Write what a shell needs to complete commands: `supervol completions bash > FILE`
+    Completions(completions::Arguments),
+    /// Write man pages
+    Man(completions::ManArguments),
 }
 
 #[global_allocator]
@@ -69,12 +79,15 @@ fn main() -> ExitCode {
         Command::Build(arguments) => build::run(&arguments),
         Command::Synth(arguments) => synth::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
+        Command::Histogram(arguments) => histogram::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Extract(arguments) => extract::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Chart(arguments) => chart::run(&arguments),
+        Command::Completions(arguments) => completions::run::<Arguments>(&arguments),
+        Command::Man(arguments) => completions::run_man::<Arguments>(&arguments),
     };
     // A signal that has come meanwhile decides how the program ends.
     wait_for_end();

@@ -78,9 +78,9 @@ pub fn threads(text: &str) -> Result<NonZero<usize>, String> {
     number.ok_or_else(|| format!("'{text}': expected 1 to {MOST_THREADS} threads"))
 }
 
-/// `NX,NY,NZ`.
+/// `NX,NY,NZ` or `NXxNYxNZ`.
 pub fn dims(text: &str) -> Result<Dims, String> {
-    let dims = Dims(list(text, "numbers of voxels")?);
+    let dims = Dims(list(&text.replace(['x', 'X'], ","), "numbers of voxels")?);
     if dims.is_valid() { Ok(dims) } else { Err(format!("'{text}': expected 1 to {} voxels on each axis", Dims::LIMIT)) }
 }
 
@@ -94,6 +94,45 @@ pub fn image_size(text: &str) -> Result<[u32; 2], String> {
 /// `X,Y,Z`.
 pub fn triple(text: &str) -> Result<[f64; 3], String> {
     list(text, "numbers")
+}
+
+/// Nine numbers: the rows of a 3x3 matrix.
+pub fn matrix(text: &str) -> Result<[f64; 9], String> {
+    list(text, "numbers")
+}
+
+/// Lengths between voxels, with the unit that they are in; empty where none is given.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spacing {
+    /// Along x, y, z.
+    pub lengths: [f64; 3],
+    /// As it was written.
+    pub unit: String,
+}
+
+/// Units of length, in nanometres: whole numbers, so that one is exact in another.
+const LENGTHS: [(&str, f64); 8] =
+    [("nm", 1.0), ("um", 1e3), ("µm", 1e3), ("mm", 1e6), ("cm", 1e7), ("m", 1e9), ("km", 1e12), ("ft", 304_800_000.0)];
+
+/// `1,1,2`, `1mm,1mm,2mm` or `500um,500um,2mm`: all in the first one's unit then, or in none.
+pub fn spacing(text: &str) -> Result<Spacing, String> {
+    let parts: [String; 3] = list(text, "lengths")?;
+    let expected = || {
+        let units: Vec<&str> = LENGTHS.iter().map(|(name, _)| *name).collect();
+        format!("'{text}': expected three lengths, without units or each with one of {}", units.join(", "))
+    };
+    let nanometres = |unit: &str| LENGTHS.iter().find(|(name, _)| *name == unit).map(|(_, length)| *length);
+    let unit = split_unit(&parts[0]).map_err(|_| expected())?.1.to_owned();
+    let mut lengths = [0.0; 3];
+    for (length, part) in lengths.iter_mut().zip(&parts) {
+        let (number, own) = split_unit(part).map_err(|_| expected())?;
+        *length = match (nanometres(own), nanometres(&unit)) {
+            _ if own == unit && (unit.is_empty() || nanometres(&unit).is_some()) => number,
+            (Some(own), Some(first)) => number * own / first,
+            _ => return Err(expected()),
+        };
+    }
+    Ok(Spacing { lengths, unit })
 }
 
 /// `I0:I1,J0:J1,K0:K1`, the second not included.
@@ -119,6 +158,20 @@ pub struct Dtype {
     pub endian: Endian,
 }
 
+/// Names that other programs give to voxel types.
+const OTHER_NAMES: [(&str, &str); 10] = [
+    ("uint8", "u8"),
+    ("int8", "i8"),
+    ("uint16", "u16"),
+    ("int16", "i16"),
+    ("uint32", "u32"),
+    ("int32", "i32"),
+    ("float32", "f32"),
+    ("float", "f32"),
+    ("float64", "f64"),
+    ("double", "f64"),
+];
+
 /// See [`Dtype`].
 pub fn dtype(text: &str) -> Result<Dtype, String> {
     let lower = text.trim().to_ascii_lowercase();
@@ -127,8 +180,10 @@ pub fn dtype(text: &str) -> Result<Dtype, String> {
         (_, Some(name)) => (name, Endian::Little),
         _ => (lower.as_str(), Endian::Little),
     };
-    let voxel_type = VoxelType::from_name(name)
-        .ok_or_else(|| format!("'{text}': expected u8, i8, u16, i16, u32, i32, f32 or f64, with be or le behind it"))?;
+    let name = OTHER_NAMES.iter().find(|(other, _)| *other == name).map_or(name, |(_, ours)| ours);
+    let voxel_type = VoxelType::from_name(name).ok_or_else(|| {
+        format!("'{text}': expected u8, i8, u16, i16, u32, i32, f32 or f64 (or uint8, ..., float64), with be or le behind it")
+    })?;
     Ok(Dtype { voxel_type, endian })
 }
 
@@ -239,6 +294,15 @@ mod tests {
         assert_eq!(threads("1024").map(NonZero::get), Ok(1024));
         for text in ["0", "1025", "10000", "18446744073709551615", "-1", "two"] {
             assert!(threads(text).is_err_and(|message| message.contains("1 to 1024")), "{text}");
+        }
+        assert_eq!(dims("256x128X3"), Ok(Dims([256, 128, 3])));
+        assert_eq!(dtype("uint16be").map(|d| (d.voxel_type, d.endian)), Ok((VoxelType::U16, Endian::Big)));
+        assert_eq!(dtype("float32").map(|d| d.voxel_type), Ok(VoxelType::F32));
+        assert_eq!(spacing("1,1,2").map(|s| (s.lengths, s.unit)), Ok(([1.0, 1.0, 2.0], String::new())));
+        let mixed = spacing("500um, 500um, 2mm").expect("lengths");
+        assert!((mixed.lengths[2] - 2000.0).abs() < 1e-9 && mixed.unit == "um", "{mixed:?}");
+        for text in ["1mm,1,2", "1,1,2mm", "1s,1s,1s", "1mm,1mm", "mm,mm,mm"] {
+            assert!(spacing(text).is_err_and(|e| e.contains("expected")), "{text}");
         }
         assert!(dims("10,0,3").is_err() && dims("1,2").is_err());
         assert_eq!(image_size("1024x768"), Ok([1024, 768]));

@@ -8,19 +8,22 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use supervol_format::{Container, Lod};
-use supervol_runtime::facts::{DataKind, VolumeFacts};
+use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::frame::check::{self, CheckProgress};
 use supervol_runtime::frame::{Backend, LevelChoice, OnProgress, Progress, RenderError, RenderOptions};
 use supervol_runtime::gpu::device::GpuError;
+use supervol_runtime::preset::overview::Overview;
 use supervol_runtime::process;
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, PacketRule, Skipping};
 use supervol_runtime::renderer::render_with_errors;
-use supervol_runtime::scene::{Scene, ShadingSpec};
+use supervol_runtime::scene::Scene;
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::loader::READERS;
 
+use crate::decorate;
 use crate::failure::{Failure, with_container, with_output};
+use crate::look::{LookArguments, empty};
 use crate::output::{Force, PictureFile, RenderOutputs};
 use crate::progress::Reporter;
 use crate::quantity::{self, show_bytes};
@@ -35,12 +38,16 @@ const QUIET: Duration = Duration::from_secs(1);
 pub struct Arguments {
     /// Container
     container: PathBuf,
-    /// Scene file (JSON); without one, a camera that frames the volume and a preset for the data
+    /// Scene file (JSON); what it leaves open, and all of it where there is none, is chosen to suit the data
     #[arg(long, value_name = "SCENE.json")]
     scene: Option<PathBuf>,
+    /// Write the scene that the options mean to standard output: all of it, as a beginning for a scene file. Without --output
+    /// no picture is drawn
+    #[arg(long)]
+    print_scene: bool,
     /// Picture to write: .png (8 bit, with background), .exr or .npy (float, premultiplied RGBA without background)
-    #[arg(short, long, value_name = "IMAGE")]
-    output: PathBuf,
+    #[arg(short, long, value_name = "IMAGE", required_unless_present = "print_scene")]
+    output: Option<PathBuf>,
     /// Who casts the rays
     #[arg(long, value_enum, default_value = "auto")]
     backend: BackendName,
@@ -91,8 +98,14 @@ pub struct Arguments {
     /// Exit code 0 even where bricks could not be read, and are drawn from coarser ones
     #[arg(long)]
     allow_failed: bool,
+    /// Draw beside the volume its box with the ends of its axes, which way it is turned (a patient's sides, the points of the
+    /// compass), a scale where rays are parallel, what the colours stand for, and its name
+    #[arg(long)]
+    decorate: bool,
     #[command(flatten)]
     force: Force,
+    #[command(flatten)]
+    look: LookArguments,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -162,7 +175,8 @@ impl Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = Instant::now();
     let path = &arguments.container;
-    let container = Arc::new(Container::open(path).map_err(|e| with_container(path, e))?);
+    let container = Container::open(path).map_err(|e| with_container(path, e))?;
+    let container = Arc::new(arguments.look.placed(container));
     if let LevelChoice::Fixed(lod) = arguments.level
         && lod > container.pyramid().coarsest()
     {
@@ -173,14 +187,23 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.error_map.is_some() && matches!(arguments.backend, BackendName::Gpu | BackendName::Reference) {
         return Err(Failure::Command("--error-map: only --backend cpu says how far pixels may be off".into()));
     }
+    let facts = arguments.look.facts(&container);
     let scene = match &arguments.scene {
         Some(file) => read_scene(file)?,
-        None => default_scene(&container),
+        None => Scene::default(),
     };
+    // Memory is counted from here on: what the overview took is given back first.
+    let scene = arguments.look.scene(&scene, &container, &facts, overview(&container).as_ref());
+    let scene = scene.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
+    if arguments.print_scene {
+        let text = serde_json::to_string_pretty(&scene).map_err(|e| Failure::Machine(e.to_string()))?;
+        writeln!(crate::terminal::stdout(), "{text}").map_err(with_output)?;
+    }
+    let Some(output) = &arguments.output else { return Ok(()) };
     let inputs: Vec<&Path> =
         [Some(path), arguments.scene.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
     let [error_map, stats] = [&arguments.error_map, &arguments.stats].map(Option::as_deref);
-    let outputs = RenderOutputs::begin(&arguments.output, error_map, stats, &inputs, arguments.force)?;
+    let outputs = RenderOutputs::begin(output, error_map, stats, &inputs, arguments.force)?;
     let bar = Reporter::over_rows();
     let shown = bar.clone();
     let on_progress = move |progress: Progress| {
@@ -189,14 +212,17 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         shown.set_message(format!("{} read, {} rays wait", show_bytes(progress.bytes_read), progress.rays_waiting));
     };
     let options = arguments.options(Arc::new(on_progress), start);
-    let result = picture(&container, &scene, (outputs.picture, outputs.error_map), &options, arguments.check);
+    let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate: arguments.decorate };
+    let result = picture(&subject, (outputs.picture, outputs.error_map), &options, arguments.check);
     bar.finish_and_clear();
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
     if let Some(file) = outputs.statistics {
         let text = serde_json::to_string_pretty(&stats).map_err(|e| Failure::Machine(e.to_string()))?;
         file.write(&(text + "\n"))?;
     }
-    print(&arguments.output, &stats).map_err(with_output)?;
+    if !arguments.print_scene {
+        print(output, &stats).map_err(with_output)?;
+    }
     match stats.bricks_failed {
         0 => Ok(()),
         _ if arguments.allow_failed => Ok(()),
@@ -207,10 +233,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// A picture for somebody who asked for none in particular: shaded, but for amplitudes, whose layers have no surfaces.
+/// A picture for somebody who asked for none in particular, written out.
 pub fn default_scene(container: &Container) -> Scene {
-    let seismic = VolumeFacts::of(container).kind == DataKind::Seismic;
-    Scene { shading: (!seismic).then(ShadingSpec::default), ..Scene::default() }
+    Scene::default().complete(&VolumeFacts::of(container), overview(container).as_ref())
+}
+
+/// What a coarse level tells; nothing where it cannot be read, which whoever draws the picture will say.
+fn overview(container: &Container) -> Option<Overview> {
+    Overview::read(container).ok().flatten()
 }
 
 fn read_scene(file: &Path) -> Result<Scene, Failure> {
@@ -218,15 +248,27 @@ fn read_scene(file: &Path) -> Result<Scene, Failure> {
     Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())))
 }
 
+/// What a picture is made of.
+pub struct Subject<'a> {
+    /// The volume.
+    pub container: &'a Arc<Container>,
+    /// What is known of it.
+    pub facts: &'a VolumeFacts,
+    /// What is wanted.
+    pub scene: &'a Scene,
+    /// Whether box, orientation, scale, colours and name are drawn beside it.
+    pub decorate: bool,
+}
+
 /// Renders and writes one picture, and casts `check` of its rays again: what `render` and `demo` share.
 pub fn picture(
-    container: &Arc<Container>,
-    scene: &Scene,
+    subject: &Subject<'_>,
     (output, error_map): (PictureFile, Option<PictureFile>),
     options: &RenderOptions,
     check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
-    let resolved = scene.resolve(&VolumeFacts::of(container)).map_err(Failure::command)?;
+    let Subject { container, facts, scene, decorate } = *subject;
+    let resolved = scene.resolve(facts).map_err(Failure::command)?;
     if check.is_some() {
         check::check_fits(container, &resolved, options).map_err(with_render)?;
     }
@@ -238,7 +280,17 @@ pub fn picture(
             stats.bricks_failed
         )));
     }
-    output.write(&image, resolved.background)?;
+    if let Some(why) = empty::reason(&image, &resolved, facts) {
+        writeln!(crate::terminal::stderr(), "supervol: warning: the picture shows nothing but its background: {why}")
+            .map_err(with_output)?;
+    }
+    if decorate {
+        let mut decorated = image.clone();
+        decorate::decorate(&mut decorated, container, facts, &resolved);
+        output.write(&decorated, resolved.background)?;
+    } else {
+        output.write(&image, resolved.background)?;
+    }
     if let (Some(file), Some(errors)) = (error_map, errors) {
         file.write_error_map(errors)?;
     }

@@ -21,6 +21,9 @@ pub struct Manifest {
     pub parameters: BTreeMap<String, String>,
     /// Where the voxels came from.
     pub source: Source,
+    /// What the world's axes mean, as [`crate::space::WorldSpace::name`] spells it; empty where unknown.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub space: String,
     /// Names and units of x, y, z.
     pub axes: [AxisName; 3],
     /// Unit of the values, empty where unknown.

@@ -16,7 +16,7 @@ use crate::byte_source::{ByteSource, ReadShape};
 use crate::codec::{self, BrickShape, Codec};
 use crate::macro_cells::{MACRO_CELL_BYTES, dequantize_cells};
 use crate::voxel_type::Voxel;
-use crate::{BrickKey, Pyramid, ValueRange, with_voxel};
+use crate::{BrickKey, Geometry, Pyramid, ValueRange, with_voxel};
 
 /// Most TOC pages kept in memory: 1024 pages are 64 MiB and name 837,632 bricks.
 pub const CACHED_TOC_PAGES: usize = 1024;
@@ -104,6 +104,17 @@ impl Container {
             path: PathBuf::new(),
             toc_pages: Mutex::default(),
         })
+    }
+
+    /// The same voxels placed elsewhere in the world: stretched, turned or moved.
+    ///
+    /// # Panics
+    /// If the geometry has a defect ([`Geometry::defect`]).
+    #[must_use]
+    pub fn placed(mut self, geometry: Geometry) -> Self {
+        assert_eq!(geometry.defect(), None, "a container is placed by a geometry without defects");
+        self.descriptor.geometry = geometry;
+        self
     }
 
     /// Where it lies; empty unless it was opened as a file.

@@ -18,6 +18,7 @@ pub mod npy;
 pub mod nrrd;
 pub mod open;
 mod others;
+pub mod placed;
 pub mod raw;
 pub mod segy;
 pub mod spool;
@@ -28,6 +29,7 @@ pub mod tiff;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use supervol_format::space::WorldSpace;
 use supervol_format::{Dims, Geometry, VoxelBox, VoxelType};
 
 use file::SourceFile;
@@ -76,6 +78,8 @@ pub struct SourceInfo {
     pub voxel_type: VoxelType,
     /// Place in the world.
     pub geometry: Geometry,
+    /// What the world's axes mean.
+    pub space: WorldSpace,
     /// Value = stored * scale + offset.
     pub scale: f64,
     /// See `scale`.
@@ -107,6 +111,7 @@ impl SourceInfo {
             dims,
             voxel_type,
             geometry: Geometry::IDENTITY,
+            space: WorldSpace::Unknown,
             scale: 1.0,
             offset: 0.0,
             nodata: None,

@@ -4,6 +4,7 @@
 //! would be none.
 
 use glam::DVec3;
+use supervol_format::container::ContainerError;
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{Container, Geometry, Level, Lod, ValueRange, VoxelBox, with_voxel};
@@ -41,33 +42,46 @@ pub fn load_level(
     if needed_bytes > host_memory_bytes {
         return Err(RenderError::ReferenceTooLarge { level: lod.0, needed_bytes, budget_bytes: host_memory_bytes });
     }
-    let level = container.pyramid().level_at(lod);
-    let dims = level.dims.full_box().extent();
-    let mut values = vec![f64::NAN; dims.iter().product()];
+    let in_units = InUnits::of(container);
+    let (dims, values) = level_values(container, lod, |stored| in_units.value(stored))?;
     let mut value_range = ValueRange::EMPTY;
+    values.iter().filter(|v| !v.is_nan()).for_each(|&v| value_range.include(v));
+    let geometry = level_geometry(&in_units.geometry, container.pyramid().level_at(lod));
+    Ok(ReferenceVolume { dims, geometry, values, value_range })
+}
+
+/// Voxels along each axis and values of a level, x fastest, NaN where absent: 8 bytes for each voxel. `value` makes a value of
+/// what is stored.
+///
+/// # Errors
+/// If a brick cannot be read.
+pub fn level_values(
+    container: &Container,
+    lod: Lod,
+    value: impl Fn(f64) -> f64,
+) -> Result<([usize; 3], Vec<f64>), ContainerError> {
+    let dims = container.pyramid().level_at(lod).dims.full_box().extent();
+    let mut values = vec![f64::NAN; dims.iter().product()];
     for key in container.pyramid().keys_of(lod) {
         let entry = container.entry(key)?;
         let voxels = container.read_brick(key, &entry)?;
         let extent = container.shape(key).extent;
         let core = container.pyramid().core_box(key);
-        copy_core(container, &voxels, extent, core, dims, &mut values);
+        copy_core(container, (&voxels, extent), core, (dims, &mut values), &value);
     }
-    values.iter().filter(|v| !v.is_nan()).for_each(|&v| value_range.include(v));
-    let geometry = level_geometry(&InUnits::of(container).geometry, level);
-    Ok(ReferenceVolume { dims, geometry, values, value_range })
+    Ok((dims, values))
 }
 
 /// Copies a brick's core into the level's values; absent voxels become NaN.
 fn copy_core(
     container: &Container,
-    voxels: &[u8],
-    extent: [usize; 3],
+    (voxels, extent): (&[u8], [usize; 3]),
     core: VoxelBox,
-    dims: [usize; 3],
-    values: &mut [f64],
+    (dims, values): ([usize; 3], &mut [f64]),
+    value_of: &impl Fn(f64) -> f64,
 ) {
     const APRON: usize = supervol_format::brick::APRON;
-    let (descriptor, in_units) = (container.descriptor(), InUnits::of(container));
+    let descriptor = container.descriptor();
     let core_extent = core.extent();
     let start = core.start.map(|s| s as usize);
     for z in 0..core_extent[2] {
@@ -79,7 +93,7 @@ fn copy_core(
                 let bytes = size_of::<V>();
                 for (value, voxel) in row.iter_mut().zip(voxels[from * bytes..].chunks_exact(bytes)) {
                     let stored = V::read_le(voxel).to_f64();
-                    *value = if descriptor.absence.is_absent(stored) { f64::NAN } else { in_units.value(stored) };
+                    *value = if descriptor.absence.is_absent(stored) { f64::NAN } else { value_of(stored) };
                 }
             });
         }

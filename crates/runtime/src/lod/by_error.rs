@@ -293,7 +293,7 @@ fn longest_chord(geometry: &Geometry, dims: Dims, clip_box: Option<[[f64; 3]; 2]
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::{DataKind, VolumeFacts};
+    use crate::facts::{DataKind, Frame, VolumeFacts};
     use crate::lod::LodChoice;
     use crate::scene::Scene;
     use proptest::prelude::*;
@@ -309,6 +309,8 @@ mod tests {
             geometry: Geometry::IDENTITY,
             value_range: VALUES,
             percentiles: vec![],
+            frame: Frame::Unknown,
+            histogram: Vec::new(),
             kind: DataKind::Generic,
             has_zero_centre: false,
         };
@@ -378,7 +380,7 @@ mod tests {
 
     #[test]
     fn iso_surfaces_must_be_exact_where_there_are_any() {
-        let iso = rules(r#"{"mode": "iso", "iso": [{"value": 40, "color": [1, 1, 1]}]}"#, HALF);
+        let iso = rules(r#"{"mode": "iso", "shading": null, "iso": [{"value": 40, "color": [1, 1, 1]}]}"#, HALF);
         assert!(iso.shows_nothing(range(40.5, 90.0)) && !iso.shows_nothing(range(40.0, 90.0)));
         assert!(!iso.keeps_target(range(0.0, 90.0), 1e-6) && iso.keeps_target(range(0.0, 90.0), 0.0));
         assert!(iso.keeps_contrast(range(10.0, 50.0), VALUES) && !iso.keeps_contrast(range(50.0, 60.0), VALUES));

@@ -334,7 +334,7 @@ impl Deviations {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::{DataKind, VolumeFacts};
+    use crate::facts::{DataKind, Frame, VolumeFacts};
     use crate::scene::Scene;
     use proptest::prelude::*;
     use supervol_format::codec::Codec;
@@ -349,6 +349,8 @@ mod tests {
             geometry: Geometry::IDENTITY,
             value_range: VALUES,
             percentiles: vec![],
+            frame: Frame::Unknown,
+            histogram: Vec::new(),
             kind: DataKind::Generic,
             has_zero_centre: false,
         };

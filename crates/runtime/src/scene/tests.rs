@@ -1,5 +1,5 @@
 use super::*;
-use crate::facts::DataKind;
+use crate::facts::{DataKind, Frame};
 use supervol_format::{Dims, Geometry, ValueRange};
 
 const FULL: &str = r#"{
@@ -19,6 +19,8 @@ fn facts() -> VolumeFacts {
         geometry: Geometry { spacing: [2.0, 1.0, 0.5], ..Geometry::IDENTITY },
         value_range: ValueRange { min: -5.0, max: 7.0 },
         percentiles: vec![(1.0, -4.0), (50.0, 0.0), (99.0, 4.5)],
+        frame: Frame::Unknown,
+        histogram: Vec::new(),
         kind: DataKind::Generic,
         has_zero_centre: false,
     }
@@ -39,8 +41,9 @@ fn a_full_scene_resolves() {
 #[test]
 fn what_is_left_out_has_the_models_defaults() {
     let scene = Scene::from_json(r#"{"shading": {}}"#).unwrap();
-    assert_eq!((scene.image.width, scene.image.height, scene.mode), (800, 600, Mode::Dvr));
+    assert_eq!((scene.image.width, scene.image.height, scene.mode), (800, 600, None));
     let resolved = scene.resolve(&facts()).unwrap();
+    assert_eq!(resolved.mode, Mode::Dvr);
     assert_eq!(resolved.shading.unwrap().lights, [Light { to_light: -resolved.camera.forward, intensity: 1.0 }]);
     let points = r#"{"transfer_function": {"points": [{"value": 0, "color": [0, 0, 0], "alpha": 0}]}}"#;
     let resolved = Scene::from_json(points).unwrap().resolve(&facts()).unwrap();
@@ -83,6 +86,7 @@ fn mistakes_are_named_with_their_place() {
 #[test]
 fn presets_are_known_by_name() {
     for name in preset::NAMES {
+        assert!(name == "grey" || name.parse::<DataKind>().is_ok(), "{name}");
         let text = format!(r#"{{"transfer_function": "{name}"}}"#);
         let scene = Scene::from_json(&text).unwrap().resolve(&facts()).unwrap();
         assert!(scene.transfer_function.points().len() > 1);
@@ -96,7 +100,8 @@ fn presets_are_known_by_name() {
 #[test]
 fn the_default_camera_sees_the_whole_volume() {
     for kind in [DataKind::Generic, DataKind::Seismic, DataKind::Ct] {
-        let facts = VolumeFacts { kind, ..facts() };
+        let frame = if kind.is_seismic() { Frame::Survey } else { Frame::Unknown };
+        let facts = VolumeFacts { kind, frame, ..facts() };
         let camera = Scene::default().resolve(&facts).unwrap().camera;
         let slope = 15f64.to_radians().tan();
         let mut greatest: f64 = 0.0;
@@ -150,5 +155,92 @@ fn directions_of_any_length_mean_the_same() {
         assert!(light(&scene).distance(light(&plain)) < 1e-15, "{:?}", scene.shading);
         let plane = scene.clip.planes[0];
         assert!((plane.offset / plane.normal.x - 2.0).abs() < 1e-12, "{plane:?}");
+    }
+}
+
+#[test]
+fn an_empty_scene_is_the_default_picture_and_a_complete_one_means_the_same() {
+    for kind in DataKind::ALL {
+        let mut facts = VolumeFacts { kind, ..facts() };
+        for dims in [[100, 80, 60], [1, 80, 60], [1, 1, 60]] {
+            facts.dims = Dims(dims);
+            let empty = Scene::from_json("{}").unwrap();
+            let complete = empty.complete(&facts, None);
+            assert_eq!(empty.resolve(&facts).unwrap(), complete.resolve(&facts).unwrap(), "{kind:?}");
+            assert_eq!(complete.complete(&facts, None), complete, "{kind:?}: nothing is left open");
+            let text = serde_json::to_string(&complete).unwrap();
+            assert_eq!(Scene::from_json(&text).unwrap(), complete, "{kind:?}: what is written can be read");
+        }
+    }
+}
+
+#[test]
+fn kinds_have_the_looks_that_their_users_know() {
+    let look = |kind| Scene::default().resolve(&VolumeFacts { kind, ..facts() }).unwrap();
+    assert_eq!((look(DataKind::Fluorescence).mode, look(DataKind::Mask).mode), (Mode::Mip, Mode::Iso));
+    assert!(look(DataKind::Ct).shading.is_some() && look(DataKind::Seismic).shading.is_none());
+    assert_eq!(look(DataKind::Mask).iso[0].value, 1.0);
+    // Amplitudes: as much below zero as above, and nothing at zero.
+    let amplitudes = look(DataKind::Seismic).transfer_function;
+    let [first, last] = [0, amplitudes.points().len() - 1].map(|i| amplitudes.points()[i].value);
+    assert_eq!((first, last, amplitudes.classify(0.0).1), (-4.5, 4.5, 0.0));
+    // A section is opaque, face on, with several rays a pixel.
+    let section = VolumeFacts { kind: DataKind::Seismic, dims: Dims([100, 1, 60]), ..facts() };
+    let section = Scene::default().resolve(&section).unwrap();
+    assert!(matches!(section.camera.projection, Projection::Orthographic { .. }) && section.subgrid == 4);
+    assert!(section.transfer_function.points().iter().all(|p| p.alpha == 1.0));
+}
+
+#[test]
+fn surfaces_are_lit_and_projections_have_grey_ramps_of_their_own() {
+    let resolve = |json: &str| Scene::from_json(json).unwrap().resolve(&facts()).unwrap();
+    assert!(resolve(r#"{"mode": "iso", "iso": [{"value": 1, "color": [1, 1, 1]}]}"#).shading.is_some());
+    assert!(resolve(r#"{"shading": null, "iso": [{"value": 1, "color": [1, 1, 1]}]}"#).shading.is_none());
+    assert_eq!(resolve(r#"{"iso": [{"value": 1, "color": [1, 1, 1]}]}"#).mode, Mode::Iso);
+    let window = |mode: &str| {
+        let shown = resolve(&format!(r#"{{"mode": "{mode}"}}"#));
+        let points = shown.transfer_function.points().to_vec();
+        assert!(points.iter().all(|p| p.alpha == 1.0) && points[0].color == [0.0; 3] && points[1].color == [1.0; 3]);
+        [points[0].value, points[1].value]
+    };
+    let [mip, minip, mean] = ["mip", "minip", "mean"].map(window);
+    assert!(mip[1] > mean[1] && mean[0] > minip[0] && minip[1] < mip[1], "{mip:?} {minip:?} {mean:?}");
+}
+
+/// Every key of a JSON value: `camera.eye`, `iso[].value`.
+fn keys(value: &serde_json::Value, at: &str, found: &mut std::collections::BTreeSet<String>) {
+    match value {
+        serde_json::Value::Object(members) => {
+            for (name, member) in members {
+                let key = if at.is_empty() { name.clone() } else { format!("{at}.{name}") };
+                found.insert(key.clone());
+                keys(member, &key, found);
+            }
+        }
+        serde_json::Value::Array(items) => items.iter().for_each(|item| keys(item, &format!("{at}[]"), found)),
+        _ => {}
+    }
+}
+
+#[test]
+fn the_page_on_scenes_has_every_key_and_no_other() {
+    let page = include_str!("../../../../docs/scene.md");
+    let table = page.split("\n\n").find(|part| part.starts_with("| key |")).expect("the page has a table of keys");
+    let named: std::collections::BTreeSet<String> =
+        table.lines().skip(2).filter_map(|row| row.split('`').nth(1)).map(str::to_owned).collect();
+    // A scene that has everything, both kinds of cameras included.
+    let full =
+        FULL.replace("\"clip\"", "\"iso\": [{\"value\": 1, \"color\": [1, 1, 1]}], \"clip\"").replace("dvr", "iso");
+    let mut known = std::collections::BTreeSet::new();
+    for camera in ["\"fov_y\": 30.0", "\"height\": 30.0"] {
+        let scene = Scene::from_json(&full.replace("\"fov_y\": 30.0", camera)).unwrap();
+        keys(&serde_json::to_value(&scene).unwrap(), "", &mut known);
+    }
+    assert_eq!(named, known);
+    for kind in DataKind::ALL {
+        assert!(page.contains(&format!("`{}`", kind.name())), "{kind:?} is not on the page");
+    }
+    for name in preset::NAMES {
+        assert!(page.contains(&format!("`{name}`")), "{name} is not on the page");
     }
 }

@@ -155,7 +155,7 @@ impl Classifier {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::{DataKind, VolumeFacts};
+    use crate::facts::{DataKind, Frame, VolumeFacts};
     use crate::lod::by_error::DataScale;
     use crate::lod::{LodChoice, LodRule};
     use crate::scene::Scene;
@@ -170,6 +170,8 @@ mod tests {
             geometry: Geometry::IDENTITY,
             value_range: VALUES,
             percentiles: vec![],
+            frame: Frame::Unknown,
+            histogram: Vec::new(),
             kind: DataKind::Generic,
             has_zero_centre: false,
         };

@@ -67,6 +67,7 @@ fn manifest(volume: &Volume) -> Manifest {
         tool: "test".into(),
         parameters: Default::default(),
         source: Source::computed("test"),
+        space: String::new(),
         axes: [axis(), axis(), axis()],
         unit: String::new(),
         value_range: Some(volume.range()),

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
-use supervol_runtime::facts::{DataKind, VolumeFacts};
+use supervol_runtime::facts::{DataKind, Frame, VolumeFacts};
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{self, CpuFrame, CpuQuality, Skipping};
@@ -140,6 +140,8 @@ impl TestVolume {
             geometry: self.geometry,
             value_range: self.range,
             percentiles: Vec::new(),
+            frame: Frame::Unknown,
+            histogram: Vec::new(),
             kind: DataKind::Generic,
             has_zero_centre: false,
         };

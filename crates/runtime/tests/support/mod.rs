@@ -7,7 +7,7 @@ use std::sync::Mutex;
 
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
-use supervol_runtime::facts::{DataKind, VolumeFacts};
+use supervol_runtime::facts::{DataKind, Frame, VolumeFacts};
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{Counters, CpuFrame, CpuQuality, Skipping, cast_pass};
@@ -70,6 +70,8 @@ impl Volume {
             geometry: self.geometry,
             value_range: self.range(),
             percentiles: vec![],
+            frame: Frame::Unknown,
+            histogram: Vec::new(),
             kind: DataKind::Generic,
             has_zero_centre: false,
         }

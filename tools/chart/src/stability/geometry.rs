@@ -248,7 +248,7 @@ fn sheared(context: &Context<'_>) -> Result<Outcome, ChartError> {
         let field = Volume::build(context, "S36 waves", &placed(waves(dims), geometry), &build_options(16))?;
         let camera = field.looking_from(DVec3::new(0.4, -0.7, 0.5), 2.2);
         let iso = format!(
-            r#""mode": "iso", "iso": [{{"value": {:?}, "color": [0.9, 0.7, 0.4], "alpha": 0.5}}]"#,
+            r#""mode": "iso", "shading": null, "iso": [{{"value": {:?}, "color": [0.9, 0.7, 0.4], "alpha": 0.5}}]"#,
             field.value(0.45)
         );
         let tf = smooth(&field, 12.0);

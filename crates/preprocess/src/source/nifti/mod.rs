@@ -13,6 +13,7 @@ use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use flate2::bufread::MultiGzDecoder;
+use supervol_format::space::WorldSpace;
 use supervol_format::{ByteSource, Dims, VoxelBox, VoxelType};
 
 use super::file::SourceFile;
@@ -41,6 +42,7 @@ impl NiftiSource {
         let mut info = SourceInfo::plain("nifti", shape.dims, voxel_type);
         let (geometry, notes) = geometry::placement(&header);
         info.geometry = geometry;
+        info.space = WorldSpace::RightAnteriorSuperior;
         info.notes = shape.notes.clone();
         info.notes.extend(notes);
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: length_unit(header.units).into() });

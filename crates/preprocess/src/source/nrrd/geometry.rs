@@ -1,6 +1,7 @@
 //! Where a NRRD lies in the world: from per-axis fields and space fields to spacing, origin and direction.
 //!
-//! The header's own space is kept: nothing is flipped to another convention, the note says which one it is.
+//! The header's own space is kept, and the note says which one it is; only a left-handed one has a coordinate turned
+//! round, because the world that pictures are taken of is right-handed: a patient's x, else z.
 //! Space direction vectors win over `spacings`; their lengths are the spacings, the unit vectors the columns of the
 //! direction matrix. Axes without a vector get one perpendicular to the others. Whatever would make the transform
 //! singular is replaced by an axis-aligned grid, with a note.
@@ -9,6 +10,7 @@ use std::path::Path;
 
 use glam::{DMat3, DVec3};
 use supervol_format::Geometry;
+use supervol_format::space::WorldSpace;
 
 use super::super::grid_file::shape::ChosenAxes;
 use super::super::text::shortened;
@@ -18,6 +20,7 @@ use super::header::Header;
 /// Geometry and axes, and what a person should know about them.
 pub(super) struct Placement {
     pub(super) geometry: Geometry,
+    pub(super) space: WorldSpace,
     pub(super) axes: [Axis; 3],
     pub(super) notes: Vec<String>,
 }
@@ -30,9 +33,7 @@ pub(super) fn placement(
     axes: usize,
 ) -> Result<Placement, SourceError> {
     let mut notes = Vec::new();
-    if let Some(space) = header.field("space") {
-        notes.push(format!("world coordinates are the header's own: {}", shortened(space)));
-    }
+    let (space, turned) = world_space(header.field("space"), &mut notes);
     let directions = space_directions(path, header, axes)?;
     let vectors: [Option<DVec3>; 3] = std::array::from_fn(|i| {
         let axis = *chosen.axes.get(i)?;
@@ -51,7 +52,29 @@ pub(super) fn placement(
         geometry = Geometry::IDENTITY;
     }
     let axes = axes_of(header, chosen, &geometry);
-    Ok(Placement { geometry, axes, notes })
+    if let Some(row) = turned {
+        geometry.origin[row] = 0.0 - geometry.origin[row];
+        geometry.direction[3 * row..3 * row + 3].iter_mut().for_each(|v| *v = 0.0 - *v);
+    }
+    Ok(Placement { geometry, space, axes, notes })
+}
+
+/// What the field `space` says (NRRD format definition, section 5.3), with or without a time axis, and the coordinate that
+/// is turned round where that space is left-handed.
+fn world_space(field: Option<&str>, notes: &mut Vec<String>) -> (WorldSpace, Option<usize>) {
+    let Some(name) = field else { return (WorldSpace::Unknown, None) };
+    let lower = name.to_lowercase();
+    let (space, turned) = match lower.trim_end_matches("-time") {
+        "right-anterior-superior" | "ras" | "rast" => (WorldSpace::RightAnteriorSuperior, None),
+        "left-posterior-superior" | "lps" | "lpst" => (WorldSpace::LeftPosteriorSuperior, None),
+        "left-anterior-superior" | "las" | "last" => (WorldSpace::RightAnteriorSuperior, Some(0)),
+        "3d-left-handed" => (WorldSpace::Unknown, Some(2)),
+        _ => (WorldSpace::Unknown, None),
+    };
+    let how = turned
+        .map_or(String::new(), |row| format!(", {} turned round to make a right-handed space", ["x", "y", "z"][row]));
+    notes.push(format!("world coordinates are the header's own: {}{how}", shortened(name)));
+    (space, turned)
 }
 
 /// Dimension of the world space the header speaks of.

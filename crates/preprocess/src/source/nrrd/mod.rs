@@ -92,6 +92,7 @@ impl NrrdSource {
 
         let mut info = SourceInfo::plain("nrrd", chosen.dims, voxel_type);
         info.geometry = placement.geometry;
+        info.space = placement.space;
         info.axes = placement.axes;
         info.unit = header.field("sampleunits").map(|u| shortened(u.trim_matches('"'))).unwrap_or_default();
         info.notes = chosen.notes;

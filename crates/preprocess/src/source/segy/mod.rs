@@ -276,7 +276,7 @@ fn describe(
     info.geometry = Geometry {
         spacing: [placement.spacing[0], placement.spacing[1], spacing_z],
         origin: [0.0, 0.0, first_sample],
-        ..Geometry::IDENTITY
+        direction: survey::direction(placement.corners),
     };
     info.axes = [axis("crossline", placement.units[0]), axis("inline", placement.units[1]), axis(z_name, z_unit)];
     info.survey = Some(Survey {

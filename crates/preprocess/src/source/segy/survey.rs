@@ -1,8 +1,9 @@
 //! Where the grid lies in the world: CDP coordinates, spacing, sample axis.
 //!
-//! The world frame stays local: x along the crossline axis, y along the inline axis, z down, origin at the first
-//! inline and crossline and at the delay of the first sample. Map coordinates are large and turned against the grid;
-//! they are kept as the survey's corners, as metadata.
+//! The world frame stays local: x along the crossline axis, z down, and y a quarter turn clockwise from x as the map shows
+//! it, so that the three are right-handed; origin at the first inline and crossline and at the delay of the first sample.
+//! Where inlines ascend against y, the grid's second axis points along -y: its frame is left-handed, as most surveys are.
+//! Map coordinates are large and turned against the grid; they are kept as the survey's corners, as metadata.
 
 use super::binary_header::{BinaryHeader, TRACE_HEADER_BYTES};
 use super::fields::{Fields, scaled};
@@ -176,6 +177,17 @@ pub(super) fn place(
     Ok(Placement { spacing, units, ..placed })
 }
 
+/// Directions of the grid's axes in the local world. Seen from above, with the first inline running to the right, inlines
+/// ascend upwards or downwards on the map: the corners say which. Without corners nothing contradicts downwards.
+pub(super) fn direction(corners: Option<[[f64; 2]; 4]>) -> [f64; 9] {
+    let ascend_upwards = corners.is_some_and(|points| {
+        let [along_x, along_y] = [1, 2].map(|c| [0, 1].map(|k| points[c][k] - points[0][k]));
+        along_x[0] * along_y[1] - along_x[1] * along_y[0] > 0.0
+    });
+    let y = if ascend_upwards { -1.0 } else { 1.0 };
+    [1.0, 0.0, 0.0, 0.0, y, 0.0, 0.0, 0.0, 1.0]
+}
+
 /// Why coordinates cannot be taken as lengths, if so. Units that the numbers contradict are overruled: no angle in
 /// degrees exceeds 360.
 fn not_lengths(scan: &Scan, fit: &PositionFit) -> Option<String> {
@@ -316,6 +328,17 @@ mod tests {
         let mut diagonal = PositionFit::default();
         (1..9).for_each(|n| diagonal.add([n, n], [f64::from(n), 1.0]));
         assert!(diagonal.at(0, 0).is_none());
+    }
+
+    #[test]
+    fn the_handedness_of_the_map_is_kept() {
+        // East and north: inlines ascend upwards, against y. Mirrored, they ascend along y.
+        let north = [[0.0, 0.0], [40.0, 0.0], [0.0, 25.0], [40.0, 25.0]];
+        assert_eq!(direction(Some(north))[4], -1.0);
+        assert_eq!(direction(Some(north.map(|[x, y]| [x, -y])))[4], 1.0);
+        // Turning the map changes nothing.
+        assert_eq!(direction(Some(north.map(|[x, y]| [-y, x])))[4], -1.0);
+        assert_eq!(direction(None)[4], 1.0);
     }
 
     #[test]

@@ -41,7 +41,7 @@ fn edits(volume: &Volume, size: (u32, u32)) -> Result<Vec<ResolvedScene>, ChartE
     let members = |edit: String| [volume.outside(), image_size(size.0, size.1), edit];
     let low = transfer_function(unit, &[(0.0, blue, 0.4), (90.0, gold, 0.1), (91.0, gold, 0.0), (249.0, gold, 0.0)]);
     let high = transfer_function(unit, &[(0.0, blue, 0.0), (150.0, blue, 0.0), (151.0, gold, 0.3), (249.0, gold, 0.5)]);
-    let iso = r#""mode": "iso", "iso": [{"value": 120.3, "color": [0.9, 0.7, 0.4], "alpha": 0.5}]"#;
+    let iso = r#""mode": "iso", "shading": null, "iso": [{"value": 120.3, "color": [0.9, 0.7, 0.4], "alpha": 0.5}]"#;
     [low, high, iso.into(), translucent(volume.radius())]
         .into_iter()
         .map(|edit| scene(volume, &members(edit)))

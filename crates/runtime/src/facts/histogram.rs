@@ -1,0 +1,127 @@
+//! What a histogram tells: shares of the voxels between values, and the thresholds that part them into classes.
+
+use supervol_format::ValueRange;
+
+/// Counts in equal parts of a range of values.
+#[derive(Debug, Clone, Copy)]
+pub struct Histogram<'a> {
+    counts: &'a [u64],
+    range: ValueRange,
+}
+
+impl<'a> Histogram<'a> {
+    /// A histogram; without counts every share is zero.
+    #[must_use]
+    pub fn new(counts: &'a [u64], range: ValueRange) -> Self {
+        Self { counts, range }
+    }
+
+    /// Bins that hold voxels.
+    #[must_use]
+    pub fn bins_used(&self) -> usize {
+        self.counts.iter().filter(|&&count| count > 0).count()
+    }
+
+    /// Share of all voxels in the fullest bin.
+    #[must_use]
+    pub fn fullest(&self) -> f64 {
+        self.counts.iter().copied().max().unwrap_or(0) as f64 / self.total()
+    }
+
+    /// Share of all voxels whose bin's middle lies between two values.
+    #[must_use]
+    pub fn share_between(&self, low: f64, high: f64) -> f64 {
+        let within = |bin: &usize| (low..=high).contains(&self.value(*bin as f64 + 0.5));
+        (0..self.counts.len()).filter(within).map(|bin| self.counts[bin] as f64).sum::<f64>() / self.total()
+    }
+
+    /// The threshold above `from` that parts the voxels above it best into two classes: N. Otsu (1979), A Threshold
+    /// Selection Method from Gray-Level Histograms, equation 18. `None` where less than two bins hold voxels.
+    #[must_use]
+    pub fn threshold_above(&self, from: f64) -> Option<f64> {
+        self.threshold_between(from, f64::INFINITY)
+    }
+
+    /// The same of the voxels between two values.
+    #[must_use]
+    pub fn threshold_between(&self, from: f64, to: f64) -> Option<f64> {
+        let first = (0..self.counts.len()).find(|&bin| self.value(bin as f64 + 1.0) > from)?;
+        let end = (first..self.counts.len()).find(|&bin| self.value(bin as f64) >= to).unwrap_or(self.counts.len());
+        let counts = &self.counts[first..end];
+        let total: f64 = counts.iter().map(|&c| c as f64).sum();
+        let moment: f64 = counts.iter().enumerate().map(|(i, &c)| i as f64 * c as f64).sum();
+        let (mut below, mut moment_below) = (0.0, 0.0);
+        let (mut best, mut ends) = (0.0, None);
+        for (i, &count) in counts.iter().enumerate() {
+            below += count as f64;
+            moment_below += i as f64 * count as f64;
+            let above = total - below;
+            if below == 0.0 || above == 0.0 {
+                continue;
+            }
+            let between = (moment * below / total - moment_below).powi(2) / (below * above);
+            if between > best {
+                (best, ends) = (between, Some((i, i)));
+            } else if let Some((start, _)) = ends.filter(|_| between == best) {
+                // Empty bins part the classes as well as the bins beside them: their middle is the threshold.
+                ends = Some((start, i));
+            }
+        }
+        ends.map(|(start, end)| self.value(first as f64 + 1.0 + 0.5 * (start + end) as f64))
+    }
+
+    /// The value below which a share of the voxels above `from` lies.
+    #[must_use]
+    pub fn quantile_above(&self, from: f64, share: f64) -> f64 {
+        let first = (0..self.counts.len()).find(|&bin| self.value(bin as f64 + 1.0) > from).unwrap_or(0);
+        let counts = self.counts.get(first..).unwrap_or_default();
+        let wanted = share * counts.iter().map(|&c| c as f64).sum::<f64>();
+        let mut below = 0.0;
+        for (i, &count) in counts.iter().enumerate() {
+            let next = below + count as f64;
+            if next >= wanted && count > 0 {
+                return self.value((first + i) as f64 + (wanted - below) / count as f64);
+            }
+            below = next;
+        }
+        self.range.max
+    }
+
+    fn total(&self) -> f64 {
+        self.counts.iter().map(|&c| c as f64).sum::<f64>().max(1.0)
+    }
+
+    /// The value at a place counted in bins.
+    fn value(&self, place: f64) -> f64 {
+        let share = place / self.counts.len().max(1) as f64;
+        self.range.min * (1.0 - share) + self.range.max * share
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thresholds_part_classes_and_quantiles_leave_the_background_out() {
+        let mut counts = vec![0; 256];
+        counts[0] = 10_000;
+        (100..110).for_each(|bin| counts[bin] = 50);
+        (200..210).for_each(|bin| counts[bin] = 50);
+        let histogram = Histogram::new(&counts, ValueRange { min: 0.0, max: 256.0 });
+        let first = histogram.threshold_above(f64::NEG_INFINITY).expect("two classes");
+        assert!(first > 1.0 && first < 100.5, "{first}");
+        let second = histogram.threshold_above(first).expect("two classes");
+        assert!(second > 110.0 && second < 200.5, "{second}");
+        let median = histogram.quantile_above(first, 0.5);
+        assert!((109.0..=201.0).contains(&median), "{median}");
+        assert!((histogram.share_between(99.0, 300.0) - 1000.0 / 11_000.0).abs() < 1e-12);
+        assert_eq!(histogram.bins_used(), 21);
+    }
+
+    #[test]
+    fn a_single_value_has_no_threshold() {
+        assert_eq!(Histogram::new(&[7], ValueRange { min: 3.0, max: 3.0 }).threshold_above(f64::NEG_INFINITY), None);
+        assert_eq!(Histogram::new(&[], ValueRange { min: 0.0, max: 1.0 }).threshold_above(0.0), None);
+    }
+}

@@ -1,0 +1,97 @@
+//! Colour maps by name: a grey ramp, red-white-blue for amplitudes, and the usual ones by their published tables.
+
+use colorous::Gradient;
+
+/// Names of all colour maps.
+pub const NAMES: [&str; 12] = [
+    "grey",
+    "seismic",
+    "viridis",
+    "magma",
+    "inferno",
+    "plasma",
+    "cividis",
+    "turbo",
+    "cubehelix",
+    "warm",
+    "cool",
+    "spectral",
+];
+
+/// Control points that stand for a smooth colour map: enough that linear interpolation is within one level of 255.
+pub const SMOOTH_POINTS: usize = 33;
+
+/// Places and colours of the red-white-blue map of amplitudes, negative to positive: saturated at both ends, white at zero.
+const SEISMIC: [(f64, [f64; 3]); 7] = [
+    (0.0, [0.55, 0.00, 0.05]),
+    (0.20, [0.85, 0.15, 0.12]),
+    (0.375, [0.97, 0.70, 0.60]),
+    (0.5, [0.97, 0.97, 0.97]),
+    (0.625, [0.60, 0.75, 0.97]),
+    (0.80, [0.12, 0.30, 0.85]),
+    (1.0, [0.03, 0.08, 0.50]),
+];
+
+/// A colour map: colours at places from 0 to 1, linear between them. `None` for a name that is not in [`NAMES`].
+#[must_use]
+pub fn by_name(name: &str) -> Option<Vec<(f64, [f64; 3])>> {
+    let gradient = match name {
+        "grey" => return Some(vec![(0.0, [0.0; 3]), (1.0, [1.0; 3])]),
+        "seismic" => return Some(SEISMIC.to_vec()),
+        "viridis" => colorous::VIRIDIS,
+        "magma" => colorous::MAGMA,
+        "inferno" => colorous::INFERNO,
+        "plasma" => colorous::PLASMA,
+        "cividis" => colorous::CIVIDIS,
+        "turbo" => colorous::TURBO,
+        "cubehelix" => colorous::CUBEHELIX,
+        "warm" => colorous::WARM,
+        "cool" => colorous::COOL,
+        "spectral" => colorous::SPECTRAL,
+        _ => return None,
+    };
+    Some(sampled(gradient))
+}
+
+fn sampled(gradient: Gradient) -> Vec<(f64, [f64; 3])> {
+    let at = |i: usize| {
+        let place = i as f64 / (SMOOTH_POINTS - 1) as f64;
+        let colour = gradient.eval_continuous(place);
+        (place, [colour.r, colour.g, colour.b].map(|c| f64::from(c) / 255.0))
+    };
+    (0..SMOOTH_POINTS).map(at).collect()
+}
+
+/// A colour for each number, no two neighbours alike: hues a golden angle apart.
+#[must_use]
+pub fn of_label(number: u64) -> [f64; 3] {
+    const GOLDEN_TURN: f64 = 0.618_033_988_749_895;
+    let hue = (number as f64 * GOLDEN_TURN + 0.05).fract() * 6.0;
+    let [most, least] = if number.is_multiple_of(2) { [0.95, 0.35] } else { [0.85, 0.20] };
+    [0.0, 2.0, 4.0].map(|turn| {
+        let distance = (hue - turn).rem_euclid(6.0);
+        let share = (2.0 - distance.min(6.0 - distance)).clamp(0.0, 1.0);
+        least + (most - least) * share
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_is_a_map_from_0_to_1() {
+        for name in NAMES {
+            let map = by_name(name).expect(name);
+            assert_eq!((map[0].0, map[map.len() - 1].0), (0.0, 1.0), "{name}");
+            assert!(map.windows(2).all(|w| w[0].0 < w[1].0), "{name}");
+            assert!(map.iter().flat_map(|(_, c)| c).all(|c| (0.0..=1.0).contains(c)), "{name}");
+        }
+        assert!(by_name("jet").is_none());
+        let colours: Vec<_> = (1..40).map(of_label).collect();
+        for pair in colours.windows(2) {
+            let apart = (0..3).map(|i| (pair[0][i] - pair[1][i]).abs()).fold(0.0, f64::max);
+            assert!(apart > 0.2, "{pair:?}");
+        }
+    }
+}

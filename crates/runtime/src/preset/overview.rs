@@ -1,0 +1,113 @@
+//! What a coarse level tells of a whole volume: where something can be seen, and what projections come to.
+//!
+//! The finest level of at most a quarter of a million voxels is read once. Coarser voxels are averages: what is smaller than one
+//! of them may be missed, so that frames made of this are close, not exact.
+
+use glam::DVec3;
+use supervol_format::container::ContainerError;
+use supervol_format::space::HALF_VOXEL;
+use supervol_format::{Container, Level, Lod};
+
+use super::view::Framed;
+use crate::facts::VolumeFacts;
+use crate::frame::reference::level_values;
+use crate::scene::Mode;
+use crate::transfer_function::TransferFunction;
+
+/// Most voxels of the level that is read: 8 bytes each.
+const VOXEL_LIMIT: u64 = 1 << 18;
+/// Opacity over the unit distance from which on something is seen, as a share of the greatest.
+const VISIBLE_SHARE: f64 = 0.02;
+/// Shares of the projected values that the window of a projection leaves out at its ends.
+const DARKEST: f64 = 0.005;
+const BRIGHTEST: f64 = 0.998;
+
+/// A coarse level in memory.
+#[derive(Debug, Clone)]
+pub struct Overview {
+    dims: [usize; 3],
+    level: Level,
+    /// x fastest; NaN where absent.
+    values: Vec<f64>,
+}
+
+impl Overview {
+    /// Reads the overview of a container; `None` where even its coarsest level is too large.
+    ///
+    /// # Errors
+    /// If a brick cannot be read.
+    pub fn read(container: &Container) -> Result<Option<Self>, ContainerError> {
+        let levels = container.pyramid().levels();
+        let fits = |level: &Level| level.dims.voxels().is_some_and(|n| n <= VOXEL_LIMIT);
+        let Some(number) = levels.iter().position(fits) else { return Ok(None) };
+        let (scale, offset) = (container.descriptor().scale, container.descriptor().offset);
+        let (dims, values) = level_values(container, Lod(number as u8), |stored| stored * scale + offset)?;
+        Ok(Some(Self { dims, level: levels[number], values }))
+    }
+
+    /// The voxels of this level for which `is_visible` holds and whose middle lies in `kept`, index coordinates of level 0;
+    /// `None` if there are none.
+    fn framed(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], is_visible: impl Fn(f64) -> bool) -> Option<Framed> {
+        let [nx, ny, _] = self.dims;
+        let scale = DVec3::from_array(self.level.scale.map(|s| s as f64));
+        // A point p of this level lies at (p + 1/2) * scale - 1/2 of level 0.
+        let at = |i: usize| {
+            let place = DVec3::new((i % nx) as f64, (i / nx % ny) as f64, (i / (nx * ny)) as f64);
+            (place + HALF_VOXEL) * scale - HALF_VOXEL
+        };
+        let (low, high) = (DVec3::from_array(kept[0]), DVec3::from_array(kept[1]));
+        let is_kept = |p: &DVec3| p.cmpge(low).all() && p.cmple(high).all();
+        let visible = self.values.iter().enumerate().filter(|(_, v)| !v.is_nan() && is_visible(**v));
+        let centres: Vec<DVec3> = visible.map(|(i, _)| at(i)).filter(is_kept).collect();
+        let middle =
+            centres.iter().copied().reduce(DVec3::min)? * 0.5 + centres.iter().copied().reduce(DVec3::max)? * 0.5;
+        Some(Framed::boxes(facts, middle, centres, (HALF_VOXEL * scale).to_array()))
+    }
+
+    /// What a transfer function shows of a box in index coordinates.
+    #[must_use]
+    pub fn visible(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], shown: &TransferFunction) -> Option<Framed> {
+        let most = shown.points().iter().map(|p| p.alpha).fold(0.0, f64::max);
+        self.framed(facts, kept, |value| shown.classify(value).1 > VISIBLE_SHARE * most)
+    }
+
+    /// What a surface may enclose: all that lies on the side of the fewer voxels.
+    #[must_use]
+    pub fn beyond(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], iso: f64) -> Option<Framed> {
+        let above = self.values.iter().filter(|v| **v >= iso).count();
+        let below = self.values.iter().filter(|v| **v < iso).count();
+        self.framed(facts, kept, |value| (value >= iso) == (above <= below)).filter(|_| above.min(below) > 0)
+    }
+
+    /// Least and greatest of what a projection along the three axes comes to, but for a few.
+    #[must_use]
+    pub fn projected_window(&self, mode: Mode) -> Option<[f64; 2]> {
+        let mut projected: Vec<f64> = (0..3).flat_map(|axis| self.project(axis, mode)).collect();
+        projected.retain(|v| v.is_finite());
+        projected.sort_by(f64::total_cmp);
+        let at =
+            |share: f64| projected.get((share * (projected.len().checked_sub(1)? as f64)).round() as usize).copied();
+        let (low, high) = (at(DARKEST)?, at(BRIGHTEST)?);
+        (high > low).then_some([low, high])
+    }
+
+    /// The projection along an axis, a value for each line of voxels; infinite or NaN where none is present.
+    fn project(&self, axis: usize, mode: Mode) -> Vec<f64> {
+        let stride: usize = self.dims[..axis].iter().product();
+        let count = self.dims[axis];
+        let lines = self.values.len() / count;
+        let line = |i: usize| {
+            let start = i / stride * stride * count + i % stride;
+            (0..count).map(move |k| self.values[start + k * stride]).filter(|v| !v.is_nan())
+        };
+        let reduce = |i: usize| match mode {
+            Mode::Mip => line(i).fold(f64::NEG_INFINITY, f64::max),
+            Mode::Minip => line(i).fold(f64::INFINITY, f64::min),
+            _ => {
+                let (sum, n) = line(i).fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
+                sum / n
+            }
+        };
+        (0..lines).map(reduce).collect()
+    }
+}

@@ -1,0 +1,245 @@
+//! Where default and named cameras stand.
+//!
+//! A frame of the world has a front, from which things are looked at unless somebody says otherwise, and an up. Azimuth
+//! turns the camera from the front towards the viewer's right, elevation lifts it, both in degrees. Patients are seen
+//! from the front, head up; surveys with depth downwards; what says nothing of itself with z upwards. A section is seen
+//! face on, as its field prints it.
+
+use glam::DVec3;
+
+use crate::facts::{DataKind, Frame, VolumeFacts};
+use crate::scene::CameraSpec;
+
+/// Vertical angle of view of cameras that are not asked for another, degrees.
+const FOV_Y: f64 = 30.0;
+/// Share of the picture that what is framed fills: in perspective, and face on.
+const FILL: f64 = 0.92;
+const FILL_FACE_ON: f64 = 0.96;
+/// Where a camera stands by default, azimuth and elevation in degrees: for anything, and for patients.
+const THREE_QUARTERS: [f64; 2] = [36.253_837, 28.263_1];
+const PATIENT: [f64; 2] = [20.0, 10.0];
+/// What is so many times as deep as it is wide, front to back, is seen from its side: an animal on its belly.
+const LONG: f64 = 1.6;
+const LONG_SIDE: [f64; 2] = [65.0, 15.0];
+
+/// A direction to look from, and how.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// World direction from what is shown to the camera; a unit vector.
+    pub outward: DVec3,
+    /// World direction that is up in the picture; not parallel to `outward`.
+    pub up: DVec3,
+    /// Parallel rays, for sections and maps; otherwise perspective.
+    pub is_face_on: bool,
+    /// World distance from the middle of what is shown; `None`: so that all of it is seen.
+    pub distance: Option<f64>,
+    /// How many times as large as all of it fits.
+    pub zoom: f64,
+}
+
+/// Named directions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Direction {
+    /// From the front: a patient's face, a survey's side of the first inlines.
+    Front,
+    /// From behind.
+    Back,
+    /// From the left: a patient's own left, else the viewer's.
+    Left,
+    /// From the right.
+    Right,
+    /// From above.
+    Top,
+    /// From below.
+    Bottom,
+    /// Azimuth and elevation, degrees.
+    Angles([f64; 2]),
+}
+
+impl View {
+    /// The default view of a volume.
+    #[must_use]
+    pub fn of(facts: &VolumeFacts) -> Self {
+        if let Some(axis) = facts.section_axis() {
+            return Self::section(facts, axis);
+        }
+        match (facts.frame, facts.kind) {
+            // As a stack of images is projected: x to the right, y down.
+            (Frame::Unknown, DataKind::Fluorescence) => Self::section(facts, 2),
+            (frame, _) if frame.is_patient() => Self::from(facts, Direction::Angles(patient_angles(facts))),
+            _ => Self::from(facts, Direction::Angles(THREE_QUARTERS)),
+        }
+    }
+
+    /// The view from a direction.
+    #[must_use]
+    pub fn from(facts: &VolumeFacts, direction: Direction) -> Self {
+        let (front, up) = front_and_up(facts);
+        // A patient's left is at the right of who looks at the face.
+        let left = if facts.frame.is_patient() { 90.0 } else { -90.0 };
+        let [azimuth, elevation] = match direction {
+            Direction::Front => [0.0, 0.0],
+            Direction::Back => [180.0, 0.0],
+            Direction::Left => [left, 0.0],
+            Direction::Right => [-left, 0.0],
+            Direction::Top => [0.0, 90.0],
+            Direction::Bottom => [0.0, -90.0],
+            Direction::Angles(angles) => angles,
+        };
+        let right = up.cross(front);
+        let (sin_a, cos_a) = azimuth.to_radians().sin_cos();
+        let (sin_e, cos_e) = elevation.to_radians().sin_cos();
+        let level = cos_a * front + sin_a * right;
+        let outward = (cos_e * level + sin_e * up).normalize();
+        // Straight from above or below, up is away from the front as on a map; a patient's front is up.
+        let up = match (cos_e.abs() < 1e-6, facts.frame.is_patient()) {
+            (false, _) => up,
+            (true, true) => level,
+            (true, false) => -level * sin_e.signum(),
+        };
+        let is_face_on = direction == Direction::Top || direction == Direction::Bottom;
+        Self { outward, up, is_face_on, distance: None, zoom: 1.0 }
+    }
+
+    /// The view that shows a plane across an axis of the grid face on.
+    #[must_use]
+    pub fn section(facts: &VolumeFacts, axis: usize) -> Self {
+        let along = axes(facts);
+        let (right, up) = match facts.frame {
+            Frame::Survey if axis == 2 => (along[0], front_and_up(facts).0 * -1.0),
+            Frame::Survey => (along[1 - axis], -along[2]),
+            Frame::RightAnteriorSuperior | Frame::LeftPosteriorSuperior => patient_section(facts, along[axis]),
+            Frame::Unknown if axis == 2 => (along[0], -along[1]),
+            Frame::Unknown => (along[1 - axis], along[2]),
+        };
+        // Sheared grids: up is made perpendicular to right.
+        let up = (up - up.dot(right) * right).try_normalize().unwrap_or_else(|| right.any_orthonormal_vector());
+        Self { outward: right.cross(up), up, is_face_on: true, distance: None, zoom: 1.0 }
+    }
+
+    /// The camera of a picture of `size` pixels that just sees all of what is framed, unless distance or zoom say otherwise.
+    ///
+    /// Let (x, y, z) be a point in the camera's frame around the middle. An eye at (cx, cy, -d) has it inside the picture where
+    /// `|x - cx| <= k (d + z)` with `k = FILL tan_x`, and likewise y. So the greatest `x / k - z` and `-x / k - z` of all points
+    /// say where the eye has to be: cx is k times half their difference, d half their sum. Parallel rays have no z in it.
+    #[must_use]
+    pub fn camera(&self, framed: &Framed, size: [u32; 2]) -> CameraSpec {
+        let forward = -self.outward;
+        let right = forward.cross(self.up).normalize();
+        let up = right.cross(forward);
+        let aspect = f64::from(size[0]) / f64::from(size[1]);
+        let tan_y = (FOV_Y.to_radians() / 2.0).tan();
+        let (slope, depth) = if self.is_face_on { (FILL_FACE_ON, 0.0) } else { (FILL * tan_y, 1.0) };
+        let slopes = [slope * aspect, slope];
+        let normals = [right, up].map(|across| [1.0, -1.0].map(|side| side * across));
+        let functionals = std::array::from_fn(|i| normals[i / 2][i % 2] / slopes[i / 2] - depth * forward);
+        let [r, l, t, b] = framed.greatest(functionals);
+        let centre = framed.middle + 0.5 * slopes[0] * (r - l) * right + 0.5 * slopes[1] * (t - b) * up;
+        let fits = (0.5 * (r + l)).max(0.5 * (t + b));
+        let (fov_y, height, distance) = if self.is_face_on {
+            let away = framed.greatest([self.outward; 4])[0].abs();
+            (None, Some(2.0 * fits / self.zoom), self.distance.unwrap_or(2.0 * fits + away))
+        } else {
+            let fov_y = 2.0 * (tan_y / self.zoom).atan().to_degrees();
+            (Some(fov_y), None, self.distance.unwrap_or(fits))
+        };
+        let eye = centre + distance * self.outward;
+        CameraSpec { eye: eye.to_array(), target: centre.to_array(), up: up.to_array(), fov_y, height }
+    }
+}
+
+/// What a camera has in its picture: boxes of one size, in world space.
+#[derive(Debug, Clone)]
+pub struct Framed {
+    /// A point in the midst of them.
+    middle: DVec3,
+    /// The boxes' centres, relative to it.
+    centres: Vec<DVec3>,
+    /// Half the boxes' edges.
+    half_edges: [DVec3; 3],
+}
+
+impl Framed {
+    /// One box in index coordinates.
+    #[must_use]
+    pub fn whole(facts: &VolumeFacts, [low, high]: [[f64; 3]; 2]) -> Self {
+        let middle = DVec3::from_array(std::array::from_fn(|a| 0.5 * low[a] + 0.5 * high[a]));
+        let half: [f64; 3] = std::array::from_fn(|a| 0.5 * high[a] - 0.5 * low[a]);
+        Self::boxes(facts, middle, vec![middle], half)
+    }
+
+    /// Boxes around these index points, each reaching `half` to both sides of its own.
+    #[must_use]
+    pub fn boxes(facts: &VolumeFacts, middle: DVec3, mut centres: Vec<DVec3>, half: [f64; 3]) -> Self {
+        let linear = facts.geometry.linear();
+        centres.iter_mut().for_each(|p| *p = linear * (*p - middle));
+        let middle = facts.geometry.world_from_index().transform_point3(middle);
+        let half_edges = [linear.x_axis * half[0], linear.y_axis * half[1], linear.z_axis * half[2]];
+        Self { middle, centres, half_edges }
+    }
+
+    /// The greatest value that each of these has on all boxes, relative to the middle.
+    fn greatest(&self, functionals: [DVec3; 4]) -> [f64; 4] {
+        let mut greatest = [f64::NEG_INFINITY; 4];
+        for centre in &self.centres {
+            for (most, functional) in greatest.iter_mut().zip(functionals) {
+                *most = most.max(centre.dot(functional));
+            }
+        }
+        std::array::from_fn(|i| {
+            greatest[i] + self.half_edges.iter().map(|edge| edge.dot(functionals[i]).abs()).sum::<f64>()
+        })
+    }
+}
+
+/// Unit vectors along the grid's axes, world space.
+fn axes(facts: &VolumeFacts) -> [DVec3; 3] {
+    let linear = facts.geometry.linear();
+    [linear.x_axis, linear.y_axis, linear.z_axis].map(|axis| axis.normalize_or(DVec3::X))
+}
+
+/// World directions: from the volume to who looks at it from the front, and up. Unit vectors, perpendicular.
+fn front_and_up(facts: &VolumeFacts) -> (DVec3, DVec3) {
+    let up = match facts.frame {
+        Frame::Survey => -axes(facts)[2],
+        _ => DVec3::Z,
+    };
+    let front = match facts.frame {
+        Frame::RightAnteriorSuperior => DVec3::Y,
+        Frame::LeftPosteriorSuperior => DVec3::NEG_Y,
+        // The world's x runs to the right where it is not upright itself.
+        Frame::Survey | Frame::Unknown => {
+            let reference = if up.x.abs() < 0.9 { DVec3::X } else { DVec3::Y };
+            (reference - reference.dot(up) * up).normalize().cross(up)
+        }
+    };
+    (front, up)
+}
+
+/// From where something in a patient's frame is seen: from the front, or nearly from its side where it is long.
+fn patient_angles(facts: &VolumeFacts) -> [f64; 2] {
+    let linear = facts.geometry.linear();
+    let edges: [DVec3; 3] = std::array::from_fn(|a| linear.col(a) * facts.dims.0[a] as f64);
+    let extent = |axis: usize| edges.iter().map(|edge| edge[axis].abs()).sum::<f64>();
+    if extent(1) >= LONG * extent(0).max(extent(2)) { LONG_SIDE } else { PATIENT }
+}
+
+/// Right and up of a section across `across`, as radiologists hold it: the patient's right at the left.
+fn patient_section(facts: &VolumeFacts, across: DVec3) -> (DVec3, DVec3) {
+    let (front, head) = front_and_up(facts);
+    let left = head.cross(front);
+    let [sagittal, coronal, axial] = [left, front, head].map(|d| across.dot(d).abs());
+    let (right, up) = if axial >= sagittal.max(coronal) {
+        (left, front)
+    } else if coronal >= sagittal {
+        (left, head)
+    } else {
+        (-front, head)
+    };
+    // Oblique sections: both in the plane.
+    let in_plane = |d: DVec3| (d - d.dot(across) * across).normalize_or(across.any_orthonormal_vector());
+    (in_plane(right), in_plane(up))
+}
+
+#[cfg(test)]
+mod tests;

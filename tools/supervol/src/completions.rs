@@ -1,0 +1,47 @@
+//! `supervol completions` and `supervol man`: what shells and readers of manuals need, made from the command line itself.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::{Args, CommandFactory};
+use clap_complete::Shell;
+
+use crate::failure::{Failure, with_output};
+use crate::output::{Force, ReportFolder};
+
+/// For which shell.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Shell
+    shell: Shell,
+}
+
+/// Where man pages go.
+#[derive(Debug, Args)]
+pub struct ManArguments {
+    /// Folder to write them to: supervol.1, supervol-render.1, ...; it is made where it is not there
+    #[arg(short, long)]
+    output: PathBuf,
+    #[command(flatten)]
+    force: Force,
+}
+
+/// Writes the completions of a shell to standard output.
+pub fn run<C: CommandFactory>(arguments: &Arguments) -> Result<(), Failure> {
+    let mut command = C::command();
+    let mut script = Vec::new();
+    clap_complete::generate(arguments.shell, &mut command, "supervol", &mut script);
+    crate::terminal::stdout().write_all(&script).map_err(with_output)
+}
+
+/// Writes the man pages of the program and of each command.
+pub fn run_man<C: CommandFactory>(arguments: &ManArguments) -> Result<(), Failure> {
+    let folder = ReportFolder::begin(&arguments.output, arguments.force)?;
+    folder.write_with(&[], |temporary| {
+        let mut command = C::command();
+        // Names of the pages begin with the program's.
+        command.build();
+        clap_mangen::generate_to(command, temporary)
+            .map_err(|e| Failure::Machine(format!("cannot write the man pages: {e}")))
+    })
+}

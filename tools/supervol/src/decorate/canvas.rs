@@ -1,0 +1,215 @@
+//! Lines and letters on a finished picture, before or behind what it shows.
+
+use std::convert::Infallible;
+
+use embedded_graphics::Pixel;
+use embedded_graphics::draw_target::DrawTarget;
+use embedded_graphics::geometry::{OriginDimensions, Point, Size};
+use embedded_graphics::mono_font::MonoTextStyle;
+use embedded_graphics::mono_font::iso_8859_1::FONT_6X10;
+use embedded_graphics::pixelcolor::BinaryColor;
+use embedded_graphics::prelude::{Drawable, Primitive};
+use embedded_graphics::primitives::{Line, PointsIter, PrimitiveStyle, Rectangle};
+use embedded_graphics::text::{Alignment, Baseline, Text, TextStyleBuilder};
+use supervol_runtime::image::Image;
+
+/// Pixels of a letter, across and high.
+pub const LETTER: [i32; 2] = [6, 10];
+/// Grey of lines and letters on dark and on light backgrounds.
+const ON_DARK: f32 = 0.85;
+const ON_LIGHT: f32 = 0.10;
+
+/// Share of the background's colour in what lies under a text.
+const DIMMING: f32 = 0.7;
+
+/// Whether something is drawn over what the picture shows, or under it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Layer {
+    /// Over it.
+    Before,
+    /// Under it, by its opacity.
+    Behind,
+}
+
+/// Which point of a text is placed.
+#[derive(Debug, Clone, Copy)]
+pub enum Anchor {
+    /// Its upper left corner.
+    TopLeft,
+    /// The middle of its upper edge.
+    TopMiddle,
+    /// The middle of its lower edge.
+    BottomMiddle,
+    /// Its lower left corner.
+    BottomLeft,
+    /// Its lower right corner.
+    BottomRight,
+    /// The middle of its left edge.
+    MiddleLeft,
+    /// The middle of its right edge.
+    MiddleRight,
+}
+
+/// A picture that is drawn on.
+pub struct Canvas<'a> {
+    image: &'a mut Image,
+    background: [f32; 3],
+    ink: f32,
+    layer: Layer,
+}
+
+impl<'a> Canvas<'a> {
+    /// A canvas with ink that stands out from the background.
+    pub fn new(image: &'a mut Image, background: [f64; 3]) -> Self {
+        let is_dark = background.iter().sum::<f64>() < 1.5;
+        let as_stored = background.map(|c| c as f32);
+        Self { image, background: as_stored, ink: if is_dark { ON_DARK } else { ON_LIGHT }, layer: Layer::Before }
+    }
+
+    /// Pixels along x and y.
+    pub fn size(&self) -> [i32; 2] {
+        [self.image.width, self.image.height].map(|n| i32::try_from(n).unwrap_or(i32::MAX))
+    }
+
+    /// A line between two points, pixels; of one that leaves the picture the part inside.
+    pub fn line(&mut self, from: [f64; 2], to: [f64; 2], layer: Layer) {
+        let Some(ends) = clipped(from, to, self.size().map(f64::from)) else { return };
+        let [from, to] = ends.map(|p| Point::new(p[0].round() as i32, p[1].round() as i32));
+        self.layer = layer;
+        let Ok(()) = Line::new(from, to).into_styled(PrimitiveStyle::with_stroke(BinaryColor::On, 1)).draw(self);
+        self.layer = Layer::Before;
+    }
+
+    /// A text, moved as far into the picture as it has to be.
+    pub fn text(&mut self, text: &str, [x, y]: [i32; 2], anchor: Anchor) {
+        let (alignment, baseline) = match anchor {
+            Anchor::TopLeft => (Alignment::Left, Baseline::Top),
+            Anchor::TopMiddle => (Alignment::Center, Baseline::Top),
+            Anchor::BottomMiddle => (Alignment::Center, Baseline::Bottom),
+            Anchor::BottomLeft => (Alignment::Left, Baseline::Bottom),
+            Anchor::BottomRight => (Alignment::Right, Baseline::Bottom),
+            Anchor::MiddleLeft => (Alignment::Left, Baseline::Middle),
+            Anchor::MiddleRight => (Alignment::Right, Baseline::Middle),
+        };
+        let style = TextStyleBuilder::new().alignment(alignment).baseline(baseline).build();
+        let mut text =
+            Text::with_text_style(text, Point::new(x, y), MonoTextStyle::new(&FONT_6X10, BinaryColor::On), style);
+        let bounds = embedded_graphics::geometry::Dimensions::bounding_box(&text);
+        let [width, height] = self.size();
+        let inside = |low: i32, length: u32, room: i32| {
+            let most = (room - i32::try_from(length).unwrap_or(room)).max(0);
+            low.clamp(0, most) - low
+        };
+        text.position.x += inside(bounds.top_left.x, bounds.size.width, width);
+        text.position.y += inside(bounds.top_left.y, bounds.size.height, height);
+        self.dim(embedded_graphics::geometry::Dimensions::bounding_box(&text));
+        let Ok(_) = text.draw(self);
+    }
+
+    /// Draws what lies under a text towards the background, so that it can be read.
+    fn dim(&mut self, area: Rectangle) {
+        let background = self.background;
+        for point in area.points() {
+            if let Some(pixel) = self.pixel(point.x, point.y) {
+                let [.., alpha] = *pixel;
+                let shown: [f32; 3] = std::array::from_fn(|c| pixel[c] + (1.0 - alpha) * background[c]);
+                let mixed: [f32; 3] = std::array::from_fn(|c| shown[c] + DIMMING * (background[c] - shown[c]));
+                *pixel = [mixed[0], mixed[1], mixed[2], 1.0];
+            }
+        }
+    }
+
+    /// A row of pixels of one colour.
+    pub fn row(&mut self, [left, y]: [i32; 2], pixels: i32, color: [f64; 3]) {
+        for x in left..left + pixels {
+            if let Some(pixel) = self.pixel(x, y) {
+                *pixel = [color[0] as f32, color[1] as f32, color[2] as f32, 1.0];
+            }
+        }
+    }
+
+    fn pixel(&mut self, x: i32, y: i32) -> Option<&mut [f32; 4]> {
+        let (x, y) = (u32::try_from(x).ok()?, u32::try_from(y).ok()?);
+        let inside = x < self.image.width && y < self.image.height;
+        inside.then(|| &mut self.image.pixels[y as usize * self.image.width as usize + x as usize])
+    }
+}
+
+impl OriginDimensions for Canvas<'_> {
+    fn size(&self) -> Size {
+        Size::new(self.image.width, self.image.height)
+    }
+}
+
+impl DrawTarget for Canvas<'_> {
+    type Color = BinaryColor;
+    type Error = Infallible;
+
+    fn draw_iter<I: IntoIterator<Item = Pixel<BinaryColor>>>(&mut self, pixels: I) -> Result<(), Infallible> {
+        let (ink, layer) = (self.ink, self.layer);
+        for Pixel(point, color) in pixels {
+            let Some(pixel) = self.pixel(point.x, point.y).filter(|_| color.is_on()) else { continue };
+            match layer {
+                Layer::Before => *pixel = [ink, ink, ink, 1.0],
+                Layer::Behind => {
+                    let through = 1.0 - pixel[3];
+                    pixel[..3].iter_mut().for_each(|c| *c += through * ink);
+                    pixel[3] = 1.0;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The part of a line inside the picture (Liang, Barsky 1984), `None` where there is none.
+fn clipped(from: [f64; 2], to: [f64; 2], size: [f64; 2]) -> Option<[[f64; 2]; 2]> {
+    let (mut start, mut end) = (0.0f64, 1.0f64);
+    for axis in 0..2 {
+        let step = to[axis] - from[axis];
+        if step == 0.0 {
+            if !(0.0..=size[axis]).contains(&from[axis]) {
+                return None;
+            }
+            continue;
+        }
+        let faces = [(0.0 - from[axis]) / step, (size[axis] - from[axis]) / step];
+        start = start.max(faces[0].min(faces[1]));
+        end = end.min(faces[0].max(faces[1]));
+    }
+    let at = |share: f64| [0, 1].map(|i| from[i] + share * (to[i] - from[i]));
+    (start <= end).then(|| [at(start), at(end)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn image(alpha: f32) -> Image {
+        Image { width: 40, height: 20, pixels: vec![[0.0, 0.0, 0.0, alpha]; 800] }
+    }
+
+    #[test]
+    fn lines_lie_before_or_behind_and_end_at_the_border() {
+        let mut picture = image(0.75);
+        let mut canvas = Canvas::new(&mut picture, [0.0; 3]);
+        canvas.line([-1e9, 5.0], [1e9, 5.0], Layer::Before);
+        canvas.line([3.0, -50.0], [3.0, 50.0], Layer::Behind);
+        canvas.line([-5.0, -5.0], [-1.0, 30.0], Layer::Before);
+        assert_eq!(picture.pixels[5 * 40 + 39], [ON_DARK, ON_DARK, ON_DARK, 1.0]);
+        assert!((picture.pixels[12 * 40 + 3][0] - 0.25 * ON_DARK).abs() < 1e-6);
+        assert_eq!(picture.pixels[12 * 40 + 20][0], 0.0);
+    }
+
+    #[test]
+    fn texts_are_moved_into_the_picture() {
+        let inked = |x: i32, y: i32| {
+            let mut picture = image(0.0);
+            Canvas::new(&mut picture, [1.0; 3]).text("H", [x, y], Anchor::TopLeft);
+            picture.pixels.iter().filter(|p| p[0] == ON_LIGHT).count()
+        };
+        assert!(inked(5, 5) > 8);
+        assert_eq!(inked(500, -90), inked(5, 5));
+        assert_eq!(inked(-500, 900), inked(5, 5));
+    }
+}

@@ -1,0 +1,323 @@
+//! What a picture shows, said in words on the command line: each option changes one thing of the scene that is drawn.
+//!
+//! Options change the scene file's scene where there is one, else the default scene. An option that would change nothing
+//! in the mode that is drawn is refused.
+
+pub mod empty;
+mod parse;
+mod places;
+
+use clap::{Args, ValueEnum};
+use supervol_format::Container;
+use supervol_runtime::facts::{DataKind, VolumeFacts};
+use supervol_runtime::preset::overview::Overview;
+use supervol_runtime::preset::view::View;
+use supervol_runtime::preset::{colormap, looks, ramps};
+use supervol_runtime::scene::{
+    ImageSpec, IsoSpec, Mode, PlaneSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec,
+};
+
+use self::parse::{CameraWish, ClipPlane};
+use self::places::{Crop, Place};
+use crate::failure::Failure;
+use crate::quantity;
+
+/// What is shown, from where, and how.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "What is shown")]
+pub struct LookArguments {
+    /// What the data are, where they are not recognised or wrongly: seismic, attribute, ct, ct-offset, mri, fluorescence, em,
+    /// micro-ct, labels, mask, constant, empty or generic; `info` says what was recognised and why
+    #[arg(long, value_name = "KIND", visible_alias = "preset")]
+    kind: Option<DataKind>,
+    /// What a ray gathers
+    #[arg(long, value_enum)]
+    mode: Option<ModeName>,
+    /// Pixels of the picture
+    #[arg(long, value_name = "WxH", value_parser = quantity::image_size)]
+    size: Option<[u32; 2]>,
+    /// Where the camera stands: front, back, left, right, top, bottom, or azimuth and elevation in degrees, and the distance
+    /// in world units if it is not to be chosen: 30,20 or 30,20,1500
+    #[arg(long, value_name = "DIRECTION|AZ,EL[,DIST]", value_parser = parse::camera, allow_hyphen_values = true)]
+    camera: Option<CameraWish>,
+    /// How many times as large as it would fit
+    #[arg(long, value_name = "FACTOR", value_parser = parse::positive)]
+    zoom: Option<f64>,
+    /// Colours and opacities: VALUE:COLOUR:OPACITY,... with colours as in --background, or a JSON file with `points` and
+    /// `unit_distance` as in a scene
+    #[arg(long, value_name = "FILE|POINTS", allow_hyphen_values = true)]
+    tf: Option<String>,
+    /// Colours by name: grey, seismic, viridis, magma, inferno, plasma, cividis, turbo, cubehelix, warm, cool or spectral
+    #[arg(long, value_name = "NAME", value_parser = parse::color_map)]
+    colormap: Option<String>,
+    /// Values that the colours and opacities span
+    #[arg(long, value_name = "LOW,HIGH", value_parser = parse::window, allow_hyphen_values = true)]
+    window: Option<[f64; 2]>,
+    /// The same, leaving out this percentage of the voxels at each end
+    #[arg(long, value_name = "PERCENT", value_parser = parse::percent, conflicts_with = "window")]
+    clip_percent: Option<f64>,
+    /// How many times as dense (mode dvr)
+    #[arg(long, value_name = "FACTOR", value_parser = parse::positive)]
+    opacity: Option<f64>,
+    /// Surfaces at these values: all but the last are clear
+    #[arg(long, value_name = "V[,V..]", value_delimiter = ',', allow_hyphen_values = true)]
+    iso: Vec<f64>,
+    /// Show this box only: I0:I1,J0:J1,K0:K1 in voxels, ends not included; or AXIS=FROM:TO,... with i, j, k (voxels), x, y, z
+    /// (world), inline, crossline, time or depth, or sagittal, coronal, axial (world)
+    #[arg(long, value_name = "BOX", value_parser = places::crop, allow_hyphen_values = true)]
+    crop: Option<Crop>,
+    /// Show only what lies on this side of a plane: x * NX + y * NY + z * NZ >= D in world units; may be given again
+    #[arg(long, value_name = "NX,NY,NZ,D", value_parser = parse::plane, allow_hyphen_values = true)]
+    clip: Vec<ClipPlane>,
+    /// Show one slice, face on: AXIS=PLACE, with the axes of --crop
+    #[arg(long, value_name = "AXIS=PLACE", value_parser = places::place, allow_hyphen_values = true,
+          conflicts_with_all = ["mode", "iso", "opacity", "unlit", "camera"])]
+    slice: Option<Place>,
+    /// The mean over this many voxels across the slice
+    #[arg(long, value_name = "VOXELS", value_parser = parse::positive, requires = "slice")]
+    slab: Option<f64>,
+    /// Without light
+    #[arg(long)]
+    unlit: bool,
+    /// Draw heights or depths this many times as large
+    #[arg(long, value_name = "FACTOR", value_parser = parse::positive)]
+    vertical_exaggeration: Option<f64>,
+    /// Colour behind the volume: black, white, grey, another name, #rrggbb, or R,G,B from 0 to 1
+    #[arg(long, value_name = "COLOUR", value_parser = parse::color)]
+    background: Option<[f64; 3]>,
+    /// Rays along each edge of a pixel
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
+    supersample: Option<u32>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ModeName {
+    /// Emission and absorption
+    Dvr,
+    /// The greatest value
+    Mip,
+    /// The least value
+    Minip,
+    /// The mean value
+    Mean,
+    /// Surfaces
+    Iso,
+}
+
+impl From<ModeName> for Mode {
+    fn from(name: ModeName) -> Self {
+        match name {
+            ModeName::Dvr => Self::Dvr,
+            ModeName::Mip => Self::Mip,
+            ModeName::Minip => Self::Minip,
+            ModeName::Mean => Self::Mean,
+            ModeName::Iso => Self::Iso,
+        }
+    }
+}
+
+/// How many times as long as wide a single line of voxels is drawn at most.
+const LINE_LENGTHS: f64 = 10.0;
+/// Share of a voxel across a slice without a slab: a slice is where it is said to be, and not beside it.
+const SLICE_VOXELS: f64 = 0.1;
+/// Rays along each edge of a pixel of a slice.
+const SLICE_SUPERSAMPLING: u32 = 4;
+/// Opacity of all surfaces but the last.
+const CLEAR_SURFACE: f64 = 0.35;
+/// Their colours, from the first on.
+const CLEAR_COLORS: [[f64; 3]; 4] = [[0.82, 0.50, 0.38], [0.35, 0.60, 0.85], [0.45, 0.75, 0.40], [0.85, 0.75, 0.35]];
+
+impl LookArguments {
+    /// The container with heights drawn as they are wanted, and a single line of voxels so wide that it can be seen.
+    pub fn placed(&self, container: Container) -> Container {
+        let facts = self.facts(&container);
+        let mut geometry = facts.geometry;
+        if let Some(axis) = facts.line_axis() {
+            let least = geometry.spacing[axis] * facts.dims.0[axis] as f64 / LINE_LENGTHS;
+            (1..3).for_each(|step| {
+                let across = &mut geometry.spacing[(axis + step) % 3];
+                *across = across.max(least);
+            });
+        }
+        if let Some(factor) = self.vertical_exaggeration {
+            geometry.spacing[places::upright_axis(&facts)] *= factor;
+        }
+        container.placed(geometry)
+    }
+
+    /// Facts of the container, of the kind that is given or recognised.
+    pub fn facts(&self, container: &Container) -> VolumeFacts {
+        self.kind.map_or_else(|| VolumeFacts::of(container), |kind| VolumeFacts::of_kind(container, kind))
+    }
+
+    /// The scene with what is asked for, everything written out.
+    pub fn scene(
+        &self,
+        scene: &Scene,
+        container: &Container,
+        facts: &VolumeFacts,
+        overview: Option<&Overview>,
+    ) -> Result<Scene, Failure> {
+        let mut scene = scene.clone();
+        self.set_image(&mut scene.image);
+        if let Some(crop) = &self.crop {
+            scene.clip.index_box = Some(crop.in_voxels(container, facts)?);
+        }
+        scene.clip.planes.extend(self.clip.iter().map(|p| PlaneSpec { normal: p.normal, offset: p.offset }));
+        self.set_mode(&mut scene, facts, overview);
+        if let Some(text) = &self.tf {
+            scene.transfer_function = Some(TransferFunctionSpec::Points(parse::transfer_function(text)?));
+        }
+        if let Some(place) = &self.slice {
+            self.set_slice(&mut scene, place, container, facts)?;
+        }
+        if let Some(n) = self.supersample {
+            scene.samples_per_pixel = Some(n * n);
+        }
+        if self.camera.is_some() || self.zoom.is_some() {
+            self.set_camera(&mut scene, facts, overview);
+        }
+        let mut scene = scene.complete(facts, overview);
+        self.repaint(&mut scene, facts)?;
+        if self.unlit {
+            self.put_out_light(&mut scene)?;
+        }
+        scene.validate().map_err(Failure::command)?;
+        Ok(scene)
+    }
+
+    fn set_image(&self, image: &mut ImageSpec) {
+        if let Some([width, height]) = self.size {
+            (image.width, image.height) = (width, height);
+        }
+        if let Some(background) = self.background {
+            image.background = background;
+        }
+    }
+
+    fn set_mode(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
+        let mode = self.mode.map(Mode::from).or((!self.iso.is_empty()).then_some(Mode::Iso));
+        let Some(mode) = mode else { return };
+        // The look of the kind where it is of this mode, light and all.
+        let usual = Scene { image: scene.image.clone(), clip: scene.clip.clone(), ..Scene::default() };
+        let usual = usual.complete(facts, overview);
+        if scene.mode.is_none() && scene.transfer_function.is_none() && usual.mode == Some(mode) && self.iso.is_empty()
+        {
+            scene.shading = scene.shading.take().or(usual.shading);
+            scene.iso = usual.iso;
+            scene.samples_per_pixel = scene.samples_per_pixel.or(usual.samples_per_pixel);
+        } else if mode == Mode::Dvr && scene.transfer_function.is_none() && !facts.kind.is_seismic() {
+            scene.shading.get_or_insert_with(|| Some(ShadingSpec::default()));
+        }
+        scene.mode = Some(mode);
+        if mode != Mode::Iso {
+            scene.iso.clear();
+        } else if !self.iso.is_empty() {
+            scene.iso = surfaces(&self.iso, looks::default_surface(facts).color);
+        } else if scene.iso.is_empty() {
+            scene.iso = vec![looks::default_surface(facts)];
+        }
+    }
+
+    fn set_slice(
+        &self,
+        scene: &mut Scene,
+        place: &Place,
+        container: &Container,
+        facts: &VolumeFacts,
+    ) -> Result<(), Failure> {
+        let (axis, at) = place.on_grid(container, facts)?;
+        let half = 0.5 * self.slab.unwrap_or(SLICE_VOXELS);
+        let [mut low, mut high] = scene.clip.index_box.unwrap_or_else(|| supervol_runtime::preset::domain(facts));
+        (low[axis], high[axis]) = (low[axis].max(at - half), high[axis].min(at + half));
+        if low[axis] >= high[axis] {
+            return Err(Failure::Command(format!("--slice {place}: outside what --crop leaves")));
+        }
+        scene.clip.index_box = Some([low, high]);
+        scene.mode = Some(Mode::Mean);
+        scene.iso.clear();
+        scene.shading = Some(None);
+        if scene.transfer_function.is_none() {
+            let is_painted = self.window.is_some() || self.clip_percent.is_some() || self.colormap.is_some();
+            let points = if is_painted { ramps::plain_slice(facts) } else { ramps::of_slice(facts) };
+            scene.transfer_function =
+                Some(TransferFunctionSpec::Points(PointsSpec::of(&points, facts.geometry.smallest_spacing())));
+        }
+        scene.samples_per_pixel.get_or_insert(SLICE_SUPERSAMPLING * SLICE_SUPERSAMPLING);
+        let view = View { zoom: self.zoom.unwrap_or(1.0), ..View::section(facts, axis) };
+        scene.camera = Some(view.camera(&scene.framed(facts, None), [scene.image.width, scene.image.height]));
+        Ok(())
+    }
+
+    fn set_camera(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
+        if self.slice.is_some() {
+            return;
+        }
+        let usual = View::of(facts);
+        let wish =
+            self.camera.as_ref().map(|wish| View { distance: wish.distance, ..View::from(facts, wish.direction) });
+        let view = View { zoom: self.zoom.unwrap_or(1.0), ..wish.unwrap_or(usual) };
+        // What is framed depends on what is shown.
+        let shown = Scene { camera: None, ..scene.clone() }.complete(facts, overview);
+        scene.camera = Some(view.camera(&shown.framed(facts, overview), [scene.image.width, scene.image.height]));
+    }
+
+    /// Window, colours and opacities of the transfer function that is drawn with.
+    fn repaint(&self, scene: &mut Scene, facts: &VolumeFacts) -> Result<(), Failure> {
+        let mode = scene.mode.unwrap_or_default();
+        let asked = [
+            ("--tf", self.tf.is_some()),
+            ("--colormap", self.colormap.is_some()),
+            ("--window", self.window.is_some()),
+            ("--clip-percent", self.clip_percent.is_some()),
+            ("--opacity", self.opacity.is_some()),
+        ];
+        if mode == Mode::Iso
+            && let Some((option, _)) = asked.iter().find(|(_, given)| *given)
+        {
+            return Err(Failure::Command(format!(
+                "{option} changes nothing in mode iso: surfaces have colours of their own"
+            )));
+        }
+        if mode != Mode::Dvr && self.opacity.is_some() {
+            return Err(Failure::Command("--opacity changes nothing but in mode dvr".into()));
+        }
+        let Some(TransferFunctionSpec::Points(spec)) = &mut scene.transfer_function else {
+            return match asked.iter().find(|(_, given)| *given) {
+                Some((option, _)) => {
+                    Err(Failure::Command(format!("{option}: the scene names a preset; give --kind instead")))
+                }
+                None => Ok(()),
+            };
+        };
+        let window = self.window.or(self.clip_percent.map(|percent| ramps::clipped_window(facts, percent)));
+        let colors = self.colormap.as_deref().and_then(colormap::by_name);
+        if window.is_some() || colors.is_some() {
+            let points = ramps::repainted(&spec.control_points(), window, colors.as_deref());
+            *spec = PointsSpec { unit_distance: spec.unit_distance, ..PointsSpec::of(&points, 1.0) };
+        }
+        if let Some(factor) = self.opacity {
+            // So many times the extinction.
+            spec.points.iter_mut().for_each(|p| p.alpha = 1.0 - (1.0 - p.alpha).powf(factor));
+        }
+        Ok(())
+    }
+
+    fn put_out_light(&self, scene: &mut Scene) -> Result<(), Failure> {
+        match scene.shading.replace(None) {
+            Some(Some(_)) => Ok(()),
+            _ => Err(Failure::Command("--unlit changes nothing: this picture is not lit".into())),
+        }
+    }
+}
+
+/// Surfaces of these values: the last opaque, those before it clear.
+fn surfaces(values: &[f64], usual: [f64; 3]) -> Vec<IsoSpec> {
+    let last = values.len().saturating_sub(1);
+    let surface = |(i, &value): (usize, &f64)| IsoSpec {
+        value,
+        color: if i == last { usual } else { CLEAR_COLORS[i % CLEAR_COLORS.len()] },
+        alpha: if i == last { 1.0 } else { CLEAR_SURFACE },
+    };
+    values.iter().enumerate().map(surface).collect()
+}

@@ -1,0 +1,56 @@
+//! Why a picture shows nothing.
+
+use supervol_runtime::clip::{Clip, ToIndex, clip_ray};
+use supervol_runtime::facts::{DataKind, VolumeFacts};
+use supervol_runtime::image::{GREY_LEVELS, Image};
+use supervol_runtime::scene::{Mode, ResolvedScene};
+
+/// Rays along each edge of the picture that are tried, to see whether the camera meets anything.
+const PROBES: u32 = 128;
+
+/// Why nothing but the background is to be seen; `None` where something is.
+pub fn reason(image: &Image, scene: &ResolvedScene, facts: &VolumeFacts) -> Option<String> {
+    let shown = |pixel: &[f32; 4]| {
+        let [.., alpha] = pixel.map(f64::from);
+        (0..3).any(|c| (f64::from(pixel[c]) - alpha * scene.background[c]).abs() * GREY_LEVELS >= 0.5)
+    };
+    if image.pixels.iter().any(shown) {
+        return None;
+    }
+    let (range, data) = (facts.value_range, facts.kind);
+    Some(if data == DataKind::Empty {
+        "no voxel of the volume is present".into()
+    } else if !meets(scene, &Clip::default(), facts) {
+        "the camera does not see the volume; leave the scene's `camera` out, or choose a direction with --camera".into()
+    } else if !meets(scene, &scene.clip, facts) {
+        "clip box and planes leave nothing of the volume where the camera looks".into()
+    } else if scene.mode == Mode::Iso && scene.iso.iter().all(|iso| iso.value < range.min || iso.value > range.max) {
+        let values: Vec<String> = scene.iso.iter().map(|iso| iso.value.to_string()).collect();
+        format!("values run from {} to {}, and no surface is at {}", range.min, range.max, values.join(", "))
+    } else if scene.mode == Mode::Iso {
+        "no surface of these values lies where the camera looks".into()
+    } else if data == DataKind::Constant {
+        format!("every voxel is {}, and the transfer function shows nothing there", range.min)
+    } else {
+        let points = scene.transfer_function.points();
+        let ends = [points.first(), points.last()].map(|p| p.map_or(f64::NAN, |p| p.value));
+        format!(
+            "the transfer function, from {} to {}, shows nothing where the camera looks of values that run from {} to {}; try \
+             --clip-percent 1",
+            ends[0], ends[1], range.min, range.max
+        )
+    })
+}
+
+/// Whether any of the rays that are tried has something of the volume on it.
+fn meets(scene: &ResolvedScene, clip: &Clip, facts: &VolumeFacts) -> bool {
+    let camera = &scene.camera;
+    let rays = ToIndex::new(&facts.geometry);
+    let along = |pixels: u32| (0..pixels).step_by(pixels.div_ceil(PROBES).max(1) as usize);
+    along(camera.height).any(|y| {
+        along(camera.width).any(|x| {
+            let ray = camera.ray(x, y);
+            clip_ray(&ray, &rays.ray(&ray), facts.dims, clip).is_some()
+        })
+    })
+}

@@ -1,0 +1,178 @@
+//! Looks as people write them: colours, cameras, planes, transfer functions.
+
+use std::path::Path;
+
+use supervol_runtime::preset::colormap;
+use supervol_runtime::preset::view::Direction;
+use supervol_runtime::scene::{PointSpec, PointsSpec};
+
+use crate::failure::Failure;
+
+/// Where a camera is wanted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraWish {
+    /// From which direction.
+    pub direction: Direction,
+    /// How far from the middle, world units.
+    pub distance: Option<f64>,
+}
+
+/// A plane: keeps `normal . x >= offset`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClipPlane {
+    /// World vector.
+    pub normal: [f64; 3],
+    /// World length times the normal's length.
+    pub offset: f64,
+}
+
+/// Colours that have a name here.
+const COLORS: [(&str, [f64; 3]); 10] = [
+    ("black", [0.0; 3]),
+    ("white", [1.0; 3]),
+    ("grey", [0.5; 3]),
+    ("red", [1.0, 0.0, 0.0]),
+    ("green", [0.0, 0.6, 0.0]),
+    ("blue", [0.0, 0.0, 1.0]),
+    ("yellow", [1.0, 1.0, 0.0]),
+    ("cyan", [0.0, 1.0, 1.0]),
+    ("magenta", [1.0, 0.0, 1.0]),
+    ("orange", [1.0, 0.6, 0.0]),
+];
+
+/// A direction's name, or `AZ,EL[,DIST]`.
+pub fn camera(text: &str) -> Result<CameraWish, String> {
+    let named = |direction| Ok(CameraWish { direction, distance: None });
+    match text {
+        "front" => named(Direction::Front),
+        "back" => named(Direction::Back),
+        "left" => named(Direction::Left),
+        "right" => named(Direction::Right),
+        "top" => named(Direction::Top),
+        "bottom" => named(Direction::Bottom),
+        _ => {
+            let expected = || {
+                format!(
+                    "'{text}': expected front, back, left, right, top, bottom, or AZ,EL[,DIST] in degrees and world units"
+                )
+            };
+            let numbers = finite_numbers(text).ok_or_else(expected)?;
+            match numbers[..] {
+                [azimuth, elevation] => {
+                    Ok(CameraWish { direction: Direction::Angles([azimuth, elevation]), distance: None })
+                }
+                [azimuth, elevation, distance] if distance > 0.0 => {
+                    Ok(CameraWish { direction: Direction::Angles([azimuth, elevation]), distance: Some(distance) })
+                }
+                _ => Err(expected()),
+            }
+        }
+    }
+}
+
+/// A positive finite number.
+pub fn positive(text: &str) -> Result<f64, String> {
+    let number = text.trim().parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0);
+    number.ok_or_else(|| format!("'{text}': expected a positive number"))
+}
+
+/// Percent left out at each end.
+pub fn percent(text: &str) -> Result<f64, String> {
+    let number = text.trim().trim_end_matches('%').trim().parse().ok().filter(|v: &f64| (0.0..50.0).contains(v));
+    number.ok_or_else(|| format!("'{text}': expected a percentage from 0 up to, not including, 50"))
+}
+
+/// LOW,HIGH.
+pub fn window(text: &str) -> Result<[f64; 2], String> {
+    match finite_numbers(text).as_deref() {
+        Some(&[low, high]) if low < high => Ok([low, high]),
+        _ => Err(format!("'{text}': expected two numbers LOW,HIGH with LOW < HIGH")),
+    }
+}
+
+/// NX,NY,NZ,D.
+pub fn plane(text: &str) -> Result<ClipPlane, String> {
+    match finite_numbers(text).as_deref() {
+        Some(&[x, y, z, offset]) if [x, y, z] != [0.0; 3] => Ok(ClipPlane { normal: [x, y, z], offset }),
+        _ => Err(format!("'{text}': expected four numbers NX,NY,NZ,D, the first three not all zero")),
+    }
+}
+
+/// The name of a colour map.
+pub fn color_map(text: &str) -> Result<String, String> {
+    if colormap::NAMES.contains(&text) {
+        return Ok(text.into());
+    }
+    Err(format!("'{text}': expected one of {}", colormap::NAMES.join(", ")))
+}
+
+/// A colour: a name, #rrggbb, or R,G,B from 0 to 1.
+pub fn color(text: &str) -> Result<[f64; 3], String> {
+    let text = text.trim();
+    if let Some((_, color)) = COLORS.iter().find(|(name, _)| *name == text) {
+        return Ok(*color);
+    }
+    let hex = text.strip_prefix('#').filter(|digits| digits.len() == 6 && digits.is_ascii());
+    if let Some(number) = hex.and_then(|digits| u32::from_str_radix(digits, 16).ok()) {
+        return Ok([16, 8, 0].map(|shift| f64::from(number >> shift & 255) / 255.0));
+    }
+    match finite_numbers(text).as_deref() {
+        Some(&[r, g, b]) if [r, g, b].iter().all(|c| (0.0..=1.0).contains(c)) => Ok([r, g, b]),
+        _ => {
+            let names: Vec<&str> = COLORS.iter().map(|(name, _)| *name).collect();
+            Err(format!("'{text}': expected one of {}, #rrggbb, or R,G,B from 0 to 1", names.join(", ")))
+        }
+    }
+}
+
+/// `VALUE:COLOUR:OPACITY,...`, or a file with a transfer function as in a scene.
+pub fn transfer_function(text: &str) -> Result<PointsSpec, Failure> {
+    if text.ends_with(".json") || Path::new(text).is_file() {
+        let json = crate::input::read_text(Path::new(text), "a transfer function")?;
+        return serde_json::from_str(&json).map_err(|e| Failure::Command(format!("--tf: {text}: {e}")));
+    }
+    let point = |part: &str| -> Result<PointSpec, String> {
+        let expected = || format!("'{part}': expected VALUE:COLOUR:OPACITY, such as 300:white:0.4 or 300:#ffddaa:0.4");
+        let [value, color_text, alpha] = part.split(':').collect::<Vec<_>>()[..] else { return Err(expected()) };
+        let number = |text: &str| text.trim().parse::<f64>().ok().filter(|v| v.is_finite());
+        let alpha = number(alpha).filter(|a| (0.0..=1.0).contains(a));
+        match (number(value), alpha) {
+            (Some(value), Some(alpha)) => Ok(PointSpec { value, color: color(color_text)?, alpha }),
+            _ => Err(expected()),
+        }
+    };
+    let points: Result<Vec<_>, _> = text.split(',').map(point).collect();
+    let points = points.map_err(|e| Failure::Command(format!("--tf {e}, or the name of a JSON file")))?;
+    Ok(PointsSpec { unit_distance: None, points })
+}
+
+fn finite_numbers(text: &str) -> Option<Vec<f64>> {
+    text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn looks_are_read_as_people_write_them() {
+        assert_eq!(color("#ff8000"), Ok([1.0, 128.0 / 255.0, 0.0]));
+        assert_eq!(color("0.1, 0.2,1"), Ok([0.1, 0.2, 1.0]));
+        assert_eq!(color("white"), Ok([1.0; 3]));
+        for text in ["#ff80", "1,2,3", "blanc", "#gggggg", ""] {
+            assert!(color(text).is_err_and(|e| e.contains("expected")), "{text}");
+        }
+        assert_eq!(camera("30,-20").map(|w| w.direction), Ok(Direction::Angles([30.0, -20.0])));
+        assert_eq!(camera("30,20,5").map(|w| w.distance), Ok(Some(5.0)));
+        for text in ["up", "1", "1,2,3,4", "1,2,-3", "nan,0"] {
+            assert!(camera(text).is_err(), "{text}");
+        }
+        assert_eq!(window("-5,7"), Ok([-5.0, 7.0]));
+        assert!(window("7,-5").is_err() && window("1").is_err());
+        assert_eq!(percent("2.5%"), Ok(2.5));
+        assert!(percent("50").is_err() && plane("0,0,0,1").is_err() && positive("0").is_err());
+        let points = transfer_function("0:black:0,100:#ffffff:0.5").expect("two points").points;
+        assert_eq!((points.len(), points[1].color, points[1].alpha), (2, [1.0; 3], 0.5));
+        assert!(transfer_function("0:black").is_err() && transfer_function("0:black:2").is_err());
+    }
+}

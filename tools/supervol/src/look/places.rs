@@ -1,0 +1,215 @@
+//! Places in a volume as people call them: voxels, line numbers, times, depths, world coordinates, a patient's planes.
+
+use crate::info::survey_of;
+use glam::DVec3;
+use supervol_format::Container;
+use supervol_format::container::manifest::Json;
+use supervol_runtime::facts::{Frame, VolumeFacts};
+use supervol_runtime::preset;
+
+use crate::failure::Failure;
+use crate::quantity;
+
+/// A place along an axis that has a name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Place {
+    axis: String,
+    at: f64,
+}
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}={}", self.axis, self.at)
+    }
+}
+
+/// A box: voxels, or ranges of named axes.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Crop {
+    /// Corners in index coordinates.
+    Voxels([[f64; 3]; 2]),
+    /// Name, from, to.
+    Named(Vec<(String, f64, f64)>),
+}
+
+/// `AXIS=PLACE`.
+pub fn place(text: &str) -> Result<Place, String> {
+    let parsed = text.split_once('=').and_then(|(axis, at)| Some((axis.trim(), finite(at)?)));
+    let (axis, at) =
+        parsed.ok_or_else(|| format!("'{text}': expected AXIS=PLACE, such as inline=1200, axial=-40 or k=17"))?;
+    Ok(Place { axis: axis.to_lowercase(), at })
+}
+
+/// `I0:I1,J0:J1,K0:K1`, or `AXIS=FROM:TO,...`.
+pub fn crop(text: &str) -> Result<Crop, String> {
+    if !text.contains('=') {
+        let voxels = quantity::voxel_box(text)?;
+        // From face to face of the voxels.
+        return Ok(Crop::Voxels([voxels.start, voxels.end].map(|corner| corner.map(|v| v as f64 - 0.5))));
+    }
+    let range = |part: &str| {
+        let parsed = part.split_once('=').and_then(|(axis, range)| {
+            let (from, to) = range.split_once(':')?;
+            Some((axis.trim().to_lowercase(), finite(from)?, finite(to)?))
+        });
+        let parsed = parsed.filter(|(_, from, to)| from < to);
+        parsed.ok_or_else(|| format!("'{part}': expected AXIS=FROM:TO with FROM < TO, such as inline=100:200"))
+    };
+    text.split(',').map(range).collect::<Result<_, _>>().map(Crop::Named)
+}
+
+fn finite(text: &str) -> Option<f64> {
+    text.trim().parse().ok().filter(|v: &f64| v.is_finite())
+}
+
+impl Place {
+    /// The axis of the grid, and the index coordinate along it.
+    pub fn on_grid(&self, container: &Container, facts: &VolumeFacts) -> Result<(usize, f64), Failure> {
+        let (axis, at) = on_grid(&self.axis, self.at, container, facts)?;
+        let [low, high] = preset::domain(facts);
+        if (low[axis]..=high[axis]).contains(&at) {
+            return Ok((axis, at));
+        }
+        let scale = Scale::of(&self.axis, container, facts)?;
+        let ends = [low[axis] + 0.5, high[axis] - 0.5].map(|index| scale.place(index));
+        Err(Failure::Command(format!(
+            "{self} lies outside the volume: {} runs from {} to {}",
+            self.axis,
+            ends[0].min(ends[1]),
+            ends[0].max(ends[1])
+        )))
+    }
+}
+
+impl Crop {
+    /// Corners in index coordinates, faces of voxels included.
+    pub fn in_voxels(&self, container: &Container, facts: &VolumeFacts) -> Result<[[f64; 3]; 2], Failure> {
+        let [mut low, mut high] = preset::domain(facts);
+        match self {
+            Self::Voxels(corners) => {
+                let outside = (0..3).any(|a| corners[0][a] < low[a] || corners[1][a] > high[a]);
+                if outside {
+                    return Err(Failure::Command(format!("--crop: the volume has {} voxels", facts.dims)));
+                }
+                return Ok(*corners);
+            }
+            Self::Named(ranges) => {
+                for (name, from, to) in ranges {
+                    let scale = Scale::of(name, container, facts)?;
+                    let ends = [scale.index(*from), scale.index(*to)];
+                    let axis = scale.axis;
+                    low[axis] = low[axis].max(ends[0].min(ends[1]));
+                    high[axis] = high[axis].min(ends[0].max(ends[1]));
+                    if low[axis] >= high[axis] {
+                        let first = scale.place(0.0);
+                        let last = scale.place(facts.dims.0[axis] as f64 - 1.0);
+                        return Err(Failure::Command(format!(
+                            "--crop {name}={from}:{to} leaves nothing: {name} runs from {} to {}",
+                            first.min(last),
+                            first.max(last)
+                        )));
+                    }
+                }
+            }
+        }
+        Ok([low, high])
+    }
+}
+
+fn on_grid(name: &str, at: f64, container: &Container, facts: &VolumeFacts) -> Result<(usize, f64), Failure> {
+    let scale = Scale::of(name, container, facts)?;
+    Ok((scale.axis, scale.index(at)))
+}
+
+/// What an axis of the grid counts in, under one of its names: place = first + index * step.
+struct Scale {
+    axis: usize,
+    first: f64,
+    step: f64,
+}
+
+impl Scale {
+    fn of(name: &str, container: &Container, facts: &VolumeFacts) -> Result<Self, Failure> {
+        if let Some(axis) = ["i", "j", "k"].iter().position(|n| *n == name) {
+            return Ok(Self { axis, first: 0.0, step: 1.0 });
+        }
+        let manifest = container.manifest();
+        let survey = survey_of(manifest.survey.as_ref().map(Json::value));
+        if let Some(survey) = &survey {
+            match name {
+                "crossline" => return Ok(Self::lines(0, survey.crossline)),
+                "inline" => return Ok(Self::lines(1, survey.inline)),
+                _ if name == manifest.axes[2].name => {
+                    return Ok(Self { axis: 2, first: survey.first_sample, step: survey.sample_interval });
+                }
+                _ => {}
+            }
+        }
+        if let Some(world) = world_axis(name, facts.frame) {
+            return Ok(Self::world(world, facts));
+        }
+        Err(Failure::Command(format!("'{name}' is no axis of this volume: expected {}", names(container, facts))))
+    }
+
+    fn lines(axis: usize, lines: supervol_preprocess::source::LineNumbers) -> Self {
+        Self { axis, first: lines.first as f64, step: lines.step as f64 }
+    }
+
+    /// The grid axis that runs along a world axis most of all, counted by that coordinate on the line through the middle.
+    fn world(world: usize, facts: &VolumeFacts) -> Self {
+        let linear = facts.geometry.linear();
+        let columns = [linear.x_axis, linear.y_axis, linear.z_axis];
+        let along = |a: &usize| columns[*a].normalize_or_zero()[world].abs();
+        let axis = (0..3).max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(world);
+        let mut middle = DVec3::from_array(facts.dims.0.map(|n| 0.5 * (n as f64 - 1.0)));
+        middle[axis] = 0.0;
+        let first = facts.geometry.world_from_index().transform_point3(middle)[world];
+        Self { axis, first, step: columns[axis][world] }
+    }
+
+    fn index(&self, place: f64) -> f64 {
+        (place - self.first) / self.step
+    }
+
+    fn place(&self, index: f64) -> f64 {
+        self.first + index * self.step
+    }
+}
+
+/// The world axis that a name means.
+fn world_axis(name: &str, frame: Frame) -> Option<usize> {
+    if let Some(axis) = ["x", "y", "z"].iter().position(|n| *n == name) {
+        return Some(axis);
+    }
+    ["sagittal", "coronal", "axial"].iter().position(|n| *n == name).filter(|_| frame.is_patient())
+}
+
+fn names(container: &Container, facts: &VolumeFacts) -> String {
+    let third = container.manifest().axes[2].name.as_str();
+    match facts.frame {
+        Frame::Survey if container.manifest().survey.is_some() => {
+            format!("inline, crossline, {third}, i, j, k, x, y or z")
+        }
+        frame if frame.is_patient() => "sagittal, coronal, axial, i, j, k, x, y or z".into(),
+        _ => "i, j, k, x, y or z".into(),
+    }
+}
+
+/// The grid's axis that stands most upright.
+pub fn upright_axis(facts: &VolumeFacts) -> usize {
+    if facts.frame == Frame::Survey { 2 } else { Scale::world(2, facts).axis }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_and_boxes_are_read() {
+        assert_eq!(place("Inline = 1200"), Ok(Place { axis: "inline".into(), at: 1200.0 }));
+        assert!(place("inline").is_err() && place("k=x").is_err());
+        assert_eq!(crop("0:2,1:3,4:9"), Ok(Crop::Voxels([[-0.5, 0.5, 3.5], [1.5, 2.5, 8.5]])));
+        assert_eq!(crop("inline=1:2,z=-3:4").map(|c| matches!(c, Crop::Named(r) if r.len() == 2)), Ok(true));
+        assert!(crop("inline=2:1").is_err() && crop("0:2").is_err());
+    }
+}

@@ -1,0 +1,250 @@
+//! Pictures without a scene file: what is recognised, what is drawn, and what each option of `render` changes.
+
+mod support;
+
+use support::{Folder, json};
+
+const SMALL: [&str; 6] = ["--size", "48x36", "--backend", "cpu", "--level", "0"];
+
+impl Folder {
+    /// A sphere of bytes, 24 voxels along each edge.
+    fn with_sphere() -> Self {
+        let folder = Self::new();
+        folder.expect(0, &["synth", "sphere", "--dims", "24,24,24", "-o", "v.svol", "--brick", "16"]);
+        folder
+    }
+
+    /// A raw volume of bytes.
+    fn with_bytes(dims: [usize; 3], value: impl Fn([usize; 3]) -> u8) -> Self {
+        let folder = Self::new();
+        let [nx, ny, nz] = dims;
+        let at = |i: usize| value([i % nx, i / nx % ny, i / (nx * ny)]);
+        std::fs::write(folder.path("v.raw"), (0..nx * ny * nz).map(at).collect::<Vec<u8>>()).expect("room");
+        let dims = format!("{nx}x{ny}x{nz}");
+        folder.expect(0, &["build", "v.raw", "--dims", &dims, "--dtype", "uint8", "-o", "v.svol"]);
+        folder
+    }
+
+    /// The scene that these options mean.
+    fn scene(&self, options: &[&str]) -> serde_json::Value {
+        json(&self.expect(0, &[&["render", "v.svol", "--print-scene"], options].concat()))
+    }
+
+    /// The floats of a picture: width x height x 4.
+    fn picture(&self, options: &[&str]) -> Vec<f32> {
+        let output = self.path("p.npy");
+        self.expect(0, &[&["render", "v.svol", "-o", &output], &SMALL[..], options].concat());
+        let bytes = std::fs::read(&output).expect("render wrote it");
+        let header = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+        bytes[header..].chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+    }
+}
+
+#[test]
+fn the_printed_scene_is_the_picture() {
+    let folder = Folder::with_sphere();
+    std::fs::write(folder.path("empty.json"), "{}").expect("room");
+    let default = folder.picture(&[]);
+    assert_eq!(folder.picture(&["--scene", "empty.json"]), default);
+    let options = ["--camera", "40,10", "--colormap", "viridis", "--zoom", "1.5", "--crop", "0:24,0:24,0:12"];
+    let text = folder.expect(0, &[&["render", "v.svol", "--print-scene"], &SMALL[..2], &options[..]].concat());
+    std::fs::write(folder.path("s.json"), text).expect("room");
+    let drawn = folder.picture(&options);
+    assert_ne!(drawn, default);
+    folder.expect(0, &["render", "v.svol", "--scene", "s.json", "-o", "q.npy", "--backend", "cpu", "--level", "0"]);
+    assert_eq!(std::fs::read(folder.path("q.npy")).ok(), std::fs::read(folder.path("p.npy")).ok());
+    folder.expect(2, &["render", "v.svol"]);
+}
+
+#[test]
+fn each_option_changes_its_part_of_the_scene() {
+    let folder = Folder::with_sphere();
+    let usual = folder.scene(&[]);
+    let changes: [(&[&str], &str); 16] = [
+        (&["--size", "64x48"], "/image/width"),
+        (&["--background", "#ff8000"], "/image/background"),
+        (&["--camera", "top"], "/camera/eye"),
+        (&["--camera", "-30,20"], "/camera/eye"),
+        (&["--camera", "-30,20,500"], "/camera/eye"),
+        (&["--zoom", "2"], "/camera/fov_y"),
+        (&["--mode", "mip"], "/mode"),
+        (&["--tf", "0:black:0,1:white:0.5"], "/transfer_function/points"),
+        (&["--colormap", "turbo"], "/transfer_function/points"),
+        (&["--window", "-0.5,0.5"], "/transfer_function/points"),
+        (&["--clip-percent", "10"], "/transfer_function/points"),
+        (&["--opacity", "0.5"], "/transfer_function/points"),
+        (&["--kind", "labels"], "/transfer_function/points"),
+        (&["--crop", "k=3:9"], "/clip/box"),
+        (&["--clip", "1,0,0,5"], "/clip/planes"),
+        (&["--supersample", "3"], "/samples_per_pixel"),
+    ];
+    for (options, place) in changes {
+        let scene = folder.scene(options);
+        assert_ne!(scene.pointer(place), usual.pointer(place), "{options:?} does not change {place}: {scene}");
+    }
+    let surfaces = folder.scene(&["--iso", "0.2,0.4"]);
+    assert_eq!((surfaces["mode"].as_str(), surfaces["iso"][1]["alpha"].as_f64()), (Some("iso"), Some(1.0)));
+    assert!(surfaces["shading"].is_object(), "surfaces are lit: {surfaces}");
+    assert!(folder.scene(&["--mode", "iso"])["iso"][0]["value"].is_number());
+    let [lit, unlit] = [&["--mode", "iso"][..], &["--mode", "iso", "--unlit"]].map(|options| folder.picture(options));
+    assert_ne!(lit, unlit);
+    let [plain, high] = [&[][..], &["--vertical-exaggeration", "3"]].map(|options| folder.picture(options));
+    assert_ne!(plain, high);
+}
+
+#[test]
+fn options_that_change_nothing_and_mistakes_are_refused_with_a_reason() {
+    let folder = Folder::with_sphere();
+    let refused: [(&[&str], &str); 16] = [
+        (&["--iso", "0.3", "--colormap", "viridis"], "--colormap changes nothing"),
+        (&["--mode", "mip", "--opacity", "2"], "--opacity changes nothing"),
+        (&["--mode", "mip", "--unlit"], "--unlit changes nothing"),
+        (&["--slab", "3"], "--slice"),
+        (&["--slice", "inline=3"], "'inline' is no axis of this volume"),
+        (&["--slice", "k=99"], "k runs from 0 to 23"),
+        (&["--crop", "k=30:40"], "leaves nothing"),
+        (&["--crop", "0:99,0:9,0:9"], "24 x 24 x 24"),
+        (&["--camera", "sideways"], "front, back, left"),
+        (&["--colormap", "jet"], "viridis"),
+        (&["--window", "5,1"], "LOW < HIGH"),
+        (&["--size", "0x9"], "WIDTHxHEIGHT"),
+        (&["--background", "mauve"], "#rrggbb"),
+        (&["--kind", "xray"], "micro-ct"),
+        (&["--tf", "1:2"], "VALUE:COLOUR:OPACITY"),
+        (&["--window", "0,1", "--clip-percent", "1"], "cannot be used with"),
+    ];
+    for (options, part) in refused {
+        let message = folder.expect(2, &[&["render", "v.svol", "-o", "p.png"], options].concat());
+        assert!(message.contains(part), "{options:?}: '{part}' is not in {message}");
+    }
+}
+
+#[test]
+fn a_slice_shows_the_values_of_its_plane() {
+    // Value 10 * k: a slice is one grey.
+    let folder = Folder::with_bytes([16, 16, 20], |[_, _, k]| 10 * k as u8);
+    for (place, value) in [("k=7", 70.0), ("k=7.5", 75.0), ("z=12", 120.0)] {
+        let picture = folder.picture(&["--slice", place, "--window", "0,200", "--colormap", "grey"]);
+        let middle = 4 * (18 * 48 + 24);
+        assert!((f64::from(picture[middle]) - value / 200.0).abs() < 2e-3, "{place}: {}", picture[middle]);
+        assert_eq!(picture[middle + 3], 1.0);
+    }
+    // The mean over a slab; and across another axis, with z upwards.
+    let slab = folder.picture(&["--slice", "k=10", "--slab", "10", "--window", "0,200", "--colormap", "grey"]);
+    assert!((f64::from(slab[4 * (18 * 48 + 24)]) - 0.5).abs() < 2e-3);
+    let upright = folder.picture(&["--slice", "j=3", "--window", "0,200", "--colormap", "grey"]);
+    let column = |row: usize| upright[4 * (row * 48 + 24)];
+    assert!(column(5) > column(18) && column(18) > column(30), "{} {} {}", column(5), column(18), column(30));
+}
+
+#[test]
+fn nothing_is_black_without_a_word() {
+    let folder = Folder::with_sphere();
+    let warning = |folder: &Folder, options: &[&str]| {
+        let output = folder.run(&[&["render", "v.svol", "-o", "p.png"], &SMALL[..], options].concat());
+        assert_eq!(output.status.code(), Some(0), "{options:?}");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    assert!(!warning(&folder, &[]).contains("warning"));
+    let scene = |text: &str| {
+        std::fs::write(folder.path("s.json"), text).expect("room");
+        warning(&folder, &["--scene", "s.json"])
+    };
+    let away = r#"{"camera": {"eye": [0, 0, 900], "target": [0, 0, 999], "up": [0, 1, 0], "fov_y": 30}}"#;
+    assert!(scene(away).contains("the camera does not see the volume"));
+    assert!(scene(r#"{"clip": {"planes": [{"normal": [1, 0, 0], "offset": 500}]}}"#).contains("clip box and planes"));
+    assert!(warning(&folder, &["--iso", "1e6"]).contains("no surface is at 1000000"));
+    assert!(warning(&folder, &["--tf", "1e6:black:0,2e6:white:1"]).contains("shows nothing where the camera looks"));
+    let trace = Folder::with_bytes([1, 1, 250], |[_, _, k]| k as u8);
+    assert!(!warning(&trace, &[]).contains("warning"), "a trace is drawn so wide that it can be seen");
+    let constant = Folder::with_bytes([9, 9, 9], |_| 5);
+    assert!(!warning(&constant, &[]).contains("warning"), "a grey block is something");
+    assert!(warning(&constant, &["--tf", "6:black:0,7:white:1"]).contains("every voxel is 5"));
+}
+
+#[test]
+fn kinds_are_named_with_their_reason_and_can_be_overruled() {
+    let folder = Folder::with_bytes([40, 40, 40], |[i, j, k]| ((i * 7 + j * 3 + k * 11) % 5) as u8);
+    let info = json(&folder.expect(0, &["info", "v.svol", "--json"]));
+    assert_eq!((info["kind"].as_str(), info["left_handed"].as_bool()), (Some("labels"), Some(false)));
+    let text = folder.expect(0, &["info", "v.svol"]);
+    assert!(text.contains("kind       labels: 5 different whole numbers") && text.contains("right-handed"), "{text}");
+    assert!(folder.expect(2, &["info", "v.svol", "--text-header"]).contains("SEG-Y"));
+    assert_eq!(folder.scene(&["--kind", "fluorescence"])["mode"], "mip");
+    assert_eq!(folder.scene(&["--preset", "fluorescence"]), folder.scene(&["--kind", "fluorescence"]));
+    let drawn = folder.expect(0, &["histogram", "v.svol", "--rows", "5"]);
+    assert_eq!(drawn.lines().count(), 6, "{drawn}");
+    assert!(drawn.contains("12800") && drawn.contains("kind labels"), "{drawn}");
+}
+
+#[test]
+fn shells_and_manuals_know_every_command() {
+    let folder = Folder::new();
+    for shell in ["bash", "zsh", "fish"] {
+        let script = folder.expect(0, &["completions", shell]);
+        assert!(script.contains("histogram") && script.contains("vertical-exaggeration"), "{shell}");
+    }
+    folder.expect(0, &["man", "-o", "pages"]);
+    let page = std::fs::read_to_string(folder.path("pages/supervol-render.1")).expect("man wrote it");
+    assert!(page.contains("Where the camera stands"), "{page}");
+}
+
+#[test]
+fn decorations_are_drawn_beside_what_is_measured() {
+    let folder = Folder::with_sphere();
+    let bare = folder.picture(&[]);
+    let decorated = folder.picture(&["--decorate"]);
+    let changed = bare.iter().zip(&decorated).filter(|(a, b)| a != b).count();
+    assert!(changed > 400, "{changed}");
+    // The error is that of the picture without them.
+    let checked =
+        folder.expect(0, &[&["render", "v.svol", "-o", "q.npy", "--decorate", "--check", "100"], &SMALL[..]].concat());
+    assert!(checked.contains("largest 0."), "{checked}");
+}
+
+#[test]
+fn a_place_given_by_hand_is_kept_with_its_unit() {
+    let folder = Folder::new();
+    std::fs::write(folder.path("v.raw"), [7u8, 8, 9, 10, 11, 12, 13, 14]).expect("room");
+    let raw = ["build", "v.raw", "--dims", "2x2x2", "--dtype", "uint8", "-o", "v.svol"];
+    let turned = ["--spacing", "500um,500um,2mm", "--origin", "-1,2,3", "--direction", "0,1,0,1,0,0,0,0,1"];
+    folder.expect(0, &[&raw[..], &turned].concat());
+    let info = json(&folder.expect(0, &["info", "v.svol", "--json"]));
+    assert_eq!((info["spacing"][2].as_f64(), info["axes"][2]["unit"].as_str()), (Some(2000.0), Some("um")));
+    assert_eq!((info["origin"][0].as_f64(), info["left_handed"].as_bool()), (Some(-1.0), Some(true)));
+    // What a file says of itself can be overruled, with a note.
+    folder.expect(0, &["extract", "v.svol", "-o", "v.nrrd"]);
+    folder.expect(0, &["build", "v.nrrd", "--spacing", "3,3,3", "-o", "w.svol"]);
+    assert!(folder.expect(0, &["info", "w.svol"]).contains("note       the spacing was given by hand"));
+    assert!(folder.expect(2, &["build", "v.nrrd", "--spacing", "3,3,-3", "-o", "x.svol"]).contains("spacing"));
+}
+
+/// A patient in RAS, the same in LPS, and what `extract` writes of it: one picture, and the space is not lost.
+#[test]
+fn the_same_patient_is_seen_from_the_same_side() {
+    let folder = Folder::new();
+    let voxels: Vec<u8> = (0..20 * 16 * 12)
+        .map(|i| if i % 20 < 8 && i / 320 > 4 { 120 + (i % 90) as u8 } else { (i % 50) as u8 })
+        .collect();
+    for (name, space, sign) in [("ras", "right-anterior-superior", 1), ("lps", "left-posterior-superior", -1)] {
+        let header = format!(
+            "NRRD0004\ntype: uint8\ndimension: 3\nspace: {space}\nsizes: 20 16 12\n\
+             space directions: ({sign},0,0) (0,{sign},0) (0,0,2)\nspace origin: ({},{},7)\nencoding: raw\n\n",
+            5 * sign,
+            -3 * sign
+        );
+        std::fs::write(folder.path(name), [header.as_bytes(), &voxels].concat()).expect("room");
+        folder.expect(0, &["build", name, "-o", &format!("{name}.svol")]);
+    }
+    folder.expect(0, &["extract", "lps.svol", "-o", "again.nrrd"]);
+    folder.expect(0, &["build", "again.nrrd", "-o", "again.svol"]);
+    let info = json(&folder.expect(0, &["info", "again.svol", "--json"]));
+    assert_eq!((info["space"].as_str(), info["kind"].as_str()), (Some("left-posterior-superior"), Some("mri")));
+    let pictures = ["ras", "lps", "again"].map(|name| {
+        std::fs::rename(folder.path(&format!("{name}.svol")), folder.path("v.svol")).expect("it was built");
+        folder.picture(&[])
+    });
+    assert_eq!(pictures[1], pictures[2]);
+    let apart = pictures[0].iter().zip(&pictures[1]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(apart < 1e-3 && pictures[0].iter().any(|v| *v > 0.1), "{apart}");
+}
