@@ -21,8 +21,8 @@ const ENTRIES_LIMIT: usize = 64;
 const FILES_LOOKED_AT: usize = 8;
 
 const CONTAINER: Other = Other {
-    name: "a container of Supervol, not a source",
-    way_out: "give it to `supervol render`, `info`, `verify` or `extract`",
+    name: "a container of Supervol",
+    way_out: "it is a built volume already: give it to `supervol render`, `info`, `verify` or `extract`",
 };
 const DICOM: Other = Other {
     name: "DICOM",
@@ -153,8 +153,9 @@ pub(super) fn refusal_of_file(path: &Path, head: &[u8], name: &str) -> Option<So
 /// Whether a file has the mark of DICOM; nothing that is no file is opened.
 fn is_dicom(path: &Path) -> bool {
     let mut head = [0; 132];
-    let read = || File::open(path).and_then(|mut file| file.read_exact(&mut head));
-    path.is_file() && read().is_ok() && head.ends_with(b"DICM")
+    path.is_file()
+        && File::open(path).and_then(|mut file| file.read_exact(&mut head)).is_ok()
+        && head.ends_with(b"DICM")
 }
 
 /// The refusal of a folder, by what lies in it; `None` where that is nothing we know, or it is none.
