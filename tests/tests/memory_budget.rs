@@ -134,6 +134,7 @@ fn builds_extractions_and_sources_stay_within_their_budget() {
 }
 
 /// `verify` keeps to its budget on eight threads, from the least that will do on.
+#[allow(clippy::print_stdout, reason = "measurements of a test")]
 fn check_verifying(path: &Path, what: &str) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().expect("eight threads");
     let run = |memory_bytes: u64| pool.install(|| peak_of(|| verify(path, memory_bytes, &|_, _| ())));

@@ -19,12 +19,19 @@ use crate::facts::VolumeFacts;
 const PLAIN_LENGTHS: std::ops::RangeInclusive<i32> = -20..=20;
 /// Binary exponents of the greatest magnitude of a value that are left alone.
 const PLAIN_VALUES: std::ops::RangeInclusive<i32> = -20..=40;
+/// Percentiles between which most values lie.
+const MOST_VALUES: std::ops::RangeInclusive<f64> = 1.0..=99.0;
+/// The usual values are at least 2 to minus this: the square of the inverse is within `f32`.
+const USUAL_DEPTH: i32 = 60;
+/// Binary exponents of percentiles that are believed: they are counted in single precision.
+const COUNTED_VALUES: std::ops::RangeInclusive<i32> = -120..=120;
 /// Binary exponents that a unit may have: its inverse is finite, too.
 const UNIT_LIMIT: i32 = 1000;
 /// Corners farther from the world's origin than this many voxels' edges are anchored: below, `f64` resolves 2^-22 of a voxel.
 const ANCHORED_VOXELS: f64 = (1u64 << 30) as f64;
-/// Greatest magnitude in units of what scenes say of values: all beyond is the same to `f32`.
-const VALUE_LIMIT: f64 = 1e200;
+/// Greatest magnitude of a value in units, of voxels and of what scenes say: beyond, differences would run over in `f32`. Only a
+/// voxel that is further than 2^60 beyond all others is so large, and what shows of it is the same.
+pub const VALUE_LIMIT: f64 = 1.2676506002282294e30;
 
 /// See the module.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,7 +70,7 @@ impl Units {
     #[must_use]
     pub fn of(facts: &VolumeFacts) -> Self {
         let length = length_unit(&facts.geometry);
-        Self { anchor: anchor(&facts.geometry, facts.dims), length, value: value_unit(facts.value_range) }
+        Self { anchor: anchor(&facts.geometry, facts.dims), length, value: value_unit(facts) }
     }
 
     /// A world point in units.
@@ -104,16 +111,21 @@ fn length_unit(geometry: &Geometry) -> f64 {
     if PLAIN_LENGTHS.contains(&shortest) { 1.0 } else { power(shortest) }
 }
 
-/// What is too large comes just within the limit, not to 1: a few values may be far larger than all others.
-fn value_unit(range: ValueRange) -> f64 {
+/// What is too large comes just within the limit, not to 1, and what most values are stays well above underflow: a few may be far
+/// larger than all others, and the transfer function is about the others.
+fn value_unit(facts: &VolumeFacts) -> f64 {
+    let range = facts.value_range;
     let greatest = if range.is_empty() { 0.0 } else { range.min.abs().max(range.max.abs()) };
-    let greatest = if greatest > 0.0 { exponent(greatest) } else { 0 };
-    let (least_plain, greatest_plain) = (*PLAIN_VALUES.start(), *PLAIN_VALUES.end());
-    match greatest {
-        _ if greatest < least_plain => power(greatest),
-        _ if greatest > greatest_plain => power(greatest - greatest_plain),
-        _ => 1.0,
+    if greatest == 0.0 {
+        return 1.0;
     }
+    let most = facts.percentiles.iter().filter(|(percent, _)| MOST_VALUES.contains(percent));
+    let usual = most.map(|(_, value)| value.abs()).fold(0.0, f64::max);
+    let greatest = exponent(greatest);
+    let usual = Some(usual).filter(|usual| *usual > 0.0).map(exponent).filter(|e| COUNTED_VALUES.contains(e));
+    let usual = usual.unwrap_or(greatest).min(greatest);
+    let wanted = if greatest < *PLAIN_VALUES.start() { greatest } else { (greatest - PLAIN_VALUES.end()).max(0) };
+    power(wanted.min(usual + USUAL_DEPTH))
 }
 
 fn anchor(geometry: &Geometry, dims: Dims) -> DVec3 {
@@ -202,5 +214,11 @@ mod tests {
         assert!(Units::of(&self::facts(f64::MAX, 1.0, 0.0)).value.is_finite());
         let empty = VolumeFacts { value_range: ValueRange::EMPTY, ..self::facts(1.0, 1.0, 0.0) };
         assert_eq!(Units::of(&empty), Units::WORLD);
+        // One voxel far beyond all others.
+        for spike in [1e10, 1e20, 1e37, 1e300] {
+            let facts = VolumeFacts { percentiles: vec![(1.0, -0.3), (99.0, 0.7)], ..self::facts(spike, 1.0, 0.0) };
+            let units = Units::of(&facts);
+            assert!(units.value(0.7) > 2f64.powi(-62) && units.value(spike) <= VALUE_LIMIT, "{units:?}");
+        }
     }
 }

@@ -21,8 +21,8 @@ const ENTRIES_LIMIT: usize = 64;
 const FILES_LOOKED_AT: usize = 8;
 
 const CONTAINER: Other = Other {
-    name: "a container of Supervol, not a source",
-    way_out: "give it to `supervol render`, `info`, `verify` or `extract`",
+    name: "a container of Supervol",
+    way_out: "it is a built volume already: give it to `supervol render`, `info`, `verify` or `extract`",
 };
 const DICOM: Other = Other {
     name: "DICOM",

@@ -11,6 +11,8 @@ use supervol_format::container::toc::BrickEntry;
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{BrickKey, ValueRange, VoxelType, with_voxel};
 
+use crate::units::VALUE_LIMIT;
+
 /// Voxels of one brick, apron included, x fastest.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Voxels {
@@ -131,9 +133,9 @@ fn integer_bias(voxel_type: VoxelType) -> Option<f64> {
     }
 }
 
-/// The nearest finite `f32`; NaN stays NaN.
+/// The nearest `f32` of a magnitude that differences do not run over with; NaN stays NaN.
 fn to_f32(value: f64) -> f32 {
-    (value as f32).clamp(f32::MIN, f32::MAX)
+    value.clamp(-VALUE_LIMIT, VALUE_LIMIT) as f32
 }
 
 impl DecodedBrick {

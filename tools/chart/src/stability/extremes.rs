@@ -160,7 +160,7 @@ fn extremes(context: &Context<'_>) -> Result<Outcome, ChartError> {
 /// Greatest difference from the reference where one voxel is far beyond all others.
 fn beside_a_spike(context: &Context<'_>, size: &str) -> Result<Gate, ChartError> {
     let mut worst = 0.0f64;
-    for power in context.pick(&[10, 20, 30, 37][..], &[20, 30][..]) {
+    for power in context.pick(&[10, 20, 30, 37][..], &[20, 37][..]) {
         let spike = 10f64.powi(*power);
         let field = move |v| if v == [11, 9, 8] { spike } else { fixtures::waves_at(fixtures::point(v)) + LEAST };
         let volume =
