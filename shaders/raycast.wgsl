@@ -1,14 +1,19 @@
 // Casts one ray per invocation: on from where it stopped, until it is finished, lacks a brick, or has done its share.
 
+@group(1) @binding(0) var<storage, read_write> states: array<RayState>;
+@group(1) @binding(1) var<uniform> job: Dispatch;
+
 @compute @workgroup_size(64)
 fn raycast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    config = scene.config;
     // A ray that has nothing to do adds nothing to the counters either.
-    if (id.x < job.ray_count) {
-        let index = job.first_ray + id.x;
-        var state = states[index];
-        if (state.status == STATUS_ACTIVE || (state.status == STATUS_WAITING && job.first_round != 0u)) {
-            cast_ray(rays[index], &state);
-            states[index] = state;
+    let place = job.first_ray + id.x;
+    if (place < scene.view.places) {
+        var state = states[place];
+        let waits = state.status == STATUS_WAITING && job.later_round != 0u;
+        if (state.status != STATUS_DONE && !waits) {
+            cast_ray(ray_of_pixel(pixel_of(place)), &state);
+            states[place] = state;
             count_in_group(state.status);
         }
     }

@@ -1,43 +1,39 @@
-// For the tests: where a ray is, which brick that is, what is drawn there, and the gradients of a cell, to be compared
-// with their Rust twins.
+// For the tests: where a ray is, which brick that is, what is drawn there, gradients of a cell; compared with Rust twins.
 
 struct PlaceCase {
-    ray: GpuRay,
-    // Voxel of `level` near the place.
+    pixel: vec2<u32>,
+    // To the ray's base point.
+    strides: u32,
+    padding_0: u32,
     near: vec3<i32>,
     level: u32,
-    // Cell of the brick in slot 0.
     cell: vec3<i32>,
-    // Strides to the ray's base point.
-    strides: u32,
-    // A chord of the cell, from `a` to `b`.
+    padding_1: u32,
     a: vec3<f32>,
-    // World length from the base point to the place.
+    // Of the place, from the base point.
     t: f32,
     b: vec3<f32>,
-    padding: f32,
+    padding_2: f32,
 }
 
 struct PlaceResult {
-    // Base point.
     voxel: vec3<i32>,
-    // Whether the place lies in a brick.
     found: u32,
     fraction: vec3<f32>,
-    // Where the ray leaves the brick that holds the place, world length from the base point.
     leave: f32,
-    // The place relative to `near`, in the index space of `level`.
     point: vec3<f32>,
     payload: u32,
-    // Brick and level of detail that hold the place, and those that are drawn for them.
     region: vec4<i32>,
     page: vec4<i32>,
-    // Number and state of the page.
     entry: vec4<u32>,
     // Index-space gradients at the begin, the middle and the end of the chord, and whether there are any.
-    gradient_a: vec4<f32>,
-    gradient_middle: vec4<f32>,
-    gradient_b: vec4<f32>,
+    gradients: array<vec4<f32>, 3>,
+    // Begin and end.
+    segment: vec2<f32>,
+    segment_strides: vec2<u32>,
+    length: f32,
+    status: u32,
+    padding: vec2<u32>,
 }
 
 @group(2) @binding(0) var<storage, read> place_cases: array<PlaceCase>;
@@ -54,7 +50,9 @@ fn test_places(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let c = place_cases[id.x];
-    let base = ray_from(c.ray, c.strides);
+    config = scene.config;
+    let begin = begin_ray(c.pixel);
+    let base = ray_from(ray_of_pixel(c.pixel), c.strides);
     let region = region_at(base, c.t);
     let slot = slot_at(0u);
     let gradient = chord_gradient(slot, c.cell, corners_of(slot, c.cell), Chord(c.a, c.b, 1.0));
@@ -71,8 +69,12 @@ fn test_places(@builtin(global_invocation_id) id: vec3<u32>) {
         result.entry = vec4<u32>(page.entry, page.state, 0u, 0u);
         result.payload = page.payload;
     }
-    result.gradient_a = index_gradient(gradient, 0.0);
-    result.gradient_middle = index_gradient(gradient, 0.5);
-    result.gradient_b = index_gradient(gradient, 1.0);
+    for (var i = 0; i < 3; i += 1) {
+        result.gradients[i] = index_gradient(gradient, 0.5 * f32(i));
+    }
+    result.segment = vec2<f32>(begin.t, begin.end_rest);
+    result.segment_strides = vec2<u32>(begin.strides, begin.end_strides);
+    result.length = base.length;
+    result.status = begin.status;
     place_results[id.x] = result;
 }

@@ -36,6 +36,7 @@ fn test_twins(@builtin(global_invocation_id) id: vec3<u32>) {
     if (id.x >= arrayLength(&twin_cases)) {
         return;
     }
+    config = scene.config;
     let c = twin_cases[id.x];
     let a = c.a_value.xyz;
     let value = c.a_value.w;

@@ -8,9 +8,9 @@ struct Slot {
 }
 
 fn slot_at(index: u32) -> Slot {
-    let g = config.grids;
-    let texture = u32(index >= g[1].first) + u32(index >= g[2].first) + u32(index >= g[3].first);
-    let grid = config.grids[texture];
+    let last = vec3<u32>(scene.config.grids[1].first, scene.config.grids[2].first, scene.config.grids[3].first);
+    let texture = dot(vec3<u32>(vec3<u32>(index) >= last), vec3<u32>(1u));
+    let grid = scene.config.grids[texture];
     let i = index - grid.first;
     let place = vec3<u32>(i % grid.slots.x, (i / grid.slots.x) % grid.slots.y, i / (grid.slots.x * grid.slots.y));
     let edge = i32(config.core) + 2 * APRON;
@@ -20,7 +20,7 @@ fn slot_at(index: u32) -> Slot {
 // The stored bits of one voxel.
 fn stored(slot: Slot, voxel: vec3<i32>) -> u32 {
     let texel = slot.first + voxel;
-    switch slot.texture {
+    switch min(slot.texture, TEXTURE_COUNT - 1u) {
         case 0u: { return textureLoad(cache_0, texel, 0).x; }
         case 1u: { return textureLoad(cache_1, texel, 0).x; }
         case 2u: { return textureLoad(cache_2, texel, 0).x; }
@@ -33,9 +33,9 @@ fn macro_edge() -> i32 {
     return i32(config.core) / MACRO_CELL;
 }
 
-// (least, greatest) render value of a macro cell; least > greatest: nothing to see.
-fn macro_range(slot: Slot, cell: vec3<i32>) -> vec2<f32> {
+// Number of a macro cell among all.
+fn macro_place(slot: Slot, cell: vec3<i32>) -> u32 {
     let n = u32(macro_edge());
     let c = vec3<u32>(cell);
-    return macro_ranges[slot.index * n * n * n + c.x + n * (c.y + n * c.z)];
+    return slot.index * n * n * n + c.x + n * (c.y + n * c.z);
 }

@@ -1,49 +1,132 @@
-// Rays in the index space of a level, without ever holding an absolute coordinate in one f32.
+// From pixels to rays, and places on them, without ever holding an absolute coordinate in one f32.
 //
-// A point of a ray is `voxel + fraction + t * (direction + direction_low)`: the voxel is an integer, so that the offset
-// to a nearby brick is exact. A ray moves its base point forward by whole strides of `config.stride_world`, a power of
-// two: t, and with it the rounding of `t * direction`, stays small however large the volume is.
+// Where a ray begins and how far a stride takes it are numbers in fixed point, linear in the pixel (gpu/rays.rs). Any number
+// of strides from there is found by whole numbers alone, exactly: a base point, a voxel and a fraction. Its t, and with it
+// the rounding of `t * direction`, stays small however large the volume is.
 
+// `whole + high * 2^-32 + low * 2^-64` for each axis.
+struct Fixed3 {
+    whole: vec3<i32>,
+    high: vec3<u32>,
+    low: vec3<u32>,
+}
+
+// One ray of the picture, in the index space of level 0.
+struct PixelRay {
+    origin: Fixed3,
+    // Index offset of a stride, `config.stride` units of t.
+    stride: Fixed3,
+    // Index offset per unit of t, and what its rounding took away.
+    direction: vec3<f32>,
+    direction_low: vec3<f32>,
+    // World length of one unit of t.
+    length: f32,
+}
+
+// A ray in the index space of a level: a point of it is `voxel + fraction + t * (direction + direction_low)`.
 struct LevelRay {
     voxel: vec3<i32>,
     fraction: vec3<f32>,
-    // Index offset per world length, and what its rounding took away.
     direction: vec3<f32>,
     direction_low: vec3<f32>,
+    length: f32,
 }
 
-// Bits of a stride's fraction that are multiplied as integers.
-const STRIDE_BITS: u32 = 10u;
+// Bits of a stride, from its binary point on, that are turned into a float at once: it is shorter than 16 voxels.
+const STRIDE_BITS: u32 = 27u;
 
-// The ray from its base point `strides` strides after its first point, at level 0.
-fn ray_from(ray: GpuRay, strides: u32) -> LevelRay {
-    // Multiplying by a power of two is exact, and so is splitting the product: into a whole number, some leading bits
-    // of the fraction, and a rest so small that its rounding does not matter even millions of strides on. All three
-    // have the stride's sign: rounding down would turn a small negative stride into -1 and a rounded fraction.
-    let stride = ray.direction * config.stride_world;
-    let whole = trunc(stride);
-    let leading = trunc((stride - whole) * f32(1u << STRIDE_BITS));
-    let rest = (stride - whole) - leading / f32(1u << STRIDE_BITS) + ray.direction_low * config.stride_world;
-    let units = i32(strides) * vec3<i32>(leading);
-    let part = vec3<f32>(units & vec3<i32>((1 << STRIDE_BITS) - 1)) / f32(1u << STRIDE_BITS);
-    let fraction = ray.fraction + (part + f32(strides) * rest);
-    let carry = floor(fraction);
-    let voxel = ray.voxel
-        + i32(strides) * vec3<i32>(whole)
-        + vec3<i32>(units >> vec3<u32>(STRIDE_BITS))
-        + vec3<i32>(carry);
-    return LevelRay(voxel, fraction - carry, ray.direction, ray.direction_low);
+// The upper 32 bits of the 64 of each product.
+fn high_product(a: vec3<u32>, n: u32) -> vec3<u32> {
+    let half = vec3<u32>(0xffffu);
+    let low = a & half;
+    let high = a >> vec3<u32>(16u);
+    let n_low = n & 0xffffu;
+    let n_high = n >> 16u;
+    let first = high * n_low + ((low * n_low) >> vec3<u32>(16u));
+    let second = low * n_high + (first & half);
+    return high * n_high + (first >> vec3<u32>(16u)) + (second >> vec3<u32>(16u));
+}
+
+// 1 where an unsigned sum is less than one of its terms: it has overflowed.
+fn carry_of(sum: vec3<u32>, summand: vec3<u32>) -> vec3<u32> {
+    return select(vec3<u32>(0u), vec3<u32>(1u), sum < summand);
+}
+
+// `a + n * b`, exactly.
+fn add_multiple(a: Fixed3, b: Fixed3, n: u32) -> Fixed3 {
+    let low_product = b.low * n;
+    let low = a.low + low_product;
+    let high_product_low = b.high * n;
+    let from_low = high_product(b.low, n);
+    let carry = carry_of(low, low_product);
+    let first = a.high + high_product_low;
+    let second = first + from_low;
+    let high = second + carry;
+    let carries = carry_of(first, high_product_low) + carry_of(second, from_low) + carry_of(high, carry);
+    let whole = a.whole + b.whole * i32(n) + vec3<i32>(high_product(b.high, n) + carries);
+    return Fixed3(whole, high, low);
+}
+
+fn fixed_3(x: Fixed, y: Fixed, z: Fixed) -> Fixed3 {
+    return Fixed3(vec3<i32>(x.whole, y.whole, z.whole), vec3<u32>(x.high, y.high, z.high), vec3<u32>(x.low, y.low, z.low));
+}
+
+// Three numbers at a pixel.
+fn at_pixel(x: Affine, y: Affine, z: Affine, pixel: vec2<u32>) -> Fixed3 {
+    let row = add_multiple(fixed_3(x.base, y.base, z.base), fixed_3(x.per_y, y.per_y, z.per_y), pixel.y);
+    return add_multiple(row, fixed_3(x.per_x, y.per_x, z.per_x), pixel.x);
+}
+
+// The fraction, in [0, 1).
+fn fraction_of(f: Fixed3) -> vec3<f32> {
+    // 24 bits, so that nothing is rounded up to 1.
+    return vec3<f32>(f.high >> vec3<u32>(8u)) * (1.0 / 16777216.0);
+}
+
+// The leading bits of a stride that fit a float, and the rest, both in units of 2^-STRIDE_BITS.
+fn split_stride(stride: Fixed3) -> array<vec3<f32>, 2> {
+    let rest_bits = vec3<u32>(32u - STRIDE_BITS);
+    let units = (stride.whole << vec3<u32>(STRIDE_BITS)) | vec3<i32>(stride.high >> rest_bits);
+    let fraction = (stride.high << vec3<u32>(STRIDE_BITS)) | (stride.low >> rest_bits);
+    let beyond = vec3<f32>(fraction) * (1.0 / 4294967296.0);
+    let leading = vec3<f32>(units) + beyond;
+    let whole = trunc(leading);
+    return array<vec3<f32>, 2>(leading, vec3<f32>(units - vec3<i32>(whole)) + (beyond - (leading - whole)));
+}
+
+fn ray_of_pixel(pixel: vec2<u32>) -> PixelRay {
+    let origin = at_pixel(scene.view.origin[0], scene.view.origin[1], scene.view.origin[2], pixel);
+    let stride = at_pixel(scene.view.stride[0], scene.view.stride[1], scene.view.stride[2], pixel);
+    let parts = split_stride(stride);
+    let per_t = 1.0 / (f32(1u << STRIDE_BITS) * config.stride);
+    let l = scene.view.length;
+    let across = vec2<f32>(l.x + f32(pixel.x) * l.y, l.z + f32(pixel.y) * l.w);
+    return PixelRay(origin, stride, parts[0] * per_t, parts[1] * per_t, sqrt(1.0 + dot(across, across)));
+}
+
+// The pixel whose ray is stored at a place: tiles of 8 x 8, row by row.
+fn pixel_of(place: u32) -> vec2<u32> {
+    let tile = place / WORKGROUP_RAYS;
+    let lane = place % WORKGROUP_RAYS;
+    let first = vec2<u32>(tile % scene.view.tiles_x, tile / scene.view.tiles_x) * 8u;
+    return first + vec2<u32>(lane % 8u, lane / 8u) + vec2<u32>(0u, scene.view.first_row);
+}
+
+// The ray from its base point so many strides after its first point.
+fn ray_from(ray: PixelRay, strides: u32) -> LevelRay {
+    let base = add_multiple(ray.origin, ray.stride, strides);
+    return LevelRay(base.whole, fraction_of(base), ray.direction, ray.direction_low, ray.length);
 }
 
 // The same ray in the index space of a coarser level: `(p + 1/2) / scale - 1/2`.
 fn ray_at_level(ray: LevelRay, level: u32) -> LevelRay {
-    let shift = tables.levels[level].scale_log2;
+    let shift = scene.tables.levels[level].scale_log2;
     let scale = vec3<f32>(vec3<u32>(1u) << shift);
     // Shifting signed integers right rounds down, also below zero.
     let voxel = ray.voxel >> shift;
     let rest = vec3<f32>(ray.voxel - (voxel << shift));
     let fraction = (rest + ray.fraction + 0.5) / scale - 0.5;
-    return LevelRay(voxel, fraction, ray.direction / scale, ray.direction_low / scale);
+    return LevelRay(voxel, fraction, ray.direction / scale, ray.direction_low / scale, ray.length);
 }
 
 // Origin of the ray relative to a voxel.
@@ -65,11 +148,6 @@ fn point_from(ray: LevelRay, voxel: vec3<i32>, t: f32) -> vec3<f32> {
     let low = ray.direction - high;
     let near = vec3<f32>(ray.voxel - voxel) + t_high * high;
     return near + (ray.fraction + (t_high * low + t_low * ray.direction + t * ray.direction_low));
-}
-
-// World length from the base point to the end of the ray's segment.
-fn segment_end(ray: GpuRay, strides: u32) -> f32 {
-    return f32(ray.strides - strides) * config.stride_world + ray.rest;
 }
 
 // Unit world vector along the ray.

@@ -42,7 +42,7 @@ fn gather_cell(slot: Slot, cell: vec3<i32>, chord: Chord, ray: LocalRay, state: 
         min(min(least.x, least.y), min(least.z, least.w)),
         max(max(greatest.x, greatest.y), max(greatest.z, greatest.w)),
     );
-    if (!is_worth_a_visit(view.range, state) || (config.mode == MODE_DVR && !is_visible(view.range.x, view.range.y))) {
+    if (!is_worth_a_visit(view.range, state) || (mode() == MODE_DVR && !is_visible(view.range.x, view.range.y))) {
         gather_skipped(view.range, state);
         return;
     }
@@ -50,7 +50,7 @@ fn gather_cell(slot: Slot, cell: vec3<i32>, chord: Chord, ray: LocalRay, state: 
     view.cubic = cubic_of_cell(corners.low - view.pivot, corners.high - view.pivot, chord.a, chord.b);
     view.intervals = monotone_intervals(view.cubic);
     view.extent = chord.extent;
-    switch config.mode {
+    switch mode() {
         case MODE_DVR: {
             view.gradient = chord_gradient(slot, cell, own, chord);
             gather_light(view, ray, state);
@@ -71,42 +71,55 @@ fn gather_cell(slot: Slot, cell: vec3<i32>, chord: Chord, ray: LocalRay, state: 
 fn gather_light(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
     let knots = knots_in(view.range.x, view.range.y);
     let count = select(0u, knots.y - knots.x, knots.y - knots.x <= KNOT_LIMIT);
+    // One loop and one call, whether the chord is split or not: compilers copy what is called to every place.
+    let splits = 3u * count;
     var begin = 0.0;
-    for (var piece = 0u; piece < 3u && count > 0u; piece += 1u) {
-        let first = view.intervals[piece];
-        let last = view.intervals[piece + 1u];
-        // A monotone piece meets the knots in their order, or in the reverse one.
-        work += count;
-        let rises = cubic_at(view.cubic, last) > cubic_at(view.cubic, first);
-        for (var i = 0u; i < count && first < last; i += 1u) {
-            let index = select(knots.y - 1u - i, knots.x + i, rises);
-            let u = monotone_root(view.cubic, first, last, knot(index) - view.pivot);
-            if (u < 1.0 && u > begin) {
-                gather_part(view, begin, u, ray, state);
-                begin = u;
-            }
+    for (var i = 0u; i <= splits; i += 1u) {
+        work += 1u;
+        var end = 1.0;
+        if (i < splits) {
+            end = split_at(view, knots, i / count, i % count);
+        }
+        if (end > begin && (end < 1.0 || i == splits)) {
+            gather_part(view, begin, end, ray, state);
+            begin = end;
         }
     }
-    gather_part(view, begin, 1.0, ray, state);
+}
+
+// Where a monotone piece of the cubic meets the i-th of the knots that it may meet, or NEVER.
+fn split_at(view: CellView, knots: vec2<u32>, piece: u32, i: u32) -> f32 {
+    let first = view.intervals[piece];
+    let last = view.intervals[piece + 1u];
+    if (first >= last) {
+        return NEVER;
+    }
+    // A monotone piece meets the knots in their order, or in the reverse one.
+    let rises = cubic_at(view.cubic, last) > cubic_at(view.cubic, first);
+    let index = select(knots.y - 1u - i, knots.x + i, rises);
+    return monotone_root(view.cubic, first, last, knot(index) - view.pivot);
 }
 
 // A part of the chord by Gauss pairs, as many as the transfer function's variation asks for.
 fn gather_part(view: CellView, u0: f32, u1: f32, ray: LocalRay, state: ptr<function, RayState>) {
-    let shaded_wish = shaded_pairs(view.gradient, u0, u1, ray, depth_between(view, u0, u1));
-    let pairs = max(pairs_between(view, u0, u1), shaded_wish);
+    let tau = depth_between(view, u0, u1);
+    let pairs = max(pairs_between(view, u0, u1, tau), shaded_pairs(view.gradient, u0, u1, ray, tau));
     let width = (u1 - u0) / f32(pairs);
     work += pairs;
     for (var i = 0u; i < pairs; i += 1u) {
         let begin = u0 + f32(i) * width;
-        let near_u = begin + GAUSS_OFFSET * width;
-        let far_u = begin + (1.0 - GAUSS_OFFSET) * width;
-        let near = classify(value_at(view, near_u));
-        let far = classify(value_at(view, far_u));
+        var kappa = vec2<f32>(0.0);
+        var near_color = vec3<f32>(0.0);
+        var far_color = vec3<f32>(0.0);
+        for (var point = 0u; point < 2u; point += 1u) {
+            let u = begin + select(1.0 - GAUSS_OFFSET, GAUSS_OFFSET, point == 0u) * width;
+            let rgba = classify(value_at(view, u));
+            near_color = far_color;
+            far_color = shaded(view.gradient, u, ray, rgba.rgb);
+            kappa = vec2<f32>(kappa.y, extinction(rgba.a));
+        }
         samples += 2u;
-        if (near.a > 0.0 || far.a > 0.0) {
-            let kappa = vec2<f32>(extinction(near.a), extinction(far.a));
-            let near_color = shaded(view.gradient, near_u, ray, near.rgb);
-            let far_color = shaded(view.gradient, far_u, ray, far.rgb);
+        if (kappa.x > 0.0 || kappa.y > 0.0) {
             composite(integrate_pair(kappa, near_color, far_color, width * view.extent), state);
         }
     }
@@ -122,7 +135,7 @@ fn gather_surfaces(view: CellView, ray: LocalRay, state: ptr<function, RayState>
         for (var i = 0u; i < config.iso_count; i += 1u) {
             let bit = 1u << i;
             if (((*state).crossed & bit) == 0u) {
-                let value = tables.isos[i].value;
+                let value = scene.tables.isos[i].value;
                 let before = select(value_at(view, 0.0) >= value, ((*state).sides & bit) != 0u, known);
                 let u = first_change(view, value, before);
                 if (u < nearest) {
@@ -134,7 +147,7 @@ fn gather_surfaces(view: CellView, ray: LocalRay, state: ptr<function, RayState>
         if (nearest > 1.0) {
             break;
         }
-        let iso = tables.isos[surface];
+        let iso = scene.tables.isos[surface];
         composite_surface(shaded(view.gradient, nearest, ray, iso.color), iso.alpha, state);
         (*state).crossed |= 1u << surface;
     }

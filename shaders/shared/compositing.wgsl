@@ -20,7 +20,7 @@ fn all_surfaces() -> u32 {
 // Whether nothing that still comes can change the ray.
 fn is_settled(state: ptr<function, RayState>) -> bool {
     let opaque = (*state).transmittance <= config.transmittance_limit;
-    return opaque || (config.mode == MODE_ISO && (*state).crossed == all_surfaces());
+    return opaque || (mode() == MODE_ISO && (*state).crossed == all_surfaces());
 }
 
 // Surfaces whose value is not greater than this one.
@@ -28,14 +28,14 @@ fn sides_of(value: f32) -> u32 {
     var sides = 0u;
     work += config.iso_count;
     for (var i = 0u; i < config.iso_count; i += 1u) {
-        sides |= select(0u, 1u << i, value >= tables.isos[i].value);
+        sides |= select(0u, 1u << i, value >= scene.tables.isos[i].value);
     }
     return sides;
 }
 
 // Passes a stretch where nothing is present.
 fn gather_absent(state: ptr<function, RayState>) {
-    if (config.mode == MODE_ISO) {
+    if (mode() == MODE_ISO) {
         // A crossing needs a value on either side of it.
         (*state).present = 0.0;
     }
@@ -45,7 +45,7 @@ fn gather_absent(state: ptr<function, RayState>) {
 fn gather_skipped(range: vec2<f32>, state: ptr<function, RayState>) {
     if (range.x > range.y) {
         gather_absent(state);
-    } else if (config.mode == MODE_ISO) {
+    } else if (mode() == MODE_ISO) {
         (*state).sides = sides_of(range.x);
         (*state).present = 1.0;
     }
@@ -60,9 +60,9 @@ fn is_worth_a_visit(range: vec2<f32>, state: ptr<function, RayState>) -> bool {
         return false;
     }
     let present = (*state).present > 0.0;
-    switch config.mode {
-        case MODE_MIP: { return !present || range.y > (*state).value; }
-        case MODE_MINIP: { return !present || range.x < (*state).value; }
+    switch mode() {
+        case MODE_MIP: { return !present || range.y > (*state).color.x; }
+        case MODE_MINIP: { return !present || range.x < (*state).color.x; }
         case MODE_ISO: {
             let below = sides_of(range.x);
             let open = ~(*state).crossed & all_surfaces();
@@ -76,7 +76,7 @@ fn is_worth_a_visit(range: vec2<f32>, state: ptr<function, RayState>) -> bool {
 
 // Adds a stretch of one value, with no gradient.
 fn gather_uniform(value: f32, extent: f32, state: ptr<function, RayState>) {
-    switch config.mode {
+    switch mode() {
         case MODE_DVR: {
             let rgba = classify(value);
             samples += 1u;
@@ -88,7 +88,7 @@ fn gather_uniform(value: f32, extent: f32, state: ptr<function, RayState>) {
             let jumped = select(0u, (*state).sides ^ sides, (*state).present > 0.0) & ~(*state).crossed;
             for (var i = 0u; i < config.iso_count; i += 1u) {
                 if ((jumped & (1u << i)) != 0u) {
-                    composite_surface(tables.isos[i].color, tables.isos[i].alpha, state);
+                    composite_surface(scene.tables.isos[i].color, scene.tables.isos[i].alpha, state);
                 }
             }
             (*state).crossed |= jumped;
@@ -101,10 +101,10 @@ fn gather_uniform(value: f32, extent: f32, state: ptr<function, RayState>) {
 
 // Modes mip, minip and mean: adds a stretch with this (least, greatest) value and this mean.
 fn gather_value(extremes: vec2<f32>, mean: f32, extent: f32, state: ptr<function, RayState>) {
-    switch config.mode {
-        case MODE_MIP: { (*state).value = max((*state).value, extremes.y); }
-        case MODE_MINIP: { (*state).value = min((*state).value, extremes.x); }
-        default: { (*state).value += mean * extent; }
+    switch mode() {
+        case MODE_MIP: { (*state).color.x = max((*state).color.x, extremes.y); }
+        case MODE_MINIP: { (*state).color.x = min((*state).color.x, extremes.x); }
+        default: { (*state).color.x += mean * extent; }
     }
     (*state).present += extent;
 }

@@ -1,17 +1,25 @@
-// What every shader can see: bindings. Group 0 lives as long as the renderer, group 1 belongs to one chunk of rays.
+// What every shader can see: bindings. Group 0 lives as long as the renderer, group 1 belongs to one pipeline.
+//
+// Tables are storage buffers, not uniforms: a driver may compile a shader anew for every value of a uniform that decides
+// where it branches, and keep all that it has compiled (Mesa's lavapipe does).
 
-@group(0) @binding(0) var<uniform> config: Config;
-@group(0) @binding(1) var<uniform> tables: Tables;
+// Written where the volume, the look or the view changes; never with bricks.
+@group(0) @binding(0) var<storage, read> scene: Scene;
 
 // One (state, payload) for each brick of every level, by entry number.
-@group(0) @binding(2) var<storage, read> page_table: array<vec2<u32>>;
+@group(0) @binding(1) var<storage, read> page_table: array<vec2<u32>>;
 
-@group(0) @binding(3) var<storage, read> points: array<GpuPoint>;
+// Control points, four texels each (`GpuPoint`), `TABLE_WIDTH` texels a row. What rays look up in every cell is a texture:
+// software adapters read buffers lane by lane.
+@group(0) @binding(2) var points: texture_2d<u32>;
 // `config.bin_count` bins, then the bits of the knots' values.
-@group(0) @binding(4) var<storage, read> transfer_index: array<u32>;
+@group(0) @binding(3) var transfer_index: texture_2d<u32>;
 
-// For each slot the (least, greatest) render value of each macro cell, x fastest; least > greatest: nothing to see.
-@group(0) @binding(5) var<storage, read> macro_ranges: array<vec2<f32>>;
+// For each slot the (least, greatest) render value of each macro cell, x fastest; least > greatest: nothing is there.
+@group(0) @binding(4) var<storage, read> macro_ranges: array<vec2<f32>>;
+// For each of these how many macro cells away, along the axis on which it is furthest, the nearest one is that shows
+// something under this look, but no further than the brick's edge needs; 0: it does so itself.
+@group(0) @binding(5) var<storage, read_write> proximity: array<u32>;
 
 struct Feedback {
     counters: array<atomic<u32>, 12>,
@@ -20,25 +28,38 @@ struct Feedback {
     padding_0: u32,
     padding_1: u32,
     padding_2: u32,
-    // `config.miss_limit` pairs (entry, waiting rays), then one bit for each slot that was used.
+    // `config.miss_limit` pairs (entry, waiting rays); from `config.use_words` on one bit for each slot that was used; from
+    // `config.wait_words` on the rays waiting for each entry.
     words: array<atomic<u32>>,
 }
 @group(0) @binding(6) var<storage, read_write> feedback: Feedback;
-// Rays waiting for each entry.
-@group(0) @binding(7) var<storage, read_write> miss_counts: array<atomic<u32>>;
 
 // Slots of stored voxels: integers biased to unsigned, floats as their bits. Unused ones hold one texel.
-@group(0) @binding(8) var cache_0: texture_3d<u32>;
-@group(0) @binding(9) var cache_1: texture_3d<u32>;
-@group(0) @binding(10) var cache_2: texture_3d<u32>;
-@group(0) @binding(11) var cache_3: texture_3d<u32>;
+@group(0) @binding(7) var cache_0: texture_3d<u32>;
+@group(0) @binding(8) var cache_1: texture_3d<u32>;
+@group(0) @binding(9) var cache_2: texture_3d<u32>;
+@group(0) @binding(10) var cache_3: texture_3d<u32>;
 
-@group(1) @binding(0) var<uniform> job: Dispatch;
-@group(1) @binding(1) var<storage, read> rays: array<GpuRay>;
-@group(1) @binding(2) var<storage, read_write> states: array<RayState>;
+// `scene.config`, read once by every entry.
+var<private> config: Config;
+
+// What a pipeline is compiled for, so that it holds nothing else; ANY: whatever `config` says. On GPUs that leaves registers
+// for more rays; software adapters run through both sides of every branch, whoever takes it.
+const ANY: u32 = 0xffffffffu;
+override ONLY_MODE: u32 = ANY;
+override ONLY_FLAGS: u32 = ANY;
+override TEXTURE_COUNT: u32 = 4u;
+
+fn mode() -> u32 {
+    return select(ONLY_MODE, config.mode, ONLY_MODE == ANY);
+}
+
+fn flags() -> u32 {
+    return select(ONLY_FLAGS, config.flags, ONLY_FLAGS == ANY);
+}
 
 fn has_flag(flag: u32) -> bool {
-    return (config.flags & flag) != 0u;
+    return (flags() & flag) != 0u;
 }
 
 // Whether the bits are those of a NaN or an infinity: tested on bits, since WGSL may assume that neither occurs.

@@ -19,12 +19,12 @@ var<workgroup> group_counters: array<atomic<u32>, 12>;
 
 // Whether the ray has done its share in this dispatch.
 fn is_worked_off() -> bool {
-    return work >= job.work_limit;
+    return work >= config.work_limit;
 }
 
 // Notes that the ray waits for an entry; the first ray that does so lists it.
 fn note_miss(entry: u32) {
-    if (atomicAdd(&miss_counts[entry], 1u) != 0u) {
+    if (atomicAdd(&feedback.words[config.wait_words + entry], 1u) != 0u) {
         return;
     }
     let place = atomicAdd(&feedback.miss_count, 1u);
@@ -35,7 +35,7 @@ fn note_miss(entry: u32) {
 
 // Notes that the ray sampled a slot; the plain read spares most atomic writes.
 fn note_use(slot: u32) {
-    let word = 2u * config.miss_limit + slot / 32u;
+    let word = config.use_words + slot / 32u;
     let bit = 1u << (slot % 32u);
     if ((atomicLoad(&feedback.words[word]) & bit) == 0u) {
         atomicOr(&feedback.words[word], bit);
@@ -50,7 +50,7 @@ fn add_to_group(counter: u32, amount: u32) {
 
 // Adds this invocation's counters to its workgroup's; `status` is the ray's.
 fn count_in_group(status: u32) {
-    if (status == STATUS_ACTIVE) {
+    if (status == STATUS_ACTIVE || status == STATUS_INSIDE) {
         add_to_group(0u, 1u);
     } else if (status == STATUS_WAITING) {
         add_to_group(1u, 1u);

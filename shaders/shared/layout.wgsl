@@ -1,5 +1,7 @@
 // Constants and structs shared with Rust. Written by gpu/layout.rs; do not edit.
 
+// Texels of a row of a table.
+const TABLE_WIDTH: u32 = 1024u;
 // Rays of one workgroup: one tile of 8 x 8 pixels.
 const WORKGROUP_RAYS: u32 = 64u;
 // The ray has more to do at once: it stopped at the dispatch's limit.
@@ -8,6 +10,8 @@ const STATUS_ACTIVE: u32 = 0u;
 const STATUS_WAITING: u32 = 1u;
 // The ray is finished.
 const STATUS_DONE: u32 = 2u;
+// The ray has more to do at once, in the brick where it stopped: its base point stays where it is.
+const STATUS_INSIDE: u32 = 3u;
 // Page table: the brick is not resident.
 const PAGE_MISSING: u32 = 0u;
 // Page table: nothing of the brick is visible.
@@ -179,18 +183,18 @@ struct Config {
     inverse_unit_distance: f32,
     // A ray whose transmittance is lower is finished.
     transmittance_limit: f32,
-    // World length of a stride: a power of two, so that a stride's index offset is exact.
-    stride_world: f32,
+    // A stride along a ray, in its parameter: a power of two.
+    stride: f32,
     // Places in the miss list.
     miss_limit: u32,
     // Control points with positive alpha.
     visible_points: u32,
-    // Zero: the table below begins at a multiple of 16.
-    padding_0: u32,
-    // Zero.
-    padding_1: u32,
-    // Zero.
-    padding_2: u32,
+    // Loop iterations after which a ray stops at the next cell.
+    work_limit: u32,
+    // First word of the feedback that holds bits of slots used.
+    use_words: u32,
+    // First word of the feedback that counts rays waiting for a brick.
+    wait_words: u32,
     // The cache textures.
     grids: array<SlotGrid, 4>,
 }
@@ -205,43 +209,101 @@ struct Tables {
     isos: array<GpuIso, 32>,
 }
 
-// One ray in level-0 index space: `voxel + fraction + t * (direction + direction_low)`, t a world length from the
-// point where the ray enters the clipped volume.
-struct GpuRay {
-    // Voxel whose point lies below the first point of the ray's segment.
-    voxel: vec3<i32>,
-    // Full strides of the segment.
-    strides: u32,
-    // First point of the segment relative to `voxel`, in [0, 1).
-    fraction: vec3<f32>,
-    // World length of the segment beyond its full strides.
-    rest: f32,
-    // Index offset per world length, rounded.
-    direction: vec3<f32>,
-    // Zero.
-    padding_0: f32,
-    // What the rounding of `direction` took away.
-    direction_low: vec3<f32>,
-    // Zero.
-    padding_1: f32,
+// A number in two's complement: `whole + high * 2^-32 + low * 2^-64`, the last two unsigned.
+struct Fixed {
+    // Rounded down.
+    whole: i32,
+    // First 32 bits of the fraction.
+    high: u32,
+    // The next 32 bits.
+    low: u32,
 }
 
-// How far a ray has come.
+// A number that changes by the same amount from pixel to pixel: `base + x * per_x + y * per_y`.
+struct Affine {
+    // At pixel (0, 0).
+    base: Fixed,
+    // From a pixel to the next one in its row.
+    per_x: Fixed,
+    // From a row to the next one.
+    per_y: Fixed,
+}
+
+// The height of rays above a clip plane, in voxels as far as that goes: what is below 0 is cut off.
+struct PlaneLine {
+    // Where the ray begins.
+    origin: Affine,
+    // For each stride.
+    stride: Affine,
+}
+
+// Rays of a picture, in the index space of level 0: `origin + n * stride`, n a number of strides.
+//
+// A ray's parameter t is a world length for orthographic cameras, and a depth for perspective ones; `length_at` says
+// how long one unit of it is.
+struct View {
+    // `sqrt(1 + (u.x + x u.y)^2 + (u.z + y u.w)^2)` is the world length of one unit of t.
+    length: vec4<f32>,
+    // Least and greatest corner of what is drawn of the volume's domain: voxels.
+    box_low: vec3<i32>,
+    // Rays of the picture along x.
+    width: u32,
+    // See above.
+    box_high: vec3<i32>,
+    // Rays along y.
+    height: u32,
+    // What is to be added to `box_low`.
+    box_low_rest: vec3<f32>,
+    // First row of the band in progress.
+    first_row: u32,
+    // What is to be added to `box_high`.
+    box_high_rest: vec3<f32>,
+    // Tiles of 8 x 8 rays along x.
+    tiles_x: u32,
+    // Rays whose places are in the band: 64 for each tile.
+    places: u32,
+    // Clip planes.
+    plane_count: u32,
+    // First value of every ray's accumulator, modes mip and minip.
+    first_value: f32,
+    // Zero.
+    padding_0: u32,
+    // Where rays begin: a plane in front of the volume, or the eye.
+    origin: array<Affine, 3>,
+    // Index offset of one stride.
+    stride: array<Affine, 3>,
+    // `plane_count` of them count.
+    planes: array<PlaneLine, 64>,
+    // Zero: the size is a multiple of 16.
+    padding_1: vec2<u32>,
+}
+
+// All tables of fixed size.
+struct Scene {
+    // What the scene and the volume fix.
+    config: Config,
+    // Tables.
+    tables: Tables,
+    // Rays.
+    view: View,
+}
+
+// How far a ray has come; 48 bytes, none of which the ray itself needs: pixels say where that is.
 struct RayState {
-    // Premultiplied colour.
+    // Premultiplied colour. Modes mip and minip: the extreme so far in x; mode mean: the integral of the value there.
     color: vec3<f32>,
     // Share of the light behind that still passes.
     transmittance: f32,
-    // World length beyond the strides taken.
+    // Parameter beyond the strides taken.
     t: f32,
-    // Strides taken: the ray's base point lies that many strides behind its first point.
+    // Strides taken: the ray's base point lies that many strides behind its origin.
     strides: u32,
+    // Strides to the last base point.
+    end_strides: u32,
+    // Parameter from there to the end of what is drawn.
+    end_rest: f32,
     // `STATUS_...`
     status: u32,
-    // Page table entry the ray waits for.
-    wanted: u32,
-    // Modes mip, minip: extreme so far; mode mean: integral of the value over the length.
-    value: f32,
     // Modes mip, minip, mean: world length over which the value was present; mode iso: 1 where `sides` holds.
     present: f32,
     // Mode iso: one bit for each surface, set where the value was not below the surface's.
@@ -250,16 +312,12 @@ struct RayState {
     crossed: u32,
 }
 
-// One dispatch: a run of rays and the work each may do.
+// One dispatch: a run of rays.
 struct Dispatch {
-    // First ray of the bound chunk.
+    // Place of the first ray.
     first_ray: u32,
-    // Rays.
-    ray_count: u32,
-    // Loop iterations after which a ray stops at the next cell.
-    work_limit: u32,
-    // 1 in a pass's first round: waiting rays look again whether their brick has come.
-    first_round: u32,
+    // 0 in a pass's first round, in which waiting rays look again whether their brick has come; then 1.
+    later_round: u32,
 }
 
 // Counters of one dispatch, read back after it.

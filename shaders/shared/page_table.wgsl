@@ -22,7 +22,7 @@ fn box_crossings(ray: LevelRay, first: vec3<i32>, edge: i32) -> vec3<f32> {
 fn wanted_level(brick: vec3<i32>) -> u32 {
     var level = config.level_count - 1u;
     while (level > 0u) {
-        let entry = entry_of(level, brick >> tables.levels[level].scale_log2);
+        let entry = entry_of(level, brick >> scene.tables.levels[level].scale_log2);
         if ((page_table[entry].x & PAGE_REFINE) == 0u) {
             break;
         }
@@ -36,7 +36,7 @@ fn wanted_level(brick: vec3<i32>) -> u32 {
 fn region_at(ray: LevelRay, t: f32) -> Region {
     let core = i32(config.core);
     let point = vec3<i32>(floor(ray.fraction + t * ray.direction + 0.5)) + ray.voxel;
-    let last = vec3<i32>(tables.levels[0].bricks) - 1;
+    let last = vec3<i32>(scene.tables.levels[0].bricks) - 1;
     var brick = clamp(point / core, vec3<i32>(0), last);
     for (var i = 0u; i < REGION_STEPS; i += 1u) {
         work += 1u;
@@ -50,7 +50,7 @@ fn region_at(ray: LevelRay, t: f32) -> Region {
         }
         // Ancestors come from whole numbers: every ray that meets this place makes the same choice.
         let level = wanted_level(brick);
-        let shift = tables.levels[level].scale_log2;
+        let shift = scene.tables.levels[level].scale_log2;
         let ancestor = brick >> shift;
         let level_leaves = box_crossings(ray_at_level(ray, level), ancestor * core, core);
         if (first_crossing(level_leaves) > t) {
@@ -72,9 +72,9 @@ fn region_leave(ray: LevelRay, region: Region) -> f32 {
 
 // Number of a brick in the page table.
 fn entry_of(level: u32, brick: vec3<i32>) -> u32 {
-    let bricks = tables.levels[level].bricks;
+    let bricks = scene.tables.levels[level].bricks;
     let b = vec3<u32>(brick);
-    return tables.levels[level].first_entry + b.x + bricks.x * (b.y + bricks.y * b.z);
+    return scene.tables.levels[level].first_entry + b.x + bricks.x * (b.y + bricks.y * b.z);
 }
 
 // What a region is drawn from: the brick itself, or its nearest ancestor that has not failed.
@@ -92,7 +92,7 @@ fn page_of(region: Region) -> Page {
     var entry = entry_of(level, brick);
     var page = page_table[entry];
     while ((page.x & PAGE_STATE) == PAGE_FAILED && level + 1u < config.level_count) {
-        brick = brick >> (tables.levels[level + 1u].scale_log2 - tables.levels[level].scale_log2);
+        brick = brick >> (scene.tables.levels[level + 1u].scale_log2 - scene.tables.levels[level].scale_log2);
         level += 1u;
         work += 1u;
         entry = entry_of(level, brick);

@@ -48,8 +48,8 @@ fn depth_between(view: CellView, u0: f32, u1: f32) -> f32 {
     return extinction(classify(value_at(view, 0.5 * (u0 + u1))).a) * view.extent * (u1 - u0);
 }
 
-// Number of Gauss pairs between two splits, from the values there and in the middle.
-fn pairs_between(view: CellView, u0: f32, u1: f32) -> u32 {
+// Number of Gauss pairs between two splits, from the values there and in the middle, and the depth between them.
+fn pairs_between(view: CellView, u0: f32, u1: f32, tau: f32) -> u32 {
     let first = value_at(view, u0);
     let middle = value_at(view, 0.5 * (u0 + u1));
     let last = value_at(view, u1);
@@ -57,5 +57,5 @@ fn pairs_between(view: CellView, u0: f32, u1: f32) -> u32 {
     if (change == 0.0) {
         return 1u;
     }
-    return pair_count(change, depth_between(view, u0, u1));
+    return pair_count(change, tau);
 }

@@ -127,7 +127,7 @@ fn shade(color: vec3<f32>, gradient: vec3<f32>, to_eye: vec3<f32>) -> vec3<f32> 
     var specular = 0.0;
     work += config.light_count;
     for (var i = 0u; i < config.light_count; i += 1u) {
-        let light = tables.lights[i];
+        let light = scene.tables.lights[i];
         diffuse += config.diffuse * abs(dot(normal, light.to_light)) * light.intensity;
         let between = light.to_light + to_eye;
         let facing = abs(dot(normal, between)) / max(length(between), TINY);

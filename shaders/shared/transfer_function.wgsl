@@ -1,18 +1,42 @@
 // Twin of transfer_function/render.rs: values to colour and opacity, exact whatever the number of bins.
 
+fn table_place(i: u32) -> vec2<u32> {
+    return vec2<u32>(i % TABLE_WIDTH, i / TABLE_WIDTH);
+}
+
+// Red, green, blue and alpha at a point.
+fn point_rgba(i: u32) -> vec4<f32> {
+    return bitcast<vec4<f32>>(textureLoad(points, table_place(4u * i), 0));
+}
+
+// Change of each up to the next point.
+fn point_delta(i: u32) -> vec4<f32> {
+    return bitcast<vec4<f32>>(textureLoad(points, table_place(4u * i + 1u), 0));
+}
+
+// Value, 1 / width of the segment, variation before it, variation of it.
+fn point_shape(i: u32) -> vec4<f32> {
+    return bitcast<vec4<f32>>(textureLoad(points, table_place(4u * i + 2u), 0));
+}
+
+// Visible points before a point, knots up to it.
+fn point_counts(i: u32) -> vec2<u32> {
+    return textureLoad(points, table_place(4u * i + 3u), 0).xy;
+}
+
 // Before the first control point.
 const BEFORE_FIRST: u32 = 0xffffffffu;
 
 // Index of the last point with a value not greater than `value`, or BEFORE_FIRST.
 fn tf_segment(value: f32) -> u32 {
-    let from_first = value - points[0].value;
+    let from_first = value - point_shape(0u).x;
     if (from_first < 0.0) {
         return BEFORE_FIRST;
     }
     // Clamped before the conversion: what no u32 holds converts to anything.
     let bin = u32(min(from_first * config.bins_per_value, f32(config.bin_count - 1u)));
-    var i = transfer_index[bin];
-    while (i + 1u < config.point_count && value >= points[i + 1u].value) {
+    var i = textureLoad(transfer_index, table_place(bin), 0).x;
+    while (i + 1u < config.point_count && value >= point_shape(i + 1u).x) {
         i += 1u;
         work += 1u;
     }
@@ -21,16 +45,17 @@ fn tf_segment(value: f32) -> u32 {
 
 // Position of a value in a segment, 0 at its point, 1 at the next.
 fn tf_position(segment: u32, value: f32) -> f32 {
-    return min((value - points[segment].value) * points[segment].inverse_width, 1.0);
+    let shape = point_shape(segment);
+    return min((value - shape.x) * shape.y, 1.0);
 }
 
 // Red, green, blue and alpha at a render value.
 fn classify(value: f32) -> vec4<f32> {
     let i = tf_segment(value);
     if (i == BEFORE_FIRST) {
-        return points[0].rgba;
+        return point_rgba(0u);
     }
-    return points[i].rgba + tf_position(i, value) * points[i].delta;
+    return point_rgba(i) + tf_position(i, value) * point_delta(i);
 }
 
 // Points with positive alpha up to the end of a segment's left point.
@@ -39,7 +64,7 @@ fn visible_points_up_to(segment: u32) -> u32 {
         return 0u;
     }
     if (segment + 1u < config.point_count) {
-        return points[segment + 1u].visible_before;
+        return point_counts(segment + 1u).x;
     }
     return config.visible_points;
 }
@@ -60,7 +85,8 @@ fn tf_gathered(value: f32) -> f32 {
     if (i == BEFORE_FIRST) {
         return 0.0;
     }
-    return points[i].variation_before + tf_position(i, value) * points[i].variation;
+    let shape = point_shape(i);
+    return shape.z + min((value - shape.x) * shape.y, 1.0) * shape.w;
 }
 
 // Total variation of alpha, and of colour as far as it is visible, over the closed interval.
@@ -70,7 +96,7 @@ fn variation(low: f32, high: f32) -> f32 {
 
 // Value of a knot.
 fn knot(index: u32) -> f32 {
-    return bitcast<f32>(transfer_index[config.bin_count + index]);
+    return bitcast<f32>(textureLoad(transfer_index, table_place(config.bin_count + index), 0).x);
 }
 
 fn knots_up_to(value: f32) -> u32 {
@@ -78,7 +104,7 @@ fn knots_up_to(value: f32) -> u32 {
     if (i == BEFORE_FIRST) {
         return 0u;
     }
-    return points[i].knots_up_to;
+    return point_counts(i).y;
 }
 
 // Knots strictly between `low` and `high`: (first, one past the last).

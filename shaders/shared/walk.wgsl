@@ -2,18 +2,18 @@
 
 // Moves the base point of a ray that has come far: t stays small (camera.wgsl).
 fn rebase(state: ptr<function, RayState>) {
-    let strides = u32((*state).t / config.stride_world);
+    let strides = u32((*state).t / config.stride);
     (*state).strides += strides;
-    (*state).t -= f32(strides) * config.stride_world;
+    (*state).t -= f32(strides) * config.stride;
 }
 
 // Casts a ray as far as it goes now; afterwards its status is set.
-fn cast_ray(ray: GpuRay, state: ptr<function, RayState>) {
-    (*state).status = STATUS_ACTIVE;
+fn cast_ray(ray: PixelRay, state: ptr<function, RayState>) {
+    var is_inside = (*state).status == STATUS_INSIDE;
     while (!is_worked_off()) {
         var base = ray_from(ray, (*state).strides);
         let region = region_at(base, (*state).t);
-        let is_over = (*state).t >= segment_end(ray, (*state).strides) || is_settled(state);
+        let is_over = (*state).t >= segment_end(state) || is_settled(state);
         if (is_over || region.found == 0u) {
             (*state).status = STATUS_DONE;
             return;
@@ -22,15 +22,19 @@ fn cast_ray(ray: GpuRay, state: ptr<function, RayState>) {
         fallbacks += u32(page.level != region.level);
         if (page.state == PAGE_MISSING) {
             (*state).status = STATUS_WAITING;
-            (*state).wanted = page.entry;
             note_miss(page.entry);
             return;
         }
         // Only inside a brick that is there: at its face, t is where the last brick's ended, to the last bit.
-        rebase(state);
-        base = ray_from(ray, (*state).strides);
-        let leave = min(region_leave(base, region), segment_end(ray, (*state).strides));
+        // A ray that stopped in a brick goes on from the same base point, as if it had not.
+        if (!is_inside) {
+            rebase(state);
+            base = ray_from(ray, (*state).strides);
+        }
+        let leave = min(region_leave(base, region), segment_end(state));
         cast_page(page, base, leave, state);
+        is_inside = (*state).t < leave;
+        (*state).status = select(STATUS_ACTIVE, STATUS_INSIDE, is_inside);
     }
 }
 
@@ -43,7 +47,7 @@ fn cast_page(page: Page, base: LevelRay, leave: f32, state: ptr<function, RaySta
             cast_brick(slot_at(page.payload), local_ray(page, base), leave, state);
         }
         case PAGE_UNIFORM: {
-            gather_uniform(bitcast<f32>(page.payload), leave - (*state).t, state);
+            gather_uniform(bitcast<f32>(page.payload), (leave - (*state).t) * base.length, state);
             (*state).t = leave;
         }
         default: {
@@ -72,7 +76,7 @@ struct LocalRay {
 fn local_ray(page: Page, base: LevelRay) -> LocalRay {
     let ray = ray_at_level(base, page.level);
     let first = page.brick * i32(config.core);
-    let scale = vec3<f32>(vec3<u32>(1u) << tables.levels[page.level].scale_log2);
+    let scale = vec3<f32>(vec3<u32>(1u) << scene.tables.levels[page.level].scale_log2);
     let to_eye = -world_direction(base.direction);
     return LocalRay(origin_from(ray, first), ray.direction, ray, first, to_eye, 1.0 / scale);
 }
@@ -81,21 +85,29 @@ fn local_at(ray: LocalRay, t: f32) -> vec3<f32> {
     return ray.origin + t * ray.direction;
 }
 
+fn macro_cell_at(ray: LocalRay, t: f32) -> vec3<i32> {
+    return vec3<i32>(floor((local_at(ray, t) + 0.5) / f32(MACRO_CELL)));
+}
+
 // Walks the macro cells of a brick; stops between two of them when the ray has done its share.
 fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RayState>) {
     let last = macro_edge() - 1;
     let side = leaving_side(ray.direction);
-    let entry = floor((local_at(ray, (*state).t) + 0.5) / f32(MACRO_CELL));
-    var cell = clamp(vec3<i32>(entry), vec3<i32>(0), vec3<i32>(last));
+    let step = step_of(ray.direction);
+    var cell = clamp(macro_cell_at(ray, (*state).t), vec3<i32>(0), vec3<i32>(last));
     // A ray enters at most three macro cells per layer, and may begin one too far back on each axis.
     let limit = 3 * (last + 2);
     for (var i = 0; i < limit; i += 1) {
         work += 1u;
-        let leaves = crossings(vec3<f32>((cell + side) * MACRO_CELL) - 0.5, ray.origin, ray.direction);
+        let place = macro_place(slot, cell);
+        let distance = i32(proximity[place]);
+        // Nothing less than the distance away shows anything: the ray leaps out of all of it.
+        let reach = max(distance - 1, 0);
+        let leaves = crossings(vec3<f32>((cell + side + reach * step) * MACRO_CELL) - 0.5, ray.origin, ray.direction);
         let cell_leave = min(first_crossing(leaves), leave);
         if (cell_leave > (*state).t) {
-            let range = macro_range(slot, cell);
-            if (is_worth_a_visit(range, state)) {
+            let range = macro_ranges[place];
+            if (distance == 0 && is_worth_a_visit(range, state)) {
                 macro_cells += 1u;
                 cast_macro_cell(slot, ray, cell * MACRO_CELL, cell_leave, state);
                 if (is_worked_off()) {
@@ -110,7 +122,9 @@ fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RaySta
         if (cell_leave >= leave || is_settled(state) || is_worked_off()) {
             return;
         }
-        cell += first_axis(leaves) * step_of(ray.direction);
+        let axis = first_axis(leaves);
+        let there = clamp(macro_cell_at(ray, cell_leave), cell - reach, cell + reach);
+        cell = select(there, cell + (reach + 1) * step, axis == vec3<i32>(1));
         if (any(cell < vec3<i32>(0)) || any(cell > vec3<i32>(last))) {
             // Only rounding leads out of the brick before its face.
             (*state).t = leave;
@@ -139,7 +153,7 @@ fn cast_macro_cell(slot: Slot, ray: LocalRay, first: vec3<i32>, leave: f32, stat
             let chord = Chord(
                 clamp(point_from(ray.level, corner, t), vec3<f32>(0.0), vec3<f32>(1.0)),
                 clamp(point_from(ray.level, corner, cell_leave), vec3<f32>(0.0), vec3<f32>(1.0)),
-                cell_leave - t,
+                (cell_leave - t) * ray.level.length,
             );
             gather_cell(slot, cell, chord, ray, state);
             (*state).t = cell_leave;

@@ -77,8 +77,7 @@ impl PixelRays {
     #[must_use]
     pub fn ray(&self, x: u32, y: u32) -> Ray {
         let camera = &self.camera;
-        let [nx, ny] = camera.ndc(x, y);
-        let offset = nx * self.half_size[0] * camera.right + ny * self.half_size[1] * camera.up;
+        let offset = self.offset([f64::from(x), f64::from(y)]);
         match camera.projection {
             Projection::Perspective { .. } => {
                 Ray { origin: camera.eye, direction: (camera.forward + offset).normalize(), t_min: 0.0 }
@@ -87,6 +86,15 @@ impl PixelRays {
                 Ray { origin: camera.eye + offset, direction: camera.forward, t_min: f64::NEG_INFINITY }
             }
         }
+    }
+
+    /// How far the centre of a pixel lies from the view's middle: world length, at distance 1 for perspective cameras.
+    #[inline]
+    #[must_use]
+    pub fn offset(&self, [x, y]: [f64; 2]) -> DVec3 {
+        let camera = &self.camera;
+        let [nx, ny] = camera.ndc([x, y]);
+        nx * self.half_size[0] * camera.right + ny * self.half_size[1] * camera.up
     }
 }
 
@@ -143,8 +151,8 @@ impl Camera {
     /// Normalised device coordinates of a pixel's centre: x to the right, y up, both in (-1, 1) where the pixel does not stand
     /// over.
     #[must_use]
-    pub fn ndc(&self, x: u32, y: u32) -> [f64; 2] {
-        [(f64::from(x) + 0.5) * 2.0 / self.extent[0] - 1.0, 1.0 - (f64::from(y) + 0.5) * 2.0 / self.extent[1]]
+    pub fn ndc(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [(x + 0.5) * 2.0 / self.extent[0] - 1.0, 1.0 - (y + 0.5) * 2.0 / self.extent[1]]
     }
 
     /// The ray through the centre of pixel (x, y); row 0 is on top.

@@ -7,12 +7,13 @@
 //!
 //! With a deadline, [`Renderer::advance`] leaves a whole picture behind, however little time there is; every further call makes
 //! it better, until it is the very picture that a new renderer makes without one (`drawing`). Other casters than packets on
-//! the CPU draw a picture in one go, and complete it from coarser bricks when the time is up.
+//! the CPU and on a GPU (`stages`) draw a picture in one go, and complete it from coarser bricks when the time is up.
 //!
 //! [`render`] is all of this for one picture.
 
 mod drawing;
 mod resident;
+mod stages;
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -20,7 +21,7 @@ use std::time::{Duration, Instant};
 
 use supervol_format::Container;
 
-use crate::frame::gpu::{render_gpu, surviving};
+use crate::frame::gpu::GpuBackend;
 use crate::frame::{
     Backend, LevelChoice, RenderError, RenderOptions, caster_of, milliseconds, render_cpu, render_from_reference,
     thread_pool,
@@ -36,6 +37,7 @@ use crate::streamer::budget::CasterBytes;
 use crate::volume::Volume;
 use drawing::Drawing;
 use resident::Resident;
+use stages::Best;
 
 /// Draws pictures of one volume, one after the other.
 pub struct Renderer {
@@ -59,7 +61,7 @@ pub struct Renderer {
 enum Engine {
     Undecided,
     Cpu { no_gpu_because: Option<String> },
-    Gpu { device: Box<GpuDevice>, or_cpu: bool },
+    Gpu { backend: Box<GpuBackend>, or_cpu: bool },
     Reference,
 }
 
@@ -68,6 +70,7 @@ enum Work {
     Nothing,
     InSteps(Box<Drawing>),
     AtOnce(Image, Box<FrameStats>),
+    InStages(Box<Best>),
 }
 
 impl Work {
@@ -77,6 +80,7 @@ impl Work {
             Self::Nothing => FrameStats { pixels_unfinished: scene.pixels(), ..FrameStats::default() },
             Self::InSteps(drawing) => drawing.stats(),
             Self::AtOnce(_, stats) => (**stats).clone(),
+            Self::InStages(best) => best.stats.clone(),
         }
     }
 }
@@ -205,14 +209,15 @@ impl Renderer {
     /// A hardware GPU where the backend may be chosen, or the CPU and the reason why not the GPU.
     fn choose_engine(&self) -> Result<Engine, RenderError> {
         let no_gpu = |why: String| Engine::Cpu { no_gpu_because: Some(why) };
+        let gpu = |device, or_cpu| Engine::Gpu { backend: Box::new(GpuBackend::new(device)), or_cpu };
         Ok(match self.options.backend {
             Backend::Cpu => Engine::Cpu { no_gpu_because: None },
-            Backend::Gpu => Engine::Gpu { device: Box::new(self.pool.install(GpuDevice::open)?), or_cpu: false },
+            Backend::Gpu => gpu(self.pool.install(GpuDevice::open)?, false),
             Backend::Reference => Engine::Reference,
             Backend::Auto if !may_have_hardware() => no_gpu("no graphics device is there".into()),
             Backend::Auto => match GpuDevice::open() {
                 Ok(device) if device.is_software() => no_gpu(format!("{} is a processor", device.name())),
-                Ok(device) => Engine::Gpu { device: Box::new(device), or_cpu: true },
+                Ok(device) => gpu(device, true),
                 Err(error) => no_gpu(error.to_string()),
             },
         })
@@ -245,17 +250,24 @@ impl Renderer {
                 let Work::InSteps(drawing) = work else { unreachable!("it has just been made so") };
                 return drawing.advance(resident, options, stop);
             }
+            if let Engine::Gpu { backend, .. } = engine {
+                let best = match std::mem::replace(work, Work::Nothing) {
+                    Work::InStages(best) if best.stats.converged => {
+                        *work = Work::InStages(best);
+                        return Ok(());
+                    }
+                    Work::InStages(best) => Some(*best),
+                    _ => None,
+                };
+                *work = Work::InStages(Box::new(stages::draw(backend, resident, scene, options, stop, best)?));
+                return Ok(());
+            }
             if matches!(work, Work::AtOnce(_, stats) if stats.converged) {
                 return Ok(());
             }
             resident.aim(scene, options);
             let plan = resident.plan();
-            let (image, stats) = match engine {
-                Engine::Gpu { device, .. } => surviving(device, &GpuDevice::open, |device| {
-                    render_gpu(device, scene, options, resident.streamer(), plan, stop)
-                })?,
-                _ => render_cpu(scene, options, resident.streamer(), plan, stop)?,
-            };
+            let (image, stats) = render_cpu(scene, options, resident.streamer(), plan, stop)?;
             *work = Work::AtOnce(image, Box::new(stats));
             Ok(())
         })
@@ -268,6 +280,7 @@ impl Renderer {
             Work::Nothing => None,
             Work::InSteps(drawing) => drawing.picture(),
             Work::AtOnce(image, _) => Some(Cow::Borrowed(image)),
+            Work::InStages(best) => Some(Cow::Borrowed(&best.image)),
         }
     }
 
@@ -278,6 +291,7 @@ impl Renderer {
             Work::Nothing => None,
             Work::InSteps(drawing) => drawing.into_picture(),
             Work::AtOnce(image, _) => Some(image),
+            Work::InStages(best) => Some(best.image),
         }
     }
 
@@ -287,7 +301,7 @@ impl Renderer {
     pub fn error_map(&self) -> Option<Image> {
         match &self.work {
             Work::InSteps(drawing) => drawing.error_map(),
-            Work::Nothing | Work::AtOnce(..) => None,
+            Work::Nothing | Work::InStages(_) | Work::AtOnce(..) => None,
         }
     }
 
@@ -305,6 +319,9 @@ impl Renderer {
         }
         if let Engine::Cpu { no_gpu_because } = &self.engine {
             stats.no_gpu_because.clone_from(no_gpu_because);
+        }
+        if let Engine::Gpu { backend, .. } = &self.engine {
+            stats.adapter_is_software = backend.is_software();
         }
         stats.threads = self.pool.current_num_threads();
         stats.level = match self.options.level {

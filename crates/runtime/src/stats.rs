@@ -27,6 +27,8 @@ pub struct FrameStats {
     pub backend: &'static str,
     /// Why backend `auto` did not take a graphics device; null if it did, or was not asked.
     pub no_gpu_because: Option<String>,
+    /// Whether the graphics adapter is a processor in disguise: many times slower than the CPU backend.
+    pub adapter_is_software: bool,
     /// Instructions that packets of rays were cast with; null where no packets were.
     pub instructions: Option<&'static str>,
     /// Name of the graphics adapter; null without one.

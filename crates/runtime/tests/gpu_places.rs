@@ -13,13 +13,14 @@ use gpu_support::compute::{Resource, run};
 use gpu_support::{F32, Random, gpu, marschner_lobb, pyramid};
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_runtime::camera::Projection;
-use supervol_runtime::clip::{IndexRay, clip_ray};
+use supervol_runtime::clip::{IndexRay, Segment, clip_ray};
 use supervol_runtime::facts::{DataKind, Frame, VolumeFacts};
 use supervol_runtime::gpu::layout::{
-    GpuRay, PAGE_FAILED, PAGE_MISSING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, SlotGrid,
+    PAGE_FAILED, PAGE_MISSING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, STATUS_ACTIVE, Scene as GpuScene, SlotGrid,
 };
-use supervol_runtime::gpu::rays::{gpu_ray, stride_world};
-use supervol_runtime::gpu::{scene_tables, shaders};
+use supervol_runtime::gpu::rays::ViewLines;
+use supervol_runtime::gpu::scene_tables::{self, FeedbackPlaces};
+use supervol_runtime::gpu::shaders;
 use supervol_runtime::image::greatest;
 use supervol_runtime::lod::{LodChoice, LodRule};
 use supervol_runtime::raycast::cpu::{Caster, CpuFrame, CpuQuality, Skipping, cast_pass};
@@ -30,8 +31,8 @@ use supervol_runtime::raycast::volume::{BrickView, Resident, ValueMap, Voxels};
 use supervol_runtime::scene::{ResolvedScene, Scene};
 
 const SEED: u64 = 20_261_121;
-/// Voxels. What places may be off by, 2^22 voxels from the origin too.
-const PLACE_TOLERANCE: f64 = 2e-6;
+/// Voxels. What places may be off by, 2^26 voxels from the origin too.
+const PLACE_TOLERANCE: f64 = 5e-7;
 /// Voxels. How far from a face a ray may leave a brick, whose t is an `f32` of some ten voxels.
 const FACE_TOLERANCE: f64 = 1e-4;
 /// Differences of values between 0 and 1.
@@ -41,15 +42,17 @@ const RANGE: ValueRange = ValueRange { min: 0.0, max: 1.0 };
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Case {
-    ray: GpuRay,
+    pixel: [u32; 2],
+    strides: u32,
+    padding_0: u32,
     near: [i32; 3],
     level: u32,
     cell: [i32; 3],
-    strides: u32,
+    padding_1: u32,
     a: [f32; 3],
     t: f32,
     b: [f32; 3],
-    padding: f32,
+    padding_2: f32,
 }
 
 #[repr(C)]
@@ -67,6 +70,12 @@ struct Found {
     entry: [u32; 4],
     /// At three places of the chord; w: whether there is one.
     gradients: [[f32; 4]; 3],
+    /// Parameters at which the segment begins and ends, from base points so many strides away.
+    segment: [f32; 2],
+    segment_strides: [u32; 2],
+    length: f32,
+    status: u32,
+    padding: [u32; 2],
 }
 
 /// A volume without voxels, and a camera.
@@ -158,7 +167,10 @@ impl Setting {
 struct Place {
     pixel: usize,
     ray: IndexRay,
-    /// World length of the base point, and of the place.
+    segment: Segment,
+    /// World length of the ray's origin, of one unit of its parameter, of the base point, and of the place.
+    origin: f64,
+    unit: f64,
     base: f64,
     t: f64,
     is_at_face: bool,
@@ -168,24 +180,30 @@ struct Place {
 /// A place on every ray of the picture that meets the volume.
 fn places(setting: &Setting, random: &mut Random) -> Vec<Place> {
     let camera = &setting.scene.camera;
-    let (stride, core) = (stride_world(&setting.geometry), setting.pyramid.layout().core() as f64);
+    let core = setting.pyramid.layout().core() as f64;
     let dims = setting.pyramid.level_at(Lod::FINEST).dims;
+    let lines = ViewLines::new(camera, &setting.geometry, dims);
     let place = |pixel: u32| {
         let ray = camera.ray(pixel % camera.width, pixel / camera.width);
         let index_ray = IndexRay::new(&ray, &setting.geometry);
         let segment = clip_ray(&ray, &index_ray, dims, &setting.scene.clip)?;
-        let gpu = gpu_ray(&index_ray, segment, stride);
-        let strides = random.next() % (u64::from(gpu.strides) + 1);
-        let base = segment.t0 + strides as f64 * stride;
+        // The GPU's rays are measured by depth, from the plane where they begin.
+        let unit = 1.0 / ray.direction.dot(camera.forward);
+        let (stride, origin) = (lines.stride() * unit, lines.depth() * unit);
+        let strides_to = |t: f64| ((t - origin) / stride).floor().max(0.0) as u64;
+        let first = strides_to(segment.t0);
+        let strides = first + random.next() % (strides_to(segment.t1) - first + 1);
+        let base = origin + strides as f64 * stride;
         // A ray goes through a whole brick from one base point. Some places lie in a face, as nearly as f32 can say.
         let reach = stride * [1.0, 8.0][(random.next() % 2) as usize];
-        let t = random.between(0.0, reach.min(segment.t1 - base));
+        let least = (segment.t0 - base).max(0.0);
+        let t = random.between(least, reach.min(segment.t1 - base).max(least));
         let is_at_face = random.next().is_multiple_of(4);
         let t = if is_at_face { setting.leave(&index_ray, setting.brick_at(index_ray.at(base + t))) - base } else { t };
         // Exactly what the shader gets.
-        let t = f64::from(t as f32);
+        let t = f64::from((t / unit) as f32) * unit;
         // At the end of the volume there is no next brick.
-        if base + t > segment.t1 - 0.01 {
+        if base + t > segment.t1 - 0.01 || base + t < segment.t0 {
             return None;
         }
         let level = Lod((random.next() % setting.pyramid.levels().len() as u64) as u8);
@@ -196,17 +214,20 @@ fn places(setting: &Setting, random: &mut Random) -> Vec<Place> {
             [ends, ends, [0.0; 2], [1.0; 2]][(random.next() % 4) as usize].map(|end| end as f32)
         });
         let case = Case {
-            ray: gpu,
+            pixel: [pixel % camera.width, pixel / camera.width],
+            padding_0: 0,
             near,
             level: u32::from(level.0),
             cell: std::array::from_fn(|_| (random.next() % (core as u64 + 1)) as i32 - 1),
             strides: strides as u32,
             a: chord.map(|ends| ends[0]),
-            t: t as f32,
+            padding_1: 0,
+            t: (t / unit) as f32,
             b: chord.map(|ends| ends[1]),
-            padding: 0.0,
+            padding_2: 0.0,
         };
-        Some(Place { pixel: pixel as usize, ray: index_ray, base, t: base + t, is_at_face, case })
+        let pixel = pixel as usize;
+        Some(Place { pixel, ray: index_ray, segment, origin, unit, base, t: base + t, is_at_face, case })
     };
     (0..camera.width * camera.height).filter_map(place).collect()
 }
@@ -263,17 +284,22 @@ fn gpu_results(
     let unused = SlotGrid { slots: [1; 3], first: u32::MAX };
     let grids = [SlotGrid { slots: [1; 3], first: 0 }, unused, unused, unused];
     let volume = setting.volume();
-    let config = scene_tables::config(&volume, &setting.scene, &tf, Skipping::On, grids).expect("a configuration");
+    let places = FeedbackPlaces { grids, slots: 1, work_limit: 1 };
+    let mut config = scene_tables::config(&volume, &setting.scene, &tf, Skipping::On, places).expect("a configuration");
     let tables = scene_tables::tables(&volume, &setting.scene).expect("tables");
+    let (camera, dims) = (&setting.scene.camera, setting.pyramid.level_at(Lod::FINEST).dims);
+    let lines = ViewLines::new(camera, &setting.geometry, dims);
+    let view = lines.view(camera, &setting.geometry, dims, &setting.scene.clip).expect("a view");
+    config.stride = lines.stride() as f32;
+    let scene = GpuScene { config, tables, view };
     let bits: Vec<u32> = voxels.0.iter().map(|v| v.to_bits()).collect();
     let group_0 = [
-        (0, Resource::Uniform(bytemuck::bytes_of(&config))),
-        (1, Resource::Uniform(bytemuck::bytes_of(&tables))),
-        (2, Resource::Storage(bytemuck::cast_slice(pages))),
-        (8, Resource::Texture(&bits, voxels.1)),
+        (0, Resource::Storage(bytemuck::bytes_of(&scene))),
+        (1, Resource::Storage(bytemuck::cast_slice(pages))),
+        (7, Resource::Texture(&bits, voxels.1)),
+        (8, Resource::Texture(&[0], 1)),
         (9, Resource::Texture(&[0], 1)),
         (10, Resource::Texture(&[0], 1)),
-        (11, Resource::Texture(&[0], 1)),
     ];
     run(gpu, shaders::TEST_PLACES, &group_0, cases)
 }
@@ -295,6 +321,26 @@ fn check_points(setting: &Setting, places: &[Place], found: &[Found]) {
     assert!(off.iter().all(|&off| off < PLACE_TOLERANCE), "{off:?} voxels");
 }
 
+/// `begin_ray`: where segments begin and end, voxels of level 0; and the length of one unit of t.
+fn check_segments(setting: &Setting, places: &[Place], found: &[Found]) {
+    let mut off = 0.0f64;
+    let stride = {
+        let dims = setting.pyramid.level_at(Lod::FINEST).dims;
+        ViewLines::new(&setting.scene.camera, &setting.geometry, dims).stride()
+    };
+    for (place, found) in places.iter().zip(found) {
+        assert_eq!(found.status, STATUS_ACTIVE, "a ray that meets the volume begins");
+        assert!((f64::from(found.length) / place.unit - 1.0).abs() < 1e-6, "{} is not {}", found.length, place.unit);
+        for (i, exact) in [place.segment.t0, place.segment.t1].into_iter().enumerate() {
+            let t = f64::from(found.segment_strides[i]) * stride + f64::from(found.segment[i]);
+            let length = place.origin + t * place.unit - exact;
+            off = greatest([off].into_iter().chain(place.ray.direction.map(|d| d * length)));
+        }
+    }
+    println!("  segments {off:.1e} voxels off");
+    assert!(off < FACE_TOLERANCE, "{off}");
+}
+
 /// `region_at`, `region_leave`, `page_of`. At a face rounding may decide for either brick.
 fn check_bricks(setting: &Setting, places: &[Place], found: &[Found], failed: &HashSet<BrickKey>, pages: &[[u32; 2]]) {
     let regions = wanted(setting, places, &HashSet::new());
@@ -307,7 +353,7 @@ fn check_bricks(setting: &Setting, places: &[Place], found: &[Found], failed: &H
         let region = key(found.region);
         assert!(setting.outside(at, region) < FACE_TOLERANCE, "{at:?} is not in {region}");
         assert!(found.leave > place.case.t, "a ray does not get on from {at:?}");
-        let length = setting.leave(&place.ray, region) - place.base - f64::from(found.leave);
+        let length = setting.leave(&place.ray, region) - place.base - f64::from(found.leave) * place.unit;
         off = greatest([off].into_iter().chain(place.ray.direction.map(|d| d * length)));
         let page = key(found.page);
         let entry = setting.pyramid.entry(page);
@@ -380,11 +426,17 @@ fn places_bricks_and_gradients_equal_their_twins() {
         far - 900.0,
         far - 500.0
     );
+    let furthest = format!(
+        r#""eye": [{}, 90, 140], "target": [{}, 30, 60], "up": [0, 1, 0], "fov_y": 60"#,
+        16.0 * far - 900.0,
+        16.0 * far - 500.0
+    );
     let along = r#""eye": [-1000, 33.3, 61.7], "target": [4194304, 38.1, 60.2], "up": [0, 1, 0], "height": 60"#;
     let axis = r#""eye": [-70, 30.3, 25.2], "target": [10, 30.3, 25.2], "up": [0, 1, 0], "height": 50"#;
     let settings = [
         ("inside an oblique grid", Setting::new([150, 90, 60], 16, oblique, &inside, 9.0)),
         ("far end of a long volume", Setting::new([1 << 22, 70, 130], 64, Geometry::IDENTITY, &near, 1.0)),
+        ("far end of the longest volume", Setting::new([1 << 26, 140, 260], 128, Geometry::IDENTITY, &furthest, 1.0)),
         ("all along it", Setting::new([1 << 22, 70, 130], 64, Geometry::IDENTITY, along, 1.0)),
         ("along an axis", Setting::new([70, 61, 50], 16, Geometry::IDENTITY, axis, 1.0)),
     ];
@@ -402,6 +454,7 @@ fn places_bricks_and_gradients_equal_their_twins() {
         let cases: Vec<Case> = places.iter().map(|place| place.case).collect();
         let found = gpu_results(&gpu, setting, &pages, &voxels, &cases);
         check_points(setting, &places, &found);
+        check_segments(setting, &places, &found);
         check_bricks(setting, &places, &found, &failed, &pages);
         check_gradients(&places, &found, &voxels);
     }

@@ -8,8 +8,9 @@ use glam::Vec3;
 use gpu_support::compute::{Resource, run};
 use gpu_support::{F32, Random, TestVolume, gpu, marschner_lobb};
 use supervol_format::Geometry;
-use supervol_runtime::gpu::layout::SlotGrid;
-use supervol_runtime::gpu::{scene_tables, shaders};
+use supervol_runtime::gpu::layout::{Scene as GpuScene, SlotGrid, View};
+use supervol_runtime::gpu::scene_tables::{self, FeedbackPlaces};
+use supervol_runtime::gpu::shaders;
 use supervol_runtime::image::greatest;
 use supervol_runtime::raycast::cpu::Skipping;
 use supervol_runtime::raycast::scalar::cell::{
@@ -147,14 +148,16 @@ fn shader_functions_equal_their_twins() {
     let shading = scene.shading.as_ref().expect("the scene is shaded");
     let lighting = Lighting::new(shading, &volume.geometry, volume.range.width());
     let grids = [SlotGrid { slots: [1; 3], first: 0 }; 4];
-    let config = scene_tables::config(&volume.gpu_volume(), &scene, &tf, Skipping::On, grids).expect("a configuration");
+    let places = FeedbackPlaces { grids, slots: 1, work_limit: 1 };
+    let config =
+        scene_tables::config(&volume.gpu_volume(), &scene, &tf, Skipping::On, places).expect("a configuration");
     let tables = scene_tables::tables(&volume.gpu_volume(), &scene).expect("tables");
+    let scene = GpuScene { config, tables, view: View::zeroed() };
     let (points, index) = (scene_tables::points(&tf), scene_tables::transfer_index(&tf));
     let group_0 = [
-        (0, Resource::Uniform(bytemuck::bytes_of(&config))),
-        (1, Resource::Uniform(bytemuck::bytes_of(&tables))),
-        (3, Resource::Storage(bytemuck::cast_slice(&points))),
-        (4, Resource::Storage(bytemuck::cast_slice(&index))),
+        (0, Resource::Storage(bytemuck::bytes_of(&scene))),
+        (2, Resource::Table(bytemuck::cast_slice(&points), 4)),
+        (3, Resource::Table(&index, 1)),
     ];
     let cases = cases();
     let found: Vec<Outcome> = run(&gpu, shaders::TEST_TWINS, &group_0, &cases);

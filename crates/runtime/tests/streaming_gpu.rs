@@ -6,17 +6,22 @@ mod containers;
 mod support;
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use containers::{Fault, Faulty, container_bytes, open};
 use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelType};
 use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions};
 use supervol_runtime::raycast::gpu::{GpuDevice, GpuError};
-use supervol_runtime::renderer::render;
+use supervol_runtime::renderer::{Renderer, render};
 use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::volume::Volume as OpenVolume;
 use support::{Volume, difference, marschner_lobb, points, scene};
 
 /// Greatest difference between the backends, in grey levels of 255.
 const TOLERANCE: f64 = 0.5;
+
+/// The same between pictures of the GPU, whose rays stopped elsewhere and went on.
+const ROUNDING: f64 = 1e-3;
 
 /// Whether there is a GPU; with `SUPERVOL_REQUIRE_GPU=1` it is a failure if there is none.
 fn has_adapter() -> bool {
@@ -107,6 +112,59 @@ fn a_host_cache_of_about_one_brick_feeds_the_gpu_too() {
         );
         assert!(stats.host_cache_budget_bytes < 30_000 && stats.repeated_page_ins * 2 <= stats.page_ins, "{stats:#?}");
     }
+}
+
+/// Bricks, pipelines and answers stay from picture to picture; each picture is what a new renderer makes.
+#[test]
+fn the_next_picture_reads_and_uploads_nothing() {
+    if !has_adapter() {
+        return;
+    }
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let options = options(Backend::Gpu);
+    let mut renderer = Renderer::new(OpenVolume::of(container.clone()), options.clone()).unwrap();
+    let mut scene = the_scene(&volume, r#""dvr""#);
+    for side in 0..3 {
+        scene.camera.eye.x -= f64::from(side);
+        renderer.set_scene(scene.clone());
+        assert!(renderer.advance(None).unwrap().is_converged);
+        let (expected, _) = render(&container, &scene, &options).unwrap();
+        assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING, "picture {side}");
+        let stats = renderer.stats();
+        assert_eq!((stats.gpu_page_ins > 0, stats.page_ins > 0), (side == 0, side == 0), "{stats:#?}");
+    }
+    // Another look: what is asked for anew is in the host's cache or on the device.
+    let other = the_scene(&volume, r#""mip""#);
+    renderer.set_scene(other.clone());
+    renderer.advance(None).unwrap();
+    let (expected, _) = render(&container, &other, &options).unwrap();
+    assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING);
+}
+
+/// A deadline leaves a whole picture behind, and nothing that is wrong: with more time it becomes the picture that is wanted.
+#[test]
+fn what_a_deadline_left_out_is_drawn_with_more_time() {
+    if !has_adapter() {
+        return;
+    }
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let options = options(Backend::Gpu);
+    let scene = the_scene(&volume, r#""dvr""#);
+    let (expected, _) = render(&container, &scene, &options).unwrap();
+    let mut renderer = Renderer::new(OpenVolume::of(container), options).unwrap();
+    renderer.set_scene(scene.clone());
+    let step = renderer.advance(Some(Instant::now())).unwrap();
+    assert!(!step.is_converged);
+    assert!(difference(&renderer.picture().unwrap(), &expected) > TOLERANCE, "coarse bricks are the picture");
+    // Rays stop where they are, in whichever pass, and go on.
+    for ms in [1, 5, 20] {
+        renderer.advance(Some(Instant::now() + Duration::from_millis(ms))).unwrap();
+        assert_eq!(renderer.picture().unwrap().pixels.len(), 40 * 36);
+    }
+    assert!(renderer.advance(None).unwrap().is_converged);
+    assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING);
 }
 
 #[test]

@@ -223,6 +223,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !arguments.print_scene {
         print(output, &stats).map_err(with_output)?;
     }
+    if let Some(why) = about_backend(options.backend, &stats) {
+        crate::progress::announce(&why);
+    }
     match stats.bricks_failed {
         0 => Ok(()),
         _ if arguments.allow_failed => Ok(()),
@@ -333,6 +336,21 @@ fn with_render(error: RenderError) -> Failure {
         }
         RenderError::Container(_) => Failure::Data(message),
         _ => Failure::Machine(message),
+    }
+}
+
+/// Which backend was chosen and why, where it was not asked for; that the one that was is slow, where it is.
+fn about_backend(asked: Backend, stats: &FrameStats) -> Option<String> {
+    let adapter = stats.adapter.as_deref().unwrap_or("a graphics adapter");
+    match asked {
+        Backend::Auto => Some(match &stats.no_gpu_because {
+            Some(why) => format!("--backend auto: {}, because {why}", stats.backend),
+            None => format!("--backend auto: {}, because {adapter} is there", stats.backend),
+        }),
+        Backend::Gpu if stats.adapter_is_software => {
+            Some(format!("{adapter} is a processor: --backend cpu draws the same picture many times faster"))
+        }
+        _ => None,
     }
 }
 

@@ -93,6 +93,11 @@ pub trait RayCaster {
     /// Bricks that can be handed over between two passes; at least 1.
     fn room(&self) -> usize;
 
+    /// Most rows of pixels that are begun at once.
+    fn band_rows(&self) -> u32 {
+        u32::MAX
+    }
+
     /// Begins the rays of these rows of pixels, numbered from the top.
     ///
     /// # Errors

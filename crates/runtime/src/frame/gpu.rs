@@ -13,9 +13,10 @@ use super::caster::{CasterTotals, PassReport, RayCaster};
 use super::{FrameWalk, RenderError, RenderOptions, lod_choice, plan_host_for, streamer_for};
 use crate::facts::value_map;
 use crate::image::Image;
+use crate::lod::LodChoice;
 use crate::raycast::cpu::Counters;
 use crate::raycast::gpu::{
-    GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuVolume, Insertion, PageEntry, VoxelStorage,
+    GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, Insertion, PageEntry, VoxelStorage,
 };
 use crate::raycast::volume::{BrickView, Resident};
 use crate::scene::ResolvedScene;
@@ -25,70 +26,152 @@ use crate::streamer::budget::{CasterBytes, HostPlan};
 use crate::streamer::{Fetched, HostView, OnMissing, Streamer};
 use crate::units::InUnits;
 
+/// A device, and what it holds from picture to picture: bricks, tables, pipelines.
+pub(crate) struct GpuBackend {
+    device: GpuDevice,
+    caster: Option<GpuCaster>,
+    /// The picture whose rays stopped where they were, and how it is made.
+    paused: Option<(ResolvedScene, LodChoice)>,
+}
+
 /// The ray caster in WGSL.
 struct GpuCaster {
     renderer: GpuRenderer,
     pyramid: Pyramid,
     rays: u64,
-    height: u32,
     counters: Counters,
+    stop: Stop,
+    is_paused_when_due: bool,
+    /// Rows whose rays have begun; those of a picture that goes on.
+    rows: Range<u32>,
+    /// What the device had done before this picture.
+    before: GpuStats,
 }
 
-/// Makes the picture on a GPU, from what the streamer has and fetches.
-///
-/// # Errors
-/// As [`crate::renderer::render`], and whatever the GPU cannot do.
-pub(crate) fn render_gpu(
-    device: &GpuDevice,
-    scene: &ResolvedScene,
-    options: &RenderOptions,
-    streamer: &mut Streamer,
-    plan: HostPlan,
-    stop: &Stop,
-) -> Result<(Image, FrameStats), RenderError> {
-    let container = streamer.container().clone();
-    let descriptor = container.descriptor();
-    let map = value_map(&container);
-    let InUnits { geometry, value_range, .. } = InUnits::of(&container);
-    let volume = GpuVolume {
-        pyramid: &descriptor.pyramid,
-        geometry: &geometry,
-        value_map: &map,
-        value_range,
-        storage: storage(descriptor.voxel_type),
-    };
-    let gpu_options = GpuOptions { memory_bytes: options.gpu_memory_bytes, skipping: options.skipping };
-    let renderer = GpuRenderer::new(device, &volume, scene, lod_choice(options), gpu_options)?;
-    let mut caster = GpuCaster {
-        renderer,
-        pyramid: descriptor.pyramid.clone(),
-        rays: u64::from(scene.camera.width) * u64::from(scene.camera.height),
-        height: scene.image_size[1],
-        counters: Counters::default(),
-    };
-    let mut walk = FrameWalk::new(streamer, plan, options, Instant::now()).until(stop.clone());
-    let image = walk.run(&mut caster, scene.image_size)?;
-    Ok((image, FrameStats { backend: "gpu", ..walk.into_stats() }))
+/// What a picture is made from.
+pub(crate) struct GpuPicture<'a> {
+    pub(crate) scene: &'a ResolvedScene,
+    pub(crate) options: &'a RenderOptions,
+    pub(crate) plan: HostPlan,
+    pub(crate) stop: &'a Stop,
+    /// Whether the table of contents decides about bricks as for the picture before.
+    pub(crate) keeps_answers: bool,
+    /// Whether rays stop where they are when it is time to ([`RenderError::Cancelled`]), to go on when the same picture is drawn
+    /// next; if not, it is completed from the bricks that are there.
+    pub(crate) is_paused_when_due: bool,
+    /// What pictures before it, for the same scene, have cost.
+    pub(crate) before: FrameStats,
 }
 
-/// Draws on `device`; should that be lost, once more on what `reopen` gives, which takes its place: the GPU's memory is
-/// filled again. The statistics tell of the loss, and what the lost device had done is not in them.
-///
-/// # Errors
-/// As `draw`; the loss itself where the second device cannot be opened, or is lost, too.
-pub(crate) fn surviving(
-    device: &mut GpuDevice,
-    reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,
-    mut draw: impl FnMut(&GpuDevice) -> Result<(Image, FrameStats), RenderError>,
-) -> Result<(Image, FrameStats), RenderError> {
-    let lost = match draw(device) {
-        Err(RenderError::Gpu(GpuError::DeviceLost { message })) => message,
-        other => return other,
-    };
-    let Ok(second) = reopen() else { return Err(GpuError::DeviceLost { message: lost }.into()) };
-    *device = second;
-    let (image, stats) = draw(device)?;
-    Ok((image, FrameStats { gpu_lost_because: Some(lost), ..stats }))
+impl GpuBackend {
+    /// Nothing is there yet.
+    pub(crate) fn new(device: GpuDevice) -> Self {
+        Self { device, caster: None, paused: None }
+    }
+
+    /// Whether the device is a processor in disguise.
+    pub(crate) fn is_software(&self) -> bool {
+        self.device.is_software()
+    }
+
+    /// Makes a picture from what the device holds, and what the streamer has and fetches. Should the device be lost, once more
+    /// on what `reopen` gives, which takes its place: its memory is filled again. The statistics tell of the loss, and what the
+    /// lost device had done is not in them.
+    ///
+    /// # Errors
+    /// As [`crate::renderer::render`], and whatever the GPU cannot do; the loss itself where the second device cannot be opened,
+    /// or is lost, too.
+    pub(crate) fn draw(
+        &mut self,
+        streamer: &mut Streamer,
+        picture: &GpuPicture<'_>,
+        reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,
+    ) -> Result<(Image, FrameStats), RenderError> {
+        let lost = match self.draw_once(streamer, picture) {
+            Err(RenderError::Gpu(GpuError::DeviceLost { message })) => message,
+            other => return other,
+        };
+        let Ok(second) = reopen() else { return Err(GpuError::DeviceLost { message: lost }.into()) };
+        *self = Self::new(second);
+        let (image, stats) = self.draw_once(streamer, picture)?;
+        Ok((image, FrameStats { gpu_lost_because: Some(lost), ..stats }))
+    }
+
+    fn draw_once(
+        &mut self,
+        streamer: &mut Streamer,
+        picture: &GpuPicture<'_>,
+    ) -> Result<(Image, FrameStats), RenderError> {
+        // Where something goes wrong, nothing half done is kept.
+        let (caster, paused) = (self.caster.take(), self.paused.take());
+        let GpuPicture { scene, options, plan, stop, .. } = *picture;
+        let this = (scene.clone(), lod_choice(options));
+        let mut caster = match caster {
+            Some(caster) if paused.as_ref() == Some(&this) => caster.resumed(picture),
+            caster => self.begin(caster, streamer, picture)?,
+        };
+        let mut walk =
+            FrameWalk::new(streamer, plan, options, Instant::now()).until(stop.clone()).after(picture.before.clone());
+        match walk.run(&mut caster, scene.image_size) {
+            Ok(image) => {
+                self.caster = Some(caster);
+                Ok((image, FrameStats { backend: "gpu", ..walk.into_stats() }))
+            }
+            Err(RenderError::Cancelled) => {
+                // Pictures of several bands are begun again: nobody keeps the bands that were finished.
+                self.paused = (caster.rows == (0..scene.image_size[1])).then_some(this);
+                self.caster = Some(caster);
+                Err(RenderError::Cancelled)
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The caster of the picture before where there is room in it, else a new one.
+    fn begin(
+        &self,
+        caster: Option<GpuCaster>,
+        streamer: &Streamer,
+        picture: &GpuPicture<'_>,
+    ) -> Result<GpuCaster, RenderError> {
+        let GpuPicture { scene, options, stop, keeps_answers, .. } = *picture;
+        let container = streamer.container();
+        let descriptor = container.descriptor();
+        let map = value_map(container);
+        let InUnits { geometry, value_range, .. } = InUnits::of(container);
+        let volume = GpuVolume {
+            pyramid: &descriptor.pyramid,
+            geometry: &geometry,
+            value_map: &map,
+            value_range,
+            storage: storage(descriptor.voxel_type),
+        };
+        let lod = lod_choice(options);
+        let kept = match caster {
+            Some(mut kept) => kept.renderer.set_scene(&volume, scene, lod, keeps_answers)?.then_some(kept.renderer),
+            None => None,
+        };
+        let gpu_options = GpuOptions { memory_bytes: options.gpu_memory_bytes, skipping: options.skipping };
+        let mut renderer = match kept {
+            Some(renderer) => renderer,
+            None => GpuRenderer::new(&self.device, &volume, scene, lod, gpu_options)?,
+        };
+        if !keeps_answers {
+            let is_too_coarse = |key: &BrickKey| streamer.is_too_coarse(*key);
+            let keys: Vec<BrickKey> = renderer.resident().filter(is_too_coarse).collect();
+            keys.into_iter().for_each(|key| renderer.set_state(key, PageEntry::TooCoarse));
+        }
+        Ok(GpuCaster {
+            before: renderer.stats(),
+            renderer,
+            pyramid: descriptor.pyramid.clone(),
+            rays: u64::from(scene.camera.width) * u64::from(scene.camera.height),
+            counters: Counters::default(),
+            stop: stop.clone(),
+            is_paused_when_due: picture.is_paused_when_due,
+            rows: 0..0,
+        })
+    }
 }
 
 /// One picture on `device`, or on what `reopen` gives should that be lost, on the calling thread's pool.
@@ -96,7 +179,7 @@ pub(crate) fn surviving(
 /// # Errors
 /// As any picture; the loss itself where the second device cannot be opened, or is lost, too.
 pub fn render_gpu_surviving(
-    mut device: GpuDevice,
+    device: GpuDevice,
     reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,
     container: &Arc<Container>,
     scene: &ResolvedScene,
@@ -104,10 +187,11 @@ pub fn render_gpu_surviving(
 ) -> Result<(Image, FrameStats), RenderError> {
     let plan = plan_host_for(CasterBytes::ON_DEVICE, container, scene, options, options.time_budget_ms.is_some())?;
     let stop = Stop::at(options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms)));
-    surviving(&mut device, reopen, |device| {
-        let mut streamer = streamer_for(container, scene, options, plan);
-        render_gpu(device, scene, options, &mut streamer, plan, &stop)
-    })
+    let mut streamer = streamer_for(container, scene, options, plan);
+    let (keeps_answers, is_paused_when_due) = (false, false);
+    let before = FrameStats::default();
+    let picture = GpuPicture { scene, options, plan, stop: &stop, keeps_answers, is_paused_when_due, before };
+    GpuBackend::new(device).draw(&mut streamer, &picture, reopen)
 }
 
 /// How bricks of this type are decoded: see [`crate::raycast::volume::Voxels`].
@@ -120,6 +204,11 @@ fn storage(voxel_type: VoxelType) -> VoxelStorage {
 }
 
 impl GpuCaster {
+    /// The same picture goes on, with more time.
+    fn resumed(self, picture: &GpuPicture<'_>) -> Self {
+        Self { stop: picture.stop.clone(), is_paused_when_due: picture.is_paused_when_due, ..self }
+    }
+
     /// Copies a brick of the host cache to a slot, if there is one for it.
     fn insert(&mut self, view: &HostView<'_>, key: BrickKey) -> Result<(), RenderError> {
         if let (Resident::Brick(brick), false) = (view.stand_in(key), self.renderer.is_resident(key)) {
@@ -170,16 +259,33 @@ impl RayCaster for GpuCaster {
         self.renderer.slot_capacity().saturating_sub(1).max(1)
     }
 
+    fn band_rows(&self) -> u32 {
+        (self.renderer.band_rows() / self.renderer.subgrid()).max(1)
+    }
+
     fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError> {
-        assert_eq!(pixel_rows, 0..self.height, "the renderer made the rays of the whole picture");
+        if self.rows != pixel_rows {
+            let subgrid = self.renderer.subgrid();
+            self.renderer.begin(pixel_rows.start * subgrid..pixel_rows.end * subgrid);
+            self.rows = pixel_rows;
+        }
         Ok(())
     }
 
     fn cast_pass(&mut self, view: &HostView<'_>) -> Result<PassReport, RenderError> {
-        if view.on_missing() == OnMissing::UseParent {
+        let is_late = view.on_missing() == OnMissing::UseParent;
+        if is_late && self.is_paused_when_due {
+            return Err(RenderError::Cancelled);
+        }
+        if is_late {
             self.stop_waiting(view)?;
         }
-        let feedback = self.renderer.cast_pass()?;
+        // Who completes a picture stops only when somebody says so.
+        let stop = if self.is_paused_when_due { self.stop.clone() } else { self.stop.instead_at(None) };
+        let feedback = self.renderer.cast_pass_until(&stop)?;
+        if feedback.is_stopped {
+            return Err(RenderError::Cancelled);
+        }
         self.counters.add(&feedback.counters);
         Ok(PassReport {
             misses: feedback.misses.into_iter().map(|miss| miss.key).collect(),
@@ -200,7 +306,7 @@ impl RayCaster for GpuCaster {
     }
 
     fn totals(&self) -> CasterTotals {
-        let stats = self.renderer.stats();
+        let (stats, before) = (self.renderer.stats(), &self.before);
         CasterTotals {
             rays: self.rays,
             // The GPU does not tell which of its finished rays ended early.
@@ -210,11 +316,11 @@ impl RayCaster for GpuCaster {
             macro_cells: self.counters.macro_cells,
             macro_cells_skipped: self.counters.macro_cells_skipped,
             gpu_bytes: stats.planned_bytes,
-            gpu_page_ins: stats.insertions,
-            gpu_anomalies: stats.anomalies,
+            gpu_page_ins: stats.insertions - before.insertions,
+            gpu_anomalies: stats.anomalies - before.anomalies,
             gpu_dispatch_ms_max: stats.dispatch_ms_max,
             adapter: Some(stats.adapter),
-            upload_time: Duration::from_secs_f64(stats.upload_ms / 1e3),
+            upload_time: Duration::from_secs_f64((stats.upload_ms - before.upload_ms) / 1e3),
             ..CasterTotals::default()
         }
     }

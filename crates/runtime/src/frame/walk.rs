@@ -85,13 +85,14 @@ impl<'a> FrameWalk<'a> {
             self.keep_coarse_levels(caster)?;
         }
         let mut image = Image { width, height, pixels: Vec::with_capacity(width as usize * height as usize) };
-        for first in (0..height).step_by(self.plan.band_rows as usize) {
+        let rows = self.plan.band_rows.min(caster.band_rows());
+        for first in (0..height).step_by(rows as usize) {
             self.streamer.begin_band();
-            caster.begin(first..(first + self.plan.band_rows).min(height))?;
+            caster.begin(first..first.saturating_add(rows).min(height))?;
             self.complete_band(caster)?;
             image.pixels.extend(caster.image()?.pixels);
             self.stats.bands += 1;
-            self.rows_finished = (first + self.plan.band_rows).min(height);
+            self.rows_finished = first.saturating_add(rows).min(height);
         }
         self.gather_stats(caster);
         Ok(image)

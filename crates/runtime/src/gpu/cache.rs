@@ -1,4 +1,4 @@
-//! Resident bricks on the GPU: cache textures, macro ranges, page table.
+//! Resident bricks on the GPU: cache textures, macro ranges, page table, and what of the bricks shows under a look.
 //!
 //! Voxels are stored as unsigned integers (R8Uint, R16Uint, or the bits of floats in R32Uint) and read by `textureLoad`:
 //! exact, without optional features, and filtered by the shader in `f32` rather than with 8-bit fractions.
@@ -40,7 +40,7 @@ impl VoxelStorage {
     }
 }
 
-/// Macro cell without anything to see: least value above greatest.
+/// Macro cell without any value: least value above greatest.
 pub const EMPTY_RANGE: [f32; 2] = [1.0, -1.0];
 
 /// Textures and tables of resident bricks.
@@ -52,8 +52,12 @@ pub struct GpuCache {
     pub views: Vec<wgpu::TextureView>,
     /// Page table.
     pub page_table: wgpu::Buffer,
-    /// Macro ranges of all slots.
+    /// Macro ranges of all slots, whatever the look.
     pub macro_ranges: wgpu::Buffer,
+    /// How far each of these is from one that shows something under the look.
+    pub proximity: wgpu::Buffer,
+    /// Slots whose proximity is to be made.
+    pub slot_list: wgpu::Buffer,
     /// Page table entries to be written before the next pass: (entry, (state, payload)), in the order of the calls.
     pending: Vec<(u32, [u32; 2])>,
     storage: VoxelStorage,
@@ -104,6 +108,8 @@ impl GpuCache {
         let page_table = gpu.buffer("the page table", entries * 8, wgpu::BufferUsages::STORAGE)?;
         let ranges = plan.slots * cells as u64 * 8;
         let macro_ranges = gpu.buffer("the macro ranges", ranges, wgpu::BufferUsages::STORAGE)?;
+        let proximity = gpu.buffer("proximity", ranges / 2, wgpu::BufferUsages::STORAGE)?;
+        let slot_list = gpu.buffer("a list of slots", 4 * plan.slots, wgpu::BufferUsages::STORAGE)?;
         Ok(Self {
             gpu: gpu.clone(),
             textures,
@@ -111,6 +117,8 @@ impl GpuCache {
             views,
             page_table,
             macro_ranges,
+            proximity,
+            slot_list,
             pending: Vec::new(),
             storage,
             edge,
@@ -118,6 +126,12 @@ impl GpuCache {
             staging_bytes: plan.staging_bytes,
             bytes_in_flight: 0,
         })
+    }
+
+    /// Textures that hold slots.
+    #[must_use]
+    pub fn texture_count(&self) -> u32 {
+        self.textures.len() as u32
     }
 
     /// Slots of all textures.
@@ -208,8 +222,22 @@ impl GpuCache {
         Ok(())
     }
 
+    /// Writes numbers of slots to [`Self::slot_list`].
+    pub fn write_slot_list(&self, slots: &[SlotIndex]) {
+        let numbers: Vec<u32> = slots.iter().map(|slot| slot.0).collect();
+        self.gpu.queue.write_buffer(&self.slot_list, 0, bytemuck::cast_slice(&numbers));
+    }
+
+    /// Forgets what all entries of the page table are: all are missing.
+    pub fn clear_pages(&mut self) {
+        self.pending.clear();
+        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.clear_buffer(&self.page_table, 0, None);
+        self.gpu.queue.submit([encoder.finish()]);
+    }
+
     /// Waits for earlier uploads if this many more bytes would exceed the staging limit.
-    fn make_room(&mut self, bytes: u64) -> Result<(), GpuError> {
+    pub fn make_room(&mut self, bytes: u64) -> Result<(), GpuError> {
         self.bytes_in_flight += bytes;
         if self.bytes_in_flight > self.staging_bytes {
             self.gpu.queue.submit([]);

@@ -7,14 +7,19 @@
 //! answers [`GpuError::DeviceLost`], whereupon the caller builds a new device and a new renderer.
 
 use std::pin::pin;
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::task::{Context, Poll, Waker};
+
+use super::pipelines::{Pipelines, Variant};
 
 /// Environment variable that names the adapter: any part of its name, in any case.
 pub const ADAPTER_VARIABLE: &str = "SUPERVOL_ADAPTER";
 
 /// Polls of a future before it counts as stuck: natively wgpu's futures are ready at once or after one poll.
 const FUTURE_POLL_LIMIT: usize = 1 << 20;
+
+/// Most variants of the pipelines that are kept: modes, with and without shading.
+const VARIANT_LIMIT: usize = 10;
 
 /// What the GPU could not do, with advice where there is any.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -45,6 +50,9 @@ pub enum GpuError {
     NoRoom { key: supervol_format::BrickKey, slots: usize },
 }
 
+/// Pipelines, and what they were compiled for.
+type KeptPipelines = (Variant, Arc<Pipelines>);
+
 /// One opened GPU: device, queue, and what they may do. A clone is the same device.
 #[derive(Clone)]
 pub struct GpuDevice {
@@ -56,6 +64,7 @@ pub struct GpuDevice {
     limits: wgpu::Limits,
     lost: Arc<OnceLock<String>>,
     uncaptured: Arc<Mutex<Vec<GpuError>>>,
+    pipelines: Arc<Mutex<Vec<KeptPipelines>>>,
 }
 
 /// Whether a hardware GPU can be there at all. On Linux its driver shows as a device file; asking first spares machines
@@ -128,7 +137,7 @@ impl GpuDevice {
                 keep_first_of_kind(&mut errors, from_wgpu(error, "a pass"));
             }
         }));
-        Ok(Self { device, queue, info, limits, lost, uncaptured })
+        Ok(Self { device, queue, info, limits, lost, uncaptured, pipelines: Arc::default() })
     }
 
     /// The adapter's name and kind, for statistics and messages.
@@ -141,6 +150,30 @@ impl GpuDevice {
     #[must_use]
     pub fn is_software(&self) -> bool {
         self.info.device_type == wgpu::DeviceType::Cpu
+    }
+
+    /// The adapter's kind.
+    #[must_use]
+    pub fn kind(&self) -> wgpu::DeviceType {
+        self.info.device_type
+    }
+
+    /// The compute pipelines of a variant: compiled once for each device, the last ten are kept.
+    ///
+    /// # Errors
+    /// If the driver refuses one.
+    pub fn pipelines(&self, variant: Variant) -> Result<Arc<Pipelines>, GpuError> {
+        self.alive()?;
+        let mut kept = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, pipelines)) = kept.iter().find(|(other, _)| *other == variant) {
+            return Ok(Arc::clone(pipelines));
+        }
+        let pipelines = Arc::new(Pipelines::new(self, variant)?);
+        if kept.len() == VARIANT_LIMIT {
+            kept.remove(0);
+        }
+        kept.push((variant, Arc::clone(&pipelines)));
+        Ok(pipelines)
     }
 
     /// What was requested and granted.

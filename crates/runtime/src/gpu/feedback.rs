@@ -1,8 +1,9 @@
 //! What the rays of a pass say: bricks they wait for, bricks they used, and what it cost.
 //!
 //! Layout of the buffer, in words: [`GpuCounters`]; the number of misses; three zeros; [`MISS_LIMIT`] pairs (entry, waiting
-//! rays); one bit for each slot. All of it is read back after every pass, so that it is bounded: at most
-//! [`MISS_LIMIT`] misses are listed, the rest is counted and asked for again in the next pass.
+//! rays); one bit for each slot; for each entry of the page table the rays that wait for it. All but the last is read back
+//! after every pass, so that it is bounded: at most [`MISS_LIMIT`] misses are listed, the rest is counted and asked for again
+//! in the next pass.
 
 use supervol_format::BrickKey;
 
@@ -30,6 +31,8 @@ pub struct PassFeedback {
     pub uses: Vec<BrickKey>,
     /// Rays that are not finished: all of them wait for one of the misses.
     pub unfinished_rays: u64,
+    /// Whether it was time to stop before all rays were finished or waited.
+    pub is_stopped: bool,
     /// What the rays did.
     pub counters: Counters,
     /// What only this backend counts.
@@ -74,10 +77,28 @@ impl PassFeedback {
     }
 }
 
+/// Where the bits of the slots begin, words after the header.
+#[must_use]
+pub const fn use_words() -> u32 {
+    2 * MISS_LIMIT
+}
+
+/// Where the counts of waiting rays begin, words after the header.
+#[must_use]
+pub const fn wait_words(slots: u64) -> u64 {
+    use_words() as u64 + slots.div_ceil(32)
+}
+
+/// Words that are read back after a pass.
+#[must_use]
+pub const fn read_words(slots: u64) -> u64 {
+    HEADER_WORDS as u64 + wait_words(slots)
+}
+
 /// Words of the whole buffer.
 #[must_use]
-pub fn buffer_words(slots: u64) -> u64 {
-    HEADER_WORDS as u64 + 2 * u64::from(MISS_LIMIT) + slots.div_ceil(32)
+pub const fn buffer_words(slots: u64, entries: u64) -> u64 {
+    read_words(slots) + entries
 }
 
 /// The listed misses (entry, rays), by entry, and how many found no place.
@@ -93,7 +114,7 @@ pub fn read_misses(words: &[u32]) -> (Vec<(u32, u32)>, u64) {
 
 /// The slots whose bit is set.
 pub fn read_uses(words: &[u32]) -> impl Iterator<Item = SlotIndex> + '_ {
-    let bits = &words[HEADER_WORDS + 2 * MISS_LIMIT as usize..];
+    let bits = &words[HEADER_WORDS + use_words() as usize..];
     (0u32..).zip(bits).flat_map(|(word, &bits)| {
         (0..32).filter(move |bit| bits >> bit & 1 != 0).map(move |bit| SlotIndex(word * 32 + bit))
     })

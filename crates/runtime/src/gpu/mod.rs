@@ -5,13 +5,14 @@
 //! - [`shaders`]: the WGSL files, in the order in which they are joined;
 //! - [`memory`]: bytes of everything, computed before anything is allocated;
 //! - [`pipelines`]: the compute pipelines and what they bind;
-//! - [`rays`]: pixels to clipped rays that hold no large number in an `f32`;
+//! - [`rays`]: pixels to rays that hold no large number in an `f32`;
 //! - [`scene_tables`]: a scene as the shaders read it;
 //! - [`slots`]: which brick sits in which slot, and who must leave;
 //! - [`cache`]: the cache textures, the page table and the macro ranges on the GPU;
+//! - [`table`]: what shaders look up at any place;
 //! - [`feedback`]: what the rays say: misses, uses, counters.
 //!
-//! Only core WebGPU is required: no optional feature, eight storage buffers, 3D textures of unsigned integers.
+//! Only core WebGPU is required: no optional feature, six storage buffers, 3D textures of unsigned integers.
 
 pub mod cache;
 pub mod device;
@@ -23,3 +24,4 @@ pub mod rays;
 pub mod scene_tables;
 pub mod shaders;
 pub mod slots;
+pub mod table;

@@ -1,84 +1,96 @@
 //! Compute pipelines and what they bind; the order of the bindings is that of `shaders/shared/config.wgsl`.
 
 use super::device::{GpuDevice, GpuError};
+use super::layout::Dispatch;
 use super::memory::TEXTURE_LIMIT;
-use super::shaders::{GATHER_MISSES, RAYCAST, ShaderModule};
+use super::shaders::{BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, RAYCAST, ShaderModule};
 
-/// Both pipelines and both layouts.
+/// What pipelines are compiled for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Variant {
+    /// `MODE_...`
+    pub mode: u32,
+    /// `FLAG_...`
+    pub flags: u32,
+    /// Cache textures that hold bricks.
+    pub textures: u32,
+}
+
+/// All pipelines and their layouts.
 pub struct Pipelines {
-    /// Bindings that live as long as the renderer.
-    pub scene_layout: wgpu::BindGroupLayout,
-    /// Bindings of one chunk of rays.
-    pub chunk_layout: wgpu::BindGroupLayout,
+    scene_layout: wgpu::BindGroupLayout,
+    /// `classify_cells.wgsl`
+    pub classify_cells: Pipeline,
+    /// `begin_rays.wgsl`
+    pub begin_rays: Pipeline,
     /// `raycast.wgsl`
-    pub raycast: wgpu::ComputePipeline,
+    pub raycast: Pipeline,
     /// `gather_misses.wgsl`
-    pub gather_misses: wgpu::ComputePipeline,
+    pub gather_misses: Pipeline,
+}
+
+/// A pipeline, and the layout of what it alone binds.
+pub struct Pipeline {
+    /// The pipeline.
+    pub pipeline: wgpu::ComputePipeline,
+    layout: wgpu::BindGroupLayout,
 }
 
 /// What group 0 binds.
 pub struct SceneBindings<'a> {
-    /// `Config`
-    pub config: &'a wgpu::Buffer,
-    /// `Tables`
-    pub tables: &'a wgpu::Buffer,
+    /// `Scene`
+    pub scene: &'a wgpu::Buffer,
     /// Page table.
     pub page_table: &'a wgpu::Buffer,
     /// Control points.
-    pub points: &'a wgpu::Buffer,
+    pub points: &'a wgpu::TextureView,
     /// Bins and knots.
-    pub transfer_index: &'a wgpu::Buffer,
+    pub transfer_index: &'a wgpu::TextureView,
     /// Macro ranges.
     pub macro_ranges: &'a wgpu::Buffer,
+    /// Proximity.
+    pub proximity: &'a wgpu::Buffer,
     /// Feedback.
     pub feedback: &'a wgpu::Buffer,
-    /// Miss counters.
-    pub miss_counts: &'a wgpu::Buffer,
     /// Cache textures, [`TEXTURE_LIMIT`] of them.
     pub textures: &'a [wgpu::TextureView],
 }
 
 #[derive(Clone, Copy)]
 enum Access {
-    Uniform,
+    Job,
     Read,
     ReadWrite,
+    Table,
 }
 
-const SCENE_BUFFERS: [Access; 8] = [
-    Access::Uniform,
-    Access::Uniform,
-    Access::Read,
-    Access::Read,
-    Access::Read,
-    Access::Read,
-    Access::ReadWrite,
-    Access::ReadWrite,
-];
-const CHUNK_BUFFERS: [Access; 3] = [Access::Uniform, Access::Read, Access::ReadWrite];
+/// Bindings of group 0 before the cache textures.
+const SCENE_TABLES: [Access; 7] =
+    [Access::Read, Access::Read, Access::Table, Access::Table, Access::Read, Access::ReadWrite, Access::ReadWrite];
 
 impl Pipelines {
     /// Compiles the shaders.
     ///
     /// # Errors
     /// If the driver refuses one.
-    pub fn new(gpu: &GpuDevice) -> Result<Self, GpuError> {
-        let mut scene_entries: Vec<_> = (0..).zip(SCENE_BUFFERS).map(|(i, access)| buffer_entry(i, access)).collect();
-        scene_entries.extend((SCENE_BUFFERS.len() as u32..).take(TEXTURE_LIMIT).map(texture_entry));
-        let chunk_entries: Vec<_> = (0..).zip(CHUNK_BUFFERS).map(|(i, access)| buffer_entry(i, access)).collect();
-        let layout = |entries: &[wgpu::BindGroupLayoutEntry]| {
-            gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: None, entries })
-        };
+    pub fn new(gpu: &GpuDevice, variant: Variant) -> Result<Self, GpuError> {
+        let mut scene_entries: Vec<_> = (0..).zip(SCENE_TABLES).map(|(i, access)| entry(i, access)).collect();
+        let cache = (SCENE_TABLES.len() as u32..).take(TEXTURE_LIMIT);
+        scene_entries.extend(cache.map(|i| texture_entry(i, wgpu::TextureViewDimension::D3)));
         gpu.checked("the compute pipelines", || {
-            let (scene_layout, chunk_layout) = (layout(&scene_entries), layout(&chunk_entries));
-            let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label: None,
-                bind_group_layouts: &[Some(&scene_layout), Some(&chunk_layout)],
-                immediate_size: 0,
-            });
-            let raycast = pipeline(gpu, &pipeline_layout, &RAYCAST);
-            let gather_misses = pipeline(gpu, &pipeline_layout, &GATHER_MISSES);
-            Self { scene_layout, chunk_layout, raycast, gather_misses }
+            let scene_layout = layout(gpu, &scene_entries);
+            let make = |shader: &ShaderModule, buffers: &[Access]| {
+                let entries: Vec<_> = (0..).zip(buffers).map(|(i, access)| entry(i, *access)).collect();
+                let layout = layout(gpu, &entries);
+                Pipeline { pipeline: pipeline(gpu, [&scene_layout, &layout], shader, variant), layout }
+            };
+            Self {
+                classify_cells: make(&CLASSIFY_CELLS, &[Access::Read]),
+                begin_rays: make(&BEGIN_RAYS, &[Access::ReadWrite]),
+                raycast: make(&RAYCAST, &[Access::ReadWrite, Access::Job]),
+                gather_misses: make(&GATHER_MISSES, &[]),
+                scene_layout,
+            }
         })
     }
 
@@ -88,26 +100,30 @@ impl Pipelines {
     /// If the device refuses it.
     pub fn bind_scene(&self, gpu: &GpuDevice, bindings: &SceneBindings<'_>) -> Result<wgpu::BindGroup, GpuError> {
         let b = bindings;
-        let buffers =
-            [b.config, b.tables, b.page_table, b.points, b.transfer_index, b.macro_ranges, b.feedback, b.miss_counts];
-        let mut resources: Vec<_> = buffers.iter().map(|buffer| buffer.as_entire_binding()).collect();
+        let tables = [b.points, b.transfer_index].map(wgpu::BindingResource::TextureView);
+        let (first, last) = ([b.scene, b.page_table], [b.macro_ranges, b.proximity, b.feedback]);
+        let mut resources: Vec<_> = first.map(wgpu::Buffer::as_entire_binding).into_iter().chain(tables).collect();
+        resources.extend(last.map(wgpu::Buffer::as_entire_binding));
         resources.extend(b.textures.iter().map(wgpu::BindingResource::TextureView));
         bind(gpu, &self.scene_layout, resources)
     }
+}
 
-    /// Group 1.
+impl Pipeline {
+    /// Group 1: whole buffers; of jobs, one at a time.
     ///
     /// # Errors
     /// If the device refuses it.
-    pub fn bind_chunk(
+    pub fn bind(
         &self,
         gpu: &GpuDevice,
-        job: &wgpu::Buffer,
-        rays: &wgpu::Buffer,
-        states: &wgpu::Buffer,
+        buffers: &[&wgpu::Buffer],
+        jobs: Option<&wgpu::Buffer>,
     ) -> Result<wgpu::BindGroup, GpuError> {
-        let resources = [job, rays, states].map(|buffer| buffer.as_entire_binding());
-        bind(gpu, &self.chunk_layout, resources.into())
+        let size = wgpu::BufferSize::new(size_of::<Dispatch>() as u64);
+        let job = jobs.map(|buffer| wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size }));
+        let resources = buffers.iter().map(|buffer| buffer.as_entire_binding()).chain(job);
+        bind(gpu, &self.layout, resources.collect())
     }
 }
 
@@ -123,22 +139,44 @@ fn bind(
     })
 }
 
-fn pipeline(gpu: &GpuDevice, layout: &wgpu::PipelineLayout, shader: &ShaderModule) -> wgpu::ComputePipeline {
+fn layout(gpu: &GpuDevice, entries: &[wgpu::BindGroupLayoutEntry]) -> wgpu::BindGroupLayout {
+    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: None, entries })
+}
+
+fn pipeline(
+    gpu: &GpuDevice,
+    layouts: [&wgpu::BindGroupLayout; 2],
+    shader: &ShaderModule,
+    variant: Variant,
+) -> wgpu::ComputePipeline {
     let source = wgpu::ShaderSource::Wgsl(shader.source().into());
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(shader.name), source });
+    let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: None,
+        bind_group_layouts: &layouts.map(Some),
+        immediate_size: 0,
+    });
     gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some(shader.name),
-        layout: Some(layout),
+        layout: Some(&layout),
         module: &module,
         entry_point: Some(shader.name),
-        compilation_options: wgpu::PipelineCompilationOptions::default(),
+        compilation_options: wgpu::PipelineCompilationOptions {
+            constants: &[
+                ("ONLY_MODE", f64::from(variant.mode)),
+                ("ONLY_FLAGS", f64::from(variant.flags)),
+                ("TEXTURE_COUNT", f64::from(variant.textures)),
+            ],
+            ..Default::default()
+        },
         cache: None,
     })
 }
 
-fn buffer_entry(binding: u32, access: Access) -> wgpu::BindGroupLayoutEntry {
+fn entry(binding: u32, access: Access) -> wgpu::BindGroupLayoutEntry {
     let ty = match access {
-        Access::Uniform => wgpu::BufferBindingType::Uniform,
+        Access::Table => return texture_entry(binding, wgpu::TextureViewDimension::D2),
+        Access::Job => wgpu::BufferBindingType::Uniform,
         Access::Read => wgpu::BufferBindingType::Storage { read_only: true },
         Access::ReadWrite => wgpu::BufferBindingType::Storage { read_only: false },
     };
@@ -150,13 +188,13 @@ fn buffer_entry(binding: u32, access: Access) -> wgpu::BindGroupLayoutEntry {
     }
 }
 
-fn texture_entry(binding: u32) -> wgpu::BindGroupLayoutEntry {
+fn texture_entry(binding: u32, view_dimension: wgpu::TextureViewDimension) -> wgpu::BindGroupLayoutEntry {
     wgpu::BindGroupLayoutEntry {
         binding,
         visibility: wgpu::ShaderStages::COMPUTE,
         ty: wgpu::BindingType::Texture {
             sample_type: wgpu::TextureSampleType::Uint,
-            view_dimension: wgpu::TextureViewDimension::D3,
+            view_dimension,
             multisampled: false,
         },
         count: None,

@@ -6,12 +6,11 @@ use supervol_format::{Geometry, Pyramid, ValueRange};
 
 use super::cache::VoxelStorage;
 use super::device::GpuError;
-use super::feedback::MISS_LIMIT;
+use super::feedback::{MISS_LIMIT, use_words, wait_words};
 use super::layout::{
     Config, FLAG_ABSENT, FLAG_FLOAT, FLAG_HOLES, FLAG_SHADED, FLAG_SKIPPING, GpuIso, GpuLevel, GpuLight, GpuPoint,
     MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
 };
-use super::rays::stride_world;
 use crate::raycast::cpu::{Skipping, TERMINATION_OPACITY};
 use crate::raycast::scalar::shade::Lighting;
 use crate::raycast::volume::ValueMap;
@@ -33,7 +32,18 @@ pub struct GpuVolume<'a> {
     pub storage: VoxelStorage,
 }
 
-/// The scene's and the volume's numbers.
+/// What the tables need to know of the device's memory.
+#[derive(Debug, Clone, Copy)]
+pub struct FeedbackPlaces {
+    /// Where slots lie.
+    pub grids: [SlotGrid; 4],
+    /// How many there are.
+    pub slots: u64,
+    /// Loop iterations after which a ray stops at the next cell.
+    pub work_limit: u32,
+}
+
+/// The scene's and the volume's numbers; [`Config::stride`] is that of the view.
 ///
 /// # Errors
 /// [`GpuError::Scene`] for a mode that this backend does not draw.
@@ -42,7 +52,7 @@ pub fn config(
     scene: &ResolvedScene,
     tf: &RenderTransferFunction,
     skipping: Skipping,
-    grids: [SlotGrid; 4],
+    places: FeedbackPlaces,
 ) -> Result<Config, GpuError> {
     let (world, map) = (volume.geometry.linear(), volume.value_map);
     let lighting = scene.shading.as_ref().map(|s| Lighting::new(s, volume.geometry, volume.value_range.width()));
@@ -77,10 +87,12 @@ pub fn config(
         bins_per_value: tf.bins_per_value,
         inverse_unit_distance: tf.inverse_unit_distance,
         transmittance_limit: (1.0 - TERMINATION_OPACITY) as f32,
-        stride_world: stride_world(volume.geometry) as f32,
         miss_limit: MISS_LIMIT,
         visible_points: tf.points.iter().filter(|p| p.rgba[3] > 0.0).count() as u32,
-        grids,
+        work_limit: places.work_limit,
+        use_words: use_words(),
+        wait_words: wait_words(places.slots) as u32,
+        grids: places.grids,
         ..Config::zeroed()
     };
     if let Some(lighting) = lighting {

@@ -28,6 +28,7 @@ const RAY: &[ShaderFile] = &[
     file!("shared/layout.wgsl"),
     file!("shared/config.wgsl"),
     file!("shared/camera.wgsl"),
+    file!("shared/segment.wgsl"),
     file!("shared/page_table.wgsl"),
     file!("shared/brick.wgsl"),
     file!("shared/leap.wgsl"),
@@ -45,6 +46,13 @@ const RAY: &[ShaderFile] = &[
 /// Casts rays until they finish, lack a brick, or reach the dispatch's limit.
 pub const RAYCAST: ShaderModule = ShaderModule { name: "raycast", shared: RAY, entry: file!("raycast.wgsl") };
 
+/// Clips the rays of a band.
+pub const BEGIN_RAYS: ShaderModule = ShaderModule { name: "begin_rays", shared: RAY, entry: file!("begin_rays.wgsl") };
+
+/// Decides which macro cells show something.
+pub const CLASSIFY_CELLS: ShaderModule =
+    ShaderModule { name: "classify_cells", shared: RAY, entry: file!("classify_cells.wgsl") };
+
 /// Completes the miss list with its counts.
 pub const GATHER_MISSES: ShaderModule = ShaderModule {
     name: "gather_misses",
@@ -60,7 +68,7 @@ pub const TEST_PLACES: ShaderModule =
     ShaderModule { name: "test_places", shared: RAY, entry: file!("test_places.wgsl") };
 
 /// Every module there is.
-pub const ALL: [ShaderModule; 4] = [RAYCAST, GATHER_MISSES, TEST_TWINS, TEST_PLACES];
+pub const ALL: [ShaderModule; 6] = [RAYCAST, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, TEST_TWINS, TEST_PLACES];
 
 impl ShaderModule {
     /// The files joined.

@@ -70,6 +70,11 @@ impl Slots {
         self.keys[slot.0 as usize]
     }
 
+    /// All bricks and their slots.
+    pub fn iter(&self) -> impl Iterator<Item = (BrickKey, SlotIndex)> + '_ {
+        (0u32..).zip(&self.keys).filter_map(|(slot, key)| Some(((*key)?, SlotIndex(slot))))
+    }
+
     /// Gives the brick a slot and names the brick that had to leave it; `None` where every slot holds a brick that was
     /// inserted since the last pass. A brick that is already resident keeps its slot.
     pub fn insert(&mut self, key: BrickKey) -> Option<(SlotIndex, Option<BrickKey>)> {

@@ -230,7 +230,7 @@ impl Stage {
 }
 
 /// How many pixels along an edge a pixel of the sketch covers: a power of two.
-fn sketch_pixel(scene: &ResolvedScene) -> u32 {
+pub(super) fn sketch_pixel(scene: &ResolvedScene) -> u32 {
     let [width, height] = scene.image_size;
     let rays = |pixel: u32| u64::from(width.div_ceil(pixel)) * u64::from(height.div_ceil(pixel));
     (0..16).map(|k| 1 << k).find(|&pixel| rays(pixel) <= SKETCH_RAYS).unwrap_or(1 << 16)
@@ -238,7 +238,7 @@ fn sketch_pixel(scene: &ResolvedScene) -> u32 {
 
 /// The smallest pixels whose picture there is likely time for, after one of these that took so long; at least half as large
 /// ones.
-fn next_pixel(pixel: u32, took: Duration, left: Duration) -> u32 {
+pub(super) fn next_pixel(pixel: u32, took: Duration, left: Duration) -> u32 {
     let expected = |next: u32| {
         let halvings = (pixel / next).ilog2();
         let error = if next == 1 { TIME_PER_ERROR } else { 1.0 };
@@ -250,7 +250,7 @@ fn next_pixel(pixel: u32, took: Duration, left: Duration) -> u32 {
 }
 
 /// The scene seen through pixels that cover so many along an edge; the scene itself for 1.
-fn with_pixels(scene: &ResolvedScene, pixel: u32) -> ResolvedScene {
+pub(super) fn with_pixels(scene: &ResolvedScene, pixel: u32) -> ResolvedScene {
     if pixel == 1 {
         return scene.clone();
     }
@@ -259,7 +259,7 @@ fn with_pixels(scene: &ResolvedScene, pixel: u32) -> ResolvedScene {
 }
 
 /// What such a picture is made with: what was asked for where pixels have their size.
-fn options_for(container: &Container, options: &RenderOptions, pixel: u32) -> RenderOptions {
+pub(super) fn options_for(container: &Container, options: &RenderOptions, pixel: u32) -> RenderOptions {
     if pixel == 1 {
         return options.clone();
     }

@@ -75,15 +75,17 @@ impl Resident {
         Ok(())
     }
 
-    /// From now on bricks are fetched for this scene.
-    pub fn aim(&mut self, scene: &ResolvedScene, options: &RenderOptions) {
+    /// From now on bricks are fetched for this scene; whether the table of contents still decides the same about them.
+    pub fn aim(&mut self, scene: &ResolvedScene, options: &RenderOptions) -> bool {
         let geometry = InUnits::of(self.streamer.container()).geometry;
         self.streamer.set_order(FrontToBack::new(&scene.camera, &geometry));
         let aim = Aim::new(scene, options);
-        if !self.aimed.classifies_as(&aim) {
+        let is_same = self.aimed.classifies_as(&aim);
+        if !is_same {
             self.streamer.set_classifier(classifier_for(self.streamer.container(), scene, options));
         }
         self.aimed = aim;
+        is_same
     }
 
     /// How the memory is divided.

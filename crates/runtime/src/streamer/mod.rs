@@ -255,10 +255,13 @@ impl Streamer {
         self.classified_pages.clear();
         self.states.reclassify();
         // What is in the cache is not asked for again: whether it may be drawn is decided here.
-        let is_too_coarse = |key: &BrickKey| {
-            self.container.entry(*key).is_ok_and(|entry| self.class_of(*key, &entry) == Class::TooCoarse)
-        };
-        self.stand_ins = self.cache.keys().filter(is_too_coarse).map(|key| (key, ())).collect();
+        self.stand_ins = self.cache.keys().filter(|&key| self.is_too_coarse(key)).map(|key| (key, ())).collect();
+    }
+
+    /// Whether the table of contents says that the brick must not be drawn while its children can be.
+    #[must_use]
+    pub fn is_too_coarse(&self, key: BrickKey) -> bool {
+        self.container.entry(key).is_ok_and(|entry| self.class_of(key, &entry) == Class::TooCoarse)
     }
 
     /// A new pass begins.

@@ -2,12 +2,14 @@
 
 use bytemuck::Pod;
 use supervol_runtime::gpu::shaders::ShaderModule;
+use supervol_runtime::gpu::table::Table;
 use supervol_runtime::raycast::gpu::GpuDevice;
 
 /// What a test shader reads in group 0, by binding.
 pub enum Resource<'a> {
-    Uniform(&'a [u8]),
     Storage(&'a [u8]),
+    /// A table's words, and how many of them a texel has.
+    Table(&'a [u32], usize),
     /// Voxels of a cube of one slot, x fastest, 32 bits each; its edge.
     Texture(&'a [u32], u32),
 }
@@ -77,8 +79,12 @@ impl Bound {
 
 fn bound(gpu: &GpuDevice, resource: &Resource<'_>) -> Bound {
     match resource {
-        Resource::Uniform(bytes) => Bound::Buffer(buffer(gpu, bytes, wgpu::BufferUsages::UNIFORM)),
         Resource::Storage(bytes) => Bound::Buffer(buffer(gpu, bytes, wgpu::BufferUsages::STORAGE)),
+        Resource::Table(words, texel_words) => {
+            let table = Table::new(gpu, "a table", words.len() / texel_words, *texel_words).expect("a table");
+            table.write(gpu, words);
+            Bound::View(table.view)
+        }
         Resource::Texture(voxels, edge) => Bound::View(texture(gpu, voxels, *edge)),
     }
 }

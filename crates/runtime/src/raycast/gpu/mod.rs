@@ -1,17 +1,21 @@
 //! The ray caster on the GPU: the same algorithm as [`super::cpu`], shader function by shader function.
 //!
 //! The protocol between calls:
-//! 1. [`GpuRenderer::new`] plans memory, allocates everything, and makes one ray per sample of the picture.
+//! 1. [`GpuRenderer::new`] plans memory and allocates everything.
 //! 2. [`GpuRenderer::cast_pass`] casts every unfinished ray as far as resident bricks allow, and says which bricks are
 //!    missing.
 //! 3. The caller answers with [`GpuRenderer::insert`] (a brick) or [`GpuRenderer::set_state`] (anything else), as many
 //!    as it likes and as fit; at least one, or the next pass finds the same. Then 2 again, until every ray is finished.
 //! 4. [`GpuRenderer::image`] reads the picture back, at any time.
+//! 5. [`GpuRenderer::set_scene`] begins another picture: bricks stay where they are, and only some kilobytes of tables are
+//!    written.
 //!
+//! Pictures that are too large to be cast at once are cast in bands of rows ([`GpuRenderer::begin`]).
 //! After [`GpuError::DeviceLost`] the renderer is of no more use: open a new device and make a new one.
 
 mod pass;
 
+use std::ops::Range;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -26,19 +30,19 @@ pub use crate::gpu::scene_tables::GpuVolume;
 use super::cpu::Skipping;
 use super::volume::{DecodedBrick, Voxels};
 use crate::gpu::cache::{CacheShape, EMPTY_RANGE, GpuCache};
-use crate::gpu::feedback::buffer_words;
 use crate::gpu::layout::{
-    Config, GpuRay, PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, RayState, Tables,
+    PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, RayState, Scene,
 };
 use crate::gpu::memory::{MemoryPlan, MemoryRequest, SLOT_LIMIT};
-use crate::gpu::rays::RayGrid;
-use crate::gpu::scene_tables;
-use crate::gpu::slots::Slots;
+use crate::gpu::rays::{RayGrid, ViewLines};
+use crate::gpu::scene_tables::{self, FeedbackPlaces};
+use crate::gpu::slots::{SlotIndex, Slots};
 use crate::image::Image;
 use crate::lod::{LodChoice, LodRule};
 use crate::scene::{Mode, ResolvedScene};
+use crate::stop::Stop;
 use crate::transfer_function::RenderTransferFunction;
-use pass::Caster;
+use pass::{Capacity, Caster};
 
 /// What a renderer may use, and how.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -122,24 +126,56 @@ pub struct GpuStats {
 
 /// See the module.
 pub struct GpuRenderer {
+    gpu: GpuDevice,
     pyramid: Pyramid,
     storage: VoxelStorage,
-    mode: Mode,
-    subgrid: u32,
-    tf: RenderTransferFunction,
-    skipping: Skipping,
-    /// For each entry from level 1 on, in order: whether the brick is too coarse.
-    refine: Vec<bool>,
-    /// For sorting misses: how far a brick is.
-    lod: LodRule,
+    options: GpuOptions,
+    capacity: Capacity,
     slots: Slots,
     cache: GpuCache,
     caster: Caster,
+    picture: Picture,
+    /// Slots whose bricks came since the last pass: what of them shows is not known yet.
+    unclassified: Vec<SlotIndex>,
     stats: GpuStats,
 }
 
+/// What belongs to one picture.
+struct Picture {
+    mode: Mode,
+    subgrid: u32,
+    size: [u32; 2],
+    tf: RenderTransferFunction,
+    /// How far a brick is, and how fine it must be.
+    lod: LodRule,
+    /// For each entry from level 1 on, in order: whether the brick is too coarse.
+    refine: Vec<bool>,
+    /// Entries that are drawn from their parents.
+    failed: Vec<u32>,
+}
+
+impl Picture {
+    fn new(volume: &GpuVolume<'_>, scene: &ResolvedScene, lod: LodChoice) -> Self {
+        let lod = LodRule::new(lod, &scene.camera, volume.geometry);
+        Self {
+            mode: scene.mode,
+            subgrid: scene.subgrid,
+            size: [scene.camera.width, scene.camera.height],
+            tf: RenderTransferFunction::new(&scene.transfer_function, volume.value_map.shift),
+            refine: bricks_to_refine(volume.pyramid, &lod),
+            lod,
+            failed: Vec::new(),
+        }
+    }
+
+    fn capacity(&self, entries: u64) -> Capacity {
+        let [width, height] = self.size;
+        Capacity::new(RayGrid { width, height }, self.subgrid, &self.tf, entries)
+    }
+}
+
 impl GpuRenderer {
-    /// A renderer of one scene over one volume; nothing is resident.
+    /// A renderer of one volume, and of one scene to begin with; nothing is resident.
     ///
     /// # Errors
     /// [`GpuError::Budget`] where the memory does not suffice, [`GpuError::TableLimit`] where the volume has too many
@@ -152,37 +188,29 @@ impl GpuRenderer {
         options: GpuOptions,
     ) -> Result<Self, GpuError> {
         let pyramid = volume.pyramid;
-        let tf = RenderTransferFunction::new(&scene.transfer_function, volume.value_map.shift);
-        let rays = RayGrid { width: scene.camera.width, height: scene.camera.height };
-        let tables = scene_tables::tables(volume, scene)?;
-        let plan = plan_memory(device, volume, rays, &tf, options)?;
-        let macro_edge = pyramid.layout().core() / MACRO_CELL;
+        let picture = Picture::new(volume, scene, lod);
+        let capacity = picture.capacity(pyramid.brick_count());
+        let plan = plan_memory(device, volume, &capacity, options)?;
         let shape = CacheShape {
             plan: &plan,
             storage: volume.storage,
             edge: scene_tables::slot_edge(pyramid),
-            cells: macro_edge.pow(3),
+            cells: (pyramid.layout().core() / MACRO_CELL).pow(3),
             entries: pyramid.brick_count(),
         };
         let cache = GpuCache::new(device, &shape)?;
-        let config = scene_tables::config(volume, scene, &tf, options.skipping, cache.grids())?;
-        let caster =
-            Caster::new(device, volume, scene, &pass::CasterTables { config, tables, tf: &tf, cache: &cache })?;
-        let lod = LodRule::new(lod, &scene.camera, volume.geometry);
-        let refine = bricks_to_refine(pyramid, &lod);
         let slots = usize::try_from(plan.slots).expect("slots are below 2^24");
         let mut renderer = Self {
+            gpu: device.clone(),
             pyramid: pyramid.clone(),
             storage: volume.storage,
-            mode: scene.mode,
-            subgrid: scene.subgrid,
-            tf,
-            skipping: options.skipping,
-            refine,
-            lod,
+            options,
+            capacity,
             slots: Slots::new(slots),
+            caster: Caster::new(device, &cache, &capacity)?,
             cache,
-            caster,
+            picture,
+            unclassified: Vec::new(),
             stats: GpuStats {
                 adapter: device.name(),
                 planned_bytes: plan.total_bytes,
@@ -190,16 +218,94 @@ impl GpuRenderer {
                 ..GpuStats::default()
             },
         };
-        renderer.mark_bricks_to_refine();
+        renderer.write_tables(volume, scene)?;
+        renderer.write_pages();
+        renderer.begin(0..renderer.band_rows().min(scene.camera.height));
         Ok(renderer)
     }
 
-    fn mark_bricks_to_refine(&mut self) {
+    /// Begins another picture of the same volume: whether there is room for one of this size. Bricks stay resident. What was
+    /// said of others is forgotten, as is which are too coarse, unless `keeps_answers` says that the answers would be the
+    /// same; what had failed is asked for again in any case.
+    ///
+    /// # Errors
+    /// [`GpuError::Scene`] for what is not drawn.
+    pub fn set_scene(
+        &mut self,
+        volume: &GpuVolume<'_>,
+        scene: &ResolvedScene,
+        lod: LodChoice,
+        keeps_answers: bool,
+    ) -> Result<bool, GpuError> {
+        let mut picture = Picture::new(volume, scene, lod);
+        if !self.capacity.holds(&picture.capacity(self.pyramid.brick_count())) {
+            return Ok(false);
+        }
+        if keeps_answers {
+            picture.refine.clone_from(&self.picture.refine);
+        }
+        let before = std::mem::replace(&mut self.picture, picture);
+        self.stats.dispatch_ms_max = 0.0;
+        self.write_tables(volume, scene)?;
+        if keeps_answers {
+            before.failed.into_iter().for_each(|entry| self.set_page(entry, PAGE_MISSING, 0));
+        } else {
+            self.cache.clear_pages();
+            self.write_pages();
+        }
+        self.unclassified = self.slots.iter().map(|(_, slot)| slot).collect();
+        self.begin(0..self.band_rows().min(scene.camera.height));
+        Ok(true)
+    }
+
+    /// Hands the tables of the picture over.
+    fn write_tables(&mut self, volume: &GpuVolume<'_>, scene: &ResolvedScene) -> Result<(), GpuError> {
+        let places = FeedbackPlaces {
+            grids: self.cache.grids(),
+            slots: self.cache.slot_count(),
+            work_limit: pass::work_limit(&self.gpu),
+        };
+        let mut config = scene_tables::config(volume, scene, &self.picture.tf, self.options.skipping, places)?;
+        let tables = scene_tables::tables(volume, scene)?;
+        let dims = self.pyramid.level_at(Lod::FINEST).dims;
+        let lines = ViewLines::new(&scene.camera, volume.geometry, dims);
+        config.stride = lines.stride() as f32;
+        let mut view = lines.view(&scene.camera, volume.geometry, dims, &scene.clip)?;
+        view.first_value = match scene.mode {
+            Mode::Mip => f32::MIN,
+            Mode::Minip => f32::MAX,
+            _ => 0.0,
+        };
+        self.caster.set_scene(&self.cache, &Scene { config, tables, view }, &self.picture.tf)
+    }
+
+    /// Notes what is known of all bricks when a picture begins: which are resident, and which are too coarse.
+    fn write_pages(&mut self) {
         let first = self.first_coarse_entry();
-        let entries: Vec<u32> = (first..).zip(&self.refine).filter(|(_, refine)| **refine).map(|(e, _)| e).collect();
-        for entry in entries {
+        let refined = (first..).zip(&self.picture.refine).filter(|(_, refine)| **refine).map(|(entry, _)| entry);
+        for entry in refined.collect::<Vec<u32>>() {
             self.set_page(entry, PAGE_MISSING, 0);
         }
+        for (key, slot) in self.slots.iter().collect::<Vec<_>>() {
+            self.set_page(entry_u32(self.pyramid.entry(key)), PAGE_RESIDENT, slot.0);
+        }
+    }
+
+    /// Rows of the picture that are cast at once.
+    #[must_use]
+    pub fn band_rows(&self) -> u32 {
+        pass::band_rows(self.picture.size[0], self.picture.subgrid)
+    }
+
+    /// Rays along an edge of a pixel.
+    #[must_use]
+    pub fn subgrid(&self) -> u32 {
+        self.picture.subgrid
+    }
+
+    /// Begins the rays of these rows, numbered from the top; no more than [`Self::band_rows`].
+    pub fn begin(&mut self, rows: Range<u32>) {
+        self.caster.begin(rows);
     }
 
     fn first_coarse_entry(&self) -> u32 {
@@ -208,7 +314,7 @@ impl GpuRenderer {
 
     fn set_page(&mut self, entry: u32, state: u32, payload: u32) {
         let coarse = entry.checked_sub(self.first_coarse_entry());
-        let refine = coarse.is_some_and(|i| self.refine[i as usize]);
+        let refine = coarse.is_some_and(|i| self.picture.refine[i as usize]);
         self.cache.set_page(entry, [state | if refine { PAGE_REFINE } else { 0 }, payload]);
     }
 
@@ -224,12 +330,21 @@ impl GpuRenderer {
         self.slots.place(key).is_some()
     }
 
+    /// All resident bricks.
+    pub fn resident(&self) -> impl Iterator<Item = BrickKey> + '_ {
+        self.slots.iter().map(|(key, _)| key)
+    }
+
     /// Makes a brick resident; the least recently used brick leaves for it, never one inserted since the last pass.
     ///
     /// # Errors
     /// [`GpuError::Brick`] where the brick is not what the pyramid says, or a lost device.
     pub fn insert(&mut self, brick: &DecodedBrick) -> Result<Insertion, GpuError> {
         let voxels = self.checked_voxels(brick)?;
+        if let Some(slot) = self.slots.place(brick.key) {
+            self.set_page(entry_u32(self.pyramid.entry(brick.key)), PAGE_RESIDENT, slot.0);
+            return Ok(Insertion::Placed { evicted: None });
+        }
         let ranges = self.slot_ranges(brick);
         let Some((slot, evicted)) = self.slots.insert(brick.key) else { return Ok(Insertion::NoRoom) };
         if let Some(old) = evicted {
@@ -241,19 +356,26 @@ impl GpuRenderer {
         self.cache.write_ranges(slot, &ranges)?;
         self.stats.upload_ms += begin.elapsed().as_secs_f64() * 1e3;
         self.stats.insertions += 1;
+        self.unclassified.push(slot);
         self.set_page(entry_u32(self.pyramid.entry(brick.key)), PAGE_RESIDENT, slot.0);
         Ok(Insertion::Placed { evicted })
     }
 
-    /// Says what a brick is; if it was resident, its slot is free.
+    /// Says what a brick is; if it was resident, its slot is free, unless it is too coarse: it may stand in for its children.
     ///
     /// # Panics
     /// If the key names no brick of the pyramid.
     pub fn set_state(&mut self, key: BrickKey, state: PageEntry) {
-        self.slots.remove(key);
         let entry = entry_u32(self.pyramid.entry(key));
         if let (PageEntry::TooCoarse, Some(i)) = (state, entry.checked_sub(self.first_coarse_entry())) {
-            self.refine[i as usize] = true;
+            self.picture.refine[i as usize] = true;
+            if let Some(slot) = self.slots.place(key) {
+                return self.set_page(entry, PAGE_RESIDENT, slot.0);
+            }
+        }
+        self.slots.remove(key);
+        if state == PageEntry::Failed {
+            self.picture.failed.push(entry);
         }
         let (state, payload) = match state {
             PageEntry::Missing | PageEntry::TooCoarse => (PAGE_MISSING, 0),
@@ -269,10 +391,25 @@ impl GpuRenderer {
     /// # Errors
     /// A lost device, or what the driver says about a dispatch.
     pub fn cast_pass(&mut self) -> Result<PassFeedback, GpuError> {
+        self.cast_pass_until(&Stop::NEVER)
+    }
+
+    /// The same, but rays stop where they are when it is time to.
+    ///
+    /// # Errors
+    /// As [`Self::cast_pass`].
+    pub fn cast_pass_until(&mut self, stop: &Stop) -> Result<PassFeedback, GpuError> {
         let begin = Instant::now();
         self.cache.flush_pages()?;
-        let raw = self.caster.cast_pass()?;
+        if !self.unclassified.is_empty() {
+            self.unclassified.sort_unstable();
+            self.unclassified.dedup();
+            self.caster.classify(&self.cache, &self.unclassified);
+            self.unclassified.clear();
+        }
+        let raw = self.caster.cast_pass(stop)?;
         let mut feedback = raw.feedback;
+        feedback.is_stopped = raw.is_stopped;
         self.slots.end_pass(raw.uses.iter().copied());
         feedback.uses = raw.uses.iter().filter_map(|&slot| self.slots.key(slot)).collect();
         feedback.misses = raw
@@ -280,7 +417,7 @@ impl GpuRenderer {
             .iter()
             .map(|&(entry, rays)| {
                 let key = self.pyramid.key(u64::from(entry)).expect("the shader names entries of the page table");
-                super::cpu::Miss { key, rays: u64::from(rays), nearest: self.lod.distance(&self.pyramid, key) }
+                super::cpu::Miss { key, rays: u64::from(rays), nearest: self.picture.lod.distance(&self.pyramid, key) }
             })
             .collect();
         feedback.misses.sort_by(|a, b| a.nearest.total_cmp(&b.nearest).then(a.key.cmp(&b.key)));
@@ -295,20 +432,20 @@ impl GpuRenderer {
         Ok(feedback)
     }
 
-    /// The picture of what the rays have gathered, sub-grid averaged.
+    /// The picture of what the rays of the band have gathered, sub-grid averaged.
     ///
     /// # Errors
     /// A lost device.
     pub fn image(&mut self) -> Result<Image, GpuError> {
         let RayGrid { width, height } = self.caster.grid();
         let mut pixels = vec![[0.0; 4]; width as usize * height as usize];
-        let (mode, tf) = (self.mode, &self.tf);
+        let (mode, tf, subgrid) = (self.picture.mode, &self.picture.tf, self.picture.subgrid);
         self.caster.read_states(|[x, y], state| {
             if x < width && y < height {
                 pixels[y as usize * width as usize + x as usize] = pixel(mode, tf, state);
             }
         })?;
-        Ok(Image { width, height, pixels }.downsampled(self.subgrid))
+        Ok(Image { width, height, pixels }.downsampled(subgrid))
     }
 
     /// Statistics since the renderer was made.
@@ -345,14 +482,13 @@ impl GpuRenderer {
         Ok(voxels)
     }
 
-    /// The ranges of a full slot's macro cells; those that nothing can be seen in are empty.
+    /// The ranges of a full slot's macro cells; those without a value are empty.
     fn slot_ranges(&self, brick: &DecodedBrick) -> Vec<[f32; 2]> {
         let edge = self.pyramid.layout().core() / MACRO_CELL;
         let [nx, ny, _] = self.pyramid.macro_cells(brick.key);
         let mut ranges = vec![EMPTY_RANGE; edge.pow(3)];
         for (i, &[low, high]) in brick.macro_ranges.iter().enumerate() {
-            let present = low <= high && low.is_finite() && high.is_finite();
-            if present && (self.mode != Mode::Dvr || self.tf.is_visible(low, high)) {
+            if low <= high && low.is_finite() && high.is_finite() {
                 let [x, y, z] = [i % nx, i / nx % ny, i / (nx * ny)];
                 ranges[x + edge * (y + edge * z)] = [low, high];
             }
@@ -363,7 +499,7 @@ impl GpuRenderer {
     /// Whether macro cells are skipped.
     #[must_use]
     pub fn skipping(&self) -> Skipping {
-        self.skipping
+        self.options.skipping
     }
 }
 
@@ -375,8 +511,8 @@ fn pixel(mode: Mode, tf: &RenderTransferFunction, state: &RayState) -> [f32; 4] 
             return [r, g, b, 1.0 - state.transmittance];
         }
         _ if state.present <= 0.0 => return [0.0; 4],
-        Mode::Mip | Mode::Minip => state.value,
-        Mode::Mean => state.value / state.present,
+        Mode::Mip | Mode::Minip => state.color[0],
+        Mode::Mean => state.color[0] / state.present,
     };
     let [r, g, b, alpha] = tf.classify(value);
     [r * alpha, g * alpha, b * alpha, alpha]
@@ -398,37 +534,28 @@ fn bricks_to_refine(pyramid: &Pyramid, lod: &LodRule) -> Vec<bool> {
 fn plan_memory(
     device: &GpuDevice,
     volume: &GpuVolume<'_>,
-    rays: RayGrid,
-    tf: &RenderTransferFunction,
+    capacity: &Capacity,
     options: GpuOptions,
 ) -> Result<MemoryPlan, GpuError> {
     let entries = volume.pyramid.brick_count();
     let limits = device.limits();
     let binding = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-    if entries * 8 > binding {
+    if entries * 8 > binding || u32::try_from(entries).is_err() {
         return Err(GpuError::TableLimit {
             what: format!("the page table of {entries} bricks"),
-            needed: entries * 8,
+            needed: entries.saturating_mul(8),
             limit: binding,
             advice: "convert the volume with larger bricks, or use --backend cpu".to_owned(),
         });
     }
-    let per_ray = (size_of::<GpuRay>() + size_of::<RayState>()) as u64;
-    // Page table and miss counters; feedback twice, for it is read back; points and index of the transfer function.
-    let fixed = rays.places() * per_ray
-        + entries * 12
-        + 2 * 4 * buffer_words(entries.min(SLOT_LIMIT))
-        + 64 * tf.points.len() as u64
-        + 4 * (tf.bins.len() + tf.knots.len()) as u64
-        + (size_of::<Config>() + size_of::<Tables>()) as u64
-        + pass::read_back_bytes(rays.places());
     let macro_edge = (volume.pyramid.layout().core() / MACRO_CELL) as u64;
     MemoryPlan::new(&MemoryRequest {
         budget_bytes: options.memory_bytes,
-        fixed_bytes: fixed,
+        fixed_bytes: entries * 8 + capacity.bytes(entries.min(SLOT_LIMIT)),
         slot_edge: scene_tables::slot_edge(volume.pyramid),
         texel_bytes: u64::from(volume.storage.bytes()),
-        ranges_bytes: macro_edge.pow(3) * 8,
+        // Range and proximity of each macro cell, and the slot's place in a list.
+        ranges_bytes: macro_edge.pow(3) * 12 + 4,
         useful_slots: entries,
         max_dimension: limits.max_texture_dimension_3d,
         max_binding_bytes: binding,

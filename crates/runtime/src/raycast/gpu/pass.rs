@@ -1,57 +1,111 @@
 //! Rays on the GPU, and the dispatches that cast them.
 //!
-//! Rays live in *chunks* (one pair of buffers each, no larger than a binding may be), and are cast in *pieces*, one
-//! dispatch each. A dispatch lets a ray do a limited amount of work, so that no submit blocks the GPU for long; rays
-//! that reach the limit go on in the next round. The limit follows the measured time of the dispatches. It decides how
-//! the work is dealt out, never what comes of it.
+//! The rays of a band of rows are cast by as few dispatches as the adapter can bear: where it is fast enough one for all,
+//! else in runs of so many rays that one does not take long. A dispatch lets a ray do a limited amount of work, so that no
+//! submit blocks the GPU for ever; rays that reach the limit go on in the next one. That decides how the work is dealt out,
+//! never what comes of it.
 
+use std::ops::Range;
+use std::sync::Arc;
 use std::time::Instant;
 
 use bytemuck::Zeroable;
 
 use crate::gpu::cache::GpuCache;
 use crate::gpu::device::{GpuDevice, GpuError};
-use crate::gpu::feedback::{MISS_LIMIT, PassFeedback, buffer_words, read_misses, read_uses};
-use crate::gpu::layout::{Config, Dispatch, GpuCounters, RayState, Tables, WORKGROUP_RAYS};
-use crate::gpu::pipelines::{Pipelines, SceneBindings};
-use crate::gpu::rays::{RayFactory, RayGrid};
-use crate::gpu::scene_tables::{self, GpuVolume};
+use crate::gpu::feedback::{MISS_LIMIT, PassFeedback, buffer_words, read_misses, read_uses, read_words};
+use crate::gpu::layout::{Dispatch, GpuCounters, GpuPoint, RayState, Scene, View, WORKGROUP_RAYS};
+use crate::gpu::pipelines::{Pipeline, Pipelines, SceneBindings, Variant};
+use crate::gpu::rays::{RayGrid, TILE};
+use crate::gpu::scene_tables;
 use crate::gpu::slots::SlotIndex;
-use crate::scene::{Mode, ResolvedScene};
+use crate::gpu::table::Table;
+use crate::stop::Stop;
 use crate::transfer_function::RenderTransferFunction;
 
-/// Most rays of one chunk: 64 MiB of rays.
-const CHUNK_RAYS: u64 = 1 << 20;
-/// Rays of one dispatch: 256 tiles of 8 x 8.
-const PIECE_RAYS: u32 = 1 << 14;
-/// The same on software adapters, which are hundreds of times slower: 4 tiles keep two cores busy.
-const SOFTWARE_PIECE_RAYS: u32 = 1 << 8;
+/// Most bytes of ray states: larger pictures are cast in bands.
+const STATES_LIMIT: u64 = 64 << 20;
+/// Texels of a control point: of four words each.
+const POINT_TEXELS: usize = size_of::<GpuPoint>() / 16;
 /// Most bytes read back at once.
 const READ_BACK_LIMIT: u64 = 4 << 20;
-/// Dispatches slower than this get less work, milliseconds: half of what a display can wait, because the next one may be
+/// Most workgroups of a dispatch.
+const GROUPS_LIMIT: u32 = 65_535;
+/// Most rays of a dispatch.
+const MOST_RUN_RAYS: u32 = 1 << 21;
+/// The same on software adapters: what comes after an empty corner of the picture may take a thousand times as long.
+const MOST_SOFTWARE_RUN_RAYS: u32 = 1 << 12;
+/// Rays of the first dispatch of an adapter that may be slow.
+const FIRST_RUN_RAYS: u32 = 1 << 16;
+/// The same on software adapters.
+const FIRST_SOFTWARE_RUN_RAYS: u32 = 1 << 10;
+/// Fewest rays of a dispatch: 4 workgroups.
+const LEAST_RUN_RAYS: u32 = 1 << 8;
+/// Dispatches slower than this get fewer rays, milliseconds: half of what a display can wait, because the next one may be
 /// twice as slow.
 const SLOW_DISPATCH_MS: f64 = 50.0;
 /// Dispatches faster than this get more.
 const FAST_DISPATCH_MS: f64 = 15.0;
-/// Loop iterations that a ray may spend in the first dispatch.
-const FIRST_WORK_LIMIT: u32 = 2048;
-/// Least loop iterations that a ray may spend in a dispatch: the costliest cell does not need many more.
-/// Software adapters begin with it.
-const LEAST_WORK_LIMIT: u32 = 256;
-/// Most loop iterations that a ray may spend in a dispatch.
-const WORK_LIMIT: u32 = 1 << 16;
-/// The same on software adapters: llvmpipe ends all loops after 65535 iterations of a group of at most 16 lanes, and
-/// lanes that part ways add up.
-const SOFTWARE_WORK_LIMIT: u32 = 1 << 11;
-/// Rounds of one pass; every round brings every ray at least one macro cell further.
+/// Loop iterations that a ray may spend in a dispatch.
+const WORK_LIMIT: u32 = 1 << 14;
+/// The same on software adapters: llvmpipe ends all loops, without a word, after 65535 iterations of a group of at most 16
+/// lanes; lanes that part ways add up, and it goes once through loops that no lane enters.
+const SOFTWARE_WORK_LIMIT: u32 = 1 << 8;
+/// Rounds of one dispatch; every round brings every ray at least one cell further.
 const ROUND_LIMIT: usize = 1 << 22;
 
-/// What the caster binds besides its rays.
-pub(super) struct CasterTables<'a> {
-    pub(super) config: Config,
-    pub(super) tables: Tables,
-    pub(super) tf: &'a RenderTransferFunction,
-    pub(super) cache: &'a GpuCache,
+/// Loop iterations after which a ray stops at the next cell.
+pub(super) fn work_limit(gpu: &GpuDevice) -> u32 {
+    if gpu.is_software() { SOFTWARE_WORK_LIMIT } else { WORK_LIMIT }
+}
+
+/// Rows of rays, for whole pixels of so many rows each, that fit [`STATES_LIMIT`] in a picture of this width; at least one
+/// pixel's.
+pub(super) fn band_rows(width: u32, subgrid: u32) -> u32 {
+    let row_of_tiles = RayGrid { width, height: TILE }.places() * size_of::<RayState>() as u64;
+    let rows = (STATES_LIMIT / row_of_tiles).min(u64::from(u32::MAX / TILE)) as u32 * TILE;
+    (rows - rows % subgrid).max(subgrid)
+}
+
+/// What is allocated besides bricks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Capacity {
+    /// Places of rays.
+    pub(super) places: u64,
+    /// Control points.
+    pub(super) points: usize,
+    /// Bins and knots.
+    pub(super) index: usize,
+    /// Entries of the page table.
+    pub(super) entries: u64,
+}
+
+impl Capacity {
+    /// For pictures of this size, or smaller ones, with this transfer function.
+    pub(super) fn new(grid: RayGrid, subgrid: u32, tf: &RenderTransferFunction, entries: u64) -> Self {
+        let band = RayGrid { height: grid.height.min(band_rows(grid.width, subgrid)), ..grid };
+        Self { places: band.places(), points: tf.points.len(), index: tf.bins.len() + tf.knots.len(), entries }
+    }
+
+    /// Whether it is enough for what needs `other`.
+    pub(super) fn holds(&self, other: &Self) -> bool {
+        self.places >= other.places && self.points >= other.points && self.index >= other.index
+    }
+
+    /// Bytes of everything that is allocated for it; feedback counts twice, for it is read back.
+    pub(super) fn bytes(&self, slots: u64) -> u64 {
+        self.places * size_of::<RayState>() as u64
+            + 4 * (buffer_words(slots, self.entries) + read_words(slots))
+            + Table::bytes(self.points * POINT_TEXELS, 4)
+            + Table::bytes(self.index, 1)
+            + size_of::<Scene>() as u64
+            + read_back_bytes(self.places)
+    }
+}
+
+/// Bytes of the read-back buffer for ray states.
+fn read_back_bytes(places: u64) -> u64 {
+    (places * size_of::<RayState>() as u64).min(READ_BACK_LIMIT)
 }
 
 /// Feedback in the GPU's terms.
@@ -62,234 +116,243 @@ pub(super) struct RawFeedback {
     pub(super) misses: Vec<(u32, u32)>,
     pub(super) uses: Vec<SlotIndex>,
     pub(super) dispatch_ms_max: f64,
+    /// Whether it was time to stop before all rays were finished or waited.
+    pub(super) is_stopped: bool,
 }
 
-/// Rays that share buffers.
-struct Chunk {
-    states: wgpu::Buffer,
-    bindings: wgpu::BindGroup,
-    /// Place of the first ray in the picture's order.
-    first_place: u64,
-    rays: u32,
-}
-
-/// Rays that share a dispatch.
-struct Piece {
-    chunk: usize,
-    first_ray: u32,
-    rays: u32,
-    /// Rays that reached the work limit in the last dispatch.
-    interrupted: u32,
-    /// Rays that wait for a brick.
-    waiting: u32,
+/// Pipelines, and what they bind.
+struct Bound {
+    variant: Variant,
+    pipelines: Arc<Pipelines>,
+    scene: wgpu::BindGroup,
+    classify: wgpu::BindGroup,
+    begin: wgpu::BindGroup,
+    cast: wgpu::BindGroup,
+    gather: wgpu::BindGroup,
 }
 
 /// Rays, pipelines, feedback.
 pub(super) struct Caster {
     gpu: GpuDevice,
-    pipelines: Pipelines,
-    scene_bindings: wgpu::BindGroup,
-    job: wgpu::Buffer,
+    /// Pipelines of the picture, and what they bind; none before the first.
+    bound: Option<Bound>,
+    scene: wgpu::Buffer,
+    points: Table,
+    transfer_index: Table,
     feedback: wgpu::Buffer,
-    feedback_words: u64,
-    miss_counts: wgpu::Buffer,
+    states: wgpu::Buffer,
+    job: wgpu::Buffer,
     read_back: wgpu::Buffer,
-    chunks: Vec<Chunk>,
-    pieces: Vec<Piece>,
+    read_bytes: u64,
+    /// Rays of the band in progress.
     grid: RayGrid,
-    work_limit: u32,
-}
-
-/// Bytes of the read-back buffer for ray states.
-pub(super) fn read_back_bytes(places: u64) -> u64 {
-    (places * size_of::<RayState>() as u64).min(READ_BACK_LIMIT)
+    view: View,
+    run_rays: u32,
 }
 
 impl Caster {
-    /// Allocates buffers and makes all rays.
-    pub(super) fn new(
-        gpu: &GpuDevice,
-        volume: &GpuVolume<'_>,
-        scene: &ResolvedScene,
-        tables: &CasterTables<'_>,
-    ) -> Result<Self, GpuError> {
-        let pipelines = Pipelines::new(gpu)?;
-        let entries = volume.pyramid.brick_count();
-        let grid = RayGrid { width: scene.camera.width, height: scene.camera.height };
-        let slots = tables.cache.slot_count();
-        let feedback_words = buffer_words(slots);
+    /// Allocates buffers.
+    pub(super) fn new(gpu: &GpuDevice, cache: &GpuCache, capacity: &Capacity) -> Result<Self, GpuError> {
+        let slots = cache.slot_count();
         let (storage, uniform) = (wgpu::BufferUsages::STORAGE, wgpu::BufferUsages::UNIFORM);
-
-        let config = filled(gpu, "the configuration", bytemuck::bytes_of(&tables.config), uniform)?;
-        let levels = filled(gpu, "the level table", bytemuck::bytes_of(&tables.tables), uniform)?;
-        let points = scene_tables::points(tables.tf);
-        let points = filled(gpu, "the transfer function", bytemuck::cast_slice(&points), storage)?;
-        let index = scene_tables::transfer_index(tables.tf);
-        let index = filled(gpu, "the transfer function's index", bytemuck::cast_slice(&index), storage)?;
-        let feedback = gpu.buffer("feedback", 4 * feedback_words, storage)?;
-        let miss_counts = gpu.buffer("miss counters", 4 * entries, storage)?;
-        let read_back = gpu.read_buffer("read-back", (4 * feedback_words).max(read_back_bytes(grid.places())))?;
-        let job = gpu.buffer("dispatches", size_of::<Dispatch>() as u64, uniform)?;
-        let scene_bindings = pipelines.bind_scene(
-            gpu,
-            &SceneBindings {
-                config: &config,
-                tables: &levels,
-                page_table: &tables.cache.page_table,
-                points: &points,
-                transfer_index: &index,
-                macro_ranges: &tables.cache.macro_ranges,
-                feedback: &feedback,
-                miss_counts: &miss_counts,
-                textures: &tables.cache.views,
-            },
-        )?;
-        let mut caster = Self {
+        let read_bytes = 4 * read_words(slots);
+        let scene = gpu.buffer("the scene's tables", size_of::<Scene>() as u64, storage)?;
+        let points = Table::new(gpu, "the transfer function", capacity.points * POINT_TEXELS, 4)?;
+        let transfer_index = Table::new(gpu, "the transfer function's index", capacity.index, 1)?;
+        let feedback = gpu.buffer("feedback", 4 * buffer_words(slots, capacity.entries), storage)?;
+        let states = gpu.buffer("ray states", capacity.places * size_of::<RayState>() as u64, storage)?;
+        let job = gpu.buffer("a dispatch", size_of::<Dispatch>() as u64, uniform)?;
+        let read_back = gpu.read_buffer("read-back", read_bytes.max(read_back_bytes(capacity.places)))?;
+        Ok(Self {
+            bound: None,
             gpu: gpu.clone(),
-            pipelines,
-            scene_bindings,
-            job,
+            scene,
+            points,
+            transfer_index,
             feedback,
-            feedback_words,
-            miss_counts,
+            states,
+            job,
             read_back,
-            chunks: Vec::new(),
-            pieces: Vec::new(),
-            grid,
-            work_limit: if gpu.is_software() { LEAST_WORK_LIMIT } else { FIRST_WORK_LIMIT },
-        };
-        caster.make_rays(volume, scene)?;
-        Ok(caster)
+            read_bytes,
+            grid: RayGrid { width: 0, height: 0 },
+            view: View::zeroed(),
+            run_rays: match gpu.kind() {
+                wgpu::DeviceType::DiscreteGpu => MOST_RUN_RAYS,
+                wgpu::DeviceType::Cpu => FIRST_SOFTWARE_RUN_RAYS,
+                _ => FIRST_RUN_RAYS,
+            },
+        })
     }
 
-    /// The grid of rays.
+    /// Pipelines for pictures of a kind, bound to what is there.
+    fn bind(&self, cache: &GpuCache, variant: Variant) -> Result<Bound, GpuError> {
+        let gpu = &self.gpu;
+        let pipelines = gpu.pipelines(variant)?;
+        let bindings = SceneBindings {
+            scene: &self.scene,
+            page_table: &cache.page_table,
+            points: &self.points.view,
+            transfer_index: &self.transfer_index.view,
+            macro_ranges: &cache.macro_ranges,
+            proximity: &cache.proximity,
+            feedback: &self.feedback,
+            textures: &cache.views,
+        };
+        Ok(Bound {
+            variant,
+            scene: pipelines.bind_scene(gpu, &bindings)?,
+            classify: pipelines.classify_cells.bind(gpu, &[&cache.slot_list], None)?,
+            begin: pipelines.begin_rays.bind(gpu, &[&self.states], None)?,
+            cast: pipelines.raycast.bind(gpu, &[&self.states], Some(&self.job))?,
+            gather: pipelines.gather_misses.bind(gpu, &[], None)?,
+            pipelines,
+        })
+    }
+
+    fn bound(&self) -> &Bound {
+        self.bound.as_ref().expect("a scene is set before anything is cast")
+    }
+
+    /// From now on rays are cast by these tables and this transfer function; a band must be begun.
+    ///
+    /// # Errors
+    /// If the driver refuses a pipeline.
+    pub(super) fn set_scene(
+        &mut self,
+        cache: &GpuCache,
+        scene: &Scene,
+        tf: &RenderTransferFunction,
+    ) -> Result<(), GpuError> {
+        let (mode, flags) = (scene.config.mode, scene.config.flags);
+        let variant = Variant { mode, flags, textures: cache.texture_count() };
+        if self.bound.as_ref().is_none_or(|bound| bound.variant != variant) {
+            self.bound = Some(self.bind(cache, variant)?);
+        }
+        self.view = scene.view;
+        self.gpu.queue.write_buffer(&self.scene, 0, bytemuck::bytes_of(scene));
+        self.points.write(&self.gpu, bytemuck::cast_slice(&scene_tables::points(tf)));
+        self.transfer_index.write(&self.gpu, &scene_tables::transfer_index(tf));
+        Ok(())
+    }
+
+    /// Decides what of the bricks in these slots shows something under the look.
+    pub(super) fn classify(&self, cache: &GpuCache, slots: &[SlotIndex]) {
+        for slots in slots.chunks(GROUPS_LIMIT as usize) {
+            cache.write_slot_list(slots);
+            let mut encoder = self.encoder();
+            let bound = self.bound();
+            self.dispatch(&mut encoder, &bound.pipelines.classify_cells, &bound.classify, slots.len() as u32);
+            self.gpu.queue.submit([encoder.finish()]);
+        }
+    }
+
+    /// Begins the rays of these rows of pixels.
+    pub(super) fn begin(&mut self, rows: Range<u32>) {
+        self.grid = RayGrid { width: self.view.width, height: rows.end - rows.start };
+        let places = self.grid.places() as u32;
+        self.view =
+            View { first_row: rows.start, height: rows.end, tiles_x: self.grid.tiles()[0], places, ..self.view };
+        let offset = std::mem::offset_of!(Scene, view) as u64;
+        self.gpu.queue.write_buffer(&self.scene, offset, bytemuck::bytes_of(&self.view));
+        let mut encoder = self.encoder();
+        let groups = places.div_ceil(WORKGROUP_RAYS);
+        let bound = self.bound();
+        self.dispatch(&mut encoder, &bound.pipelines.begin_rays, &bound.begin, groups);
+        self.gpu.queue.submit([encoder.finish()]);
+    }
+
+    /// The rays of the band in progress.
     pub(super) fn grid(&self) -> RayGrid {
         self.grid
     }
 
-    fn make_rays(&mut self, volume: &GpuVolume<'_>, scene: &ResolvedScene) -> Result<(), GpuError> {
-        let factory = RayFactory {
-            camera: &scene.camera,
-            geometry: volume.geometry,
-            dims: volume.pyramid.levels()[0].dims,
-            clip: &scene.clip,
-            first_value: match scene.mode {
-                Mode::Mip => f32::MIN,
-                Mode::Minip => f32::MAX,
-                _ => 0.0,
-            },
-        };
-        let most = if self.gpu.is_software() { SOFTWARE_PIECE_RAYS } else { PIECE_RAYS };
-        let places = self.grid.places();
-        let mut first_place = 0;
-        while first_place < places {
-            let rays = (places - first_place).min(CHUNK_RAYS) as u32;
-            let (gpu_rays, states) = factory.make(first_place, rays as usize);
-            let usage = wgpu::BufferUsages::STORAGE;
-            let gpu_rays = filled(&self.gpu, "rays", bytemuck::cast_slice(&gpu_rays), usage)?;
-            let states = filled(&self.gpu, "ray states", bytemuck::cast_slice(&states), usage)?;
-            let bindings = self.pipelines.bind_chunk(&self.gpu, &self.job, &gpu_rays, &states)?;
-            let chunk = self.chunks.len();
-            self.chunks.push(Chunk { states, bindings, first_place, rays });
-            for first_ray in (0..rays).step_by(most as usize) {
-                let piece_rays = most.min(rays - first_ray);
-                let piece = Piece { chunk, first_ray, rays: piece_rays, interrupted: piece_rays, waiting: 0 };
-                self.pieces.push(piece);
-            }
-            first_place += u64::from(rays);
-            // The upload's staging is given back before the next chunk is made.
-            self.gpu.queue.submit([]);
-            self.gpu.wait()?;
-        }
-        Ok(())
+    fn encoder(&self) -> wgpu::CommandEncoder {
+        self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
     }
 
-    /// Casts every unfinished ray until it is finished or waits for a brick.
-    pub(super) fn cast_pass(&mut self) -> Result<RawFeedback, GpuError> {
-        let mut raw = RawFeedback::default();
-        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        encoder.clear_buffer(&self.feedback, 0, None);
-        encoder.clear_buffer(&self.miss_counts, 0, None);
-        self.gpu.queue.submit([encoder.finish()]);
+    fn dispatch(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        pipeline: &Pipeline,
+        bindings: &wgpu::BindGroup,
+        groups: u32,
+    ) {
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        pass.set_pipeline(&pipeline.pipeline);
+        pass.set_bind_group(0, &self.bound().scene, &[]);
+        pass.set_bind_group(1, bindings, &[]);
+        // No more rows than needed: places are numbered row by row.
+        let rows = groups.div_ceil(GROUPS_LIMIT).max(1);
+        pass.dispatch_workgroups(groups.div_ceil(rows), rows, 1);
+    }
 
-        let mut first_round = true;
-        for _ in 0..ROUND_LIMIT {
-            let mut is_settled = true;
-            for i in 0..self.pieces.len() {
-                let piece = &self.pieces[i];
-                if piece.interrupted > 0 || (first_round && piece.waiting > 0) {
-                    self.cast_piece(i, first_round, &mut raw)?;
-                    is_settled &= self.pieces[i].interrupted == 0;
-                }
-            }
-            first_round = false;
-            if is_settled {
-                break;
-            }
+    /// Casts every unfinished ray until it is finished or waits for a brick, or that is to stop.
+    pub(super) fn cast_pass(&mut self, stop: &Stop) -> Result<RawFeedback, GpuError> {
+        let mut raw = RawFeedback::default();
+        let mut encoder = self.encoder();
+        encoder.clear_buffer(&self.feedback, 0, None);
+        self.gpu.queue.submit([encoder.finish()]);
+        let places = self.grid.places() as u32;
+        let mut first_ray = 0;
+        while first_ray < places && !raw.is_stopped {
+            let rays = self.run_rays.min(places - first_ray);
+            raw.is_stopped = !self.cast_run(first_ray, rays, &mut raw, stop)?;
+            first_ray += rays;
+            raw.is_stopped |= first_ray < places && stop.is_due();
         }
-        raw.feedback.unfinished_rays =
-            self.pieces.iter().map(|p| u64::from(p.interrupted) + u64::from(p.waiting)).sum();
         self.read_feedback(&mut raw)?;
         Ok(raw)
     }
 
-    /// One dispatch, waited for.
-    fn cast_piece(&mut self, index: usize, first_round: bool, raw: &mut RawFeedback) -> Result<(), GpuError> {
-        let begin = Instant::now();
-        let piece = &mut self.pieces[index];
-        let job = Dispatch {
-            first_ray: piece.first_ray,
-            ray_count: piece.rays,
-            work_limit: self.work_limit,
-            first_round: u32::from(first_round),
-        };
-        self.gpu.queue.write_buffer(&self.job, 0, bytemuck::bytes_of(&job));
-        let counters_bytes = size_of::<GpuCounters>() as u64;
-        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        encoder.clear_buffer(&self.feedback, 0, Some(counters_bytes));
-        {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            pass.set_pipeline(&self.pipelines.raycast);
-            pass.set_bind_group(0, &self.scene_bindings, &[]);
-            pass.set_bind_group(1, &self.chunks[piece.chunk].bindings, &[]);
-            pass.dispatch_workgroups(piece.rays.div_ceil(WORKGROUP_RAYS), 1, 1);
+    /// Casts a run of rays until each is finished or waits: whether that is so, and not time to stop before.
+    fn cast_run(&mut self, first_ray: u32, rays: u32, raw: &mut RawFeedback, stop: &Stop) -> Result<bool, GpuError> {
+        for round in 0..ROUND_LIMIT {
+            let begin = Instant::now();
+            let job = Dispatch { first_ray, later_round: u32::from(round > 0) };
+            self.gpu.queue.write_buffer(&self.job, 0, bytemuck::bytes_of(&job));
+            let counters_bytes = size_of::<GpuCounters>() as u64;
+            let mut encoder = self.encoder();
+            encoder.clear_buffer(&self.feedback, 0, Some(counters_bytes));
+            let bound = self.bound();
+            self.dispatch(&mut encoder, &bound.pipelines.raycast, &bound.cast, rays.div_ceil(WORKGROUP_RAYS));
+            encoder.copy_buffer_to_buffer(&self.feedback, 0, &self.read_back, 0, counters_bytes);
+            self.gpu.queue.submit([encoder.finish()]);
+            let counters =
+                self.gpu.read(&self.read_back, counters_bytes, bytemuck::pod_read_unaligned::<GpuCounters>)?;
+            raw.feedback.add(&counters);
+            raw.feedback.unfinished_rays += u64::from(counters.waiting);
+            let ms = begin.elapsed().as_secs_f64() * 1e3;
+            raw.dispatch_ms_max = raw.dispatch_ms_max.max(ms);
+            self.adapt_run(ms);
+            if counters.interrupted == 0 {
+                return Ok(true);
+            }
+            if stop.is_due() {
+                raw.feedback.unfinished_rays += u64::from(counters.interrupted);
+                return Ok(false);
+            }
         }
-        encoder.copy_buffer_to_buffer(&self.feedback, 0, &self.read_back, 0, counters_bytes);
-        self.gpu.queue.submit([encoder.finish()]);
-        let counters = self.gpu.read(&self.read_back, counters_bytes, bytemuck::pod_read_unaligned::<GpuCounters>)?;
-
-        raw.feedback.add(&counters);
-        piece.interrupted = counters.interrupted;
-        piece.waiting = if first_round { counters.waiting } else { piece.waiting + counters.waiting };
-        let ms = begin.elapsed().as_secs_f64() * 1e3;
-        raw.dispatch_ms_max = raw.dispatch_ms_max.max(ms);
-        self.adapt_work_limit(ms, counters.interrupted > 0);
-        Ok(())
+        Ok(false)
     }
 
-    fn adapt_work_limit(&mut self, ms: f64, was_reached: bool) {
-        let most = if self.gpu.is_software() { SOFTWARE_WORK_LIMIT } else { WORK_LIMIT };
+    fn adapt_run(&mut self, ms: f64) {
         if ms > SLOW_DISPATCH_MS {
-            self.work_limit = (self.work_limit / 2).max(LEAST_WORK_LIMIT);
-        } else if ms < FAST_DISPATCH_MS && was_reached {
-            self.work_limit = (self.work_limit * 2).min(most);
+            self.run_rays = (self.run_rays / 2).max(LEAST_RUN_RAYS);
+        } else if ms < FAST_DISPATCH_MS {
+            let most = if self.gpu.is_software() { MOST_SOFTWARE_RUN_RAYS } else { MOST_RUN_RAYS };
+            self.run_rays = (self.run_rays * 2).min(most);
         }
     }
 
     /// Counts the listed misses and reads the lists back.
     fn read_feedback(&mut self, raw: &mut RawFeedback) -> Result<(), GpuError> {
-        let bytes = 4 * self.feedback_words;
-        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            pass.set_pipeline(&self.pipelines.gather_misses);
-            pass.set_bind_group(0, &self.scene_bindings, &[]);
-            pass.set_bind_group(1, &self.chunks[0].bindings, &[]);
-            pass.dispatch_workgroups(MISS_LIMIT.div_ceil(WORKGROUP_RAYS), 1, 1);
-        }
-        encoder.copy_buffer_to_buffer(&self.feedback, 0, &self.read_back, 0, bytes);
+        let mut encoder = self.encoder();
+        let groups = MISS_LIMIT.div_ceil(WORKGROUP_RAYS);
+        let bound = self.bound();
+        self.dispatch(&mut encoder, &bound.pipelines.gather_misses, &bound.gather, groups);
+        encoder.copy_buffer_to_buffer(&self.feedback, 0, &self.read_back, 0, self.read_bytes);
         self.gpu.queue.submit([encoder.finish()]);
-        self.gpu.read(&self.read_back, bytes, |bytes| {
+        self.gpu.read(&self.read_back, self.read_bytes, |bytes| {
             let words: Vec<u32> = bytemuck::pod_collect_to_vec(bytes);
             let (misses, not_listed) = read_misses(&words);
             raw.misses = misses;
@@ -298,36 +361,41 @@ impl Caster {
         })
     }
 
-    /// Hands every ray's state and pixel to `visit`; pixels may lie beyond the grid's edge.
+    /// Hands every ray's state and pixel of the band to `visit`; pixels may lie beyond the grid's edge.
     pub(super) fn read_states(&mut self, mut visit: impl FnMut([u32; 2], &RayState)) -> Result<(), GpuError> {
         let state_bytes = size_of::<RayState>() as u64;
-        let rays_at_once = (READ_BACK_LIMIT / state_bytes) as u32;
-        for chunk in &self.chunks {
-            for first in (0..chunk.rays).step_by(rays_at_once as usize) {
-                let bytes = u64::from(rays_at_once.min(chunk.rays - first)) * state_bytes;
-                let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-                let from = u64::from(first) * state_bytes;
-                encoder.copy_buffer_to_buffer(&chunk.states, from, &self.read_back, 0, bytes);
-                self.gpu.queue.submit([encoder.finish()]);
-                let grid = self.grid;
-                self.gpu.read(&self.read_back, bytes, |bytes| {
-                    let mut state = RayState::zeroed();
-                    for (place, raw) in
-                        (chunk.first_place + u64::from(first)..).zip(bytes.chunks_exact(state_bytes as usize))
-                    {
-                        bytemuck::bytes_of_mut(&mut state).copy_from_slice(raw);
-                        visit(grid.pixel(place), &state);
-                    }
-                })?;
-            }
+        let (grid, places) = (self.grid, self.grid.places());
+        let rays_at_once = READ_BACK_LIMIT / state_bytes;
+        for first in (0..places).step_by(rays_at_once as usize) {
+            let bytes = rays_at_once.min(places - first) * state_bytes;
+            let mut encoder = self.encoder();
+            encoder.copy_buffer_to_buffer(&self.states, first * state_bytes, &self.read_back, 0, bytes);
+            self.gpu.queue.submit([encoder.finish()]);
+            self.gpu.read(&self.read_back, bytes, |bytes| {
+                let mut state = RayState::zeroed();
+                for (place, raw) in (first..).zip(bytes.chunks_exact(state_bytes as usize)) {
+                    bytemuck::bytes_of_mut(&mut state).copy_from_slice(raw);
+                    visit(grid.pixel(place), &state);
+                }
+            })?;
         }
         Ok(())
     }
 }
 
-/// A buffer that holds these bytes.
-fn filled(gpu: &GpuDevice, doing: &str, bytes: &[u8], usage: wgpu::BufferUsages) -> Result<wgpu::Buffer, GpuError> {
-    let buffer = gpu.buffer(doing, bytes.len() as u64, usage)?;
-    gpu.queue.write_buffer(&buffer, 0, bytes);
-    Ok(buffer)
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rays_of_a_band_keep_to_their_limit() {
+        for (width, subgrid) in [(1, 1), (1920, 1), (3840, 1), (7680, 3), (20_000, 5), (40_000, 2)] {
+            let rows = band_rows(width, subgrid);
+            let bytes = |rows: u32| RayGrid { width, height: rows }.places() * size_of::<RayState>() as u64;
+            assert!(rows.is_multiple_of(subgrid) && bytes(rows) <= STATES_LIMIT, "{width}, {subgrid}: {rows}");
+            assert!(bytes(rows.saturating_add(2 * TILE)) > STATES_LIMIT || width == 1, "{width}, {subgrid}: {rows}");
+        }
+        assert_eq!(band_rows(100_000_000, 3), 3, "a row of pixels is cast whatever it takes");
+        assert_eq!((band_rows(1920, 1), band_rows(3840, 1)), (728, 360));
+    }
 }

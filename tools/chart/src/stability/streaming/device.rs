@@ -58,8 +58,8 @@ fn device_loss(context: &Context<'_>) -> Result<Outcome, ChartError> {
         "On {}. The largest picture keeps the device busy for {total_ms:.0} ms. The device was destroyed {} times, after \
          each of a picture's first passes: a new one was opened, the renderer built anew and its memory filled again from \
          the container; the statistics carry the driver's message ({}). The time of a dispatch is wall time, the wait \
-         for its result included. Its work follows the times measured before, but not below 256 iterations of each ray \
-         of a piece (256 rays on a software adapter): an adapter that takes longer for those fails the first gate.",
+         for its result included. Its rays follow the times measured before, but are never fewer than 256: an adapter that \
+         takes longer for those fails the first gate.",
         device.name(),
         lost.cases,
         lost.message

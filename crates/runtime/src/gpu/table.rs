@@ -1,0 +1,68 @@
+//! Tables that shaders look up at any place, as textures: drivers read those for all lanes at once. Software ones read buffers
+//! lane by lane.
+
+use super::device::{GpuDevice, GpuError};
+use super::layout::TABLE_WIDTH as WIDTH;
+
+/// A table of texels of one or four 32-bit words, row by row.
+pub struct Table {
+    texture: wgpu::Texture,
+    /// What shaders bind.
+    pub view: wgpu::TextureView,
+    texel_words: usize,
+}
+
+impl Table {
+    /// Room for `texels` of 1 or 4 words.
+    ///
+    /// # Errors
+    /// [`GpuError::TableLimit`] beyond what textures hold, and whatever the device says.
+    pub fn new(gpu: &GpuDevice, doing: &str, texels: usize, texel_words: usize) -> Result<Self, GpuError> {
+        let rows = texels.max(1).div_ceil(WIDTH as usize) as u32;
+        let most = gpu.limits().max_texture_dimension_2d;
+        if rows > most {
+            let bytes = |rows: u32| u64::from(rows) * u64::from(WIDTH) * 4 * texel_words as u64;
+            let (what, advice) = (doing.to_owned(), "use fewer control points, or --backend cpu".to_owned());
+            return Err(GpuError::TableLimit { what, needed: bytes(rows), limit: bytes(most), advice });
+        }
+        let format = if texel_words == 1 { wgpu::TextureFormat::R32Uint } else { wgpu::TextureFormat::Rgba32Uint };
+        let texture = gpu.checked(doing, || {
+            gpu.device.create_texture(&wgpu::TextureDescriptor {
+                label: Some(doing),
+                size: wgpu::Extent3d { width: WIDTH, height: rows, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+                view_formats: &[],
+            })
+        })?;
+        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        Ok(Self { texture, view, texel_words })
+    }
+
+    /// Bytes of a table of so many texels.
+    #[must_use]
+    pub fn bytes(texels: usize, texel_words: usize) -> u64 {
+        (texels.max(1).next_multiple_of(WIDTH as usize) * texel_words * 4) as u64
+    }
+
+    /// Writes the first texels.
+    pub fn write(&self, gpu: &GpuDevice, words: &[u32]) {
+        let row_words = WIDTH as usize * self.texel_words;
+        let mut rows = words.to_vec();
+        rows.resize(words.len().next_multiple_of(row_words), 0);
+        let height = (rows.len() / row_words) as u32;
+        gpu.queue.write_texture(
+            self.texture.as_image_copy(),
+            bytemuck::cast_slice(&rows),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(4 * row_words as u32),
+                rows_per_image: Some(height),
+            },
+            wgpu::Extent3d { width: WIDTH, height, depth_or_array_layers: 1 },
+        );
+    }
+}

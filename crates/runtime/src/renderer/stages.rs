@@ -1,0 +1,110 @@
+//! A picture by a GPU and a deadline: large pixels first, then as small ones as there is time for.
+//!
+//! A sketch is always finished, from the bricks that are there and the coarsest level. Pictures of smaller pixels follow while
+//! there is time; rays that stop when it is up go on when the same scene is drawn next.
+
+use std::time::{Duration, Instant};
+
+use super::drawing::{next_pixel, options_for, sketch_pixel, with_pixels};
+use super::resident::Resident;
+use crate::frame::gpu::{GpuBackend, GpuPicture};
+use crate::frame::{RenderError, RenderOptions};
+use crate::image::Image;
+use crate::raycast::gpu::GpuDevice;
+use crate::scene::ResolvedScene;
+use crate::stats::FrameStats;
+use crate::stop::Stop;
+
+/// The best picture of a scene so far.
+#[derive(Debug, Clone)]
+pub struct Best {
+    /// As large as it is wanted.
+    pub image: Image,
+    /// What it and those before it have cost.
+    pub stats: FrameStats,
+    /// How many pixels along an edge one of its pixels covers.
+    pixel: u32,
+    /// The size of pixels that was begun and is not finished.
+    begun: Option<u32>,
+    took: Duration,
+}
+
+/// Makes the picture better while there is time; without a deadline, until it is finished.
+///
+/// # Errors
+/// As any picture; [`RenderError::Cancelled`] where there is none yet.
+pub fn draw(
+    backend: &mut GpuBackend,
+    resident: &mut Resident,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+    stop: &Stop,
+    best: Option<Best>,
+) -> Result<Best, RenderError> {
+    let mut best = match (best, stop.deadline()) {
+        (Some(best), _) => best,
+        (None, Some(_)) => {
+            let (began, pixel) = (Instant::now(), sketch_pixel(scene));
+            let at_once = stop.instead_at(Some(began));
+            let begun = Begun { pixel, is_paused_when_due: false, before: FrameStats::default() };
+            stage(backend, resident, scene, options, &at_once, begun)?
+        }
+        (None, None) => {
+            let begun = Begun { pixel: 1, is_paused_when_due: true, before: FrameStats::default() };
+            return stage(backend, resident, scene, options, stop, begun);
+        }
+    };
+    while !best.stats.converged && !stop.is_due() {
+        let left = stop.deadline().map(|deadline| deadline.saturating_duration_since(Instant::now()));
+        let pixel = match (left, best.begun) {
+            (None, _) => 1,
+            (Some(_), Some(begun)) => begun,
+            (Some(left), None) => next_pixel(best.pixel, best.took, left),
+        };
+        let begun = Begun { pixel, is_paused_when_due: true, before: best.stats.clone() };
+        match stage(backend, resident, scene, options, stop, begun) {
+            Ok(better) => best = better,
+            Err(RenderError::Cancelled) => best.begun = Some(pixel),
+            Err(error) => return Err(error),
+        }
+        if best.pixel == 1 && best.begun.is_none() {
+            break;
+        }
+    }
+    Ok(best)
+}
+
+/// What a picture is begun with.
+struct Begun {
+    pixel: u32,
+    /// Whether its rays stop when it is time to; if not, it is completed from what is there.
+    is_paused_when_due: bool,
+    before: FrameStats,
+}
+
+/// The picture of pixels of one size.
+fn stage(
+    backend: &mut GpuBackend,
+    resident: &mut Resident,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+    stop: &Stop,
+    begun: Begun,
+) -> Result<Best, RenderError> {
+    let began = Instant::now();
+    let Begun { pixel, is_paused_when_due, before } = begun;
+    let (seen, options) = (with_pixels(scene, pixel), options_for(resident.container(), options, pixel));
+    let keeps_answers = resident.aim(&seen, &options);
+    let (scene_of_stage, plan) = (&seen, resident.plan());
+    let picture =
+        GpuPicture { scene: scene_of_stage, options: &options, plan, stop, keeps_answers, is_paused_when_due, before };
+    let (image, mut stats) = backend.draw(resident.streamer(), &picture, &GpuDevice::open)?;
+    if pixel > 1 {
+        stats.converged = false;
+        (stats.pixels_unfinished, stats.coarsest_pixel) = (scene.pixels(), pixel);
+    } else {
+        (stats.pixels_unfinished, stats.coarsest_pixel) = (0, 0);
+    }
+    let image = image.enlarged(pixel, scene.image_size);
+    Ok(Best { image, stats, pixel, begun: None, took: began.elapsed() })
+}

@@ -1,0 +1,56 @@
+// Decides which macro cells of a slot show something under the look, and how far from them the others are: one workgroup
+// for each slot that is listed. Chebyshev distances are found axis by axis.
+
+@group(1) @binding(0) var<storage, read> slots_to_classify: array<u32>;
+
+// Whether something of a macro cell can be seen at all.
+fn is_shown(range: vec2<f32>) -> bool {
+    if (!has_flag(FLAG_SKIPPING)) {
+        return true;
+    }
+    return range.x <= range.y && (mode() != MODE_DVR || is_visible(range.x, range.y));
+}
+
+// Most macro cells along an axis of a brick.
+const MOST_CELLS: u32 = 16u;
+var<private> along: array<u32, 16>;
+
+// Replaces the distances of a line of cells by the least of the greater of "how far along it" and "what was found there
+// along the axes before". Cells of the line are `step` apart.
+fn sweep(first: u32, step: u32, edge: u32) {
+    let count = min(edge, MOST_CELLS);
+    for (var i = 0u; i < count; i += 1u) {
+        along[i] = proximity[first + i * step];
+    }
+    for (var i = 0u; i < count; i += 1u) {
+        var nearest = along[i];
+        for (var k = 1u; k < nearest; k += 1u) {
+            let before = select(edge, along[i - min(k, i)], k <= i);
+            let behind = select(edge, along[min(i + k, count - 1u)], i + k < count);
+            nearest = min(nearest, max(k, min(before, behind)));
+        }
+        proximity[first + i * step] = nearest;
+    }
+}
+
+@compute @workgroup_size(64)
+fn classify_cells(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    config = scene.config;
+    let edge = config.core / u32(MACRO_CELL);
+    let cells = edge * edge * edge;
+    let first = slots_to_classify[group.x] * cells;
+    for (var cell = lane; cell < cells; cell += 64u) {
+        proximity[first + cell] = select(edge, 0u, is_shown(macro_ranges[first + cell]));
+    }
+    storageBarrier();
+    var step = 1u;
+    for (var axis = 0u; axis < 3u; axis += 1u) {
+        // A lane owns whole lines of cells, so that nobody reads what another has written over.
+        for (var line = lane; line < edge * edge; line += 64u) {
+            let cell = line % step + line / step * step * edge;
+            sweep(first + cell, step, edge);
+        }
+        storageBarrier();
+        step *= edge;
+    }
+}
