@@ -3,7 +3,7 @@
 # validation and GPU tests among them, on a software adapter where there is no other), fuzzing, the demo, a soak.
 #
 #   tools/ci.sh            all steps
-#   tools/ci.sh tests      only the steps named: format clippy documents tests fuzz demo soak
+#   tools/ci.sh tests      only the steps named: format clippy documents tests audit fuzz demo soak
 #
 # Works on a fresh Debian 12 with Rust 1.95; installs what is missing by apt. Environment:
 #   FUZZ_SECONDS (8)       seconds per fuzz target
@@ -15,12 +15,12 @@ set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-readonly ALL_STEPS=(format clippy documents tests fuzz demo soak)
+readonly ALL_STEPS=(format clippy documents tests audit fuzz demo soak)
 readonly MIN_FREE_GB=10
 readonly FUZZ_SECONDS="${FUZZ_SECONDS:-8}"
 readonly FUZZ_SEED=1
 readonly SOAK_MINUTES="${SOAK_MINUTES:-3}"
-readonly FUZZ_TARGETS=(container codec_raw codec_rle codec_zstd segy nrrd nifti npy)
+readonly FUZZ_TARGETS=(container codec_raw codec_rle codec_zstd segy nrrd metaimage nifti npy)
 
 started=$SECONDS
 work="$(mktemp -d)"
@@ -135,6 +135,9 @@ tests() {
     fi
 }
 
+# Licences, known advisories and origin of all dependencies, held against tools/dependencies.json.
+audit() { cargo test --quiet --workspace --locked --test dependencies; }
+
 doc_tests() { cargo test --workspace --locked --doc; }
 
 # Builds the libFuzzer targets with the stable compiler: coverage, no sanitizer (our crates hold next to no unsafe
@@ -208,6 +211,8 @@ main() {
         step "tests" tests
         step "doc tests" doc_tests
     fi
+    # After the tests, which have built all of it.
+    if wanted audit; then step "audit" audit; fi
     if wanted fuzz; then
         step "fuzz build" fuzz_build
         step "fuzz run" fuzz_run

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use supervol_format::codec::CodecChoice;
 use supervol_format::container::manifest::Source;
 use supervol_format::{BrickLayout, Container, VoxelBox, VoxelType};
+use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::source::computed::Computed;
@@ -143,6 +144,7 @@ pub fn options(core: u32) -> BuildOptions {
         layout: BrickLayout::new(core).expect("tests use one of the core sizes"),
         codec: CodecChoice::Smallest,
         lod_axes: LodAxes::Xyz,
+        reduce: Some(Reduce::Mean),
         memory_bytes: 1 << 30,
         threads: 2,
         existing: Existing::Keep,

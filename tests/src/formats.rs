@@ -15,9 +15,32 @@ use supervol_preprocess::verify::verify;
 use supervol_preprocess::{BuildOptions, Existing, build, identify};
 
 /// Folders of the data folder that the table covers.
-const FOLDERS: [&str; 6] = ["segy/real", "segy/odd", "segy/f3-formats", "nrrd", "nifti", "npy"];
+const FOLDERS: [&str; 13] = [
+    "segy/real",
+    "segy/odd",
+    "segy/f3-formats",
+    "nrrd",
+    "nifti",
+    "npy",
+    "metaimage",
+    "dicom/odd",
+    "hdf5",
+    "npz",
+    "tiff",
+    "vti",
+    "vtk-legacy",
+];
+/// Folders that are given as they are.
+const FOLDERS_AS_INPUTS: [&str; 6] = [
+    "dicom/brain_pd_19slices",
+    "n5/n5_viewer_multiscale_modern",
+    "png-slices/fibsem-medulla-250",
+    "tiff/odd/ome-multifile",
+    "zarr/ome_zarr_0.4",
+    "zarr/ome_zarr_0.5",
+];
 /// Files that are parts of others, and are opened with them.
-const PARTS: [&str; 1] = ["BallBinary30x30x30.raw"];
+const PARTS: [&str; 3] = ["BallBinary30x30x30.raw", "HeadMRVolume.raw", "BrainProtonDensitySliceBorder20.zraw"];
 /// Memory for each build, bytes.
 const MEMORY_BYTES: u64 = 256 << 20;
 
@@ -43,6 +66,7 @@ pub fn files(data: &Path) -> std::io::Result<Vec<PathBuf>> {
     for folder in FOLDERS {
         list(&data.join(folder), &mut files)?;
     }
+    files.extend(FOLDERS_AS_INPUTS.map(|folder| data.join(folder)));
     files.push(data.join("raw/walnut_128x96x114_u16le.raw"));
     files.push(data.join("raw/headsq_64x64x93_i16le/quarter.nhdr"));
     files.retain(|f| !PARTS.iter().any(|part| f.ends_with(part)));

@@ -10,6 +10,7 @@ use std::sync::{Arc, OnceLock};
 
 use supervol_format::codec::{BrickShape, Codec, CodecChoice, decode_into, encode};
 use supervol_format::{Container, Dims, VoxelBox, VoxelType};
+use supervol_preprocess::source::metaimage::{MetaImageSource, Outside};
 use supervol_preprocess::source::nifti::NiftiSource;
 use supervol_preprocess::source::npy::NpySource;
 use supervol_preprocess::source::nrrd::NrrdSource;
@@ -122,6 +123,12 @@ pub fn nrrd(data: &[u8]) {
     in_a_file("fuzz.nrrd", &bytes, |path, spool| read_some(NrrdSource::open(path, spool)));
 }
 
+/// A MetaImage, plain or compressed.
+pub fn metaimage(data: &[u8]) {
+    let bytes = whole_file(data, &metaimage_seed());
+    in_a_file("fuzz.mha", &bytes, |path, spool| read_some(MetaImageSource::open(path, spool, Outside::Refused)));
+}
+
 /// A NIfTI file, plain.
 pub fn nifti(data: &[u8]) {
     let bytes = whole_file(data, &nifti_seed());
@@ -145,6 +152,7 @@ pub fn all() -> Vec<(&'static str, Body, Vec<u8>)> {
         ("container", container, whole(&seed_container().bytes)),
         ("segy", segy, whole(&segy_seed())),
         ("nrrd", nrrd, whole(&nrrd_seed())),
+        ("metaimage", metaimage, whole(&metaimage_seed())),
         ("nifti", nifti, whole(&nifti_seed())),
         ("npy", npy, whole(&npy_seed())),
     ];
@@ -260,6 +268,17 @@ pub fn nrrd_seed() -> Vec<u8> {
     let mut file = b"NRRD0004\ntype: short\ndimension: 3\nspace: left-posterior-superior\nsizes: 4 3 2\n\
         space directions: (1,0,0) (0,2.5,0) (0,0,-1)\nkinds: domain domain domain\nendian: little\nencoding: raw\n\
         space origin: (0,1e3,0)\n\n"
+        .to_vec();
+    file.extend(0..48u8);
+    file
+}
+
+/// 4 x 3 x 2 voxels of i16 with all common fields.
+#[must_use]
+pub fn metaimage_seed() -> Vec<u8> {
+    let mut file = b"ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n\
+        CompressedData = False\nTransformMatrix = 1 0 0 0 0 1 0 -1 0\nOffset = 1 -2 1e3\nElementSpacing = 1 2.5 1\n\
+        DimSize = 4 3 2\nHeaderSize = 0\nElementType = MET_SHORT\nElementDataFile = LOCAL\n"
         .to_vec();
     file.extend(0..48u8);
     file

@@ -63,6 +63,11 @@ fn nrrd() {
 }
 
 #[test]
+fn metaimage() {
+    run("metaimage");
+}
+
+#[test]
 fn nifti() {
     run("nifti");
 }
@@ -81,6 +86,7 @@ fn valid_inputs_are_accepted() {
     let folder = tempfile::tempdir().expect("a folder");
     let files = [
         ("seed.nrrd", fuzz_bodies::nrrd_seed()),
+        ("seed.mha", fuzz_bodies::metaimage_seed()),
         ("seed.nii", fuzz_bodies::nifti_seed()),
         ("seed.npy", fuzz_bodies::npy_seed()),
     ];

@@ -1,4 +1,4 @@
-//! Builds and extractions keep to their memory budgets, whatever the volume's shape: allocations are counted. Alone in its program, because it counts everything.
+//! Builds, checks and extractions keep to their memory budgets, whatever the volume's shape: allocations are counted. Alone in its program, because it counts everything.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
@@ -9,6 +9,7 @@ use supervol_preprocess::extract::{Extraction, extract};
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::segy::{SegyOptions, SegySource};
 use supervol_preprocess::source::synthetic::Synthetic;
+use supervol_preprocess::verify::verify;
 use supervol_preprocess::{BuildOptions, Existing};
 use supervol_tests::fields::{options, try_build};
 
@@ -125,9 +126,25 @@ fn builds_extractions_and_sources_stay_within_their_budget() {
         let needed: u64 = refused.split(' ').next().and_then(|n| n.parse().ok()).expect("it begins with a number");
         let (peak, extracted) = peak_of(|| extract(&built.container, &output, &what(needed << 20)));
         extracted.unwrap_or_else(|e| panic!("{dims:?}: {e}"));
+        check_verifying(&built.path, &format!("{dims:?} {voxel_type}, bricks of {core}"));
         println!("MEASURED: extraction of {dims:?} {voxel_type}: budget {needed} MiB, peak {:.1} MiB", mebi(peak));
         let allowed = (needed << 20) as usize + SLACK;
         assert!(peak <= allowed, "extraction of {dims:?}: {peak} bytes at the peak, {allowed} allowed");
+    }
+}
+
+/// `verify` keeps to its budget on eight threads, from the least that will do on.
+fn check_verifying(path: &Path, what: &str) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().expect("eight threads");
+    let run = |memory_bytes: u64| pool.install(|| peak_of(|| verify(path, memory_bytes, &|_, _| ())));
+    let refused = run(0).1.expect_err("nothing can be done in no memory").to_string();
+    let needed: u64 = refused.split(' ').next().and_then(|n| n.parse().ok()).expect("it begins with a number");
+    for mebibytes in [needed, 3 * needed] {
+        let (peak, verified) = run(mebibytes << 20);
+        verified.unwrap_or_else(|e| panic!("{what}: {e}"));
+        println!("MEASURED: check of {what}: budget {mebibytes} MiB, peak {:.1} MiB", peak as f64 / 1048576.0);
+        let allowed = (mebibytes << 20) as usize + SLACK;
+        assert!(peak <= allowed, "check of {what}: {peak} bytes at the peak, {allowed} allowed");
     }
 }
 

@@ -210,3 +210,8 @@ fn s45_colour_pipeline() {
 fn s46_run_lengths() {
     holds("S46");
 }
+
+#[test]
+fn s47_extreme_numbers() {
+    holds("S47");
+}

@@ -161,7 +161,7 @@ fn coarser_voxels() {
     let old = f32::from_le_bytes(voxels[middle..middle + 4].try_into().expect("four bytes"));
     voxels[middle..middle + 4].copy_from_slice(&(old + 0.25).to_le_bytes());
     forge.set_voxels(key, &voxels);
-    assert_names(&forge, &["average of the finer level", "LOD 1"]);
+    assert_names(&forge, &["mean of the finer level", "LOD 1"]);
 }
 
 #[test]

@@ -1,11 +1,52 @@
-//! Averages: the voxels of a coarser level from those of the finer one.
+//! The voxels of a coarser level from those of the finer one.
 //!
-//! Coarse voxel c of a halved axis is the mean of fine voxels 2c and 2c+1; where the finer grid ends with 2c, of that
-//! one alone. Absent voxels take no part; where all are absent, the coarse voxel is absent too. Means are taken in
-//! double precision and rounded to the voxel type, ties to even.
+//! Coarse voxel c of a halved axis stands for fine voxels 2c and 2c+1; where the finer grid ends with 2c, for that one alone.
+//! Absent voxels take no part; where all are absent, the coarse voxel is absent too. What stands for up to eight voxels is
+//! chosen by [`Reduce`]. Means are taken in double precision and rounded to the voxel type, ties to even.
 
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
+
+/// What stands for several voxels in a coarser level.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Reduce {
+    /// Their mean: for whatever is measured.
+    #[default]
+    Mean,
+    /// The greatest: nothing bright is lost, and everything bright grows.
+    Max,
+    /// The most frequent, of equally frequent ones the least: for labels, whose means are labels of something else.
+    Majority,
+}
+
+impl Reduce {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Mean, Self::Max, Self::Majority];
+
+    /// Its name in manifests and on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Mean => "mean",
+            Self::Max => "max",
+            Self::Majority => "majority",
+        }
+    }
+
+    /// What stands for these values; the absence marker if none of them is present.
+    fn of(self, values: [f64; 8], absence: Absence) -> f64 {
+        let present = || values.iter().copied().filter(|&v| !absence.is_absent(v));
+        match self {
+            Self::Mean => mean_of_present(values, absence),
+            Self::Max => present().reduce(f64::max).unwrap_or(absence.marker()),
+            Self::Majority => {
+                let votes = |v: f64| present().filter(|&other| other == v).count();
+                let more = |a: f64, b: f64| if (votes(b), -b) > (votes(a), -a) { b } else { a };
+                present().reduce(more).unwrap_or(absence.marker())
+            }
+        }
+    }
+}
 
 /// The finer voxels that the voxels of a coarse box are averages of.
 #[must_use]
@@ -23,11 +64,12 @@ pub struct VoxelBlock<'a> {
     pub bytes: &'a [u8],
 }
 
-/// Averages `fine` into the coarse voxels of `coarse`, which are written to `out`, one z-slice per task.
+/// Reduces `fine` to the coarse voxels of `coarse`, which are written to `out`, one z-slice per task.
 ///
 /// # Panics
 /// If `fine` lacks a voxel that [`finer_box`] names, or a buffer has another length than its box.
 pub fn downsample(
+    reduce: Reduce,
     voxel_type: VoxelType,
     absence: Absence,
     factors: [u32; 3],
@@ -35,10 +77,11 @@ pub fn downsample(
     coarse: VoxelBox,
     out: &mut [u8],
 ) {
-    with_voxel!(voxel_type, V => downsample_typed::<V>(absence, factors, fine, coarse, out));
+    with_voxel!(voxel_type, V => downsample_typed::<V>(reduce, absence, factors, fine, coarse, out));
 }
 
 fn downsample_typed<V: Voxel>(
+    reduce: Reduce,
     absence: Absence,
     factors: [u32; 3],
     fine: VoxelBlock<'_>,
@@ -67,8 +110,8 @@ fn downsample_typed<V: Voxel>(
                 &fine.bytes[start..start + fine_nx * size_of::<V>()]
             });
             let (x0, _) = pair(0, 0, fine_nx);
-            if holes_possible {
-                average_row_with_holes::<V>(absence, factors[0] as usize, x0, rows, row);
+            if holes_possible || reduce != Reduce::Mean {
+                reduce_row::<V>(reduce, absence, factors[0] as usize, x0, rows, row);
             } else {
                 average_row::<V>(factors[0] as usize, x0, rows, row);
             }
@@ -89,7 +132,7 @@ fn average_row<V: Voxel>(factor: usize, x0: usize, rows: [&[u8]; 4], out: &mut [
     }
 }
 
-fn average_row_with_holes<V: Voxel>(absence: Absence, factor: usize, x0: usize, rows: [&[u8]; 4], out: &mut [u8]) {
+fn reduce_row<V: Voxel>(reduce: Reduce, absence: Absence, factor: usize, x0: usize, rows: [&[u8]; 4], out: &mut [u8]) {
     let size = size_of::<V>();
     let n = rows[0].len() / size;
     for (c, target) in out.chunks_exact_mut(size).enumerate() {
@@ -99,7 +142,7 @@ fn average_row_with_holes<V: Voxel>(absence: Absence, factor: usize, x0: usize, 
             let x = if i & 1 == 0 { first } else { second };
             V::read_le(&rows[i >> 1][x * size..(x + 1) * size]).to_f64()
         });
-        V::from_f64(mean_of_present(values, absence)).write_le(target);
+        V::from_f64(reduce.of(values, absence)).write_le(target);
     }
 }
 
@@ -122,11 +165,15 @@ mod tests {
     use super::*;
 
     fn average_u8(dims: [u64; 3], factors: [u32; 3], values: &[u8], nodata: Option<f64>) -> Vec<u8> {
+        reduce_u8(Reduce::Mean, dims, factors, values, nodata)
+    }
+
+    fn reduce_u8(reduce: Reduce, dims: [u64; 3], factors: [u32; 3], values: &[u8], nodata: Option<f64>) -> Vec<u8> {
         let fine_dims = Dims(dims);
         let coarse = Dims(std::array::from_fn(|a| dims[a].div_ceil(u64::from(factors[a]))));
         let block = VoxelBlock { voxels: finer_box(coarse.full_box(), factors, fine_dims), bytes: values };
         let mut out = vec![0; coarse.full_box().voxels()];
-        downsample(VoxelType::U8, Absence { nodata }, factors, block, coarse.full_box(), &mut out);
+        downsample(reduce, VoxelType::U8, Absence { nodata }, factors, block, coarse.full_box(), &mut out);
         out
     }
 
@@ -142,6 +189,27 @@ mod tests {
         assert_eq!(average_u8([4, 1, 1], [2, 1, 1], &[255, 8, 255, 255], Some(255.0)), [8, 255]);
         // The mean of 0 and 2 is 1, but 1 means "no data": the result must stay present.
         assert_eq!(average_u8([2, 1, 1], [2, 1, 1], &[0, 2], Some(1.0)), [0]);
+    }
+
+    #[test]
+    fn labels_are_chosen_and_never_made() {
+        let of = |values: &[u8]| reduce_u8(Reduce::Majority, [2, 2, 2], [2, 2, 2], values, Some(255.0));
+        assert_eq!(of(&[7, 7, 7, 3, 3, 9, 9, 1]), [7]);
+        assert_eq!(of(&[9, 9, 9, 3, 3, 3, 1, 1]), [3], "of equally frequent ones the least");
+        assert_eq!(of(&[255, 255, 255, 255, 255, 255, 255, 4]), [4], "absent voxels have no vote");
+        assert_eq!(of(&[255; 8]), [255]);
+        // Where the grid ends, and where an axis is not halved, every voxel has as many votes as any other.
+        let ends = reduce_u8(Reduce::Majority, [3, 2, 1], [2, 2, 1], &[5, 5, 8, 6, 5, 2], None);
+        assert_eq!(ends, [5, 2]);
+        for name in Reduce::ALL.map(Reduce::name) {
+            assert!(["mean", "max", "majority"].contains(&name));
+        }
+    }
+
+    #[test]
+    fn the_greatest_is_kept() {
+        let of = |values: &[u8]| reduce_u8(Reduce::Max, [4, 1, 1], [2, 1, 1], values, Some(255.0));
+        assert_eq!([of(&[3, 9, 255, 4]), of(&[255, 255, 0, 0])], [[9, 4], [255, 0]]);
     }
 
     #[test]

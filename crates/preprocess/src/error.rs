@@ -47,6 +47,12 @@ impl BuildError {
         Self::Write { path: path.into(), source }
     }
 
+    /// `--memory` does not suffice; `what` says what for.
+    pub(crate) fn memory(needed: u64, allowed: u64, what: String, advice: &str) -> Self {
+        let mib = |bytes: u64| format!("{} MiB", bytes.div_ceil(1 << 20));
+        Self::Memory { needed: mib(needed), allowed: mib(allowed), what, advice: advice.into() }
+    }
+
     pub(crate) fn container(path: &Path, source: ContainerError) -> Self {
         Self::Container { path: path.into(), source }
     }

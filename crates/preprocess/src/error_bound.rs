@@ -273,7 +273,7 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::downsample::{downsample, finer_box};
+    use crate::downsample::{Reduce, downsample, finer_box};
     use supervol_format::Dims;
 
     /// Trilinear interpolation with clamped indices, straight from the model's text.
@@ -316,7 +316,7 @@ mod tests {
             assert_eq!(finer_box(coarse_box, factors, fine_dims), fine_dims.full_box());
             let mut coarse = vec![0; coarse_box.voxels() * 4];
             let absence = Absence::NON_FINITE_ONLY;
-            downsample(VoxelType::F32, absence, factors, fine, coarse_box, &mut coarse);
+            downsample(Reduce::Mean, VoxelType::F32, absence, factors, fine, coarse_box, &mut coarse);
             let block = VoxelBlock { voxels: coarse_box, bytes: &coarse };
             let bound = step_error(VoxelType::F32, absence, factors, fine, block, coarse_box);
 
@@ -364,7 +364,7 @@ mod tests {
         let coarse_box = Dims([4, 2, 2]).full_box();
         let mut coarse = vec![0; coarse_box.voxels() * 4];
         let absence = Absence::NON_FINITE_ONLY;
-        downsample(VoxelType::F32, absence, [1, 2, 2], fine, coarse_box, &mut coarse);
+        downsample(Reduce::Mean, VoxelType::F32, absence, [1, 2, 2], fine, coarse_box, &mut coarse);
         let block = VoxelBlock { voxels: coarse_box, bytes: &coarse };
         assert_eq!(step_error(VoxelType::F32, absence, [1, 2, 2], fine, block, coarse_box), 0.0);
     }

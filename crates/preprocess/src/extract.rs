@@ -110,13 +110,8 @@ impl Plan {
         let fixed = |threads: usize| LevelReader::working_bytes(descriptor, threads) + WRITE_BUFFER_BYTES as u64;
         let needed = fixed(1) + 2 * LEAST_BOX_BYTES;
         if memory_bytes < needed {
-            let mib = |b: u64| format!("{} MiB", b.div_ceil(1 << 20));
-            return Err(BuildError::Memory {
-                needed: mib(needed),
-                allowed: mib(memory_bytes),
-                what: "to decode bricks on one thread and to write".into(),
-                advice: "Allow more with --memory".into(),
-            });
+            let what = "to decode bricks on one thread and to write".into();
+            return Err(BuildError::memory(needed, memory_bytes, what, "Allow more with --memory"));
         }
         // At most half for the threads; the rest for the cache and for voxels on their way.
         let fits = |threads: &usize| *threads == 1 || fixed(*threads) <= memory_bytes / 2;

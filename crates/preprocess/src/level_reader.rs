@@ -38,6 +38,8 @@ impl BrickStore for Container {
 
 /// Reads boxes of one level.
 pub struct LevelReader<'a> {
+    /// Whether bricks of one box are decoded on several threads.
+    is_parallel: bool,
     store: &'a dyn BrickStore,
     lod: Lod,
     budget_bytes: usize,
@@ -91,7 +93,14 @@ impl<'a> LevelReader<'a> {
     /// A reader of level `lod` that keeps decoded bricks of at most `budget_bytes` between calls.
     #[must_use]
     pub fn new(store: &'a dyn BrickStore, lod: Lod, budget_bytes: usize) -> Self {
-        Self { store, lod, budget_bytes, cache: Mutex::default() }
+        Self { is_parallel: true, store, lod, budget_bytes, cache: Mutex::default() }
+    }
+
+    /// The same, decoding one brick after the other on the thread that asks: a thread that waits for others would begin with
+    /// whatever else there is to do, and hold the bytes of both.
+    #[must_use]
+    pub fn on_one_thread(self) -> Self {
+        Self { is_parallel: false, ..self }
     }
 
     /// Fills `out` with the voxels of a box of the level, little endian, packed, x fastest.
@@ -121,8 +130,12 @@ impl<'a> LevelReader<'a> {
                 for part in row.chunks(at_once) {
                     let key = |x: u64| BrickKey::new(self.lod, BrickIndex([x as u32, y as u32, z as u32]));
                     let keys: Vec<BrickKey> = part.iter().map(|&x| key(x)).collect();
-                    let bricks: Vec<Arc<Vec<u8>>> =
-                        keys.par_iter().map(|&key| self.brick(key)).collect::<Result<_, ContainerError>>()?;
+                    let bricks: Result<Vec<Arc<Vec<u8>>>, ContainerError> = if self.is_parallel {
+                        keys.par_iter().map(|&key| self.brick(key)).collect()
+                    } else {
+                        keys.iter().map(|&key| self.brick(key)).collect()
+                    };
+                    let bricks = bricks?;
                     for (key, brick) in keys.iter().zip(&bricks) {
                         self.copy_core(*key, brick, voxels, out);
                     }
@@ -142,7 +155,8 @@ impl<'a> LevelReader<'a> {
 
     /// Bricks to decode at once: half of what the cache holds, where they cost nothing, but one for every thread.
     fn bricks_at_once(&self, brick_bytes: u64) -> usize {
-        (self.budget_bytes / 2 / (brick_bytes as usize + ENTRY_BYTES)).max(rayon::current_num_threads())
+        let least = if self.is_parallel { rayon::current_num_threads() } else { return 1 };
+        (self.budget_bytes / 2 / (brick_bytes as usize + ENTRY_BYTES)).max(least)
     }
 
     fn brick(&self, key: BrickKey) -> Result<Arc<Vec<u8>>, ContainerError> {

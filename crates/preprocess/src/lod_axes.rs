@@ -82,9 +82,10 @@ fn best_axes(info: &SourceInfo, open: [bool; 3], spacing: [f64; 3], samples: &[S
 }
 
 /// A box of the volume as doubles, NaN where absent.
-struct Sample {
+pub(crate) struct Sample {
     extent: [usize; 3],
-    values: Vec<f64>,
+    /// x fastest.
+    pub values: Vec<f64>,
 }
 
 impl Sample {
@@ -102,7 +103,7 @@ impl Sample {
     }
 
     /// Neighbours (0, 1), (2, 3), ... along an axis, in memory order of the first.
-    fn pairs(&self, axis: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
+    pub(crate) fn pairs(&self, axis: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
         let stride = [1, self.extent[0], self.extent[0] * self.extent[1]][axis];
         let extent = self.extent;
         (0..self.values.len()).filter_map(move |i| {
@@ -128,7 +129,7 @@ fn variance_kept(samples: &[Sample], axis: usize) -> f64 {
 }
 
 /// Up to 27 boxes, evenly spread.
-fn sample_boxes(source: &dyn VolumeSource) -> Result<Vec<Sample>, SourceError> {
+pub(crate) fn sample_boxes(source: &dyn VolumeSource) -> Result<Vec<Sample>, SourceError> {
     let info = source.info();
     let absence = Absence::declared(info.nodata, info.voxel_type);
     let starts = |n: u64| -> Vec<u64> {

@@ -67,17 +67,14 @@ impl MemoryPlan {
         if rest < smallest_tiles + per_thread {
             let needed = (smallest_tiles + per_thread + table + histogram) * 16 / 15 + 16;
             let mib = |b: u64| format!("{} MiB", b.div_ceil(1 << 20));
-            return Err(BuildError::Memory {
-                needed: mib(needed),
-                allowed: mib(budget_bytes),
-                what: format!(
-                    "{} for the tables of the source and of {} bricks, {} for one thread, the rest for tiles of one brick",
-                    mib(table),
-                    pyramid.brick_count(),
-                    mib(per_thread + histogram)
-                ),
-                advice: "Allow more with --memory, or use smaller bricks (--brick)".into(),
-            });
+            let what = format!(
+                "{} for the tables of the source and of {} bricks, {} for one thread, the rest for tiles of one brick",
+                mib(table),
+                pyramid.brick_count(),
+                mib(per_thread + histogram)
+            );
+            let advice = "Allow more with --memory, or use smaller bricks (--brick)";
+            return Err(BuildError::memory(needed, budget_bytes, what, advice));
         }
         // The share of the tiles must not depend on the threads: tiles decide in which order bricks are written.
         let tiles = smallest_tiles.max((rest / 4 * 3).min(rest - per_thread));

@@ -26,10 +26,11 @@ use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, ByteSource, Level, Lod, Pyramid, ValueRange, VoxelBox};
 
 use crate::bricker::{Tile, cut_brick, key_of, tiles};
-use crate::downsample::{VoxelBlock, downsample, finer_box};
+use crate::downsample::{Reduce, VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
 use crate::error_bound::{brick_error, step_error};
 use crate::journal::{self, Frame, Journal};
+use crate::labels::are_labels;
 use crate::level_reader::{BrickStore, LevelReader};
 use crate::lod_axes::{self, LodAxes};
 use crate::memory::{MemoryPlan, tile_bytes};
@@ -55,6 +56,9 @@ pub struct BuildOptions {
     pub codec: CodecChoice,
     /// Which axes coarser levels halve.
     pub lod_axes: LodAxes,
+    /// What stands for several voxels in coarser levels; `None`: the majority of labels ([`crate::labels`]), the mean of all
+    /// else.
+    pub reduce: Option<Reduce>,
     /// Most bytes of memory to use, without the program itself.
     pub memory_bytes: u64,
     /// Threads that encode; fewer are started where the memory does not suffice for all.
@@ -70,6 +74,7 @@ impl Default for BuildOptions {
             layout: BrickLayout::DEFAULT,
             codec: CodecChoice::Smallest,
             lod_axes: LodAxes::Auto,
+            reduce: None,
             memory_bytes: 1 << 30,
             threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
             existing: Existing::Keep,
@@ -98,6 +103,8 @@ pub fn build(
     check_free(output, options.existing)?;
     check_distinct(output, source.info().files.iter().map(SourceFile::path))?;
     let descriptor = describe(source, options)?;
+    let by_kind = || Ok::<_, BuildError>(if are_labels(source)? { Reduce::Majority } else { Reduce::Mean });
+    let reduce = options.reduce.map_or_else(by_kind, Ok)?;
     let source_bytes = source.info().memory_bytes;
     let (pyramid, voxel_type) = (&descriptor.pyramid, descriptor.voxel_type);
     let plan = MemoryPlan::new(options.memory_bytes, options.threads, source_bytes, pyramid, voxel_type)?;
@@ -110,7 +117,7 @@ pub fn build(
         output,
         descriptor: &descriptor,
         options,
-        identity: identity_of(&descriptor, (source, &origin), options, plan),
+        identity: identity_of(&descriptor, (source, &origin), (options, reduce), plan),
         tiles: &|lod| tiles_of(&descriptor, plan, source.info().access_order, lod),
         pool: &pool,
     })?;
@@ -121,6 +128,7 @@ pub fn build(
         output,
         descriptor: &descriptor,
         options,
+        reduce,
         plan,
         pool: &pool,
         file: begun.container.file(),
@@ -137,18 +145,15 @@ pub fn build(
     }
     let Build { writer, statistics, .. } = build;
     let statistics = statistics.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let manifest = manifest(source, origin, &descriptor, options, &statistics, &levels);
+    let manifest = manifest(source, origin, &descriptor, (options, reduce), &statistics, &levels);
     let writer = writer.into_inner().unwrap_or_else(PoisonError::into_inner);
     writer.finish(&manifest).map_err(|e| BuildError::write(output, e))?;
     let container_bytes = begun.container.publish()?;
 
-    let mut notes = bounded_notes(&source.info().notes);
+    let mut notes = notes_of(source, (options, reduce), plan);
     if restored > 0 {
         let total = descriptor.pyramid.brick_count();
         notes.push(format!("went on with a build that was interrupted: {restored} of {total} bricks were there"));
-    }
-    if plan.threads < options.threads {
-        notes.push(format!("--memory suffices for {} of {} threads", plan.threads, options.threads));
     }
     let source_bytes = descriptor.dims().bytes(descriptor.voxel_type).unwrap_or(u64::MAX);
     let wall = started.elapsed().as_secs_f64();
@@ -166,12 +171,24 @@ pub fn build(
     })
 }
 
+/// What people should know of a build.
+fn notes_of(source: &dyn VolumeSource, (options, reduce): (&BuildOptions, Reduce), plan: MemoryPlan) -> Vec<String> {
+    let mut notes = bounded_notes(&source.info().notes);
+    if options.reduce.is_none() && reduce == Reduce::Majority {
+        notes.push("these are labels: coarser levels hold the most frequent one, not the mean (--reduce)".into());
+    }
+    if plan.threads < options.threads {
+        notes.push(format!("--memory suffices for {} of {} threads", plan.threads, options.threads));
+    }
+    notes
+}
+
 /// All that decides the bytes of a container but the source's voxels, which its checksum stands for; where there are several
 /// files, size and time of the others.
 fn identity_of(
     descriptor: &Descriptor,
     (source, origin): (&dyn VolumeSource, &Source),
-    options: &BuildOptions,
+    (options, reduce): (&BuildOptions, Reduce),
     plan: MemoryPlan,
 ) -> Option<u64> {
     if origin.xxh3_64.is_empty() {
@@ -180,7 +197,8 @@ fn identity_of(
     let page = header::encode(descriptor, Sections::default());
     // The order of bricks follows the tiles, and those the memory.
     let files = &source.info().files;
-    let choices = format!("{origin:?} {files:?} {:?} {} {}", options.codec, options.memory_bytes, plan.tile_bytes);
+    let (codec, memory, tile) = (options.codec, options.memory_bytes, plan.tile_bytes);
+    let choices = format!("{origin:?} {files:?} {codec:?} {reduce:?} {memory} {tile}");
     Some(journal::identity(&[env!("CARGO_PKG_VERSION").as_bytes(), &page[..], choices.as_bytes()]))
 }
 
@@ -215,6 +233,7 @@ struct Build<'a> {
     output: &'a Path,
     descriptor: &'a Descriptor,
     options: &'a BuildOptions,
+    reduce: Reduce,
     plan: MemoryPlan,
     pool: &'a rayon::ThreadPool,
     /// The unfinished container, for reading finer levels back.
@@ -296,7 +315,9 @@ impl Build<'_> {
                 let coarse = coarse_box(&tile);
                 let mut voxels = vec![0; coarse.voxels() * voxel_bytes];
                 let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
-                self.pool.install(|| downsample(voxel_type, absence, level.factors, block, coarse, &mut voxels));
+                self.pool.install(|| {
+                    downsample(self.reduce, voxel_type, absence, level.factors, block, coarse, &mut voxels)
+                });
                 let finer = FinerTile { factors: level.factors, block };
                 self.encode_tile(lod, tile, VoxelBlock { voxels: coarse, bytes: &voxels }, Some(&finer))
             },

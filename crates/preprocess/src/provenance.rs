@@ -7,8 +7,9 @@ use std::path::Path;
 
 use supervol_format::codec::CodecChoice;
 use supervol_format::container::header::Descriptor;
-use supervol_format::container::manifest::{AxisName, Manifest, Source};
+use supervol_format::container::manifest::{AxisName, Json, Manifest, Source};
 
+use crate::downsample::Reduce;
 use crate::error::BuildError;
 use crate::pipeline::BuildOptions;
 use crate::report::LevelReport;
@@ -21,12 +22,24 @@ const LABEL_CHARACTERS: usize = 256;
 const NOTE_CHARACTERS: usize = 500;
 const NOTES: usize = 50;
 
+/// The parameter that says what stands for several voxels in coarser levels.
+const REDUCE: &str = "reduce";
+
+/// What stands for several voxels in the coarser levels of a container with this manifest: the mean, where nothing is said.
+///
+/// # Errors
+/// With what is said, if that is none of [`Reduce::ALL`].
+pub fn reduce_of(manifest: &Manifest) -> Result<Reduce, String> {
+    let Some(name) = manifest.parameters.get(REDUCE) else { return Ok(Reduce::Mean) };
+    Reduce::ALL.into_iter().find(|reduce| reduce.name() == name).ok_or_else(|| name.clone())
+}
+
 /// The manifest of a container whose levels have been written.
 pub(crate) fn manifest(
     source: &dyn VolumeSource,
     origin: Source,
     descriptor: &Descriptor,
-    options: &BuildOptions,
+    (options, reduce): (&BuildOptions, Reduce),
     statistics: &Statistics,
     levels: &[LevelReport],
 ) -> Manifest {
@@ -41,6 +54,7 @@ pub(crate) fn manifest(
         ("codec", codec.to_string()),
         ("lod_axes", format!("{:?}", options.lod_axes).to_lowercase()),
         ("memory_bytes", options.memory_bytes.to_string()),
+        (REDUCE, reduce.name().to_string()),
     ];
     Manifest {
         tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
@@ -54,7 +68,7 @@ pub(crate) fn manifest(
         histogram: values.histogram,
         percentiles: values.percentiles,
         level_errors: levels.iter().map(|l| statistics::finite(l.error)).collect(),
-        survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).ok()),
+        survey: info.survey.as_ref().and_then(|s| serde_json::to_value(s).and_then(|s| Json::of(&s)).ok()),
         notes: bounded_notes(&info.notes),
         others: std::collections::BTreeMap::default(),
     }

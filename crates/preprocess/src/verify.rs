@@ -4,29 +4,33 @@
 //! 2. The records tile the file: nothing overlaps, nothing is unreachable.
 //! 3. Each brick keeps [`check_brick`]'s rules: checksum, flags, exact ranges, macro cells, range beneath.
 //! 4. Aprons repeat the neighbours' voxels (and beyond the grid the nearest ones).
-//! 5. Coarser voxels are the averages of the finer level's.
+//! 5. Coarser voxels are what stands for those of the finer level, by what the manifest says (mean, max, majority).
 //! 6. Each error bound is the largest of its children's plus this level's own greatest difference, or what the value
 //!    ranges allow where that is less ([`brick_error`]): not less, not more.
 //! 7. What the manifest says of the values (range, percentiles, histogram, count, errors of levels) is what the voxels say.
 //!
-//! Memory: a few bricks and half a MiB of counts per thread, decoded bricks of two levels up to `memory_bytes`, 16 bytes per brick for rule 2.
+//! Memory: as [`Plan`] divides it; as many threads as it suffices for.
 
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 use supervol_format::container::validate::{check_brick, check_coverage};
-use supervol_format::{BrickKey, Container, Lod, ValueRange};
+use supervol_format::{BrickKey, Container, Level, Lod, ValueRange};
 
 use crate::bricker::cut_brick;
-use crate::downsample::{VoxelBlock, downsample, finer_box};
+use crate::downsample::{Reduce, VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
 use crate::error_bound::{brick_error, step_error};
 use crate::level_reader::LevelReader;
-use crate::statistics::{Statistics, Values, finite};
+use crate::memory::largest_brick_bytes;
+use crate::provenance::reduce_of;
+use crate::statistics::{KEYS, Statistics, Values, finite};
 
 /// Voxels around a core that a brick stores.
 const APRON: u64 = supervol_format::brick::APRON as u64;
+/// Bytes of the counts of one thread.
+const HISTOGRAM_BYTES: u64 = KEYS as u64 * 8;
 /// Bricks checked between two calls of the progress callback.
 const BATCH: usize = 256;
 
@@ -39,27 +43,31 @@ const BATCH: usize = 256;
 pub fn verify(path: &Path, memory_bytes: u64, on_progress: &dyn Fn(u64, u64)) -> Result<Container, BuildError> {
     let wrong = |e| BuildError::container(path, e);
     let container = Container::open(path).map_err(wrong)?;
+    let plan = Plan::new(&container, memory_bytes)?;
     check_coverage(&container).map_err(wrong)?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(plan.threads).build();
+    let pool = pool.map_err(|source| BuildError::Threads { threads: plan.threads, source })?;
     let total = container.pyramid().brick_count();
     let mut done = 0;
-    let counts = Counts::new(&container);
+    let counts = Counts::new(&container, plan.threads);
     for lod in 0..container.pyramid().levels().len() {
         let lod = Lod(lod as u8);
-        let budget = (memory_bytes / 4) as usize;
-        let own = LevelReader::new(&container, lod, budget);
-        let finer = (lod > Lod::FINEST).then(|| LevelReader::new(&container, Lod(lod.0 - 1), budget));
+        let reader = |lod| LevelReader::new(&container, lod, plan.cache_bytes).on_one_thread();
+        let own = reader(lod);
+        let finer = (lod > Lod::FINEST).then(|| reader(Lod(lod.0 - 1)));
         let mut keys = container.pyramid().keys_of(lod).peekable();
         while keys.peek().is_some() {
             let batch: Vec<BrickKey> = keys.by_ref().take(BATCH).collect();
             let first_broken = Mutex::new(None::<(usize, BuildError)>);
-            batch.par_iter().enumerate().for_each(|(i, &key)| {
+            let check_one = |(i, &key): (usize, &BrickKey)| {
                 if let Err(error) = check(path, &container, key, &own, finer.as_ref(), &counts) {
                     let mut first = lock(&first_broken);
                     if first.as_ref().is_none_or(|(j, _)| i < *j) {
                         *first = Some((i, error));
                     }
                 }
-            });
+            };
+            pool.install(|| batch.par_iter().enumerate().for_each(check_one));
             if let Some((_, error)) = first_broken.into_inner().unwrap_or_else(PoisonError::into_inner) {
                 return Err(error);
             }
@@ -71,6 +79,39 @@ pub fn verify(path: &Path, memory_bytes: u64, on_progress: &dyn Fn(u64, u64)) ->
     Ok(container)
 }
 
+/// Threads, and how the bytes of `--memory` are divided among what they hold at once.
+struct Plan {
+    threads: usize,
+    /// Decoded bricks of a level, for each of two.
+    cache_bytes: usize,
+}
+
+/// Bricks that a thread holds at once: a record and what it is decompressed into, the brick, the same cut from its
+/// neighbours, and averaged; a neighbour, its record and what that is decompressed into; and values of macro cells.
+const BRICKS_AT_HAND: u64 = 10;
+/// Bytes of a record's place in the file, for rule 2; the list grows by doubling.
+const COVERAGE_BYTES: u64 = 2 * 16;
+
+impl Plan {
+    fn new(container: &Container, memory_bytes: u64) -> Result<Self, BuildError> {
+        let (pyramid, voxel_type) = (container.pyramid(), container.descriptor().voxel_type);
+        let brick = largest_brick_bytes(pyramid, voxel_type);
+        let of_finer = |level: &Level| level.factors.iter().map(|&f| u64::from(f)).product::<u64>();
+        let finer = pyramid.levels().iter().skip(1).map(of_finer).max().unwrap_or(0);
+        let per_thread = (BRICKS_AT_HAND + finer) * brick + HISTOGRAM_BYTES;
+        let fixed = |threads: usize| threads as u64 * per_thread + HISTOGRAM_BYTES;
+        let needed = fixed(1).max(pyramid.brick_count() * COVERAGE_BYTES);
+        if memory_bytes < needed {
+            let what = format!("to check bricks on one thread, and the places of {} of them", pyramid.brick_count());
+            return Err(BuildError::memory(needed, memory_bytes, what, "Allow more with --memory"));
+        }
+        // At most three quarters for the threads; the rest keeps bricks that are needed again.
+        let fits = |threads: &usize| *threads == 1 || fixed(*threads) <= memory_bytes / 4 * 3;
+        let threads = (1..=rayon::current_num_threads()).rev().find(fits).unwrap_or(1);
+        Ok(Self { threads, cache_bytes: ((memory_bytes - fixed(threads)) / 2) as usize })
+    }
+}
+
 /// What the bricks say of the values, gathered on all threads.
 struct Counts {
     /// One for each thread, so that none waits for another.
@@ -80,10 +121,10 @@ struct Counts {
 }
 
 impl Counts {
-    fn new(container: &Container) -> Self {
+    fn new(container: &Container, threads: usize) -> Self {
         let empty = || Mutex::new(Statistics::new(container.descriptor().voxel_type));
         Self {
-            statistics: (0..rayon::current_num_threads()).map(|_| empty()).collect(),
+            statistics: (0..threads).map(|_| empty()).collect(),
             errors: container.pyramid().levels().iter().map(|_| Mutex::new(0.0)).collect(),
         }
     }
@@ -174,18 +215,22 @@ fn check(
     }
     let Some(finer) = finer else { return Ok(()) };
 
-    // Rule 5: averages.
+    // Rule 5: what stands for the finer voxels.
     let finer_dims = pyramid.level_at(Lod(key.lod().0 - 1)).dims;
     let fine_box = finer_box(around, level.factors, finer_dims);
     let mut fine = vec![0; fine_box.voxels() * size];
     finer.read_box(fine_box, &mut fine).map_err(wrong)?;
     let fine = VoxelBlock { voxels: fine_box, bytes: &fine };
-    let mut averages = vec![0; around.voxels() * size];
-    downsample(voxel_type, absence, level.factors, fine, around, &mut averages);
-    if let Some(at) = averages.iter().zip(&voxels).position(|(a, v)| a != v) {
+    let mut reduced = vec![0; around.voxels() * size];
+    let reduce = reduce_of(container.manifest()).map_err(|found| {
+        let names = Reduce::ALL.map(Reduce::name).join(", ");
+        broken("manifest, parameter reduce", format!("one of {names}"), found)
+    })?;
+    downsample(reduce, voxel_type, absence, level.factors, fine, around, &mut reduced);
+    if let Some(at) = reduced.iter().zip(&voxels).position(|(a, v)| a != v) {
         return Err(broken(
-            "average of the finer level",
-            format!("{} at byte {at}", averages[at]),
+            &format!("{} of the finer level", reduce.name()),
+            format!("{} at byte {at}", reduced[at]),
             voxels[at].to_string(),
         ));
     }

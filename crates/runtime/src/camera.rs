@@ -36,7 +36,7 @@ pub struct Ray {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say it")]
 pub enum CameraError {
-    #[error("eye and target must be two different points")]
+    #[error("eye and target must be two different points, at a finite distance")]
     EyeIsTarget,
     #[error("up must not be zero nor parallel to the line from eye to target")]
     UpIsForward,
@@ -90,6 +90,15 @@ impl PixelRays {
     }
 }
 
+/// The unit vector along `v`, whose square may be out of the range of `f64`; `None` where `v` is zero or not finite.
+#[must_use]
+pub fn unit_vector(v: DVec3) -> Option<DVec3> {
+    let greatest = v.abs().max_element();
+    // A power of two: nothing is rounded.
+    let scaled = v / greatest.log2().floor().exp2();
+    if greatest > 0.0 && v.is_finite() { scaled.try_normalize() } else { None }
+}
+
 /// Sine of the least angle between the forward axis and `up` that still tells right from left.
 const MIN_UP_SINE: f64 = 1e-9;
 
@@ -105,8 +114,8 @@ impl Camera {
         projection: Projection,
         size: [u32; 2],
     ) -> Result<Self, CameraError> {
-        let forward = (target - eye).try_normalize().ok_or(CameraError::EyeIsTarget)?;
-        let up = up.try_normalize().ok_or(CameraError::UpIsForward)?;
+        let forward = unit_vector(target - eye).ok_or(CameraError::EyeIsTarget)?;
+        let up = unit_vector(up).ok_or(CameraError::UpIsForward)?;
         let across = forward.cross(up);
         if across.length() < MIN_UP_SINE {
             return Err(CameraError::UpIsForward);

@@ -9,6 +9,7 @@ use supervol_format::{Container, Dims, Geometry, ValueRange};
 pub use self::kind::DataKind;
 
 use crate::raycast::volume::ValueMap;
+use crate::units::InUnits;
 
 /// Which way the world is turned: decides where default cameras stand, and nothing else.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -108,10 +109,17 @@ impl VolumeFacts {
 /// Most voxels across what is shown as a section, face on.
 const SECTION_VOXELS: u64 = 4;
 
+/// Whether values may be Hounsfield units: these go from air, near -1000, to bone, above 400, and to metal, below a million.
+#[must_use]
+pub fn is_hounsfield(range: ValueRange) -> bool {
+    range.min < -500.0 && range.max > 400.0 && range.min.abs().max(range.max) < 1e6
+}
+
 /// Render values of a container: see [`ValueMap`].
 #[must_use]
 pub fn value_map(container: &Container) -> ValueMap {
     let d = container.descriptor();
-    let range = container.manifest().value_range.unwrap_or(ValueRange::EMPTY);
-    ValueMap::for_container(d.voxel_type, d.scale, d.offset, d.absence.nodata, range)
+    let InUnits { scale, offset, value_range, .. } = InUnits::of(container);
+    let range = if container.manifest().value_range.is_some() { value_range } else { ValueRange::EMPTY };
+    ValueMap::for_container(d.voxel_type, scale, offset, d.absence.nodata, range)
 }

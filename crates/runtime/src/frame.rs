@@ -19,7 +19,7 @@ pub mod walk;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use crate::facts::{VolumeFacts, value_map};
+use crate::facts::value_map;
 use supervol_format::container::ContainerError;
 use supervol_format::container::toc;
 use supervol_format::{Container, Lod};
@@ -38,6 +38,7 @@ use crate::streamer::budget::{BrickBytes, BudgetError, CasterBytes, Demand, Host
 use crate::streamer::classify::Classifier;
 use crate::streamer::priority::FrontToBack;
 use crate::streamer::{StreamError, Streamer};
+use crate::units::InUnits;
 use caster::CpuCaster;
 pub use gpu::render_gpu_surviving;
 pub use walk::{FrameWalk, PASS_LIMIT};
@@ -233,16 +234,16 @@ pub fn lod_choice(options: &RenderOptions) -> LodChoice {
 /// What all rays of the CPU ray caster share in a frame.
 #[must_use]
 pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderOptions, plan: &HostPlan) -> CpuFrame {
-    let descriptor = container.descriptor();
-    let value_range = VolumeFacts::of(container).value_range;
+    let InUnits { geometry, value_range, .. } = InUnits::of(container);
     let quality = CpuQuality {
         lod: lod_choice(options),
         skipping: options.skipping,
         caster: caster_of(options),
         made_bytes: plan.made_bytes,
     };
-    CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, value_map(container), value_range, quality)
-        .with_deviations(Deviations::new(scene, &data_scale(container)))
+    let deviations = with_data_scale(container, |data| Deviations::new(scene, data));
+    CpuFrame::new(scene, container.pyramid(), &geometry, value_map(container), value_range, quality)
+        .with_deviations(deviations)
 }
 
 /// The ray caster that the options mean.
@@ -251,16 +252,10 @@ pub(crate) fn caster_of(options: &RenderOptions) -> Caster {
     if options.predict_error { caster.summing_errors() } else { caster }
 }
 
-/// What the rules of levels must know of a container.
-fn data_scale(container: &Container) -> DataScale<'_> {
-    let descriptor = container.descriptor();
-    DataScale {
-        pyramid: &descriptor.pyramid,
-        geometry: &descriptor.geometry,
-        scale: descriptor.scale,
-        offset: descriptor.offset,
-        value_range: VolumeFacts::of(container).value_range,
-    }
+/// What comes of what the rules of levels must know of a container.
+fn with_data_scale<T>(container: &Container, make: impl FnOnce(&DataScale<'_>) -> T) -> T {
+    let InUnits { geometry, scale, offset, value_range } = InUnits::of(container);
+    make(&DataScale { pyramid: container.pyramid(), geometry: &geometry, scale, offset, value_range })
 }
 
 /// A streamer with an empty cache for frames of this scene.
@@ -271,7 +266,7 @@ pub fn streamer_for(
     options: &RenderOptions,
     plan: HostPlan,
 ) -> Streamer {
-    let order = FrontToBack::new(&scene.camera, &container.descriptor().geometry);
+    let order = FrontToBack::new(&scene.camera, &InUnits::of(container).geometry);
     let classifier = classifier_for(container, scene, options);
     Streamer::new(container.clone(), value_map(container), classifier, order, plan)
 }
@@ -285,8 +280,10 @@ pub fn classifier_for(container: &Container, scene: &ResolvedScene, options: &Re
     if let LevelChoice::Fixed(_) = options.level {
         return classifier;
     }
-    let lod = LodRule::new(lod_choice(options), &scene.camera, &descriptor.geometry);
-    classifier.with_levels(LevelsByError::new(scene, &data_scale(container), lod, options.max_error))
+    classifier.with_levels(with_data_scale(container, |data| {
+        let lod = LodRule::new(lod_choice(options), &scene.camera, data.geometry);
+        LevelsByError::new(scene, data, lod, options.max_error)
+    }))
 }
 
 /// Makes the picture on the CPU in one go, on the calling thread's pool, from what the streamer has and fetches. What a

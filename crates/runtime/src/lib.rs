@@ -1,11 +1,12 @@
 //! Online half of Supervol: what picture is wanted, and the ray casters that make it from resident bricks.
 //!
 //! Spaces: a ray runs in world space and its parameter t is a world length; fields live in index space, voxel
-//! (i, j, k) at the point (i, j, k). Values are in the data's own units, except inside a ray caster, where they are
+//! (i, j, k) at the point (i, j, k). Where a volume's numbers are extreme, lengths and values of a resolved scene have [`units`]
+//! of their own. Values are in the data's own units, except inside a ray caster, where they are
 //! *render values*: the same numbers moved by a constant so that `f32` resolves them ([`raycast::volume::ValueMap`]).
 //!
 //! In the order of the data path:
-//! - [`volume`], [`facts`]: an open container, and what its header says of it;
+//! - [`volume`], [`facts`]: an open container, and what its header says of it; [`units`]: the units its pictures are computed in;
 //! - [`scene`], [`preset`]: the scene file, and what it means for a given volume;
 //! - [`camera`], [`clip`]: pixels to rays, rays to segments;
 //! - [`transfer_function`]: values to colour and opacity;
@@ -37,4 +38,5 @@ pub mod stats;
 pub mod stop;
 pub mod streamer;
 pub mod transfer_function;
+pub mod units;
 pub mod volume;

@@ -22,6 +22,7 @@ use crate::camera::Camera;
 use crate::facts::{DataKind, VolumeFacts};
 use crate::scene::SceneError;
 use crate::transfer_function::{TransferFunction, TransferFunctionError};
+use crate::units::{Units, edges};
 
 /// Names that a scene may give as its transfer function: those of the kinds of data, and a plain grey ramp.
 pub const NAMES: [&str; 12] = [
@@ -60,7 +61,7 @@ pub fn domain(facts: &VolumeFacts) -> [[f64; 3]; 2] {
 /// # Errors
 /// Never for a valid geometry: the eye lies outside the volume, and up is not the forward axis.
 pub fn default_camera(facts: &VolumeFacts, size: [u32; 2]) -> Result<Camera, SceneError> {
-    view::View::of(facts).camera(&Framed::whole(facts, domain(facts)), size).camera(size)
+    view::View::of(facts).camera(&Framed::whole(facts, domain(facts)), size).camera(&Units::WORLD, size)
 }
 
 /// The named preset for a volume; the grey ramp for a name that is not in [`NAMES`].
@@ -93,7 +94,6 @@ fn unit_distance(facts: &VolumeFacts) -> f64 {
 
 /// World lengths of the volume's edges.
 fn extents(facts: &VolumeFacts) -> [f64; 3] {
-    let linear = facts.geometry.linear();
-    let edges = [linear.x_axis.length(), linear.y_axis.length(), linear.z_axis.length()];
+    let edges = edges(&facts.geometry);
     std::array::from_fn(|a| edges[a] * facts.dims.0[a] as f64)
 }

@@ -9,7 +9,7 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::camera::{Camera, CameraError, Projection};
+use crate::camera::{Camera, CameraError, Projection, unit_vector};
 use crate::clip::{Clip, ClipPlane};
 use crate::facts::VolumeFacts;
 use crate::preset::looks;
@@ -17,6 +17,7 @@ use crate::preset::overview::Overview;
 use crate::preset::view::{Framed, View};
 use crate::preset::{self, Look};
 use crate::transfer_function::{ControlPoint, TransferFunction, TransferFunctionError};
+use crate::units::{Units, edges};
 
 /// Most rays of one picture: width times height times samples per pixel.
 pub const RAY_LIMIT: u64 = 64 << 20;
@@ -26,6 +27,15 @@ pub const ISO_LIMIT: usize = 32;
 pub const LIGHT_LIMIT: usize = 16;
 /// Most clip planes of one scene.
 pub const PLANE_LIMIT: usize = 64;
+/// Greatest factor of shading, intensity of a light and exponent of highlights: beyond, `f32` would run over.
+pub const SHADING_LIMIT: f64 = 1e6;
+/// Greatest distance of the eye from the volume's middle, and height of an orthographic picture, in diagonals of the volume; its
+/// inverse is the least height. Farther away, `f64` does not tell voxels apart.
+pub const DISTANCE_LIMIT: f64 = 1e9;
+/// Least and greatest unit distance, in shortest edges of a voxel: beyond, extinction runs over.
+pub const UNIT_DISTANCE_LIMITS: [f64; 2] = [1e-12, 1e24];
+/// Greatest ratio of two edges of a voxel.
+pub const EDGE_RATIO_LIMIT: f64 = 1e6;
 
 /// Why a text is no scene, or a scene cannot be drawn.
 #[derive(Debug, thiserror::Error)]
@@ -273,7 +283,8 @@ pub struct PlaneSpec {
 /// A scene with everything filled in for one volume.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResolvedScene {
-    /// The camera over the grid of rays: `subgrid` times the picture's pixels along each axis.
+    /// The camera over the grid of rays: `subgrid` times the picture's pixels along each axis. It is in [`Units`], as all else
+    /// that has a length or is a value.
     pub camera: Camera,
     /// Pixels of the finished picture along x and y.
     pub image_size: [u32; 2],
@@ -354,7 +365,7 @@ impl Scene {
         self.validate_image()?;
         if let Some(camera) = &self.camera {
             camera.projection()?;
-            camera.camera([1, 1])?;
+            camera.camera(&Units::WORLD, [1, 1])?;
         }
         match &self.transfer_function {
             Some(TransferFunctionSpec::Preset(name)) => check(
@@ -405,19 +416,17 @@ impl Scene {
         let Some(Some(shading)) = &self.shading else { return Ok(()) };
         let factors = [("ambient", shading.ambient), ("diffuse", shading.diffuse), ("specular", shading.specular)];
         for (name, factor) in factors {
-            let good = factor.is_finite() && factor >= 0.0;
-            check(good, &format!("shading.{name}"), || "a finite number, at least 0".into(), factor)?;
+            check_factor(&format!("shading.{name}"), factor)?;
         }
-        let good = shading.shininess.is_finite() && shading.shininess > 0.0;
-        check(good, "shading.shininess", || "a positive finite number".into(), shading.shininess)?;
+        let good = shading.shininess > 0.0 && shading.shininess <= SHADING_LIMIT;
+        let expected = || format!("a positive number, at most {SHADING_LIMIT:e}");
+        check(good, "shading.shininess", expected, shading.shininess)?;
         let lights = shading.lights.as_deref().unwrap_or_default();
         let few = lights.len() <= LIGHT_LIMIT;
         check(few, "shading.lights", || format!("at most {LIGHT_LIMIT} lights"), lights.len())?;
         for (i, light) in lights.iter().enumerate() {
             check_direction(&format!("shading.lights[{i}].direction"), light.direction)?;
-            let good = light.intensity.is_finite() && light.intensity >= 0.0;
-            let key = format!("shading.lights[{i}].intensity");
-            check(good, &key, || "a finite number, at least 0".into(), light.intensity)?;
+            check_factor(&format!("shading.lights[{i}].intensity"), light.intensity)?;
         }
         Ok(())
     }
@@ -468,7 +477,8 @@ impl Scene {
             let points = if projects { looks::projection(mode, facts, overview) } else { look.transfer_function };
             Some(TransferFunctionSpec::Points(points))
         });
-        if scene.camera.is_none() {
+        // Where world coordinates are too coarse for a camera, it is left open: it is found in units of the picture then.
+        if scene.camera.is_none() && Units::of(facts) == (Units { value: Units::of(facts).value, ..Units::WORLD }) {
             let framed = scene.framed(facts, overview);
             scene.camera = Some(View::of(facts).camera(&framed, [self.image.width, self.image.height]));
         }
@@ -506,13 +516,23 @@ impl Scene {
     /// If the scene is not valid; see [`Scene::validate`].
     pub fn resolve(&self, facts: &VolumeFacts) -> Result<ResolvedScene, SceneError> {
         self.validate()?;
+        check_edges(facts)?;
         let scene = self.complete(facts, None);
         scene.validate()?;
         let image_size = [scene.image.width, scene.image.height];
+        let units = Units::of(facts);
         let camera = match &scene.camera {
-            Some(spec) => spec.camera(image_size)?,
-            None => preset::default_camera(facts, image_size)?,
+            Some(spec) => {
+                spec.check_distance(facts, &units)?;
+                spec.camera(&units, image_size)?
+            }
+            None => {
+                let facts = units.facts(facts);
+                View::of(&facts).camera(&scene.framed(&facts, None), image_size).camera(&Units::WORLD, image_size)?
+            }
         };
+        let transfer_function = scene.classification(facts)?;
+        check_unit_distance(&transfer_function, facts)?;
         let subgrid = scene.samples_per_pixel.unwrap_or(1).isqrt();
         Ok(ResolvedScene {
             camera: camera.supersampled(subgrid),
@@ -520,10 +540,10 @@ impl Scene {
             subgrid,
             background: scene.image.background,
             mode: scene.gathers(),
-            transfer_function: scene.classification(facts)?,
+            transfer_function: transfer_function.in_units(&units),
             shading: scene.shading.as_ref().and_then(Option::as_ref).map(|s| s.resolve(&camera)),
-            iso: scene.iso,
-            clip: scene.clip.resolve(),
+            iso: scene.iso.iter().map(|iso| IsoSpec { value: units.value(iso.value), ..*iso }).collect(),
+            clip: scene.clip.resolve(&units),
         })
     }
 }
@@ -559,13 +579,31 @@ impl CameraSpec {
         }
     }
 
-    /// The camera of a picture of `size` pixels.
+    /// The camera of a picture of `size` pixels, in units.
     ///
     /// # Errors
     /// If the numbers make no camera.
-    pub fn camera(&self, size: [u32; 2]) -> Result<Camera, SceneError> {
-        let [eye, target, up] = [self.eye, self.target, self.up].map(DVec3::from_array);
-        Ok(Camera::look_at(eye, target, up, self.projection()?, size)?)
+    pub fn camera(&self, units: &Units, size: [u32; 2]) -> Result<Camera, SceneError> {
+        let [eye, target] = [self.eye, self.target].map(|point| units.point(point.into()));
+        let projection = match self.projection()? {
+            Projection::Orthographic { height } => Projection::Orthographic { height: height / units.length },
+            perspective @ Projection::Perspective { .. } => perspective,
+        };
+        Ok(Camera::look_at(eye, target, self.up.into(), projection, size)?)
+    }
+
+    /// Refuses cameras so far from a volume, or so wide or narrow for it, that `f64` resolves nothing of it.
+    fn check_distance(&self, facts: &VolumeFacts, units: &Units) -> Result<(), SceneError> {
+        let [first, .., last] = preset::domain_corners(&units.facts(facts));
+        let diagonal = (last - first).length();
+        let distance = (units.point(self.eye.into()) - 0.5 * (first + last)).length() / diagonal;
+        let expected = || format!("a point at most {DISTANCE_LIMIT:e} diagonals from the volume's middle");
+        check(distance <= DISTANCE_LIMIT, "camera.eye", expected, format!("one {distance:e} away"))?;
+        let Some(height) = self.height else { return Ok(()) };
+        let share = height / units.length / diagonal;
+        let expected = || format!("{:e} to {DISTANCE_LIMIT:e} diagonals of the volume", 1.0 / DISTANCE_LIMIT);
+        let good = (1.0 / DISTANCE_LIMIT..=DISTANCE_LIMIT).contains(&share);
+        check(good, "camera.height", expected, format!("{share:e}"))
     }
 }
 
@@ -596,7 +634,10 @@ impl ShadingSpec {
             None => vec![Light { to_light: -camera.forward, intensity: 1.0 }],
             Some(lights) => lights
                 .iter()
-                .map(|l| Light { to_light: -DVec3::from_array(l.direction).normalize(), intensity: l.intensity })
+                .map(|l| Light {
+                    to_light: -unit_vector(l.direction.into()).expect("validated: not zero, and finite"),
+                    intensity: l.intensity,
+                })
                 .collect(),
         };
         let Self { ambient, diffuse, specular, shininess, .. } = *self;
@@ -605,8 +646,13 @@ impl ShadingSpec {
 }
 
 impl ClipSpec {
-    fn resolve(&self) -> Clip {
-        let planes = self.planes.iter().map(|p| ClipPlane { normal: p.normal.into(), offset: p.offset });
+    fn resolve(&self, units: &Units) -> Clip {
+        let planes = self.planes.iter().map(|p| {
+            // By a power of two, so that nothing is rounded.
+            let scale = DVec3::from_array(p.normal).abs().max_element().log2().floor().exp2();
+            let normal = DVec3::from_array(p.normal) / scale;
+            ClipPlane { normal, offset: (p.offset / scale - normal.dot(units.anchor)) / units.length }
+        });
         Clip { index_box: self.index_box, planes: planes.collect() }
     }
 }
@@ -632,9 +678,28 @@ fn check_share(key: &str, share: f64) -> Result<(), SceneError> {
     check((0.0..=1.0).contains(&share), key, || "a number between 0 and 1".into(), share)
 }
 
+fn check_factor(key: &str, factor: f64) -> Result<(), SceneError> {
+    check((0.0..=SHADING_LIMIT).contains(&factor), key, || format!("a number between 0 and {SHADING_LIMIT:e}"), factor)
+}
+
+/// Refuses volumes whose voxels are too long for their width.
+fn check_edges(facts: &VolumeFacts) -> Result<(), SceneError> {
+    let edges = edges(&facts.geometry);
+    let [shortest, longest] = [edges.into_iter().fold(f64::INFINITY, f64::min), edges.into_iter().fold(0.0, f64::max)];
+    let expected = || format!("voxels at most {EDGE_RATIO_LIMIT:e} times as long as wide");
+    check(longest <= EDGE_RATIO_LIMIT * shortest, "(the volume's spacing)", expected, format!("edges of {edges:?}"))
+}
+
+fn check_unit_distance(function: &TransferFunction, facts: &VolumeFacts) -> Result<(), SceneError> {
+    let shortest = edges(&facts.geometry).into_iter().fold(f64::INFINITY, f64::min);
+    let [low, high] = UNIT_DISTANCE_LIMITS.map(|limit| limit * shortest);
+    let (key, found) = ("transfer_function.unit_distance", function.unit_distance());
+    let expected = || format!("a world length between {low:e} and {high:e} for this volume");
+    check((low..=high).contains(&found), key, expected, format!("{found:e}"))
+}
+
 fn check_direction(key: &str, v: [f64; 3]) -> Result<(), SceneError> {
-    let length = DVec3::from_array(v).length();
-    let good = length.is_finite() && length > f64::MIN_POSITIVE;
+    let good = unit_vector(v.into()).is_some();
     check(good, key, || "three finite numbers, not all zero".into(), format!("{v:?}"))
 }
 

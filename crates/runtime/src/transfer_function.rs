@@ -12,6 +12,8 @@ pub mod render;
 pub use intervals::Intervals;
 pub use render::RenderTransferFunction;
 
+use crate::units::Units;
+
 /// Opacities above this have the extinction of this one: an opaque alpha of 1 would need an infinite extinction.
 pub const ALPHA_LIMIT: f64 = 0.9999;
 /// Most control points of one transfer function.
@@ -79,6 +81,13 @@ impl TransferFunction {
             return Err(TransferFunctionError::UnitDistance { found: unit_distance });
         }
         Ok(Self { points, unit_distance })
+    }
+
+    /// The same function in units of a volume; the unit distance must not run over there.
+    #[must_use]
+    pub fn in_units(&self, units: &Units) -> Self {
+        let points = self.points.iter().map(|&point| ControlPoint { value: units.value(point.value), ..point });
+        Self { points: points.collect(), unit_distance: self.unit_distance / units.length }
     }
 
     /// The control points, sorted by value.

@@ -5,10 +5,13 @@
 //! columns.
 
 use std::fmt::Write as _;
-use std::fs::OpenOptions;
-use std::io::Write as _;
+use std::fs::{File, OpenOptions};
+use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+use supervol_preprocess::Existing;
+use supervol_preprocess::output::{OutputFile, check_distinct};
 
 use crate::context::ChartError;
 use crate::paths::Ride;
@@ -130,8 +133,8 @@ impl Ledger {
     /// cannot be kept need not be measured.
     ///
     /// # Errors
-    /// If the file cannot be written, or has other columns.
-    pub fn open(record: &Path) -> Result<Self, ChartError> {
+    /// If the file cannot be written, is one of `inputs` or no file, or has other columns.
+    pub fn open(record: &Path, inputs: &[&Path]) -> Result<Self, ChartError> {
         let machine = machine::short_name();
         let file = if record.extension().is_some_and(|e| e == "csv") {
             record.to_path_buf()
@@ -142,12 +145,17 @@ impl Ledger {
         let folder = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         std::fs::create_dir_all(folder).map_err(cannot)?;
         let header = COLUMNS.join(",");
-        let known = match std::fs::read_to_string(&file) {
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
-            other => other.map_err(cannot)?,
-        };
-        match known.lines().next() {
-            None => std::fs::write(&file, header + "\n").map_err(cannot)?,
+        check_distinct(&file, inputs.iter().copied())?;
+        if file.exists() && !file.is_file() {
+            return Err(ChartError::Command(format!("cannot append to {}: it is no file", file.display())));
+        }
+        match first_line(&file).map_err(cannot)?.as_deref() {
+            None | Some("") => {
+                // As every output: whole or not at all, and not through a link to nowhere.
+                let begun = OutputFile::begin(&file, Existing::Replace)?;
+                begun.file().write_all((header + "\n").as_bytes()).map_err(cannot)?;
+                begun.publish()?;
+            }
             Some(found) if found == header => {}
             Some(found) => {
                 let message = format!("{}: expected a record with the columns {header}, found {found}", file.display());
@@ -166,8 +174,20 @@ impl Ledger {
         let lines: String = entries.iter().map(|entry| line(entry, command, &self.version, &self.machine)).collect();
         let cannot = |source| ChartError::Write { path: self.file.clone(), source };
         let mut out = OpenOptions::new().append(true).open(&self.file).map_err(cannot)?;
-        out.write_all(lines.as_bytes()).map_err(cannot)
+        // At once, so that lines of two processes do not mingle.
+        out.write_all(lines.as_bytes()).and_then(|()| out.sync_all()).map_err(cannot)
     }
+}
+
+/// The first line of a file, without its end, as far as a line of columns could reach; `None` where there is no file.
+fn first_line(file: &Path) -> std::io::Result<Option<String>> {
+    let file = match File::open(file) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        other => other?,
+    };
+    let mut head = Vec::new();
+    file.take(COLUMNS.join(",").len() as u64 + 1).read_to_end(&mut head)?;
+    Ok(Some(String::from_utf8_lossy(&head).lines().next().unwrap_or_default().into()))
 }
 
 fn line(entry: &Entry, command: &str, version: &str, machine: &str) -> String {
@@ -249,11 +269,11 @@ mod tests {
     #[test]
     fn lines_are_appended_under_one_header() {
         let folder = tempfile::tempdir().expect("a temporary folder");
-        let ledger = Ledger::open(folder.path()).expect("room");
+        let ledger = Ledger::open(folder.path(), &[]).expect("room");
         ledger.append("supervol bench --dims 1,2,3", &[entry()]).expect("room");
         let file = ledger.file;
         assert_eq!(file.parent().and_then(Path::parent), Some(folder.path()));
-        let again = Ledger::open(&file).expect("its own columns");
+        let again = Ledger::open(&file, &[]).expect("its own columns");
         again.append("again", &[entry(), entry()]).expect("room");
         assert_eq!(again.file, file);
         let text = std::fs::read_to_string(&file).expect("it was written");
@@ -270,7 +290,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let file = folder.path().join("other.csv");
         std::fs::write(&file, "a,b\n1,2\n").expect("room");
-        let error = Ledger::open(&file).expect_err("other columns").to_string();
+        let error = Ledger::open(&file, &[]).expect_err("other columns").to_string();
         assert!(error.contains("found a,b"), "{error}");
         assert_eq!(std::fs::read_to_string(&file).expect("it is there"), "a,b\n1,2\n");
     }

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use supervol_format::{BrickKey, Container, Lod};
-use supervol_runtime::facts::{VolumeFacts, value_map};
+use supervol_runtime::facts::value_map;
 
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
@@ -17,6 +17,7 @@ use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, Rays, Skipping, cast_
 use supervol_runtime::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap};
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::streamer::classify::{Class, Classifier};
+use supervol_runtime::units::InUnits;
 
 use crate::context::ChartError;
 
@@ -65,9 +66,8 @@ impl ResidentBricks {
     /// The frame of a scene over these bricks.
     #[must_use]
     pub fn frame(&self, scene: &ResolvedScene, quality: CpuQuality) -> CpuFrame {
-        let descriptor = self.container.descriptor();
-        let range = VolumeFacts::of(&self.container).value_range;
-        CpuFrame::new(scene, &descriptor.pyramid, &descriptor.geometry, self.map, range, quality)
+        let InUnits { geometry, value_range, .. } = InUnits::of(&self.container);
+        CpuFrame::new(scene, self.container.pyramid(), &geometry, self.map, value_range, quality)
     }
 
     /// The picture of one level.

@@ -7,6 +7,7 @@ use glam::DVec3;
 use supervol_format::codec::CodecChoice;
 use supervol_format::container::manifest::Source;
 use supervol_format::{BrickLayout, Container, Lod};
+use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::{BuildOptions, Existing, build};
@@ -47,6 +48,7 @@ pub fn build_options(core: u32) -> BuildOptions {
         layout: BrickLayout::new(core).expect("measurements use one of the core sizes"),
         codec: CodecChoice::Smallest,
         lod_axes: LodAxes::Xyz,
+        reduce: Some(Reduce::Mean),
         existing: Existing::Replace,
         ..BuildOptions::default()
     }

@@ -165,7 +165,7 @@ impl Arguments {
                 sizes: self.sizes(context.scale),
             },
         };
-        let ledger = self.record.as_deref().map(Ledger::open).transpose()?;
+        let ledger = self.ledger()?;
         let comparison = peers::compare(context, &options)?;
         let command = command_line();
         if let Some(output) = &self.output {
@@ -189,7 +189,7 @@ impl Arguments {
             cache_bytes: self.cache,
             frame_budget_ms: self.frame_budget,
         };
-        let ledger = self.record.as_deref().map(Ledger::open).transpose()?;
+        let ledger = self.ledger()?;
         let rides = paths::run(context, &path, &options)?;
         let command = command_line();
         if let Some(output) = &self.output {
@@ -238,6 +238,13 @@ impl Arguments {
         let inputs: Vec<&Path> =
             [&self.volume, &path, &self.record].into_iter().flatten().map(PathBuf::as_path).collect();
         ReportFolder::begin(output, self.force)?.write_with(&inputs, write)
+    }
+
+    /// The record, opened before anything is measured.
+    fn ledger(&self) -> Result<Option<Ledger>, ChartError> {
+        let path = self.path.as_ref().map(PathBuf::from);
+        let inputs: Vec<&Path> = [&self.volume, &path].into_iter().flatten().map(PathBuf::as_path).collect();
+        self.record.as_deref().map(|record| Ledger::open(record, &inputs)).transpose()
     }
 
     fn looks(&self) -> Looks {

@@ -8,6 +8,7 @@ use clap::{Args, ValueEnum};
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::manifest::Source;
 use supervol_format::{BrickLayout, Dims, Geometry};
+use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::output::{check_distinct, folder_of};
 use supervol_preprocess::report::BuildReport;
@@ -27,7 +28,7 @@ use crate::quantity::{self, Dtype, ErrorBound, Spacing, show_bytes};
 /// What to build, from what, and how.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Volume file: SEG-Y, NRRD, NIfTI, npy, or raw with --dims and --dtype
+    /// Volume file: SEG-Y, NRRD, NIfTI, MetaImage, TIFF, npy, or raw with --dims and --dtype
     input: PathBuf,
     #[command(flatten)]
     output: OutputArguments,
@@ -66,6 +67,9 @@ pub struct OutputArguments {
     /// Axes that coarser levels halve
     #[arg(long, default_value = "auto", value_enum)]
     lod_axes: LodAxesName,
+    /// What stands for several voxels in coarser levels: auto is the majority of labels, the mean of all else
+    #[arg(long, default_value = "auto", value_enum)]
+    reduce: ReduceName,
     /// Most memory to use
     #[arg(long, default_value = "1GiB", value_parser = quantity::bytes)]
     memory: u64,
@@ -87,6 +91,14 @@ enum CodecName {
     Rle,
     Zstd,
     Wavelet,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum ReduceName {
+    Auto,
+    Mean,
+    Max,
+    Majority,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -139,9 +151,9 @@ struct RawArguments {
     nodata: Option<f64>,
 }
 
-/// What is allowed to NRRD headers.
+/// What is allowed to headers that name data files.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "NRRD input")]
+#[command(next_help_heading = "NRRD and MetaImage input")]
 struct NrrdArguments {
     /// Let a header name data files outside its folder; without it, only files below the folder are read
     #[arg(long)]
@@ -220,6 +232,12 @@ impl OutputArguments {
             layout: self.brick,
             codec,
             lod_axes,
+            reduce: match self.reduce {
+                ReduceName::Auto => None,
+                ReduceName::Mean => Some(Reduce::Mean),
+                ReduceName::Max => Some(Reduce::Max),
+                ReduceName::Majority => Some(Reduce::Majority),
+            },
             memory_bytes: self.memory,
             threads: self.threads.map_or(default.threads, NonZero::get),
             existing: self.existing(),

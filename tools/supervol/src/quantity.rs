@@ -56,7 +56,8 @@ pub fn milliseconds(text: &str) -> Result<u64, String> {
 fn split_unit(text: &str) -> Result<(f64, &str), String> {
     let text = text.trim();
     let end = text.find(|c: char| !(c.is_ascii_digit() || ".+-eE".contains(c))).unwrap_or(text.len());
-    // In "1e3" the e is the number's; in "5e" it would be a unit.
+    // In "1e3" the e is the number's; in "5EiB" it is the unit's.
+    let end = text[..end].trim_end_matches(['e', 'E']).len();
     let number = f64::from_str(&text[..end]).map_err(|_| format!("'{text}': expected a number with a unit"))?;
     Ok((number, text[end..].trim()))
 }
@@ -255,6 +256,8 @@ mod tests {
             ("64k", 65536),
             ("2PiB", 1 << 51),
             ("8 EiB", 1 << 63),
+            ("1EiB", 1 << 60),
+            ("2eb", 2_000_000_000_000_000_000),
         ] {
             assert_eq!(bytes(text), Ok(expected), "{text}");
         }

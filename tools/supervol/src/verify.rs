@@ -14,7 +14,7 @@ use crate::quantity::{self, show_bytes};
 pub struct Arguments {
     /// Container
     container: PathBuf,
-    /// Most memory for decoded bricks
+    /// Most memory
     #[arg(long, default_value = "512MiB", value_parser = quantity::bytes)]
     memory: u64,
 }

@@ -317,3 +317,62 @@ fn what_a_killed_command_left_is_named_and_then_removed() {
     assert_eq!(other.wait().expect("it ends").code(), Some(143));
     assert_eq!(folder.names(), ["small.svol"]);
 }
+
+#[test]
+fn programs_that_a_command_has_started_end_with_it() {
+    let folder = Folder::new();
+    // Stands in for a Python that takes its time, and for what that has started in its turn.
+    folder.write("python", b"#!/bin/sh\nsleep 1000 &\necho $$ $! > started.tmp\nmv started.tmp started\nwait\n");
+    let status = Command::new("chmod").args(["+x", &folder.path("python")]).status();
+    assert!(status.expect("chmod starts").success());
+    let python = folder.path("python");
+    for (name, code) in [("TERM", 143), ("INT", 130)] {
+        let bench = ["bench", "--peers", "--quick", "--environment", "none", "--python", &python];
+        let mut child = Command::new(env!("CARGO_BIN_EXE_supervol"))
+            .args(bench)
+            .current_dir(folder.0.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the program starts");
+        while !Path::new(&folder.path("started")).exists() {
+            std::thread::sleep(MOMENT);
+        }
+        signal(&child, name);
+        assert_eq!(child.wait().expect("it ends").code(), Some(code));
+        let started = String::from_utf8(folder.read("started")).expect("numbers");
+        for process in started.split_whitespace() {
+            // A process that has ended and that nobody has reaped has no command line.
+            let command = || std::fs::read(format!("/proc/{process}/cmdline")).unwrap_or_default();
+            let end = std::time::Instant::now() + std::time::Duration::from_secs(10);
+            while !command().is_empty() && std::time::Instant::now() < end {
+                std::thread::sleep(MOMENT);
+            }
+            assert!(command().is_empty(), "SIG{name}: process {process} goes on");
+        }
+        std::fs::remove_file(folder.path("started")).expect("it is there");
+    }
+}
+
+#[test]
+fn records_are_appended_to_records_only() {
+    let folder = filled();
+    let bench = |record: &str| {
+        let arguments =
+            ["bench", "--quick", "--volume", "source.csv", "--dims", "8,8,8", "--dtype", "u8", "--record", record];
+        folder.expect(2, &arguments)
+    };
+    folder.write("source.csv", &[7; 512]);
+    std::fs::hard_link(folder.path("source.csv"), folder.path("other.csv")).expect("a link");
+    for name in ["source.csv", "other.csv"] {
+        assert!(bench(name).contains("reads or writes"), "{name}");
+        assert_eq!(folder.read("source.csv"), [7; 512]);
+    }
+    assert!(Command::new("mkfifo").arg(folder.path("f.csv")).status().expect("mkfifo starts").success());
+    assert!(bench("f.csv").contains("no file"));
+    std::os::unix::fs::symlink("nowhere", folder.path("l.csv")).expect("a link");
+    assert!(bench("l.csv").contains("symbolic link"));
+    folder.write("notes.csv", b"mine,notes\n1,2\n");
+    assert!(bench("notes.csv").contains("columns"));
+    assert_eq!(folder.read("notes.csv"), b"mine,notes\n1,2\n");
+}

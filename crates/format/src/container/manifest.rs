@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
 
 use crate::ValueRange;
 
@@ -38,13 +39,43 @@ pub struct Manifest {
     /// Largest error bound of each level, level 0 first, data units.
     pub level_errors: Vec<f64>,
     /// Seismic survey geometry, null where there is none.
-    pub survey: Option<serde_json::Value>,
+    pub survey: Option<Json>,
     /// What the reader of the source noticed, one sentence each.
     pub notes: Vec<String>,
     /// Fields that this program does not know, as they stand in the file: what later writers add that may be ignored. What may
     /// not be ignored raises the version of the format.
     #[serde(flatten)]
     pub others: BTreeMap<String, serde_json::Value>,
+}
+
+/// JSON that is parsed by whoever asks for it: parsed, it would take up to a hundred times its bytes in every command.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Json(Box<RawValue>);
+
+impl Json {
+    /// A value as JSON.
+    ///
+    /// # Errors
+    /// If it has none.
+    pub fn of(value: &impl Serialize) -> Result<Self, serde_json::Error> {
+        serde_json::value::to_raw_value(value).map(Self)
+    }
+
+    /// The value.
+    ///
+    /// # Panics
+    /// Never: it was found to be JSON when it was read.
+    #[must_use]
+    pub fn value(&self) -> serde_json::Value {
+        serde_json::from_str(self.0.get()).expect("a raw value is JSON")
+    }
+}
+
+impl PartialEq for Json {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.get() == other.0.get()
+    }
 }
 
 /// A source file.

@@ -1,6 +1,6 @@
 //! The rules of one container that can be checked brick by brick: see [`check_brick`] and [`check_coverage`].
 //!
-//! Rules between levels (coarser voxels are averages of finer ones, error bounds hold) need several bricks at once and
+//! Rules between levels (coarser voxels stand for finer ones, error bounds hold) need several bricks at once and
 //! are checked by the preprocessor's `verify`, which calls the ones here first.
 
 use super::ContainerError;

@@ -9,21 +9,27 @@
 //! the file likes.
 
 pub mod computed;
+mod data_files;
 pub mod file;
 pub mod grid_file;
+pub mod metaimage;
 pub mod nifti;
 pub mod npy;
 pub mod nrrd;
 pub mod open;
+mod others;
 pub mod placed;
 pub mod raw;
 pub mod segy;
 pub mod spool;
 pub mod synthetic;
+mod text;
+pub mod tiff;
 
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use supervol_format::container::manifest::Manifest;
 use supervol_format::space::WorldSpace;
 use supervol_format::{Dims, Geometry, VoxelBox, VoxelType};
 
@@ -65,7 +71,7 @@ pub trait VolumeSource: Send + Sync {
 /// What a source says about itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceInfo {
-    /// `raw`, `nrrd`, `segy`, `nifti`, `npy` or `synth`.
+    /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `metaimage`, `tiff` or `synth`.
     pub format: &'static str,
     /// Voxels along x, y, z.
     pub dims: Dims,
@@ -159,6 +165,14 @@ pub struct Survey {
     pub dead_traces: u64,
     /// The text header, 40 lines of 80 characters, decoded.
     pub text_header: String,
+}
+
+impl Survey {
+    /// The survey of a container; `None` where it holds none, or one that this program does not know.
+    #[must_use]
+    pub fn of(manifest: &Manifest) -> Option<Self> {
+        manifest.survey.as_ref().and_then(|json| serde_json::from_value(json.value()).ok())
+    }
 }
 
 /// Arithmetic progression of line numbers.

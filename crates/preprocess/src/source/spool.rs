@@ -1,14 +1,14 @@
-//! Voxels that cannot be read at random (gzip, text) are decoded once into a temporary file that can.
+//! Voxels that cannot be read at random (gzip, zlib, text) are decoded once into a temporary file that can.
 //!
 //! The temporary file has no name: it vanishes with the process, however that ends. Decoding streams, and stops at the
 //! byte count the header announces (one byte more is asked for, to notice excess); a header that announces more than
-//! its file could ever hold is refused before anything is decoded. The checksum at the end of a gzip stream is checked.
+//! its file could ever hold is refused before anything is decoded. The checksum at the end of a stream is checked.
 
 use std::fs::File;
 use std::io::{BufRead, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
-use flate2::bufread::MultiGzDecoder;
+use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{VoxelType, with_voxel};
 
@@ -101,21 +101,47 @@ impl Spool {
     /// # Errors
     /// If the stream is damaged, holds less than announced, or more where that is refused; or the folder is full.
     pub fn append_gzip(&mut self, reader: impl BufRead, share: &GzipShare<'_>) -> Result<(), SourceError> {
+        self.append_deflated("gzip", MultiGzDecoder::new(reader), share)
+    }
+
+    /// The same for a zlib stream.
+    ///
+    /// # Errors
+    /// As [`Self::append_gzip`].
+    pub fn append_zlib(&mut self, reader: impl BufRead, share: &GzipShare<'_>) -> Result<(), SourceError> {
+        self.append_deflated("zlib", ZlibDecoder::new(reader), share)
+    }
+
+    fn append_deflated(
+        &mut self,
+        kind: &str,
+        mut decoder: impl Read,
+        share: &GzipShare<'_>,
+    ) -> Result<(), SourceError> {
         let wanted = share.skip_bytes.checked_add(share.bytes);
         let ceiling = share.compressed_bytes.saturating_add(1).saturating_mul(DEFLATE_RATIO_LIMIT);
         let Some(wanted) = wanted.filter(|w| *w <= ceiling) else {
             let found = format!("{} compressed bytes, which hold at most {ceiling}", share.compressed_bytes);
-            return Err(SourceError::invalid(share.path, "gzip data", format!("{} bytes", share.bytes), found));
+            return Err(SourceError::invalid(
+                share.path,
+                format!("{kind} data"),
+                format!("{} bytes", share.bytes),
+                found,
+            ));
         };
-        let mut decoder = MultiGzDecoder::new(reader);
         let mut buffer = vec![0; BUFFER_BYTES];
         let mut done = 0;
         while done < wanted {
             let room = buffer.len().min(usize::try_from(wanted - done).unwrap_or(usize::MAX));
-            let count = decoder.read(&mut buffer[..room]).map_err(|e| damaged(share.path, done, e))?;
+            let count = decoder.read(&mut buffer[..room]).map_err(|e| damaged(kind, share.path, done, e))?;
             if count == 0 {
                 let found = format!("{done} bytes");
-                return Err(SourceError::invalid(share.path, "decoded gzip data", format!("{wanted} bytes"), found));
+                return Err(SourceError::invalid(
+                    share.path,
+                    format!("decoded {kind} data"),
+                    format!("{wanted} bytes"),
+                    found,
+                ));
             }
             let passed_over = share.skip_bytes.saturating_sub(done).min(count as u64) as usize;
             self.write(&buffer[passed_over..count])?;
@@ -123,10 +149,15 @@ impl Spool {
         }
         if share.excess == Excess::Refused {
             // Reading on to the end also makes the decoder compare the stream's checksum.
-            let more = decoder.read(&mut buffer[..1]).map_err(|e| damaged(share.path, done, e))?;
+            let more = decoder.read(&mut buffer[..1]).map_err(|e| damaged(kind, share.path, done, e))?;
             if more != 0 {
                 let found = format!("at least {} bytes", wanted + 1);
-                return Err(SourceError::invalid(share.path, "decoded gzip data", format!("{wanted} bytes"), found));
+                return Err(SourceError::invalid(
+                    share.path,
+                    format!("decoded {kind} data"),
+                    format!("{wanted} bytes"),
+                    found,
+                ));
             }
         }
         Ok(())
@@ -169,6 +200,14 @@ impl Spool {
         Ok(())
     }
 
+    /// Appends bytes that have been decoded.
+    ///
+    /// # Errors
+    /// If the folder is full.
+    pub fn append(&mut self, bytes: &[u8]) -> Result<(), SourceError> {
+        self.write(bytes)
+    }
+
     /// The finished file.
     ///
     /// # Errors
@@ -182,13 +221,13 @@ impl Spool {
     }
 }
 
-/// A stream that breaks gzip's rules is wrong data; everything else is the machine's failure.
-pub(super) fn damaged(path: &Path, done: u64, error: std::io::Error) -> SourceError {
+/// A stream that breaks the rules of its kind (`gzip`, `zlib`) is wrong data; everything else is the machine's failure.
+pub(super) fn damaged(kind: &str, path: &Path, done: u64, error: std::io::Error) -> SourceError {
     use std::io::ErrorKind::{InvalidData, InvalidInput, UnexpectedEof};
     match error.kind() {
         InvalidData | InvalidInput | UnexpectedEof => {
             let location = format!("after {done} decoded bytes");
-            SourceError::invalid(path, location, "a whole gzip stream", error.to_string())
+            SourceError::invalid(path, location, format!("a whole {kind} stream"), error.to_string())
         }
         _ => SourceError::io(path, error),
     }

@@ -11,7 +11,7 @@ use supervol_format::{BrickKey, Container, Pyramid, VoxelType};
 
 use super::caster::{CasterTotals, PassReport, RayCaster};
 use super::{FrameWalk, RenderError, RenderOptions, lod_choice, plan_host_for, streamer_for};
-use crate::facts::{VolumeFacts, value_map};
+use crate::facts::value_map;
 use crate::image::Image;
 use crate::raycast::cpu::Counters;
 use crate::raycast::gpu::{
@@ -23,6 +23,7 @@ use crate::stats::FrameStats;
 use crate::stop::Stop;
 use crate::streamer::budget::{CasterBytes, HostPlan};
 use crate::streamer::{Fetched, HostView, OnMissing, Streamer};
+use crate::units::InUnits;
 
 /// The ray caster in WGSL.
 struct GpuCaster {
@@ -48,11 +49,12 @@ pub(crate) fn render_gpu(
     let container = streamer.container().clone();
     let descriptor = container.descriptor();
     let map = value_map(&container);
+    let InUnits { geometry, value_range, .. } = InUnits::of(&container);
     let volume = GpuVolume {
         pyramid: &descriptor.pyramid,
-        geometry: &descriptor.geometry,
+        geometry: &geometry,
         value_map: &map,
-        value_range: VolumeFacts::of(&container).value_range,
+        value_range,
         storage: storage(descriptor.voxel_type),
     };
     let gpu_options = GpuOptions { memory_bytes: options.gpu_memory_bytes, skipping: options.skipping };

@@ -14,6 +14,7 @@ use crate::clip::Clip;
 use crate::raycast::reference::ReferenceVolume;
 use crate::scene::ResolvedScene;
 use crate::streamer::budget::BrickBytes;
+use crate::units::InUnits;
 
 /// Bytes of one voxel in a reference volume.
 const VOXEL_BYTES: u64 = 8;
@@ -44,7 +45,7 @@ pub fn load_level(
     let (dims, values) = level_values(container, lod)?;
     let mut value_range = ValueRange::EMPTY;
     values.iter().filter(|v| !v.is_nan()).for_each(|&v| value_range.include(v));
-    let geometry = level_geometry(&container.descriptor().geometry, container.pyramid().level_at(lod));
+    let geometry = level_geometry(&InUnits::of(container).geometry, container.pyramid().level_at(lod));
     Ok(ReferenceVolume { dims, geometry, values, value_range })
 }
 
@@ -75,7 +76,7 @@ fn copy_core(
     values: &mut [f64],
 ) {
     const APRON: usize = supervol_format::brick::APRON;
-    let descriptor = container.descriptor();
+    let (descriptor, in_units) = (container.descriptor(), InUnits::of(container));
     let core_extent = core.extent();
     let start = core.start.map(|s| s as usize);
     for z in 0..core_extent[2] {
@@ -87,7 +88,7 @@ fn copy_core(
                 let bytes = size_of::<V>();
                 for (value, voxel) in row.iter_mut().zip(voxels[from * bytes..].chunks_exact(bytes)) {
                     let stored = V::read_le(voxel).to_f64();
-                    *value = if descriptor.absence.is_absent(stored) { f64::NAN } else { descriptor.value(stored) };
+                    *value = if descriptor.absence.is_absent(stored) { f64::NAN } else { in_units.value(stored) };
                 }
             });
         }

@@ -9,10 +9,11 @@ use supervol_format::space::HALF_VOXEL;
 use supervol_format::{Container, Level, Lod};
 
 use super::view::Framed;
-use crate::facts::VolumeFacts;
+use crate::facts::{DataKind, VolumeFacts};
 use crate::frame::reference::level_values;
 use crate::scene::Mode;
 use crate::transfer_function::TransferFunction;
+use crate::units::Units;
 
 /// Most voxels of the level that is read: 8 bytes each.
 const VOXEL_LIMIT: u64 = 1 << 18;
@@ -40,7 +41,10 @@ impl Overview {
         let levels = container.pyramid().levels();
         let fits = |level: &Level| level.dims.voxels().is_some_and(|n| n <= VOXEL_LIMIT);
         let Some(number) = levels.iter().position(fits) else { return Ok(None) };
-        let (dims, values) = level_values(container, Lod(number as u8))?;
+        let (dims, mut values) = level_values(container, Lod(number as u8))?;
+        // What casters know of values is in units.
+        let unit = Units::of(&VolumeFacts::of_kind(container, DataKind::Generic)).value;
+        values.iter_mut().for_each(|value| *value *= unit);
         Ok(Some(Self { dims, level: levels[number], values }))
     }
 

@@ -9,6 +9,7 @@ use crate::scene::ResolvedScene;
 use crate::streamer::Streamer;
 use crate::streamer::budget::{CasterBytes, HostPlan};
 use crate::streamer::priority::FrontToBack;
+use crate::units::InUnits;
 
 /// A streamer that outlives its pictures.
 #[derive(Debug)]
@@ -76,7 +77,7 @@ impl Resident {
 
     /// From now on bricks are fetched for this scene.
     pub fn aim(&mut self, scene: &ResolvedScene, options: &RenderOptions) {
-        let geometry = self.streamer.container().descriptor().geometry;
+        let geometry = InUnits::of(self.streamer.container()).geometry;
         self.streamer.set_order(FrontToBack::new(&scene.camera, &geometry));
         let aim = Aim::new(scene, options);
         if !self.aimed.classifies_as(&aim) {

@@ -2,12 +2,14 @@
 //!
 //! It lives in one folder, which nothing else uses and which may be deleted at any time; it is made once and found again.
 //! Nothing is installed elsewhere. Every program that is started has a time limit. Whatever is missing (Python, its module
-//! `venv`, the network, a wheel for this platform) is an answer in one sentence, not a failure of the command.
+//! `venv`, the network, a wheel for this platform) is an answer in one sentence, not a failure of the command. Where this
+//! process is ended by a signal, so is what it has started ([`end_all`]).
 
 use std::ffi::OsStr;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::PeerOptions;
@@ -95,14 +97,13 @@ pub fn run_telling<S: AsRef<OsStr>>(
     let writer = |file: &File| file.try_clone().map(Stdio::from).map_err(|e| cannot("no temporary file", e));
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::null()).stdout(writer(&out)?).stderr(writer(&err)?);
-    let mut child = command.spawn().map_err(|e| cannot("cannot be started", e))?;
+    let mut child = Child::spawn(&mut command).map_err(|e| cannot("cannot be started", e))?;
     let start = Instant::now();
     let status = loop {
         match child.try_wait().map_err(|e| cannot("cannot be waited for", e))? {
             Some(status) => break status,
             None if start.elapsed() >= limit => {
-                // It may just have ended by itself; either way it is gone and reaped.
-                child.kill().and_then(|()| child.wait()).map_err(|e| cannot("cannot be ended", e))?;
+                child.end().map_err(|e| cannot("cannot be ended", e))?;
                 return Err(format!("{name}: not finished after {} s", limit.as_secs()));
             }
             None => {
@@ -117,6 +118,63 @@ pub fn run_telling<S: AsRef<OsStr>>(
     let said = end_of(&mut err).map_err(|e| cannot("its output cannot be read", e))?;
     let last = said.lines().rev().map(str::trim).find(|line| !line.is_empty()).unwrap_or("it said nothing");
     Err(format!("{name} failed ({status}): {last}"))
+}
+
+/// Process groups of programs that run now.
+static RUNNING: Mutex<Vec<u32>> = Mutex::new(Vec::new());
+
+fn running() -> MutexGuard<'static, Vec<u32>> {
+    RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Ends every program that [`run`] has started, with what it has started itself. None begins while the guard lives: for
+/// whoever is about to end this process.
+#[must_use]
+pub fn end_all() -> impl Drop {
+    let running = running();
+    running.iter().for_each(|&group| end_group(group));
+    running
+}
+
+#[cfg(unix)]
+fn end_group(group: u32) {
+    let group = i32::try_from(group).ok().and_then(rustix::process::Pid::from_raw);
+    // It may have ended by itself.
+    let _gone = group.map(|group| rustix::process::kill_process_group(group, rustix::process::Signal::KILL));
+}
+
+#[cfg(not(unix))]
+fn end_group(_: u32) {}
+
+/// A program that runs, in a process group of its own where there are some.
+struct Child(std::process::Child);
+
+impl Child {
+    fn spawn(command: &mut Command) -> std::io::Result<Self> {
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(command, 0);
+        // Begun and noted at once, so that [`end_all`] misses none.
+        let mut running = running();
+        let child = command.spawn()?;
+        running.push(child.id());
+        Ok(Self(child))
+    }
+
+    fn try_wait(&mut self) -> std::io::Result<Option<ExitStatus>> {
+        self.0.try_wait()
+    }
+
+    /// It may just have ended by itself; either way it is gone and reaped.
+    fn end(&mut self) -> std::io::Result<()> {
+        end_group(self.0.id());
+        self.0.kill().and_then(|()| self.0.wait()).map(drop)
+    }
+}
+
+impl Drop for Child {
+    fn drop(&mut self) {
+        running().retain(|&group| group != self.0.id());
+    }
 }
 
 /// The last [`OUTPUT_LIMIT`] bytes of a file.

@@ -1,12 +1,13 @@
 //! The stability suite: every regime in which a method breaks, with a recipe, a curve into the failure, and a gate.
 //!
-//! A [`Regime`] is one row of the list of regimes (S01 to S46). The report runs them at `Scale::Full`, the tests at
+//! A [`Regime`] is one row of the list of regimes (S01 to S47). The report runs them at `Scale::Full`, the tests at
 //! `Scale::Small`: the same code, fewer and smaller cases. A gate is a number that the project has promised; it is
 //! never loosened to pass: a regime that fails is reported failing and has its place in `tests/tests/known_issues.rs`.
 
 mod borders;
 pub mod classification;
 pub mod compositing;
+mod extremes;
 mod geometry;
 mod jitter;
 pub(crate) mod leaping;
@@ -24,7 +25,7 @@ use crate::context::{ChartError, Context};
 
 /// One regime.
 pub struct Regime {
-    /// `S01` to `S46`.
+    /// `S01` to `S47`.
     pub id: &'static str,
     /// What fails, in a few words.
     pub title: &'static str,
@@ -145,10 +146,11 @@ impl Outcome {
 /// Every regime that applies to what exists, by id.
 #[must_use]
 pub fn regimes() -> Vec<&'static Regime> {
-    let groups: [&'static [Regime]; 11] = [
+    let groups: [&'static [Regime]; 12] = [
         borders::REGIMES,
         classification::REGIMES,
         compositing::REGIMES,
+        extremes::REGIMES,
         geometry::REGIMES,
         jitter::REGIMES,
         leaping::REGIMES,

@@ -133,7 +133,7 @@ impl Scale {
             return Ok(Self { axis, first: 0.0, step: 1.0 });
         }
         let manifest = container.manifest();
-        let survey: Option<Survey> = manifest.survey.clone().and_then(|json| serde_json::from_value(json).ok());
+        let survey = Survey::of(manifest);
         if let Some(survey) = &survey {
             match name {
                 "crossline" => return Ok(Self::lines(0, survey.crossline)),

@@ -236,7 +236,7 @@ fn first_bytes(path: &Path) -> Result<Vec<u8>, SourceError> {
     let mut bytes = Vec::with_capacity(HEADER_BYTES);
     if compressed {
         let decoder = MultiGzDecoder::new(reader);
-        decoder.take(HEADER_BYTES as u64).read_to_end(&mut bytes).map_err(|e| damaged(path, 0, e))?;
+        decoder.take(HEADER_BYTES as u64).read_to_end(&mut bytes).map_err(|e| damaged("gzip", path, 0, e))?;
     } else {
         reader.take(HEADER_BYTES as u64).read_to_end(&mut bytes).map_err(|e| SourceError::io(path, e))?;
     }

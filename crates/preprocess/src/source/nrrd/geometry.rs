@@ -13,8 +13,9 @@ use supervol_format::Geometry;
 use supervol_format::space::WorldSpace;
 
 use super::super::grid_file::shape::ChosenAxes;
+use super::super::text::shortened;
 use super::super::{Axis, SourceError};
-use super::header::{Header, shortened};
+use super::header::Header;
 
 /// Geometry and axes, and what a person should know about them.
 pub(super) struct Placement {

@@ -10,18 +10,14 @@ use std::io::BufRead;
 use std::path::Path;
 
 use super::super::SourceError;
+use super::super::data_files::{FILES_LIMIT, pattern_names};
+use super::super::text::{Lines, shortened};
 
 /// Longest header read; lists of tens of thousands of slices fit.
 pub(super) const HEADER_LIMIT_BYTES: u64 = 4 << 20;
 
 /// Most axes a NRRD may have (`NRRD_DIM_MAX`).
 const AXES_LIMIT: usize = 16;
-
-/// Longest name that a file-name pattern may make, digits.
-const PATTERN_WIDTH_LIMIT: usize = 32;
-
-/// Most data files, listed or named by a pattern.
-const FILES_LIMIT: usize = 1 << 16;
 
 /// How the voxels are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,7 +52,7 @@ pub(super) struct Header {
 
 impl Header {
     pub(super) fn read(path: &Path, reader: impl BufRead) -> Result<Self, SourceError> {
-        let mut lines = Lines { path, reader: reader.take(HEADER_LIMIT_BYTES), offset: 0 };
+        let mut lines = Lines::new(path, reader.take(HEADER_LIMIT_BYTES));
         let magic = lines.next()?.unwrap_or_default();
         check_magic(path, &magic)?;
         let mut header = Self { fields: Vec::new(), places: HashMap::new(), end: 0, has_data: false, list: Vec::new() };
@@ -225,90 +221,9 @@ impl Header {
     }
 }
 
-/// The names `pattern` makes of the numbers from min to max; `%d`, `%03d` and `%%` are understood, as printf has them.
-fn pattern_names(path: &Path, pattern: &str, numbers: [&str; 3]) -> Result<Vec<String>, SourceError> {
-    let wrong = |expected: &str| {
-        let found = format!("`{} {}`", shortened(pattern), numbers.map(shortened).join(" "));
-        SourceError::invalid(path, "data file", expected, found)
-    };
-    let [Ok(min), Ok(max), Ok(step)] = numbers.map(str::parse::<i64>) else {
-        return Err(wrong("whole numbers `min max step` behind a file-name pattern"));
-    };
-    let count = if step == 0 { None } else { max.checked_sub(min).and_then(|d| d.checked_div(step)) };
-    let Some(count) = count.filter(|c| (0..FILES_LIMIT as i64).contains(c)) else {
-        return Err(wrong("min, max and step of 1 to 65536 files"));
-    };
-    let parts =
-        split_pattern(pattern).ok_or_else(|| wrong("one %d in the file-name pattern, such as `slice%03d.raw`"))?;
-    // Cannot overflow: |index * step| is at most |max - min|.
-    Ok((0..=count).map(|index| parts.name(min + index * step)).collect())
-}
-
-/// A file-name pattern around its one number.
-struct Pattern {
-    before: String,
-    after: String,
-    width: usize,
-    zeros: bool,
-}
-
-impl Pattern {
-    fn name(&self, number: i64) -> String {
-        let Self { before, after, width, zeros } = self;
-        if *zeros { format!("{before}{number:0width$}{after}") } else { format!("{before}{number:width$}{after}") }
-    }
-}
-
-fn split_pattern(pattern: &str) -> Option<Pattern> {
-    // `%%` is a percent sign; hide it where no `%` can be mistaken for the number's.
-    let hidden = pattern.replace("%%", "\0");
-    let (before, rest) = hidden.split_once('%')?;
-    let letter = rest.find(|c: char| !c.is_ascii_digit())?;
-    let (digits, after) = rest.split_at(letter);
-    let after = after.strip_prefix(['d', 'i', 'u'])?;
-    let width = if digits.is_empty() { 0 } else { digits.parse().ok().filter(|w| *w <= PATTERN_WIDTH_LIMIT)? };
-    let shown = |text: &str| text.replace('\0', "%");
-    let one_number = !after.contains('%');
-    one_number.then(|| Pattern { before: shown(before), after: shown(after), width, zeros: digits.starts_with('0') })
-}
-
 fn check_magic(path: &Path, line: &str) -> Result<(), SourceError> {
     match line.strip_prefix("NRRD000").map(|version| version.trim_end()) {
         Some("1" | "2" | "3" | "4" | "5") => Ok(()),
         _ => Err(SourceError::invalid(path, "first line", "NRRD0001 to NRRD0005", format!("`{}`", shortened(line)))),
-    }
-}
-
-/// The first characters of a text from a file, fit for a message.
-pub(super) fn shortened(text: &str) -> String {
-    let mut short: String = text.chars().take(60).map(|c| if c.is_control() { '?' } else { c }).collect();
-    if text.chars().nth(60).is_some() {
-        short.push_str("...");
-    }
-    short
-}
-
-/// Lines without their ends, Unix or Windows; bytes that are no UTF-8 become replacement characters.
-struct Lines<'a, R> {
-    path: &'a Path,
-    reader: R,
-    offset: u64,
-}
-
-impl<R: BufRead> Lines<'_, R> {
-    fn next(&mut self) -> Result<Option<String>, SourceError> {
-        let mut line = Vec::new();
-        let count = self.reader.read_until(b'\n', &mut line).map_err(|e| SourceError::io(self.path, e))?;
-        self.offset += count as u64;
-        if count == 0 {
-            return Ok(None);
-        }
-        if line.last() == Some(&b'\n') {
-            line.pop();
-        }
-        if line.last() == Some(&b'\r') {
-            line.pop();
-        }
-        Ok(Some(String::from_utf8_lossy(&line).into_owned()))
     }
 }

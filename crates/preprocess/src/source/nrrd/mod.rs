@@ -11,18 +11,20 @@ mod header;
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
 use super::Endian;
+pub use super::data_files::Outside;
+use super::data_files::{find_all, look_at, open_data};
 use super::file::SourceFile;
 use super::grid_file::shape::{ChosenAxes, choose_axes};
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use super::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
+use super::text::shortened;
 use super::{SourceError, SourceInfo, VolumeSource};
-use crate::output::folder_of;
-use header::{DataFiles, Encoding, Header, shortened};
+use header::{DataFiles, Encoding, Header};
 
 /// Most bytes that `line skip` may pass over.
 const LINE_SKIP_LIMIT_BYTES: u64 = 16 << 20;
@@ -59,17 +61,6 @@ const FIELDS_READ: [&str; 22] = [
     "units",
     "sampleunits",
 ];
-
-/// Whether the header's data files may lie outside its folder. A header that somebody has sent may name any file of the
-/// machine, whose bytes would then be voxels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Outside {
-    /// They may not.
-    #[default]
-    Refused,
-    /// They may.
-    Allowed,
-}
 
 /// A NRRD file.
 #[derive(Debug)]
@@ -253,13 +244,13 @@ impl Data<'_> {
         let bytes = checked_bytes(self.path, layout.dims, layout.voxel_type)?;
         let (files, start) = match self.header.data_files(self.path, axes)? {
             DataFiles::Attached => (vec![self.path.to_path_buf()], self.header.end),
-            DataFiles::Named(names) => (self.find_all(&names)?, 0),
+            DataFiles::Named(names) => (find_all(self.path, &names, self.outside)?, 0),
         };
         if !bytes.is_multiple_of(files.len() as u64 * layout.voxel_type.bytes() as u64) {
             let expected = format!("a number of files that divides the {} voxels", layout.dims);
             return Err(SourceError::invalid(self.path, "data file", expected, format!("{} files", files.len())));
         }
-        let source_files = files.iter().map(|path| self.look_at(path)).collect::<Result<Vec<_>, _>>()?;
+        let source_files = files.iter().map(|path| look_at(self.path, path)).collect::<Result<Vec<_>, _>>()?;
         let share_bytes = bytes / files.len() as u64;
         if self.encoding != Encoding::Raw {
             let file = self.decode(&files, start, share_bytes, spool)?;
@@ -280,47 +271,6 @@ impl Data<'_> {
         Ok((grid?, source_files))
     }
 
-    /// Paths of the data files, which lie below the header's folder unless they need not.
-    fn find_all(&self, names: &[String]) -> Result<Vec<PathBuf>, SourceError> {
-        let folder = folder_of(self.path);
-        let folder_is = std::fs::canonicalize(folder).map_err(|e| SourceError::io(folder, e))?;
-        let find = |name: &String| {
-            let file = folder.join(name);
-            let is_below = match std::fs::canonicalize(&file) {
-                Ok(file_is) => file_is.starts_with(&folder_is),
-                // Not there, or not to be reached: whether it is shall only be told of files below the folder.
-                Err(_) => Path::new(name).components().all(|part| matches!(part, Component::Normal(_))),
-            };
-            if is_below || self.outside == Outside::Allowed {
-                return Ok(file);
-            }
-            let what = format!("its data file `{}` lies outside the folder of the header", shortened(name));
-            Err(SourceError::unsupported(
-                self.path,
-                what,
-                "give --allow-outside if you know where the header comes from",
-            ))
-        };
-        names.iter().map(find).collect()
-    }
-
-    /// Looks at a data file; one that is not there, or is none, is the header's mistake, not the machine's.
-    fn look_at(&self, path: &Path) -> Result<SourceFile, SourceError> {
-        SourceFile::of(path).map_err(|error| {
-            let SourceError::Io { source, .. } = &error else { return error };
-            let found = match source.kind() {
-                std::io::ErrorKind::NotFound => "no such file".to_owned(),
-                std::io::ErrorKind::InvalidInput => source.to_string(),
-                _ => return error,
-            };
-            SourceError::invalid(self.path, "data file", format!("the data file {}", path.display()), found)
-        })
-    }
-
-    fn open_data(path: &Path) -> Result<File, SourceError> {
-        File::open(path).map_err(|e| SourceError::io(path, e))
-    }
-
     /// First byte of the voxels in a raw data file, after the lines and bytes to skip.
     fn raw_offset(
         &self,
@@ -329,7 +279,7 @@ impl Data<'_> {
         share_bytes: u64,
         notes: &mut Vec<String>,
     ) -> Result<u64, SourceError> {
-        let file = Self::open_data(path)?;
+        let file = open_data(path)?;
         let length = file.len().map_err(|e| SourceError::io(path, e))?;
         let byte_skip = self.header.whole_number(self.path, "byteskip")?;
         // -1: the voxels are the end of the file, whatever is before them.
@@ -366,7 +316,7 @@ impl Data<'_> {
     ) -> Result<File, SourceError> {
         let mut spool = Spool::create(folder)?;
         for path in files {
-            let file = Self::open_data(path)?;
+            let file = open_data(path)?;
             let length = file.len().map_err(|e| SourceError::io(path, e))?;
             let mut reader = BufReader::new(file);
             let start = self.skip_lines(path, &mut reader, start)?;

@@ -1,5 +1,6 @@
 use super::*;
 use crate::preset::{domain, domain_corners};
+use crate::units::Units;
 use supervol_format::{Dims, Geometry, ValueRange};
 
 fn facts(frame: Frame, dims: [u64; 3], direction: [f64; 9]) -> VolumeFacts {
@@ -20,7 +21,8 @@ const Y_TURNED: [f64; 9] = [1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0];
 
 /// Where an index point lies in the picture, right and up, in parts of its half height.
 fn seen(facts: &VolumeFacts, view: &View, point: [f64; 3]) -> [f64; 2] {
-    let camera = view.camera(&Framed::whole(facts, domain(facts)), [640, 480]).camera([640, 480]).unwrap();
+    let camera =
+        view.camera(&Framed::whole(facts, domain(facts)), [640, 480]).camera(&Units::WORLD, [640, 480]).unwrap();
     let p = facts.geometry.world_from_index().transform_point3(point.into()) - camera.eye;
     let depth = match camera.projection {
         crate::camera::Projection::Perspective { fov_y } => p.dot(camera.forward) * (fov_y.to_radians() / 2.0).tan(),

@@ -1,0 +1,406 @@
+//! TIFF stacks: pages as slices, classic and BigTIFF, strips and tiles, deflate, LZW, PackBits and predictors, integers of 8 to
+//! 32 bits and floats, with the spacing that ImageJ or OME-XML state.
+//!
+//! Pages that lie in the file as they are, each in one piece, are read in place, also those that ImageJ writes behind the only
+//! page of a stack of more than 4 GiB; all others are decoded once into a spool file ([`super::spool`]), chunk by chunk. Of several channels and times the first is
+//! used, and the notes say so. Pages that are smaller copies are left out; of pages with a palette its numbers are the voxels.
+//! Colours, single bits, halves and 64-bit integers are refused by name. White-is-zero pages are turned round by the decoder, so that greater is brighter.
+//! Decoding is the crate `tiff`'s; which pages are the volume is told here.
+
+mod description;
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
+use tiff::decoder::ifd::Value;
+use tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
+use tiff::tags::{CompressionMethod, SampleFormat, Tag};
+use tiff::{ColorType, TiffError};
+
+use super::data_files::open_data;
+use super::file::SourceFile;
+use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
+use super::spool::{Spool, SpoolFolder};
+use super::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
+use description::{Description, PAGES_LIMIT};
+
+/// Most bytes of a decoded strip or tile, and of a band of tiles.
+const CHUNK_LIMIT_BYTES: usize = 256 << 20;
+/// Most bytes of one field, which may be OME-XML of tens of thousands of planes.
+const FIELD_LIMIT_BYTES: usize = 32 << 20;
+/// No codec that is read expands more than this: deflate 1032 to 1, LZW about 1365 to 1.
+const RATIO_LIMIT: u64 = 1400;
+
+/// Photometric interpretation of pixels that are numbers of a palette.
+const PALETTE: u64 = 3;
+
+/// A TIFF stack.
+#[derive(Debug)]
+pub struct TiffSource(GridSource);
+
+impl TiffSource {
+    /// Opens a TIFF; its pages are decoded into `spool`.
+    ///
+    /// # Errors
+    /// If the file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
+    pub fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
+        let source_file = SourceFile::of(path)?;
+        let mut pages = Pages::open(path)?;
+        let first = pages.page()?;
+        let description = Description::read(path, &pages.description()?)?;
+        let mut notes = description.notes.clone();
+        let (slices, behind) = pages.slices(&description, &mut notes)?;
+        let geometry = pages.geometry(&description)?;
+        let dims = Dims([first.size[0], first.size[1], slices.len() as u64]);
+        let bytes = checked_bytes(path, dims, first.voxel_type)?;
+        let in_place = match behind {
+            Some(offset) => vec![offset],
+            None => pages.offsets_in_place(&slices, first)?,
+        };
+        let layout =
+            |endian| GridLayout { dims, voxel_type: first.voxel_type, endian, fastest_first: GridLayout::X_FASTEST };
+        let grid = match in_place[..] {
+            [] => GridFile::single(path, pages.decode(&slices, first, bytes, spool)?, 0, layout(Endian::Little)),
+            [offset] => GridFile::single(path, open_data(path)?, offset, layout(pages.endian())),
+            _ => {
+                let parts = in_place.iter().map(|&offset| Part { path: path.into(), offset });
+                GridFile::parts(path, parts.collect(), layout(pages.endian()))
+            }
+        };
+        let grid = grid?;
+
+        let mut info = SourceInfo::plain("tiff", dims, first.voxel_type);
+        info.geometry = geometry;
+        info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: description.unit.clone() });
+        info.notes = notes;
+        info.files = vec![source_file];
+        Ok(Self(GridSource::new(info, grid)))
+    }
+}
+
+impl VolumeSource for TiffSource {
+    fn info(&self) -> &SourceInfo {
+        self.0.info()
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        self.0.read_box(voxels, out)
+    }
+}
+
+/// What all pages of a volume have in common.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Page {
+    /// Pixels along x and y.
+    size: [u64; 2],
+    voxel_type: VoxelType,
+}
+
+impl Page {
+    fn bytes(self) -> u64 {
+        // Sizes have 32 bits, so that the product of the three has less than 128, but may have more than 64.
+        self.size[0].saturating_mul(self.size[1]).saturating_mul(self.voxel_type.bytes() as u64)
+    }
+}
+
+/// The pages of a file, one of them at hand.
+struct Pages<'a> {
+    path: &'a Path,
+    decoder: Decoder<BufReader<File>>,
+    file_bytes: u64,
+}
+
+impl<'a> Pages<'a> {
+    fn open(path: &'a Path) -> Result<Self, SourceError> {
+        let file = open_data(path)?;
+        let file_bytes = file.len().map_err(|e| SourceError::io(path, e))?;
+        let mut limits = Limits::default();
+        (limits.decoding_buffer_size, limits.intermediate_buffer_size) = (CHUNK_LIMIT_BYTES, CHUNK_LIMIT_BYTES);
+        limits.ifd_value_size = FIELD_LIMIT_BYTES;
+        let decoder = Decoder::new(BufReader::new(file)).map_err(|e| refusal(path, e))?.with_limits(limits);
+        Ok(Self { path, decoder, file_bytes })
+    }
+
+    fn tag(&mut self, tag: Tag) -> Result<Option<u64>, SourceError> {
+        self.decoder.find_tag_unsigned(tag).map_err(|e| refusal(self.path, e))
+    }
+
+    /// The page at hand.
+    fn page(&mut self) -> Result<Page, SourceError> {
+        let path = self.path;
+        let (width, height) = self.decoder.dimensions().map_err(|e| refusal(path, e))?;
+        let color = match self.tag(Tag::PhotometricInterpretation)? {
+            // Numbers of a palette are the voxels; what colours they are shown in is not. The decoder does not know.
+            Some(PALETTE) => {
+                ColorType::Gray(self.tag(Tag::BitsPerSample)?.and_then(|n| n.try_into().ok()).unwrap_or(1))
+            }
+            _ => self.decoder.colortype().map_err(|e| refusal(path, e))?,
+        };
+        let formats = self.decoder.find_tag_unsigned_vec::<u16>(Tag::SampleFormat).map_err(|e| refusal(path, e))?;
+        let format = formats.and_then(|formats| formats.first().copied()).unwrap_or(SampleFormat::Uint.to_u16());
+        let unsupported = |what: String, advice: &str| Err(SourceError::unsupported(path, what, advice));
+        let ColorType::Gray(bits) = color else {
+            let advice = "convert to grey or write out one channel, for example with Fiji (Image, Type, 32-bit)";
+            return unsupported(format!("pixels are colours ({color:?}); a volume has one number per voxel"), advice);
+        };
+        let voxel_type = match (SampleFormat::from_u16_exhaustive(format), bits) {
+            (SampleFormat::Uint, 8) => VoxelType::U8,
+            (SampleFormat::Int, 8) => VoxelType::I8,
+            (SampleFormat::Uint, 16) => VoxelType::U16,
+            (SampleFormat::Int, 16) => VoxelType::I16,
+            (SampleFormat::Uint, 32) => VoxelType::U32,
+            (SampleFormat::Int, 32) => VoxelType::I32,
+            (SampleFormat::IEEEFP, 32) => VoxelType::F32,
+            (SampleFormat::IEEEFP, 64) => VoxelType::F64,
+            (format, bits) => {
+                let advice = "convert to 8, 16 or 32 bits, for example with Fiji (Image, Type)";
+                return unsupported(format!("pixels of {bits} bits ({format:?}) have no voxel type here"), advice);
+            }
+        };
+        Ok(Page { size: [width.into(), height.into()], voxel_type })
+    }
+
+    /// The description of the page at hand.
+    fn description(&mut self) -> Result<String, SourceError> {
+        let value = self.decoder.find_tag(Tag::ImageDescription).map_err(|e| refusal(self.path, e))?;
+        // One that is no text says nothing.
+        Ok(value.and_then(|value| value.into_string().ok()).unwrap_or_default())
+    }
+
+    /// Numbers of the pages that are the slices of the volume; or, where these lie behind the only page, where.
+    fn slices(
+        &mut self,
+        description: &Description,
+        notes: &mut Vec<String>,
+    ) -> Result<(Vec<usize>, Option<u64>), SourceError> {
+        let wanted = description.slices.as_deref();
+        if let Some(slices) = wanted.filter(|slices| slices.len() > 1)
+            && !self.decoder.more_images()
+        {
+            return Ok((slices.to_vec(), Some(self.behind_the_page(slices)?)));
+        }
+        let whole = self.whole_pages(notes)?;
+        let Some(wanted) = wanted else { return Ok((whole, None)) };
+        // Smaller copies are not counted by who writes descriptions.
+        let page = |&slice: &usize| {
+            whole.get(slice).copied().ok_or_else(|| {
+                let found = format!("{} pages", whole.len());
+                SourceError::invalid(
+                    self.path,
+                    "pages",
+                    format!("page {slice}, which its description speaks of"),
+                    found,
+                )
+            })
+        };
+        Ok((wanted.iter().map(page).collect::<Result<_, _>>()?, None))
+    }
+
+    /// Numbers of all pages that are not smaller copies; the first page is at hand again afterwards.
+    fn whole_pages(&mut self, notes: &mut Vec<String>) -> Result<Vec<usize>, SourceError> {
+        let (mut whole, mut copies, mut number) = (Vec::new(), 0, 0);
+        loop {
+            let is_copy = self.tag(Tag::NewSubfileType)?.is_some_and(|kind| kind & 1 == 1) && number > 0;
+            copies += usize::from(is_copy);
+            whole.extend((!is_copy).then_some(number));
+            if !self.decoder.more_images() {
+                break;
+            }
+            number += 1;
+            if number == PAGES_LIMIT {
+                return Err(SourceError::invalid(self.path, "pages", format!("at most {PAGES_LIMIT}"), "more"));
+            }
+            self.decoder.next_image().map_err(|e| refusal(self.path, e))?;
+        }
+        if copies > 0 {
+            notes.push(format!("{copies} pages are smaller copies of others and left out"));
+        }
+        self.seek(0)?;
+        Ok(whole)
+    }
+
+    fn seek(&mut self, page: usize) -> Result<(), SourceError> {
+        self.decoder.seek_to_image(page).map_err(|e| refusal(self.path, e))
+    }
+
+    /// ImageJ writes stacks of more than 4 GiB with one page, and all slices one after the other: where the first begins.
+    fn behind_the_page(&mut self, slices: &[usize]) -> Result<u64, SourceError> {
+        let follow_one_another = slices.iter().enumerate().all(|(i, &slice)| i == slice);
+        let page = self.page()?;
+        match self.place_of_page(page)? {
+            Some(first) if follow_one_another => Ok(first),
+            _ => {
+                let expected = format!("{} pages, which its description speaks of", slices.len());
+                Err(SourceError::invalid(self.path, "pages", expected, "one"))
+            }
+        }
+    }
+
+    /// Where each slice begins, or all of them, where they follow one another; nothing where they must be decoded.
+    fn offsets_in_place(&mut self, slices: &[usize], like: Page) -> Result<Vec<u64>, SourceError> {
+        let mut offsets = Vec::new();
+        for &slice in slices {
+            self.seek(slice)?;
+            self.check_page(slice, like)?;
+            match self.place_of_page(like)? {
+                Some(offset) => offsets.push(offset),
+                None => return Ok(Vec::new()),
+            }
+        }
+        let follows = |pair: &[u64]| pair[0].checked_add(like.bytes()) == Some(pair[1]);
+        if offsets.windows(2).all(follows) {
+            offsets.truncate(1);
+        }
+        Ok(offsets)
+    }
+
+    /// Where the pixels of the page at hand begin, if they lie in the file as they are, in one piece.
+    fn place_of_page(&mut self, page: Page) -> Result<Option<u64>, SourceError> {
+        let path = self.path;
+        let is_plain = self.tag(Tag::Compression)?.is_none_or(|c| c == u64::from(CompressionMethod::None.to_u16()));
+        // What the decoder turns round.
+        let is_inverted = self.tag(Tag::PhotometricInterpretation)? == Some(0);
+        if !is_plain || is_inverted || self.decoder.get_chunk_type() == ChunkType::Tile {
+            return Ok(None);
+        }
+        let mut list = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map_err(|e| refusal(path, e));
+        let (Some(offsets), Some(counts)) = (list(Tag::StripOffsets)?, list(Tag::StripByteCounts)?) else {
+            return Ok(None);
+        };
+        let ends = offsets.iter().zip(&counts).map(|(offset, count)| offset.checked_add(*count));
+        let is_one_piece = offsets.len() == counts.len()
+            && offsets.iter().skip(1).zip(ends).all(|(next, end)| Some(*next) == end)
+            && counts.iter().try_fold(0u64, |sum, count| sum.checked_add(*count)) == Some(page.bytes());
+        Ok(offsets.first().copied().filter(|_| is_one_piece))
+    }
+
+    fn endian(&self) -> Endian {
+        match self.decoder.byte_order() {
+            tiff::tags::ByteOrder::LittleEndian => Endian::Little,
+            tiff::tags::ByteOrder::BigEndian => Endian::Big,
+        }
+    }
+
+    /// Refuses a page at hand that is unlike the first.
+    fn check_page(&mut self, number: usize, like: Page) -> Result<(), SourceError> {
+        let page = self.page()?;
+        if page == like {
+            return Ok(());
+        }
+        let (expected, found) = (format!("{like:?}, as the first"), format!("{page:?}"));
+        Err(SourceError::invalid(self.path, format!("page {number}"), expected, found))
+    }
+
+    /// Spacing as described; where nothing is, 1: resolutions in dots per inch are about paper.
+    fn geometry(&mut self, description: &Description) -> Result<Geometry, SourceError> {
+        let mut spacing = description.spacing;
+        if description.has_resolution {
+            for (i, tag) in [Tag::XResolution, Tag::YResolution].into_iter().enumerate() {
+                let value = self.decoder.find_tag(tag).map_err(|e| refusal(self.path, e))?;
+                let per_unit = value.and_then(|value| match value {
+                    Value::Rational(above, below) => Some(f64::from(above) / f64::from(below)),
+                    other => other.into_f64().ok(),
+                });
+                spacing[i] = per_unit.map(|n| 1.0 / n).filter(|s| s.is_finite() && *s > 0.0);
+            }
+        }
+        // ImageJ leaves out the distance of slices where it is 1.
+        let spacing = spacing.map(|s| s.filter(|s| s.is_finite() && *s > 0.0).unwrap_or(1.0));
+        Ok(Geometry { spacing, ..Geometry::IDENTITY })
+    }
+
+    /// Decodes pages, one after the other, into a spool file.
+    fn decode(&mut self, slices: &[usize], like: Page, bytes: u64, spool: &SpoolFolder) -> Result<File, SourceError> {
+        let ceiling = self.file_bytes.saturating_mul(RATIO_LIMIT);
+        if bytes > ceiling {
+            let found = format!("a file of {} bytes, which holds at most {ceiling}", self.file_bytes);
+            return Err(SourceError::invalid(self.path, "voxels", format!("{bytes} bytes"), found));
+        }
+        let mut spool = Spool::create(spool)?;
+        for &slice in slices {
+            self.seek(slice)?;
+            self.check_page(slice, like)?;
+            self.decode_page(slice, like, &mut spool)?;
+        }
+        spool.finish()
+    }
+
+    /// Appends a page, a band of chunks at a time.
+    fn decode_page(&mut self, number: usize, page: Page, spool: &mut Spool) -> Result<(), SourceError> {
+        let path = self.path;
+        let (chunk_width, chunk_height) = self.decoder.chunk_dimensions();
+        let is_tiled = self.decoder.get_chunk_type() == ChunkType::Tile;
+        let across = if is_tiled { page.size[0].div_ceil(u64::from(chunk_width.max(1))) } else { 1 };
+        let bands = page.size[1].div_ceil(u64::from(chunk_height.max(1)));
+        let row_bytes = page.size[0] as usize * page.voxel_type.bytes();
+        let band_bytes = row_bytes.saturating_mul(chunk_height.min(page.size[1] as u32) as usize);
+        if band_bytes > CHUNK_LIMIT_BYTES {
+            let advice = "rewrite it with smaller strips or tiles, for example with `tiffcp -r 16 IN OUT`";
+            let what = format!("strips or rows of tiles of {band_bytes} bytes; {CHUNK_LIMIT_BYTES} are read at once");
+            return Err(SourceError::unsupported(path, what, advice));
+        }
+        let mut band = vec![0; band_bytes];
+        for band_number in 0..bands {
+            let mut rows = 0;
+            let mut start = 0;
+            for column in 0..across {
+                let chunk = u32::try_from(band_number * across + column).map_err(|_| self.too_many())?;
+                let (width, height) = self.decoder.chunk_data_dimensions(chunk);
+                let voxels = self.decoder.read_chunk(chunk).map_err(|e| refusal(path, e))?;
+                let voxels = little_endian(voxels);
+                let width_bytes = width as usize * page.voxel_type.bytes();
+                let is_whole = voxels.len() == width_bytes * height as usize;
+                let fits = start + width_bytes <= row_bytes && row_bytes * height as usize <= band.len();
+                if !(is_whole && fits && (column == 0 || rows == height)) {
+                    let found = format!("{width} x {height} pixels in {} bytes", voxels.len());
+                    let location = format!("page {number}, chunk {chunk}");
+                    return Err(SourceError::invalid(path, location, format!("pixels of {page:?}"), found));
+                }
+                for (row, from) in voxels.chunks_exact(width_bytes.max(1)).enumerate() {
+                    band[row * row_bytes + start..][..width_bytes].copy_from_slice(from);
+                }
+                (rows, start) = (height, start + width_bytes);
+            }
+            spool.append(&band[..row_bytes * rows as usize])?;
+        }
+        Ok(())
+    }
+
+    fn too_many(&self) -> SourceError {
+        SourceError::invalid(self.path, "chunks", "fewer than 2^32 in a page", "more")
+    }
+}
+
+/// Decoded numbers as little-endian bytes.
+fn little_endian(mut voxels: DecodingResult) -> Vec<u8> {
+    let buffer = voxels.as_buffer(0);
+    let mut bytes = buffer.as_bytes().to_vec();
+    if cfg!(target_endian = "big") {
+        let size = match voxels {
+            DecodingResult::U8(_) | DecodingResult::I8(_) => 1,
+            DecodingResult::U16(_) | DecodingResult::I16(_) | DecodingResult::F16(_) => 2,
+            DecodingResult::U32(_) | DecodingResult::I32(_) | DecodingResult::F32(_) => 4,
+            DecodingResult::U64(_) | DecodingResult::I64(_) | DecodingResult::F64(_) => 8,
+        };
+        bytes.chunks_exact_mut(size).for_each(<[u8]>::reverse);
+    }
+    bytes
+}
+
+/// What the decoder's errors are for us.
+fn refusal(path: &Path, error: TiffError) -> SourceError {
+    match error {
+        TiffError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => SourceError::io(path, e),
+        TiffError::UnsupportedError(what) => {
+            let advice = "rewrite it first, for example with `tiffcp -c lzw IN OUT` or Fiji";
+            SourceError::unsupported(path, format!("this kind of TIFF is not read ({what})"), advice)
+        }
+        TiffError::LimitsExceeded => {
+            let advice = "rewrite it with smaller strips or tiles, for example with `tiffcp -r 16 IN OUT`";
+            SourceError::unsupported(path, "a strip, tile or field is larger than 256 MiB", advice)
+        }
+        other => SourceError::invalid(path, "TIFF", "what the format allows", other.to_string()),
+    }
+}

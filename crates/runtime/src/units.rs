@@ -1,0 +1,211 @@
+//! The units that pictures are computed in.
+//!
+//! `f32` ends at 3e38 and 1e-38, squares of it at 1e19 and 1e-19; a camera beside a volume 1e18 voxels from the world's origin
+//! has no place in `f64` any more. So a picture is computed in *units* of its own: lengths in units of [`Units::length`] from
+//! [`Units::anchor`], values in units of [`Units::value`]. Units are powers of two, so that nothing is rounded on the way, and
+//! those of the world itself unless its numbers are extreme.
+//!
+//! Scenes are resolved into units ([`Scene::resolve`](crate::scene::Scene::resolve)), and all that a caster, the reference or
+//! the streamer knows of a container's numbers comes from [`InUnits`]. Nothing in between knows that there are units.
+
+use glam::DVec3;
+use supervol_format::space::HALF_VOXEL;
+use supervol_format::{Container, Dims, Geometry, ValueRange};
+
+use crate::facts::VolumeFacts;
+
+/// Binary exponents of a voxel's shortest edge that are left alone. With those of values, they keep the square of a gradient
+/// that is a millionth of the steepest within `f32`.
+const PLAIN_LENGTHS: std::ops::RangeInclusive<i32> = -20..=20;
+/// Binary exponents of the greatest magnitude of a value that are left alone.
+const PLAIN_VALUES: std::ops::RangeInclusive<i32> = -20..=40;
+/// Binary exponents that a unit may have: its inverse is finite, too.
+const UNIT_LIMIT: i32 = 1000;
+/// Corners farther from the world's origin than this many voxels' edges are anchored: below, `f64` resolves 2^-22 of a voxel.
+const ANCHORED_VOXELS: f64 = (1u64 << 30) as f64;
+/// Greatest magnitude in units of what scenes say of values: all beyond is the same to `f32`.
+const VALUE_LIMIT: f64 = 1e200;
+
+/// See the module.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Units {
+    /// World position of the origin of lengths.
+    pub anchor: DVec3,
+    /// World length of 1; a power of two.
+    pub length: f64,
+    /// Data value of 1; a power of two.
+    pub value: f64,
+}
+
+/// The binary exponent of a positive number, subnormal ones included.
+fn exponent(number: f64) -> i32 {
+    // `as` saturates.
+    number.log2().floor() as i32
+}
+
+/// Two to this power, within [`UNIT_LIMIT`].
+fn power(exponent: i32) -> f64 {
+    f64::from(exponent.clamp(-UNIT_LIMIT, UNIT_LIMIT)).exp2()
+}
+
+/// World lengths of a voxel's edges. Squares of spacings may be out of range, those of directions are not.
+#[must_use]
+pub fn edges(geometry: &Geometry) -> [f64; 3] {
+    let d = geometry.direction;
+    std::array::from_fn(|a| geometry.spacing[a] * DVec3::new(d[a], d[3 + a], d[6 + a]).length())
+}
+
+impl Units {
+    /// Those of the world.
+    pub const WORLD: Self = Self { anchor: DVec3::ZERO, length: 1.0, value: 1.0 };
+
+    /// The units of a volume.
+    #[must_use]
+    pub fn of(facts: &VolumeFacts) -> Self {
+        let length = length_unit(&facts.geometry);
+        Self { anchor: anchor(&facts.geometry, facts.dims), length, value: value_unit(facts.value_range) }
+    }
+
+    /// A world point in units.
+    #[must_use]
+    pub fn point(&self, world: DVec3) -> DVec3 {
+        (world - self.anchor) / self.length
+    }
+
+    /// A data value in units.
+    #[must_use]
+    pub fn value(&self, data: f64) -> f64 {
+        (data / self.value).clamp(-VALUE_LIMIT, VALUE_LIMIT)
+    }
+
+    /// A place in the world in units.
+    #[must_use]
+    pub fn geometry(&self, world: &Geometry) -> Geometry {
+        let spacing = world.spacing.map(|spacing| spacing / self.length);
+        Geometry { spacing, origin: self.point(world.origin.into()).to_array(), direction: world.direction }
+    }
+
+    /// Facts of a volume in units: all but percentiles, which only presets ask for, in data units.
+    #[must_use]
+    pub fn facts(&self, world: &VolumeFacts) -> VolumeFacts {
+        let value_range = self.range(world.value_range);
+        VolumeFacts {
+            geometry: self.geometry(&world.geometry),
+            value_range,
+            percentiles: vec![],
+            histogram: vec![],
+            ..*world
+        }
+    }
+
+    fn range(&self, ValueRange { min, max }: ValueRange) -> ValueRange {
+        // The empty range has infinite ends, and keeps them.
+        ValueRange { min: min / self.value, max: max / self.value }
+    }
+}
+
+fn length_unit(geometry: &Geometry) -> f64 {
+    let shortest = exponent(edges(geometry).into_iter().fold(f64::INFINITY, f64::min));
+    if PLAIN_LENGTHS.contains(&shortest) { 1.0 } else { power(shortest) }
+}
+
+/// What is too large comes just within the limit, not to 1: a few values may be far larger than all others.
+fn value_unit(range: ValueRange) -> f64 {
+    let greatest = if range.is_empty() { 0.0 } else { range.min.abs().max(range.max.abs()) };
+    let greatest = if greatest > 0.0 { exponent(greatest) } else { 0 };
+    let (least_plain, greatest_plain) = (*PLAIN_VALUES.start(), *PLAIN_VALUES.end());
+    match greatest {
+        _ if greatest < least_plain => power(greatest),
+        _ if greatest > greatest_plain => power(greatest - greatest_plain),
+        _ => 1.0,
+    }
+}
+
+fn anchor(geometry: &Geometry, dims: Dims) -> DVec3 {
+    let edges = edges(geometry);
+    let shortest = edges.into_iter().fold(f64::INFINITY, f64::min);
+    let farthest = DVec3::from_array(geometry.origin).abs().max_element();
+    let extent = (0..3).map(|a| edges[a] * (dims.0[a] as f64 - HALF_VOXEL)).fold(0.0, f64::max);
+    let is_far = farthest > ANCHORED_VOXELS * shortest && farthest > extent;
+    if is_far { DVec3::from_array(geometry.origin) } else { DVec3::ZERO }
+}
+
+/// A container's numbers in the units of its pictures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InUnits {
+    /// Place of level 0.
+    pub geometry: Geometry,
+    /// Value = container value * scale + offset.
+    pub scale: f64,
+    /// See `scale`.
+    pub offset: f64,
+    /// Least and greatest value of the volume; `[0, 1]` data units where none is present.
+    pub value_range: ValueRange,
+}
+
+impl InUnits {
+    /// The numbers of a container.
+    #[must_use]
+    pub fn of(container: &Container) -> Self {
+        let (descriptor, facts) = (container.descriptor(), VolumeFacts::of(container));
+        let units = Units::of(&facts);
+        Self {
+            geometry: units.geometry(&descriptor.geometry),
+            scale: descriptor.scale / units.value,
+            offset: descriptor.offset / units.value,
+            value_range: units.range(facts.value_range),
+        }
+    }
+
+    /// The value of what the container stores.
+    #[must_use]
+    pub fn value(&self, stored: f64) -> f64 {
+        stored * self.scale + self.offset
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::facts::DataKind;
+
+    fn facts(value: f64, spacing: f64, origin: f64) -> VolumeFacts {
+        VolumeFacts {
+            dims: Dims([30, 20, 10]),
+            geometry: Geometry { spacing: [spacing; 3], origin: [origin; 3], ..Geometry::IDENTITY },
+            value_range: ValueRange { min: -0.5 * value, max: value },
+            percentiles: vec![],
+            frame: crate::facts::Frame::Unknown,
+            histogram: Vec::new(),
+            kind: DataKind::Generic,
+            has_zero_centre: true,
+        }
+    }
+
+    #[test]
+    fn ordinary_numbers_are_left_alone() {
+        for (value, spacing, origin) in [(1.0, 1.0, 0.0), (1e-5, 1e-5, 6.5e-2), (1e7, 25.0, 6.5e6), (4e9, 3e5, -1e10)] {
+            assert_eq!(Units::of(&facts(value, spacing, origin)), Units::WORLD);
+        }
+    }
+
+    #[test]
+    fn extreme_numbers_come_into_range_exactly() {
+        for power in [-280, -100, -25, 25, 100, 280] {
+            let scale = 10f64.powi(power);
+            let facts = facts(scale, scale, 1e18 * scale);
+            let units = Units::of(&facts);
+            let seen = units.facts(&facts);
+            assert_eq!(seen.geometry.origin, [0.0; 3]);
+            assert!((0.5..=2.0).contains(&seen.geometry.spacing[0]), "{:?}", seen.geometry);
+            assert!((0.5..2e12).contains(&seen.value_range.max), "{:?}", seen.value_range);
+            assert_eq!(seen.value_range.max * units.value, facts.value_range.max);
+            assert_eq!(seen.geometry.spacing[0] * units.length, scale);
+        }
+        // The least and the greatest double, and no value at all.
+        assert!(Units::of(&self::facts(5e-324, 5e-324, 0.0)).value > 0.0);
+        assert!(Units::of(&self::facts(f64::MAX, 1.0, 0.0)).value.is_finite());
+        let empty = VolumeFacts { value_range: ValueRange::EMPTY, ..self::facts(1.0, 1.0, 0.0) };
+        assert_eq!(Units::of(&empty), Units::WORLD);
+    }
+}
