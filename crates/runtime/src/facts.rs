@@ -109,6 +109,12 @@ impl VolumeFacts {
 /// Most voxels across what is shown as a section, face on.
 const SECTION_VOXELS: u64 = 4;
 
+/// Whether values may be Hounsfield units: these go from air, near -1000, to bone, above 400, and to metal, below a million.
+#[must_use]
+pub fn is_hounsfield(range: ValueRange) -> bool {
+    range.min < -500.0 && range.max > 400.0 && range.min.abs().max(range.max) < 1e6
+}
+
 /// Render values of a container: see [`ValueMap`].
 #[must_use]
 pub fn value_map(container: &Container) -> ValueMap {

@@ -459,7 +459,8 @@ impl Scene {
     #[must_use]
     pub fn complete(&self, facts: &VolumeFacts, overview: Option<&Overview>) -> Self {
         let mut scene = self.with_look(facts, overview);
-        if scene.camera.is_none() {
+        // Where world coordinates are too coarse for a camera, it is left open: it is found in units of the picture then.
+        if scene.camera.is_none() && Units::of(facts).has_world_lengths() {
             scene.camera = Some(scene.default_camera(facts, overview));
         }
         scene

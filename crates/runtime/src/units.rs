@@ -66,6 +66,12 @@ impl Units {
     /// Those of the world.
     pub const WORLD: Self = Self { anchor: DVec3::ZERO, length: 1.0, value: 1.0 };
 
+    /// Whether lengths are those of the world.
+    #[must_use]
+    pub fn has_world_lengths(&self) -> bool {
+        *self == Self { value: self.value, ..Self::WORLD }
+    }
+
     /// The units of a volume.
     #[must_use]
     pub fn of(facts: &VolumeFacts) -> Self {
@@ -184,6 +190,8 @@ mod tests {
             geometry: Geometry { spacing: [spacing; 3], origin: [origin; 3], ..Geometry::IDENTITY },
             value_range: ValueRange { min: -0.5 * value, max: value },
             percentiles: vec![],
+            frame: crate::facts::Frame::Unknown,
+            histogram: Vec::new(),
             kind: DataKind::Generic,
             has_zero_centre: true,
         }

@@ -6,15 +6,15 @@
 
 mod canvas;
 
-use crate::info::survey_of;
 use glam::DVec3;
 use supervol_format::Container;
-use supervol_format::container::manifest::Json;
+use supervol_preprocess::source::Survey;
 use supervol_runtime::camera::{Camera, Projection};
 use supervol_runtime::facts::{Frame, VolumeFacts};
 use supervol_runtime::image::Image;
 use supervol_runtime::preset::domain_corners;
 use supervol_runtime::scene::{Mode, ResolvedScene};
+use supervol_runtime::units::Units;
 
 use self::canvas::{Anchor, Canvas, Layer};
 
@@ -36,17 +36,20 @@ pub fn decorate(image: &mut Image, container: &Container, facts: &VolumeFacts, s
         extent: scene.image_size.map(f64::from),
         ..scene.camera
     };
+    // What is drawn is in units of its own; what is written beside it is not.
+    let units = Units::of(facts);
+    let placed = &units.facts(facts);
     let mut canvas = Canvas::new(image, scene.background);
     let is_face_on = matches!(camera.projection, Projection::Orthographic { .. });
     if !is_face_on {
-        draw_box(&mut canvas, container, facts, &camera);
+        draw_box(&mut canvas, container, (facts, placed), &camera);
     }
     draw_orientation(&mut canvas, container, facts, &camera);
     if let Projection::Orthographic { height } = camera.projection {
-        draw_scale(&mut canvas, container, height / camera.extent[1]);
+        draw_scale(&mut canvas, container, units.length * height / camera.extent[1]);
     }
     if scene.mode != Mode::Iso {
-        draw_colors(&mut canvas, container, scene);
+        draw_colors(&mut canvas, container, scene, units.value);
     }
     let source = &container.manifest().source;
     canvas.text(&format!("{}  ({})", source.name, facts.kind.name()), [MARGIN, MARGIN], Anchor::TopLeft);
@@ -66,8 +69,13 @@ fn project(camera: &Camera, point: DVec3) -> Option<[f64; 2]> {
 }
 
 /// The box of the grid, and the first and last place along each axis.
-fn draw_box(canvas: &mut Canvas<'_>, container: &Container, facts: &VolumeFacts, camera: &Camera) {
-    let corners = domain_corners(facts);
+fn draw_box(
+    canvas: &mut Canvas<'_>,
+    container: &Container,
+    (facts, placed): (&VolumeFacts, &VolumeFacts),
+    camera: &Camera,
+) {
+    let corners = domain_corners(placed);
     let centre = corners.iter().sum::<DVec3>() / 8.0;
     // A face is seen from outside where the camera lies before it: its middle, and the way out of the box.
     let is_seen = |axis: usize, side: usize| {
@@ -118,7 +126,7 @@ struct AxisEnds {
 impl AxisEnds {
     fn of(container: &Container, facts: &VolumeFacts, axis: usize) -> Self {
         let manifest = container.manifest();
-        let survey = survey_of(manifest.survey.as_ref().map(Json::value));
+        let survey = Survey::of(manifest);
         let steps = facts.dims.0[axis] as f64 - 1.0;
         let named = &manifest.axes[axis];
         let with_unit =
@@ -174,7 +182,7 @@ fn directions(container: &Container, facts: &VolumeFacts) -> Vec<(&'static str, 
 
 /// East and north of the map, in the world of the survey.
 fn compass(container: &Container, facts: &VolumeFacts) -> Option<[DVec3; 2]> {
-    let survey = survey_of(container.manifest().survey.as_ref().map(Json::value))?;
+    let survey = Survey::of(container.manifest())?;
     let corners = survey.corners?;
     let [x, y] = [0, 1].map(|k| corners[1][k] - corners[0][k]);
     let length = x.hypot(y);
@@ -210,8 +218,8 @@ fn round_below(length: f64) -> f64 {
     [5.0, 2.0, 1.0].into_iter().map(|factor| factor * power).find(|l| *l <= length).unwrap_or(power)
 }
 
-/// The colours of the transfer function with the values that they stand for.
-fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedScene) {
+/// The colours of the transfer function with the values that they stand for, in units of `value_unit`.
+fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedScene, value_unit: f64) {
     let points = scene.transfer_function.points();
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return };
     let (low, high) = (first.value, last.value);
@@ -231,7 +239,7 @@ fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedS
     let unit = &container.manifest().unit;
     for (share, value) in [(0.0, high), (0.5, 0.5 * high + 0.5 * low), (1.0, low)] {
         let y = top + (share * f64::from(rows - 1)).round() as i32;
-        canvas.text(&short(value), [left - 4, y], Anchor::MiddleRight);
+        canvas.text(&short(value * value_unit), [left - 4, y], Anchor::MiddleRight);
     }
     canvas.text(unit, [left + BAR_WIDTH, top - 4], Anchor::BottomRight);
 }

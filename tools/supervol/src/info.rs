@@ -87,23 +87,18 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let printed = if arguments.json {
         serde_json::to_string_pretty(&info).map_err(std::io::Error::other).and_then(|text| writeln!(out, "{text}"))
     } else {
-        print(&info, &mut out)
+        print(&info, Survey::of(container.manifest()), &mut out)
     };
     printed.map_err(with_output)
 }
 
 fn print_text_header(path: &Path, container: &Container) -> Result<(), Failure> {
-    let Some(survey) = survey_of(container.manifest().survey.as_ref().map(Json::value)) else {
+    let Some(survey) = Survey::of(container.manifest()) else {
         let message = "--text-header: the container was not built from a SEG-Y file";
         return Err(Failure::Command(format!("{}: {message}", path.display())));
     };
     let mut out = crate::terminal::stdout();
     survey.text_header.lines().try_for_each(|line| writeln!(out, "{}", line.trim_end())).map_err(with_output)
-}
-
-/// The survey that a manifest holds.
-pub fn survey_of(json: Option<serde_json::Value>) -> Option<Survey> {
-    json.and_then(|json| serde_json::from_value(json).ok())
 }
 
 /// Names what builds and other commands have not finished, or never will.
@@ -200,14 +195,14 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
     })
 }
 
-fn print(info: &Info<'_>, out: &mut impl Write) -> std::io::Result<()> {
+fn print(info: &Info<'_>, survey: Option<Survey>, out: &mut impl Write) -> std::io::Result<()> {
     let [nx, ny, nz] = info.dims;
     let axes =
         info.axes.iter().map(|a| if a.unit.is_empty() { a.name.clone() } else { format!("{} ({})", a.name, a.unit) });
     writeln!(out, "volume     {nx} x {ny} x {nz} {} voxels", info.dtype)?;
     writeln!(out, "axes       {}", axes.collect::<Vec<_>>().join(", "))?;
     writeln!(out, "spacing    {:?}, origin {:?}", info.spacing, info.origin)?;
-    print_orientation(info, out)?;
+    print_orientation(info, survey, out)?;
     writeln!(out, "kind       {}: {}", info.kind, info.kind_because)?;
     match info.value_range {
         Some([min, max]) => writeln!(out, "values     {min} to {max} {}", info.unit)?,
@@ -251,13 +246,13 @@ fn print(info: &Info<'_>, out: &mut impl Write) -> std::io::Result<()> {
 }
 
 /// Which way the grid lies, and where the survey is.
-fn print_orientation(info: &Info<'_>, out: &mut impl Write) -> std::io::Result<()> {
+fn print_orientation(info: &Info<'_>, survey: Option<Survey>, out: &mut impl Write) -> std::io::Result<()> {
     let d = info.direction;
     let axes: Vec<String> = (0..3).map(|a| format!("({}, {}, {})", d[a], d[3 + a], d[6 + a])).collect();
     let hand = if info.left_handed { "left" } else { "right" };
     let space = if info.space.is_empty() { String::new() } else { format!(", world {}", info.space) };
     writeln!(out, "direction  x {}, y {}, z {}: {hand}-handed{space}", axes[0], axes[1], axes[2])?;
-    let Some(survey) = survey_of(info.survey.clone()) else { return Ok(()) };
+    let Some(survey) = survey else { return Ok(()) };
     let lines = |name: &str, lines: LineNumbers| {
         let last = lines.first + lines.step * (lines.count as i64 - 1);
         format!("{name} {} to {last} in steps of {}", lines.first, lines.step)

@@ -29,6 +29,7 @@ pub mod tiff;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use supervol_format::container::manifest::Manifest;
 use supervol_format::space::WorldSpace;
 use supervol_format::{Dims, Geometry, VoxelBox, VoxelType};
 
@@ -164,6 +165,14 @@ pub struct Survey {
     pub dead_traces: u64,
     /// The text header, 40 lines of 80 characters, decoded.
     pub text_header: String,
+}
+
+impl Survey {
+    /// The survey of a container; `None` where it holds none, or one that this program does not know.
+    #[must_use]
+    pub fn of(manifest: &Manifest) -> Option<Self> {
+        manifest.survey.as_ref().and_then(|json| serde_json::from_value(json.value()).ok())
+    }
 }
 
 /// Arithmetic progression of line numbers.

@@ -1,7 +1,7 @@
 //! Transfer functions of the presets: values in data units, opacities over the preset's unit distance.
 
 use crate::facts::histogram::Histogram;
-use crate::facts::{DataKind, VolumeFacts};
+use crate::facts::{DataKind, VolumeFacts, is_hounsfield};
 use crate::transfer_function::ControlPoint;
 
 use super::colormap;
@@ -90,7 +90,7 @@ pub(super) fn ct(facts: &VolumeFacts) -> Vec<ControlPoint> {
     let range = facts.value_range;
     let [air, soft, dense, bone, metal] = if facts.kind == DataKind::CtOffset {
         HOUNSFIELD.map(|value| value + HOUNSFIELD_OFFSET)
-    } else if range.min < -500.0 && range.max > 400.0 {
+    } else if is_hounsfield(range) {
         HOUNSFIELD
     } else {
         let Classes { ground, dense, top } = Classes::of(facts);

@@ -7,6 +7,7 @@
 
 use glam::DVec3;
 
+use crate::camera::unit_vector;
 use crate::facts::{DataKind, Frame, VolumeFacts};
 use crate::scene::CameraSpec;
 
@@ -195,7 +196,7 @@ impl Framed {
 /// Unit vectors along the grid's axes, world space.
 fn axes(facts: &VolumeFacts) -> [DVec3; 3] {
     let linear = facts.geometry.linear();
-    [linear.x_axis, linear.y_axis, linear.z_axis].map(|axis| axis.normalize_or(DVec3::X))
+    [linear.x_axis, linear.y_axis, linear.z_axis].map(|axis| unit_vector(axis).unwrap_or(DVec3::X))
 }
 
 /// World directions: from the volume to who looks at it from the front, and up. Unit vectors, perpendicular.

@@ -120,45 +120,6 @@ fn the_default_camera_sees_the_whole_volume() {
 }
 
 #[test]
-fn what_f32_or_f64_cannot_hold_is_refused_by_name() {
-    let refusal = |from: &str, to: &str| {
-        assert!(FULL.contains(from), "{from} is not in the scene");
-        let scene = Scene::from_json(&FULL.replace(from, to));
-        scene.and_then(|scene| scene.resolve(&facts())).unwrap_err().to_string()
-    };
-    assert!(refusal("\"ambient\": 0.2", "\"ambient\": 1e30").contains("shading.ambient"));
-    assert!(refusal("\"ambient\": 0.2", "\"shininess\": 1e30").contains("shading.shininess"));
-    assert!(refusal("[0, 0, 2]", "[0, 0, 2], \"intensity\": 1e300").contains("lights[0].intensity"));
-    assert!(refusal("[0, 0, -10]", "[0, 0, -1e18]").contains("camera.eye"));
-    assert!(refusal("[0, 0, -10]", "[0, 0, -1.5e308]").contains("camera.eye"));
-    assert!(refusal("\"fov_y\": 30.0", "\"height\": 1e-200").contains("camera.height"));
-    assert!(refusal("\"fov_y\": 30.0", "\"height\": 1e200").contains("camera.height"));
-    assert!(refusal("\"unit_distance\": 2.0", "\"unit_distance\": 1e-300").contains("unit_distance"));
-    assert!(refusal("\"unit_distance\": 2.0", "\"unit_distance\": 1e300").contains("unit_distance"));
-    let geometry = Geometry { spacing: [1.0, 1.0, 1e19], ..Geometry::IDENTITY };
-    let flat = Scene::default().resolve(&VolumeFacts { geometry, ..facts() }).unwrap_err().to_string();
-    assert!(flat.contains("spacing"), "{flat}");
-}
-
-#[test]
-fn directions_of_any_length_mean_the_same() {
-    let resolve = |light: &str, normal: &str, up: &str| {
-        let text = FULL.replace("[0, 0, 2]", light).replace("\"normal\": [1, 0, 0], \"offset\": 2", normal);
-        Scene::from_json(&text.replace("\"up\": [0, 1, 0]", up)).unwrap().resolve(&facts()).unwrap()
-    };
-    let plain = resolve("[0, 0, 2]", "\"normal\": [1, 0, 0], \"offset\": 2", "\"up\": [0, 1, 0]");
-    let long = resolve("[0, 0, 1e300]", "\"normal\": [1e300, 0, 0], \"offset\": 2e300", "\"up\": [0, 1e300, 0]");
-    let short = resolve("[0, 0, 1e-300]", "\"normal\": [1e-300, 0, 0], \"offset\": 2e-300", "\"up\": [0, 1e-300, 0]");
-    for scene in [long, short] {
-        assert_eq!(scene.camera, plain.camera);
-        let light = |scene: &ResolvedScene| scene.shading.as_ref().unwrap().lights[0].to_light;
-        assert!(light(&scene).distance(light(&plain)) < 1e-15, "{:?}", scene.shading);
-        let plane = scene.clip.planes[0];
-        assert!((plane.offset / plane.normal.x - 2.0).abs() < 1e-12, "{plane:?}");
-    }
-}
-
-#[test]
 fn an_empty_scene_is_the_default_picture_and_a_complete_one_means_the_same() {
     for kind in DataKind::ALL {
         let mut facts = VolumeFacts { kind, ..facts() };
@@ -242,5 +203,44 @@ fn the_page_on_scenes_has_every_key_and_no_other() {
     }
     for name in preset::NAMES {
         assert!(page.contains(&format!("`{name}`")), "{name} is not on the page");
+    }
+}
+
+#[test]
+fn what_f32_or_f64_cannot_hold_is_refused_by_name() {
+    let refusal = |from: &str, to: &str| {
+        assert!(FULL.contains(from), "{from} is not in the scene");
+        let scene = Scene::from_json(&FULL.replace(from, to));
+        scene.and_then(|scene| scene.resolve(&facts())).unwrap_err().to_string()
+    };
+    assert!(refusal("\"ambient\": 0.2", "\"ambient\": 1e30").contains("shading.ambient"));
+    assert!(refusal("\"ambient\": 0.2", "\"shininess\": 1e30").contains("shading.shininess"));
+    assert!(refusal("[0, 0, 2]", "[0, 0, 2], \"intensity\": 1e300").contains("lights[0].intensity"));
+    assert!(refusal("[0, 0, -10]", "[0, 0, -1e18]").contains("camera.eye"));
+    assert!(refusal("[0, 0, -10]", "[0, 0, -1.5e308]").contains("camera.eye"));
+    assert!(refusal("\"fov_y\": 30.0", "\"height\": 1e-200").contains("camera.height"));
+    assert!(refusal("\"fov_y\": 30.0", "\"height\": 1e200").contains("camera.height"));
+    assert!(refusal("\"unit_distance\": 2.0", "\"unit_distance\": 1e-300").contains("unit_distance"));
+    assert!(refusal("\"unit_distance\": 2.0", "\"unit_distance\": 1e300").contains("unit_distance"));
+    let geometry = Geometry { spacing: [1.0, 1.0, 1e19], ..Geometry::IDENTITY };
+    let flat = Scene::default().resolve(&VolumeFacts { geometry, ..facts() }).unwrap_err().to_string();
+    assert!(flat.contains("spacing"), "{flat}");
+}
+
+#[test]
+fn directions_of_any_length_mean_the_same() {
+    let resolve = |light: &str, normal: &str, up: &str| {
+        let text = FULL.replace("[0, 0, 2]", light).replace("\"normal\": [1, 0, 0], \"offset\": 2", normal);
+        Scene::from_json(&text.replace("\"up\": [0, 1, 0]", up)).unwrap().resolve(&facts()).unwrap()
+    };
+    let plain = resolve("[0, 0, 2]", "\"normal\": [1, 0, 0], \"offset\": 2", "\"up\": [0, 1, 0]");
+    let long = resolve("[0, 0, 1e300]", "\"normal\": [1e300, 0, 0], \"offset\": 2e300", "\"up\": [0, 1e300, 0]");
+    let short = resolve("[0, 0, 1e-300]", "\"normal\": [1e-300, 0, 0], \"offset\": 2e-300", "\"up\": [0, 1e-300, 0]");
+    for scene in [long, short] {
+        assert_eq!(scene.camera, plain.camera);
+        let light = |scene: &ResolvedScene| scene.shading.as_ref().unwrap().lights[0].to_light;
+        assert!(light(&scene).distance(light(&plain)) < 1e-15, "{:?}", scene.shading);
+        let plane = scene.clip.planes[0];
+        assert!((plane.offset / plane.normal.x - 2.0).abs() < 1e-12, "{plane:?}");
     }
 }

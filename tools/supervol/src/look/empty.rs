@@ -4,6 +4,7 @@ use supervol_runtime::clip::{Clip, ToIndex, clip_ray};
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::scene::{Mode, ResolvedScene};
+use supervol_runtime::units::Units;
 
 /// Rays along each edge of the picture that are tried, to see whether the camera meets anything.
 const PROBES: u32 = 128;
@@ -17,15 +18,19 @@ pub fn reason(image: &Image, scene: &ResolvedScene, facts: &VolumeFacts) -> Opti
     if image.pixels.iter().any(shown) {
         return None;
     }
+    // What is drawn is in units of its own.
+    let units = Units::of(facts);
+    let placed = &units.facts(facts);
     let (range, data) = (facts.value_range, facts.kind);
+    let is_outside = |value: f64| value < placed.value_range.min || value > placed.value_range.max;
     Some(if data == DataKind::Empty {
         "no voxel of the volume is present".into()
-    } else if !meets(scene, &Clip::default(), facts) {
+    } else if !meets(scene, &Clip::default(), placed) {
         "the camera does not see the volume; leave the scene's `camera` out, or choose a direction with --camera".into()
-    } else if !meets(scene, &scene.clip, facts) {
+    } else if !meets(scene, &scene.clip, placed) {
         "clip box and planes leave nothing of the volume where the camera looks".into()
-    } else if scene.mode == Mode::Iso && scene.iso.iter().all(|iso| iso.value < range.min || iso.value > range.max) {
-        let values: Vec<String> = scene.iso.iter().map(|iso| iso.value.to_string()).collect();
+    } else if scene.mode == Mode::Iso && scene.iso.iter().all(|iso| is_outside(iso.value)) {
+        let values: Vec<String> = scene.iso.iter().map(|iso| (iso.value * units.value).to_string()).collect();
         format!("values run from {} to {}, and no surface is at {}", range.min, range.max, values.join(", "))
     } else if scene.mode == Mode::Iso {
         "no surface of these values lies where the camera looks".into()
@@ -33,7 +38,7 @@ pub fn reason(image: &Image, scene: &ResolvedScene, facts: &VolumeFacts) -> Opti
         format!("every voxel is {}, and the transfer function shows nothing there", range.min)
     } else {
         let points = scene.transfer_function.points();
-        let ends = [points.first(), points.last()].map(|p| p.map_or(f64::NAN, |p| p.value));
+        let ends = [points.first(), points.last()].map(|p| p.map_or(f64::NAN, |p| p.value * units.value));
         format!(
             "the transfer function, from {} to {}, shows nothing where the camera looks of values that run from {} to {}; try \
              --clip-percent 1",

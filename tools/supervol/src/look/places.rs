@@ -1,9 +1,8 @@
 //! Places in a volume as people call them: voxels, line numbers, times, depths, world coordinates, a patient's planes.
 
-use crate::info::survey_of;
 use glam::DVec3;
 use supervol_format::Container;
-use supervol_format::container::manifest::Json;
+use supervol_preprocess::source::Survey;
 use supervol_runtime::facts::{Frame, VolumeFacts};
 use supervol_runtime::preset;
 
@@ -134,7 +133,7 @@ impl Scale {
             return Ok(Self { axis, first: 0.0, step: 1.0 });
         }
         let manifest = container.manifest();
-        let survey = survey_of(manifest.survey.as_ref().map(Json::value));
+        let survey = Survey::of(manifest);
         if let Some(survey) = &survey {
             match name {
                 "crossline" => return Ok(Self::lines(0, survey.crossline)),
