@@ -153,9 +153,8 @@ pub(super) fn refusal_of_file(path: &Path, head: &[u8], name: &str) -> Option<So
 /// Whether a file has the mark of DICOM; nothing that is no file is opened.
 fn is_dicom(path: &Path) -> bool {
     let mut head = [0; 132];
-    path.is_file()
-        && File::open(path).and_then(|mut file| file.read_exact(&mut head)).is_ok()
-        && head.ends_with(b"DICM")
+    let mut read = || File::open(path).and_then(|mut file| file.read_exact(&mut head));
+    path.is_file() && read().is_ok() && head.ends_with(b"DICM")
 }
 
 /// The refusal of a folder, by what lies in it; `None` where that is nothing we know, or it is none.
