@@ -9,7 +9,8 @@
 //!    ranges allow where that is less ([`brick_error`]): not less, not more.
 //! 7. What the manifest says of the values (range, percentiles, histogram, count, errors of levels) is what the voxels say.
 //!
-//! Memory: as [`Plan`] divides it; as many threads as it suffices for.
+//! Memory: at most `memory_bytes`: for each thread some bricks and those that its coarser brick averages, half a MiB of counts; the
+//! rest keeps decoded bricks. As many threads work as it suffices for; where that is none, it says what would do.
 
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};

@@ -190,8 +190,6 @@ mod tests {
             geometry: Geometry { spacing: [spacing; 3], origin: [origin; 3], ..Geometry::IDENTITY },
             value_range: ValueRange { min: -0.5 * value, max: value },
             percentiles: vec![],
-            frame: crate::facts::Frame::Unknown,
-            histogram: Vec::new(),
             kind: DataKind::Generic,
             has_zero_centre: true,
         }
