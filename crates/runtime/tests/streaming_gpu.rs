@@ -63,7 +63,8 @@ fn the_picture_is_the_cpu_s_for_every_budget() {
     }
     let volume = volume();
     let container = open(&container_bytes(&volume, 16));
-    let modes = [r#""dvr""#, r#""mip""#, r#""mean""#, r#""iso", "iso": [{"value": 120, "color": [1, 0.5, 0.2]}]"#];
+    let iso = r#""iso", "shading": null, "iso": [{"value": 120, "color": [1, 0.5, 0.2]}]"#;
+    let modes = [r#""dvr""#, r#""mip""#, r#""mean""#, iso];
     for mode in modes {
         let scene = the_scene(&volume, mode);
         let (expected, cpu) = render(&container, &scene, &options(Backend::Cpu)).unwrap();

@@ -130,7 +130,7 @@ fn level(text: &str) -> Result<LevelChoice, String> {
 }
 
 /// What a thread takes beside what it casts with: its stack as far as it is used, and what the allocator keeps for it.
-const THREAD_BYTES: u64 = 1 << 20;
+const THREAD_BYTES: u64 = 2 << 20;
 
 /// What the process holds beside the picture that it is about to make.
 fn process_bytes(threads: Option<NonZero<usize>>) -> u64 {

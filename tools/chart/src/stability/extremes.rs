@@ -1,5 +1,7 @@
 //! Regime of extreme numbers: S47.
 
+use std::collections::HashMap;
+
 use supervol_format::{Geometry, VoxelType};
 use supervol_preprocess::source::computed::Computed;
 use supervol_runtime::frame::Backend;
@@ -132,8 +134,11 @@ fn pictures(volume: &Volume, size: &str, backend: Backend) -> Result<Vec<Image>,
 
 fn extremes(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let size = context.pick(image_size(48, 36), image_size(20, 15));
-    let plain = PLAIN.build(context)?;
-    let exact = pictures(&plain, &size, Backend::Reference)?;
+    // Of each voxel type its own: the percentiles that presets go by are exact for 16 bits only.
+    let types = [VoxelType::F32, VoxelType::F64, VoxelType::I16];
+    let exact = |voxel_type| pictures(&Case { voxel_type, ..PLAIN }.build(context)?, &size, Backend::Reference);
+    let exact = types.map(|voxel_type| exact(voxel_type).map(|pictures| (voxel_type, pictures)));
+    let exact = exact.into_iter().collect::<Result<HashMap<_, _>, ChartError>>()?;
     let mut backends = vec![("", Backend::Cpu), (", reference", Backend::Reference)];
     if GpuDevice::open().is_ok() {
         backends.push((", gpu", Backend::Gpu));
@@ -143,7 +148,11 @@ fn extremes(context: &Context<'_>) -> Result<Outcome, ChartError> {
         let volume = case.build(context)?;
         for (&(name, backend), worst) in backends.iter().zip(&mut worst) {
             let made = pictures(&volume, &size, backend)?;
-            let off = made.iter().zip(&exact).map(|(made, exact)| grey_levels(made, exact)).fold(0.0, f64::max);
+            let off = made
+                .iter()
+                .zip(&exact[&case.voxel_type])
+                .map(|(made, exact)| grey_levels(made, exact))
+                .fold(0.0, f64::max);
             curve.push(CurvePoint::new(&format!("{}{name}", case.series), f64::from(power), off, Some(0.0)));
             *worst = worst.max(off);
         }
