@@ -17,10 +17,10 @@ use glam::{DMat3, DVec3};
 use supervol_format::{ByteSource, Geometry, VoxelBox, VoxelType};
 
 pub use super::data_files::Outside;
-use super::data_files::{find_all, look_at, open_data};
+use super::data_files::{DataLayout, find_all, note_excess, open_data, open_grid};
 use super::file::SourceFile;
 use super::grid_file::shape::{ChosenAxes, choose_axes};
-use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
+use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
 use super::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
 use super::text::shortened;
 use super::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
@@ -210,31 +210,17 @@ impl Data<'_> {
         spool: &SpoolFolder,
         notes: &mut Vec<String>,
     ) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
-        let bytes = checked_bytes(self.path, layout.dims, layout.voxel_type)?;
-        let (files, start) = match self.header.data_files(self.path, axes)? {
+        let files = match self.header.data_files(self.path, axes)? {
             DataFiles::Local => (vec![self.path.to_path_buf()], self.header.end),
             DataFiles::Named(names) => (find_all(self.path, &names, self.outside)?, 0),
         };
-        if !bytes.is_multiple_of(files.len() as u64 * layout.voxel_type.bytes() as u64) {
-            let expected = format!("a number of files that divides the {} voxels", layout.dims);
-            return Err(SourceError::invalid(self.path, "ElementDataFile", expected, format!("{} files", files.len())));
-        }
-        let source_files = files.iter().map(|path| look_at(self.path, path)).collect::<Result<Vec<_>, _>>()?;
-        let share_bytes = bytes / files.len() as u64;
-        if self.encoding != Encoding::Raw {
-            let file = self.decode(&files, start, share_bytes, spool)?;
-            return Ok((GridFile::single(&files[0], file, 0, layout)?, source_files));
-        }
-        let mut parts = Vec::with_capacity(files.len());
-        for path in files {
-            let offset = self.offset(&path, start, share_bytes, notes)?;
-            parts.push(Part { path, offset });
-        }
-        let grid = match &parts[..] {
-            [one] => GridFile::single(&one.path, open_data(&one.path)?, one.offset, layout),
-            _ => GridFile::parts(self.path, parts, layout),
-        };
-        Ok((grid?, source_files))
+        open_grid((self.path, "ElementDataFile"), files, layout, self, (spool, notes))
+    }
+}
+
+impl DataLayout for Data<'_> {
+    fn is_raw(&self) -> bool {
+        self.encoding == Encoding::Raw
     }
 
     /// First byte of the voxels in a raw data file: behind the header, at `HeaderSize`, or so that they end with the file.
@@ -253,11 +239,7 @@ impl Data<'_> {
         })?;
         // A shortage is found when the grid is opened.
         let excess = (length - offset).saturating_sub(share_bytes);
-        if excess > 0 && notes.iter().all(|n| !n.contains("goes on after the voxels")) {
-            // The name alone: notes must not depend on where a file lies.
-            let name = path.file_name().unwrap_or_default().display();
-            notes.push(format!("{name} goes on after the voxels; bytes not read: {excess}"));
-        }
+        note_excess(path, excess, notes);
         Ok(offset)
     }
 

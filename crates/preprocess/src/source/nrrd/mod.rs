@@ -17,10 +17,10 @@ use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
 use super::Endian;
 pub use super::data_files::Outside;
-use super::data_files::{find_all, look_at, open_data};
+use super::data_files::{DataLayout, find_all, note_excess, open_data, open_grid};
 use super::file::SourceFile;
 use super::grid_file::shape::{ChosenAxes, choose_axes};
-use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
+use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
 use super::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
 use super::text::shortened;
 use super::{SourceError, SourceInfo, VolumeSource};
@@ -241,44 +241,48 @@ impl Data<'_> {
         spool: &SpoolFolder,
         notes: &mut Vec<String>,
     ) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
-        let bytes = checked_bytes(self.path, layout.dims, layout.voxel_type)?;
-        let (files, start) = match self.header.data_files(self.path, axes)? {
+        let files = match self.header.data_files(self.path, axes)? {
             DataFiles::Attached => (vec![self.path.to_path_buf()], self.header.end),
             DataFiles::Named(names) => (find_all(self.path, &names, self.outside)?, 0),
         };
-        if !bytes.is_multiple_of(files.len() as u64 * layout.voxel_type.bytes() as u64) {
-            let expected = format!("a number of files that divides the {} voxels", layout.dims);
-            return Err(SourceError::invalid(self.path, "data file", expected, format!("{} files", files.len())));
+        open_grid((self.path, "data file"), files, layout, self, (spool, notes))
+    }
+
+    /// `byte skip`, where only a number of bytes makes sense.
+    fn byte_skip(&self) -> Result<u64, SourceError> {
+        let skip = self.header.whole_number(self.path, "byteskip")?;
+        u64::try_from(skip).map_err(|_| {
+            let expected = "a number of bytes, or -1 with raw encoding";
+            SourceError::invalid(self.path, "byte skip", expected, skip.to_string())
+        })
+    }
+
+    /// Moves the reader to `start` and past the lines to skip; gives the offset it is at.
+    fn skip_lines(&self, path: &Path, reader: &mut BufReader<File>, start: u64) -> Result<u64, SourceError> {
+        let lines = self.header.whole_number(self.path, "lineskip")?;
+        if lines < 0 {
+            return Err(SourceError::invalid(self.path, "line skip", "a number of lines", lines.to_string()));
         }
-        let source_files = files.iter().map(|path| look_at(self.path, path)).collect::<Result<Vec<_>, _>>()?;
-        let share_bytes = bytes / files.len() as u64;
-        if self.encoding != Encoding::Raw {
-            let file = self.decode(&files, start, share_bytes, spool)?;
-            return Ok((GridFile::single(&files[0], file, 0, layout)?, source_files));
-        }
-        let mut parts = Vec::with_capacity(files.len());
-        for path in files {
-            let offset = self.raw_offset(&path, start, share_bytes, notes)?;
-            parts.push(Part { path, offset });
-        }
-        let grid = match &parts[..] {
-            [one] => {
-                let file = File::open(&one.path).map_err(|e| SourceError::io(&one.path, e))?;
-                GridFile::single(&one.path, file, one.offset, layout)
+        reader.seek(SeekFrom::Start(start)).map_err(|e| SourceError::io(path, e))?;
+        let mut limited = reader.take(LINE_SKIP_LIMIT_BYTES);
+        for line in 0..lines {
+            let passed = limited.skip_until(b'\n').map_err(|e| SourceError::io(path, e))?;
+            if passed == 0 {
+                let expected = format!("{lines} lines to skip within {LINE_SKIP_LIMIT_BYTES} bytes");
+                return Err(SourceError::invalid(path, "line skip", expected, format!("{line} lines")));
             }
-            _ => GridFile::parts(self.path, parts, layout),
-        };
-        Ok((grid?, source_files))
+        }
+        Ok(start + LINE_SKIP_LIMIT_BYTES - limited.limit())
+    }
+}
+
+impl DataLayout for Data<'_> {
+    fn is_raw(&self) -> bool {
+        self.encoding == Encoding::Raw
     }
 
     /// First byte of the voxels in a raw data file, after the lines and bytes to skip.
-    fn raw_offset(
-        &self,
-        path: &Path,
-        start: u64,
-        share_bytes: u64,
-        notes: &mut Vec<String>,
-    ) -> Result<u64, SourceError> {
+    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<String>) -> Result<u64, SourceError> {
         let file = open_data(path)?;
         let length = file.len().map_err(|e| SourceError::io(path, e))?;
         let byte_skip = self.header.whole_number(self.path, "byteskip")?;
@@ -298,11 +302,7 @@ impl Data<'_> {
         })?;
         // A shortage is found when the grid is opened; the sum there is checked for overflow.
         let excess = (length - offset).saturating_sub(share_bytes);
-        if excess > 0 && notes.iter().all(|n| !n.contains("goes on after the voxels")) {
-            // The name alone: notes must not depend on where a file lies.
-            let name = path.file_name().unwrap_or_default().display();
-            notes.push(format!("{name} goes on after the voxels; bytes not read: {excess}"));
-        }
+        note_excess(path, excess, notes);
         Ok(offset)
     }
 
@@ -341,32 +341,5 @@ impl Data<'_> {
             spool.append_text(path, reader, self.voxel_type, voxels, words)?;
         }
         spool.finish()
-    }
-
-    /// `byte skip`, where only a number of bytes makes sense.
-    fn byte_skip(&self) -> Result<u64, SourceError> {
-        let skip = self.header.whole_number(self.path, "byteskip")?;
-        u64::try_from(skip).map_err(|_| {
-            let expected = "a number of bytes, or -1 with raw encoding";
-            SourceError::invalid(self.path, "byte skip", expected, skip.to_string())
-        })
-    }
-
-    /// Moves the reader to `start` and past the lines to skip; gives the offset it is at.
-    fn skip_lines(&self, path: &Path, reader: &mut BufReader<File>, start: u64) -> Result<u64, SourceError> {
-        let lines = self.header.whole_number(self.path, "lineskip")?;
-        if lines < 0 {
-            return Err(SourceError::invalid(self.path, "line skip", "a number of lines", lines.to_string()));
-        }
-        reader.seek(SeekFrom::Start(start)).map_err(|e| SourceError::io(path, e))?;
-        let mut limited = reader.take(LINE_SKIP_LIMIT_BYTES);
-        for line in 0..lines {
-            let passed = limited.skip_until(b'\n').map_err(|e| SourceError::io(path, e))?;
-            if passed == 0 {
-                let expected = format!("{lines} lines to skip within {LINE_SKIP_LIMIT_BYTES} bytes");
-                return Err(SourceError::invalid(path, "line skip", expected, format!("{line} lines")));
-            }
-        }
-        Ok(start + LINE_SKIP_LIMIT_BYTES - limited.limit())
     }
 }
