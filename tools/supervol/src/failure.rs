@@ -19,6 +19,8 @@ pub enum Failure {
     Command(String),
     /// The machine failed us: 3.
     Machine(String),
+    /// Nobody reads standard output any more: 141, as of a program that the signal ends which stands for this.
+    Unread,
 }
 
 impl Failure {
@@ -28,6 +30,8 @@ impl Failure {
             Self::Data(message) => (message, 1),
             Self::Command(message) => (message, 2),
             Self::Machine(message) => (message, 3),
+            // Who has read enough need not be told.
+            Self::Unread => return ExitCode::from(141),
         };
         // Nobody is left to tell where standard error cannot be written either; the exit code still says it.
         let _ = writeln!(terminal::stderr(), "supervol: {message}");
@@ -82,5 +86,8 @@ pub fn with_container(path: &std::path::Path, error: ContainerError) -> Failure 
 
 /// A failure to write to standard output or a small file.
 pub fn with_output(error: std::io::Error) -> Failure {
-    Failure::Machine(format!("cannot write: {error}"))
+    match error.kind() {
+        std::io::ErrorKind::BrokenPipe => Failure::Unread,
+        _ => Failure::Machine(format!("cannot write: {error}")),
+    }
 }

@@ -168,6 +168,22 @@ fn an_error_that_nobody_can_be_told_is_no_panic() {
 }
 
 #[test]
+fn who_stops_reading_is_not_told_of_it() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "sphere", "--dims", "8,8,8", "-o", "c.svol"]);
+    let (reader, writer) = std::io::pipe().expect("a pipe");
+    drop(reader);
+    let output = Command::new(env!("CARGO_BIN_EXE_supervol"))
+        .args(["info", "c.svol"])
+        .current_dir(folder.0.path())
+        .stdout(writer)
+        .output()
+        .expect("the program starts");
+    assert_eq!(output.status.code(), Some(141));
+    assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
 fn outputs_that_cannot_be_written_are_found_before_anything_is_made() {
     let folder = Folder::new();
     folder.expect(0, &["synth", "sphere", "--dims", "8,8,8", "-o", "c.svol"]);
