@@ -24,6 +24,8 @@ use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 use crate::output::unfinished::{UnfinishedFile, Writer, list_builds};
 
 const MAGIC: [u8; 8] = *b"SVJOURN1";
+/// Bytes of a journal's head before the container's name.
+const NAME_AT: usize = MAGIC.len() + 8 + 2;
 /// Bytes of a frame before its bricks.
 const FRAME_HEAD: usize = 16;
 /// Bytes of a brick in a frame.
@@ -99,6 +101,23 @@ fn head(identity: u64, name: &[u8]) -> Vec<u8> {
     head
 }
 
+/// The container's name that a journal of this identity begins with, and where its frames begin.
+fn read_head(from: &mut impl Read, identity: u64) -> Option<(String, u64)> {
+    let mut found = vec![0; NAME_AT];
+    from.read_exact(&mut found).ok()?;
+    let name_bytes = usize::from(u16::from_le_bytes([found[NAME_AT - 2], found[NAME_AT - 1]]));
+    found.resize(NAME_AT + name_bytes + CHECKSUM_BYTES, 0);
+    from.read_exact(&mut found[NAME_AT..]).ok()?;
+    let name = &found[NAME_AT..NAME_AT + name_bytes];
+    if found != head(identity, name) {
+        return None;
+    }
+    let name = std::str::from_utf8(name).ok()?;
+    // A name, not a path to somewhere else.
+    let is_name = Path::new(name).file_name().is_some_and(|n| n == name);
+    is_name.then(|| (name.to_owned(), found.len() as u64))
+}
+
 impl Frame {
     fn encode(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(FRAME_HEAD + self.bricks.len() * BRICK_BYTES + CHECKSUM_BYTES);
@@ -152,30 +171,9 @@ impl Unfinished {
     }
 
     fn take_over(folder: &Path, journal: &Path, identity: u64) -> Option<Self> {
-        let container = {
-            let mut file = File::open(journal).ok()?;
-            let mut start = [0; MAGIC.len() + 10];
-            file.read_exact(&mut start).ok()?;
-            let mut name = vec![0; usize::from(u16::from_le_bytes([start[16], start[17]]))];
-            file.read_exact(&mut name).ok()?;
-            let expected = head(identity, &name);
-            let mut found = vec![0; expected.len()];
-            file.seek(SeekFrom::Start(0)).ok()?;
-            file.read_exact(&mut found).ok()?;
-            if found != expected {
-                return None;
-            }
-            let name = String::from_utf8(name).ok()?;
-            // A name, not a path to somewhere else.
-            let is_name = Path::new(&name).file_name().is_some_and(|n| n == name.as_str());
-            if !is_name {
-                return None;
-            }
-            (folder.join(name), expected.len() as u64)
-        };
-        let (container, at) = container;
+        let (name, at) = read_head(&mut File::open(journal).ok()?, identity)?;
         let journal = UnfinishedFile::adopt(journal).ok()??;
-        let container = UnfinishedFile::adopt(&container).ok()??;
+        let container = UnfinishedFile::adopt(&folder.join(name)).ok()??;
         let mut frames = journal.as_file().try_clone().ok()?;
         frames.seek(SeekFrom::Start(at)).ok()?;
         Some(Self { container, journal: Journal(journal), frames: BufReader::new(frames), at })

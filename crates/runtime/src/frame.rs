@@ -241,9 +241,11 @@ pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderO
         caster: caster_of(options),
         made_bytes: plan.made_bytes,
     };
-    let deviations = with_data_scale(container, |data| Deviations::new(scene, data));
-    CpuFrame::new(scene, container.pyramid(), &geometry, value_map(container), value_range, quality)
-        .with_deviations(deviations)
+    let frame = CpuFrame::new(scene, container.pyramid(), &geometry, value_map(container), value_range, quality);
+    if !options.predict_error {
+        return frame;
+    }
+    frame.with_deviations(with_data_scale(container, |data| Deviations::new(scene, data)))
 }
 
 /// The ray caster that the options mean.

@@ -287,11 +287,17 @@ impl Renderer {
     /// The picture so far, for who draws no other.
     #[must_use]
     pub fn into_picture(self) -> Option<Image> {
+        self.into_pictures().map(|(picture, _)| picture)
+    }
+
+    /// The same, and [`Self::error_map`].
+    #[must_use]
+    pub fn into_pictures(self) -> Option<(Image, Option<Image>)> {
         match self.work {
             Work::Nothing => None,
-            Work::InSteps(drawing) => drawing.into_picture(),
-            Work::AtOnce(image, _) => Some(image),
-            Work::InStages(best) => Some(best.image),
+            Work::InSteps(drawing) => drawing.into_pictures(),
+            Work::AtOnce(image, _) => Some((image, None)),
+            Work::InStages(best) => Some((best.image, None)),
         }
     }
 
@@ -370,7 +376,8 @@ pub fn render_with_errors(
     let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone())?;
     renderer.set_scene(scene.clone());
     renderer.advance(deadline)?;
-    let (stats, errors) = (renderer.stats(), renderer.error_map());
-    let picture = renderer.into_picture().expect("nobody cancels, and with or without a deadline there is a picture");
+    let stats = renderer.stats();
+    let pictures = renderer.into_pictures();
+    let (picture, errors) = pictures.expect("nobody cancels, and with or without a deadline there is a picture");
     Ok((picture, errors, stats))
 }

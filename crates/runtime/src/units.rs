@@ -12,7 +12,7 @@ use glam::DVec3;
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{Container, Dims, Geometry, ValueRange};
 
-use crate::facts::VolumeFacts;
+use crate::facts::{DataKind, VolumeFacts};
 
 /// Binary exponents of a voxel's shortest edge that are left alone. With those of values, they keep the square of a gradient
 /// that is a millionth of the steepest within `f32`.
@@ -160,7 +160,8 @@ impl InUnits {
     /// The numbers of a container.
     #[must_use]
     pub fn of(container: &Container) -> Self {
-        let (descriptor, facts) = (container.descriptor(), VolumeFacts::of(container));
+        // Whatever kind the data are of: that need not be found out.
+        let (descriptor, facts) = (container.descriptor(), VolumeFacts::of_kind(container, DataKind::Generic));
         let units = Units::of(&facts);
         Self {
             geometry: units.geometry(&descriptor.geometry),
@@ -180,7 +181,7 @@ impl InUnits {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::{DataKind, Frame};
+    use crate::facts::Frame;
 
     fn facts(value: f64, spacing: f64, origin: f64) -> VolumeFacts {
         VolumeFacts {

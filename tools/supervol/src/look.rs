@@ -150,6 +150,12 @@ impl LookArguments {
         self.kind.map_or_else(|| VolumeFacts::of(container), |kind| VolumeFacts::of_kind(container, kind))
     }
 
+    /// Whether an overview of the volume has a say in [`Self::scene`]: in where the camera stands, or what projections show.
+    pub fn asks_overview(&self, scene: &Scene) -> bool {
+        let leaves_open = scene.camera.is_none() || scene.transfer_function.is_none();
+        leaves_open || self.camera.is_some() || self.zoom.is_some()
+    }
+
     /// The scene with what is asked for, everything written out.
     pub fn scene(
         &self,

@@ -84,23 +84,23 @@ pub struct Arguments {
     /// why, in grey levels of 255: `total`, and its terms `cells`, `ray_ends`, `transfer_function`, `levels` and `rounding`,
     /// each with `is_bound`: true where it is never more, false where it is an estimate. `error_stated` (CPU) says it against
     /// the finest level, whatever was drawn. Summing it up takes 1 to 2 % of the time of casting
-    #[arg(long, value_name = "STATS.json")]
+    #[arg(long, value_name = "STATS.json", requires = "output")]
     stats: Option<PathBuf>,
     /// Write how far each pixel may be from the exact picture of the finest level, for all reasons (CPU). EXR and NumPy: a
     /// share of full scale, as in the picture. PNG: colours, from black (a tenth of a grey level of 255 or less) through blue
     /// (0.5), green (2), yellow (16) and red (64) to white (255)
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", requires = "output")]
     error_map: Option<PathBuf>,
     /// Cast N rays of the picture again (1000 if no number is given) by the reference integrator, and say how far the
     /// picture is from it; with --level auto from the exact picture of level 0. The level must fit --host-memory
-    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = CHECK_RAYS)]
+    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = CHECK_RAYS, requires = "output")]
     check: Option<NonZero<u64>>,
     /// Exit code 0 even where bricks could not be read, and are drawn from coarser ones
     #[arg(long)]
     allow_failed: bool,
     /// Draw beside the volume its box with the ends of its axes, which way it is turned (a patient's sides, the points of the
     /// compass), a scale where rays are parallel, what the colours stand for, and its name
-    #[arg(long)]
+    #[arg(long, requires = "output")]
     decorate: bool,
     #[command(flatten)]
     force: Force,
@@ -193,7 +193,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         None => Scene::default(),
     };
     // Memory is counted from here on: what the overview took is given back first.
-    let scene = arguments.look.scene(&scene, &container, &facts, overview(&container).as_ref());
+    let overview = arguments.look.asks_overview(&scene).then(|| overview(&container)).flatten();
+    let scene = arguments.look.scene(&scene, &container, &facts, overview.as_ref());
+    drop(overview);
     let scene = scene.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
     if arguments.print_scene {
         let text = serde_json::to_string_pretty(&scene).map_err(|e| Failure::Machine(e.to_string()))?;

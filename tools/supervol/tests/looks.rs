@@ -248,3 +248,14 @@ fn the_same_patient_is_seen_from_the_same_side() {
     let apart = pictures[0].iter().zip(&pictures[1]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(apart < 1e-3 && pictures[0].iter().any(|v| *v > 0.1), "{apart}");
 }
+
+/// Nothing is accepted that does nothing.
+#[test]
+fn options_of_a_picture_are_refused_where_none_is_written() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "sphere", "--dims", "8,8,8", "-o", "c.svol"]);
+    for options in [&["--decorate"][..], &["--error-map", "e.npy"], &["--stats", "s.json"], &["--check"]] {
+        let message = folder.expect(2, &[&["render", "c.svol", "--print-scene"][..], options].concat());
+        assert!(message.contains("--output"), "{message}");
+    }
+}

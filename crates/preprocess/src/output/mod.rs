@@ -68,13 +68,26 @@ pub fn folder_of(path: &Path) -> &Path {
 /// # Errors
 /// If the path is taken and not to be replaced, or leads to what is no file.
 pub fn check_free(path: &Path, existing: Existing) -> Result<(), BuildError> {
+    find_file(path, existing).map(drop)
+}
+
+/// Where a container is to be written, with links followed, and what it replaces.
+fn find_file(path: &Path, existing: Existing) -> Result<(PathBuf, Option<Metadata>), BuildError> {
+    find_replaceable(path, existing)?.ok_or_else(|| BuildError::NoFile {
+        path: path.into(),
+        found: "a FIFO or device, but a container is read back while it is built".into(),
+    })
+}
+
+/// Where a file is to be written, with links followed, and what it replaces; `None` where a FIFO or device is written to.
+fn find_replaceable(path: &Path, existing: Existing) -> Result<Option<(PathBuf, Option<Metadata>)>, BuildError> {
     match find(path)? {
-        Place::New(_) => Ok(()),
-        Place::Taken(_, metadata) => check_replaceable(path, &metadata, existing),
-        Place::Stream => Err(BuildError::NoFile {
-            path: path.into(),
-            found: "a FIFO or device, but a container is read back while it is built".into(),
-        }),
+        Place::New(resolved) => Ok(Some((resolved, None))),
+        Place::Taken(resolved, metadata) => {
+            check_replaceable(path, &metadata, existing)?;
+            Ok(Some((resolved, Some(metadata))))
+        }
+        Place::Stream => Ok(None),
     }
 }
 
@@ -201,16 +214,9 @@ impl OutputFile {
     /// If the path is taken and not to be replaced, leads to what is no file, or its folder cannot be written.
     pub fn begin(path: &Path, existing: Existing) -> Result<Self, BuildError> {
         let write_error = |e| BuildError::write(path, e);
-        let (resolved, replaced) = match find(path)? {
-            Place::New(resolved) => (resolved, None),
-            Place::Taken(resolved, metadata) => {
-                check_replaceable(path, &metadata, existing)?;
-                (resolved, Some(metadata))
-            }
-            Place::Stream => {
-                let stream = open_stream(path).map_err(write_error)?;
-                return Ok(Self(Target::Stream { stream, path: path.into() }));
-            }
+        let Some((resolved, replaced)) = find_replaceable(path, existing)? else {
+            let stream = open_stream(path).map_err(write_error)?;
+            return Ok(Self(Target::Stream { stream, path: path.into() }));
         };
         let permissions = first_permissions(replaced.as_ref()).map_err(write_error)?;
         let unfinished = UnfinishedFile::create_in(folder_of(&resolved), permissions).map_err(write_error)?;
@@ -222,11 +228,7 @@ impl OutputFile {
     /// # Errors
     /// As [`check_free`].
     pub fn place(path: &Path, existing: Existing) -> Result<(PathBuf, Permissions), BuildError> {
-        check_free(path, existing)?;
-        let (resolved, replaced) = match find(path)? {
-            Place::Taken(resolved, metadata) => (resolved, Some(metadata)),
-            _ => (path.into(), None),
-        };
+        let (resolved, replaced) = find_file(path, existing)?;
         Ok((resolved, first_permissions(replaced.as_ref()).map_err(|e| BuildError::write(path, e))?))
     }
 

@@ -102,12 +102,13 @@ impl Drawing {
         })
     }
 
-    /// The same, for who needs nothing else.
+    /// The same, and [`Self::error_map`], for who needs nothing else.
     #[must_use]
-    pub fn into_picture(self) -> Option<Image> {
-        self.picture
-            .filter(|_| self.behind.is_some())
-            .map(|picture| picture.enlarged(self.pixel, self.scene.image_size))
+    pub fn into_pictures(self) -> Option<(Image, Option<Image>)> {
+        let picture = self.picture.filter(|_| self.behind.is_some())?;
+        let picture = picture.enlarged(self.pixel, self.scene.image_size);
+        let errors = self.errors.map(|known| complete(known, &picture));
+        Some((picture, errors))
     }
 
     /// What each pixel of the picture may be off by, grey, 1 being white: where errors are summed up, once there is a picture.
