@@ -12,7 +12,8 @@
 //! - [`value_range`]: least and greatest present value;
 //! - [`codec`]: brick voxels to bytes and back;
 //! - [`container`]: the `.svol` file, byte by byte;
-//! - [`byte_source`]: where a container's bytes are read from.
+//! - [`byte_source`]: where a container's bytes are read from;
+//! - [`readable`]: numbers in messages and listings.
 //!
 //! This crate knows no GPU, starts no thread, prints nothing, and holds no more than one brick that it was not handed.
 
@@ -23,6 +24,7 @@ pub mod codec;
 pub mod container;
 pub mod macro_cells;
 pub mod pyramid;
+pub mod readable;
 pub mod space;
 pub mod value_range;
 pub mod voxel_type;

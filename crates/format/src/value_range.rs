@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::readable::Number;
+
 /// Closed interval of values; `min > max` means no present value at all.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ValueRange {
@@ -9,6 +11,12 @@ pub struct ValueRange {
     pub min: f64,
     /// Greatest present value.
     pub max: f64,
+}
+
+impl std::fmt::Display for ValueRange {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} to {}", Number(self.min), Number(self.max))
+    }
 }
 
 impl ValueRange {

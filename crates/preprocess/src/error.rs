@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::container::ContainerError;
 use supervol_format::pyramid::PyramidError;
+use supervol_format::readable::Mib;
 
 use crate::output::kind::FileKind;
 use crate::source::SourceError;
@@ -49,8 +50,7 @@ impl BuildError {
 
     /// `--memory` does not suffice; `what` says what for.
     pub(crate) fn memory(needed: u64, allowed: u64, what: String, advice: &str) -> Self {
-        let mib = |bytes: u64| format!("{} MiB", bytes.div_ceil(1 << 20));
-        Self::Memory { needed: mib(needed), allowed: mib(allowed), what, advice: advice.into() }
+        Self::Memory { needed: Mib(needed).to_string(), allowed: Mib(allowed).to_string(), what, advice: advice.into() }
     }
 
     pub(crate) fn container(path: &Path, source: ContainerError) -> Self {

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | tables | 80 per brick, until the container is finished, and what the source needs |
 //! | workspaces | a quarter of the rest: per thread `WORKSPACE_COPIES` stored bricks (cut, predicted, byte planes, encoded, ...) |
-//! | statistics | per thread one histogram of 64 Ki counters, and one |
+//! | statistics | per thread one histogram of 64 Ki counters, 512 Ki for doubles, and one |
 //! | brick cache | a sixteenth of the whole: decoded bricks of the finer level |
 //! | tiles | the rest: what is read for a tile and made of it ([`tile_bytes`]) |
 //!
@@ -13,10 +13,11 @@
 
 use supervol_format::brick::APRON;
 use supervol_format::container::toc::ENTRY_BYTES;
+use supervol_format::readable::Mib;
 use supervol_format::{Level, Pyramid, VoxelType};
 
 use crate::error::BuildError;
-use crate::statistics::KEYS;
+use crate::statistics::Statistics;
 
 /// Stored bricks of scratch memory that one thread may need at once.
 const WORKSPACE_COPIES: u64 = 6;
@@ -54,7 +55,7 @@ impl MemoryPlan {
         voxel_type: VoxelType,
     ) -> Result<Self, BuildError> {
         let brick = largest_brick_bytes(pyramid, voxel_type);
-        let histogram = KEYS as u64 * 8;
+        let histogram = Statistics::bytes(voxel_type);
         let table = pyramid.brick_count() * ENTRY_BYTES as u64 + source_bytes;
         let per_thread = WORKSPACE_COPIES * brick + histogram;
         let cache_bytes = budget_bytes / 16;
@@ -66,12 +67,11 @@ impl MemoryPlan {
         let rest = budget_bytes.saturating_sub(table + histogram + cache_bytes);
         if rest < smallest_tiles + per_thread {
             let needed = (smallest_tiles + per_thread + table + histogram) * 16 / 15 + 16;
-            let mib = |b: u64| format!("{} MiB", b.div_ceil(1 << 20));
             let what = format!(
                 "{} for the tables of the source and of {} bricks, {} for one thread, the rest for tiles of one brick",
-                mib(table),
+                Mib(table),
                 pyramid.brick_count(),
-                mib(per_thread + histogram)
+                Mib(per_thread + histogram)
             );
             let advice = "Allow more with --memory, or use smaller bricks (--brick)";
             return Err(BuildError::memory(needed, budget_bytes, what, advice));

@@ -1,16 +1,17 @@
 //! Histogram, percentiles and range of a volume's present voxels, gathered brick by brick in bounded memory.
 //!
-//! Voxels are counted in [`KEYS`] bins that follow the order of the values: 8- and 16-bit voxels have a bin each, so
-//! that their percentiles are exact; wider voxels are counted by the upper 16 bits of their single-precision value,
-//! which resolves values to 1 part in 128 at any magnitude, so that one spike does not swallow the rest. Counts are sums
-//! of integers: their order, and with it the number of threads, does not matter.
+//! Voxels are counted in bins that follow the order of the values: 8- and 16-bit voxels have a bin each, so that their
+//! percentiles are exact; wider voxels are counted by sign, exponent and the upper 7 bits of the mantissa, which resolves
+//! values to 1 part in 128 at any magnitude, so that one spike does not swallow the rest. Counts are sums of integers:
+//! their order, and with it the number of threads, does not matter.
 
 use supervol_format::container::header::Descriptor;
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{ValueRange, VoxelType, with_voxel};
 
-/// Number of bins.
-pub const KEYS: usize = 1 << 16;
+/// Bits of a number that choose its bin: sign, exponent (8 bits in single, 11 in double precision), 7 of the mantissa.
+const SINGLE_BITS: u32 = 16;
+const DOUBLE_BITS: u32 = 19;
 /// Bins of the histogram that goes into the manifest.
 pub const HISTOGRAM_BINS: usize = 256;
 /// Percentiles that go into the manifest.
@@ -25,11 +26,22 @@ pub struct Statistics {
     range: ValueRange,
 }
 
+/// Number of bins for voxels of this type.
+fn bins(voxel_type: VoxelType) -> usize {
+    if voxel_type == VoxelType::F64 { 1 << DOUBLE_BITS } else { 1 << SINGLE_BITS }
+}
+
 impl Statistics {
     /// No voxels yet.
     #[must_use]
     pub fn new(voxel_type: VoxelType) -> Self {
-        Self { voxel_type, counts: vec![0; KEYS], range: ValueRange::EMPTY }
+        Self { voxel_type, counts: vec![0; bins(voxel_type)], range: ValueRange::EMPTY }
+    }
+
+    /// What one of these takes in memory.
+    #[must_use]
+    pub fn bytes(voxel_type: VoxelType) -> u64 {
+        (bins(voxel_type) * size_of::<u64>()) as u64
     }
 
     /// Counts the present ones of these voxels (little endian).
@@ -68,7 +80,7 @@ impl Statistics {
             return self.range;
         }
         let counted = |bin: &usize| self.counts[*bin] > 0;
-        let ends = ((0..KEYS).find(counted), (0..KEYS).rfind(counted));
+        let ends = ((0..self.counts.len()).find(counted), (0..self.counts.len()).rfind(counted));
         match ends {
             (Some(low), Some(high)) => {
                 ValueRange { min: value_of(self.voxel_type, low), max: value_of(self.voxel_type, high) }
@@ -163,14 +175,26 @@ fn key(voxel_type: VoxelType, value: f64) -> usize {
         VoxelType::U8 | VoxelType::U16 => value as usize,
         VoxelType::I8 => (value + 128.0) as usize,
         VoxelType::I16 => (value + 32768.0) as usize,
+        VoxelType::F64 => {
+            // Numbers that single precision has are counted as it rounds them, like those of the other types.
+            let single = value as f32;
+            let value = if single.is_normal() { f64::from(single) } else { value };
+            (sortable(value) >> (64 - DOUBLE_BITS)) as usize
+        }
         _ => {
-            // Doubles beyond single precision are counted with its greatest numbers: an infinity has no middle.
-            let bits = (value as f32).clamp(f32::MIN, f32::MAX).to_bits();
+            // Integers reach no infinity, and floats have none among the present ones.
+            let bits = (value as f32).to_bits();
             // Floats sort as integers when negative ones have all bits flipped and the others the sign bit.
             let sortable = if bits >> 31 == 1 { !bits } else { bits | 1 << 31 };
-            (sortable >> 16) as usize
+            (sortable >> (32 - SINGLE_BITS)) as usize
         }
     }
+}
+
+/// Bits that sort as the numbers do: negative numbers have all bits flipped, the others the sign bit.
+fn sortable(value: f64) -> u64 {
+    let bits = value.to_bits();
+    if bits >> 63 == 1 { !bits } else { bits | 1 << 63 }
 }
 
 /// The stored value that a bin stands for: the value itself, or the middle of the bin.
@@ -179,8 +203,16 @@ fn value_of(voxel_type: VoxelType, bin: usize) -> f64 {
         VoxelType::U8 | VoxelType::U16 => bin as f64,
         VoxelType::I8 => bin as f64 - 128.0,
         VoxelType::I16 => bin as f64 - 32768.0,
+        // Zero is common, and the middle of its bin is a number that nobody wrote.
+        VoxelType::F64 if bin == key(VoxelType::F64, 0.0) => 0.0,
+        VoxelType::F64 => {
+            let sortable = (bin as u64) << (64 - DOUBLE_BITS) | 1 << (63 - DOUBLE_BITS);
+            let middle = if sortable >> 63 == 1 { sortable & !(1 << 63) } else { !sortable };
+            // Bits that single precision has: the middle is the same number for both.
+            f64::from_bits(middle & !((1 << 29) - 1))
+        }
         _ => {
-            let sortable = (bin as u32) << 16 | 0x8000;
+            let sortable = (bin as u32) << (32 - SINGLE_BITS) | 1 << (31 - SINGLE_BITS);
             let bits = if sortable >> 31 == 1 { sortable & !(1 << 31) } else { !sortable };
             f64::from(f32::from_bits(bits))
         }
@@ -193,12 +225,25 @@ mod tests {
 
     #[test]
     fn bins_follow_the_order_of_values() {
-        let values = [-1e30, -5.0, -1.0, -1e-20, 0.0, 1e-20, 1.0, 2.0, 3e4, 1e30];
-        let bins: Vec<usize> = values.iter().map(|&v| key(VoxelType::F64, v)).collect();
-        assert!(bins.windows(2).all(|w| w[0] < w[1]), "{bins:?}");
-        for v in values.into_iter().filter(|v| *v != 0.0) {
-            let back = value_of(VoxelType::F64, key(VoxelType::F64, v));
-            assert!((back - v).abs() <= v.abs() / 128.0, "{v} became {back}");
+        let single = [-1e30, -5.0, -1.0, -1e-20, 0.0, 1e-20, 1.0, 2.0, 3e4, 1e30];
+        let double = [f64::MIN, -1e300, -5.0, -1e-45, -1e-300, 0.0, 1e-300, 1.1e-300, 1e-45, 1.0, 1e38, 1e39, 1e300];
+        for (voxel_type, values) in
+            [(VoxelType::F32, &single[..]), (VoxelType::F64, &single), (VoxelType::F64, &double)]
+        {
+            let bins: Vec<usize> = values.iter().map(|&v| key(voxel_type, v)).collect();
+            assert!(bins.windows(2).all(|w| w[0] < w[1]), "{bins:?}");
+            for &v in values.iter().filter(|v| **v != 0.0) {
+                let back = value_of(voxel_type, key(voxel_type, v));
+                assert!((back - v).abs() <= v.abs() / 128.0, "{v} became {back}");
+            }
+        }
+    }
+
+    #[test]
+    fn doubles_are_counted_as_the_singles_are_that_they_round_to() {
+        for value in [-1e30_f64, -0.1, 1.0 - 1e-9, 0.3, 7e-38, 3.4e38] {
+            let [single, double] = [VoxelType::F32, VoxelType::F64].map(|of| value_of(of, key(of, value)));
+            assert_eq!(single, double, "{value}");
         }
     }
 

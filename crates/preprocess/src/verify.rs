@@ -9,7 +9,7 @@
 //!    ranges allow where that is less ([`brick_error`]): not less, not more.
 //! 7. What the manifest says of the values (range, percentiles, histogram, count, errors of levels) is what the voxels say.
 //!
-//! Memory: at most `memory_bytes`: for each thread some bricks and those that its coarser brick averages, half a MiB of counts; the
+//! Memory: at most `memory_bytes`: for each thread some bricks and those that its coarser brick averages, counts of values; the
 //! rest keeps decoded bricks. As many threads work as it suffices for; where that is none, it says what would do.
 
 use std::path::Path;
@@ -26,12 +26,10 @@ use crate::error_bound::{brick_error, step_error};
 use crate::level_reader::LevelReader;
 use crate::memory::largest_brick_bytes;
 use crate::provenance::reduce_of;
-use crate::statistics::{KEYS, Statistics, Values, finite};
+use crate::statistics::{Statistics, Values, finite};
 
 /// Voxels around a core that a brick stores.
 const APRON: u64 = supervol_format::brick::APRON as u64;
-/// Bytes of the counts of one thread.
-const HISTOGRAM_BYTES: u64 = KEYS as u64 * 8;
 /// Bricks checked between two calls of the progress callback.
 const BATCH: usize = 256;
 
@@ -99,8 +97,9 @@ impl Plan {
         let brick = largest_brick_bytes(pyramid, voxel_type);
         let of_finer = |level: &Level| level.factors.iter().map(|&f| u64::from(f)).product::<u64>();
         let finer = pyramid.levels().iter().skip(1).map(of_finer).max().unwrap_or(0);
-        let per_thread = (BRICKS_AT_HAND + finer) * brick + HISTOGRAM_BYTES;
-        let fixed = |threads: usize| threads as u64 * per_thread + HISTOGRAM_BYTES;
+        let counts = Statistics::bytes(voxel_type);
+        let per_thread = (BRICKS_AT_HAND + finer) * brick + counts;
+        let fixed = |threads: usize| threads as u64 * per_thread + counts;
         let needed = fixed(1).max(pyramid.brick_count() * COVERAGE_BYTES);
         if memory_bytes < needed {
             let what = format!("to check bricks on one thread, and the places of {} of them", pyramid.brick_count());

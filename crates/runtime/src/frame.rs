@@ -22,6 +22,7 @@ use std::time::{Duration, Instant};
 use crate::facts::value_map;
 use supervol_format::container::ContainerError;
 use supervol_format::container::toc;
+use supervol_format::readable::Mib;
 use supervol_format::{Container, Lod};
 
 use crate::image::Image;
@@ -151,13 +152,15 @@ pub enum RenderError {
     #[error(transparent)]
     Container(#[from] ContainerError),
     #[error(
-        "level {level} needs {needed_bytes} bytes for the reference integrator, but the host budget is {budget_bytes}; \
-         give more memory or choose a coarser level"
+        "level {level} needs {} for the reference integrator, but the host budget is {}; give more memory or choose a \
+         coarser level",
+        Mib(*needed_bytes), Mib(*budget_bytes)
     )]
     ReferenceTooLarge { level: u8, needed_bytes: u64, budget_bytes: u64 },
     #[error(
-        "the check of level {level} needs {needed_bytes} bytes for the reference integrator, but the host budget is \
-         {budget_bytes}; give more memory, or draw and check a coarser level (finest that fits: {finest_that_fits:?})"
+        "the check of level {level} needs {} for the reference integrator, but the host budget is {}; give more memory, \
+         or draw and check a coarser level (finest that fits: {finest_that_fits:?})",
+        Mib(*needed_bytes), Mib(*budget_bytes)
     )]
     CheckTooLarge { level: u8, needed_bytes: u64, budget_bytes: u64, finest_that_fits: Option<u8> },
     #[error(transparent)]

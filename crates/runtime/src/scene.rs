@@ -8,6 +8,7 @@ use glam::DVec3;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use supervol_format::readable::Number;
 
 use crate::camera::{Camera, CameraError, Projection, unit_vector};
 use crate::clip::{Clip, ClipPlane};
@@ -405,7 +406,7 @@ impl Scene {
         }
         check(self.iso.len() <= ISO_LIMIT, "iso", || format!("at most {ISO_LIMIT} surfaces"), self.iso.len())?;
         for (i, iso) in self.iso.iter().enumerate() {
-            check(iso.value.is_finite(), &format!("iso[{i}].value"), || "a finite number".into(), iso.value)?;
+            check(iso.value.is_finite(), &format!("iso[{i}].value"), || "a finite number".into(), Number(iso.value))?;
             check_color(&format!("iso[{i}].color"), iso.color)?;
             check_share(&format!("iso[{i}].alpha"), iso.alpha)?;
         }
@@ -420,7 +421,7 @@ impl Scene {
         }
         let good = shading.shininess > 0.0 && shading.shininess <= SHADING_LIMIT;
         let expected = || format!("a positive number, at most {SHADING_LIMIT:e}");
-        check(good, "shading.shininess", expected, shading.shininess)?;
+        check(good, "shading.shininess", expected, Number(shading.shininess))?;
         let lights = shading.lights.as_deref().unwrap_or_default();
         let few = lights.len() <= LIGHT_LIMIT;
         check(few, "shading.lights", || format!("at most {LIGHT_LIMIT} lights"), lights.len())?;
@@ -442,7 +443,7 @@ impl Scene {
         for (i, plane) in planes.iter().enumerate() {
             check_direction(&format!("clip.planes[{i}].normal"), plane.normal)?;
             let key = format!("clip.planes[{i}].offset");
-            check(plane.offset.is_finite(), &key, || "a finite number".into(), plane.offset)?;
+            check(plane.offset.is_finite(), &key, || "a finite number".into(), Number(plane.offset))?;
         }
         Ok(())
     }
@@ -571,12 +572,12 @@ impl CameraSpec {
         match (self.fov_y, self.height) {
             (Some(fov_y), None) => {
                 let good = fov_y > 0.0 && fov_y < 180.0;
-                check(good, "camera.fov_y", || "degrees between 0 and 180, both excluded".into(), fov_y)?;
+                check(good, "camera.fov_y", || "degrees between 0 and 180, both excluded".into(), Number(fov_y))?;
                 Ok(Projection::Perspective { fov_y })
             }
             (None, Some(height)) => {
                 let good = height > 0.0 && height.is_finite();
-                check(good, "camera.height", || "a positive finite world length".into(), height)?;
+                check(good, "camera.height", || "a positive finite world length".into(), Number(height))?;
                 Ok(Projection::Orthographic { height })
             }
             (found, _) => Err(SceneError::Value {
@@ -683,11 +684,16 @@ fn check_color(key: &str, color: [f64; 3]) -> Result<(), SceneError> {
 }
 
 fn check_share(key: &str, share: f64) -> Result<(), SceneError> {
-    check((0.0..=1.0).contains(&share), key, || "a number between 0 and 1".into(), share)
+    check((0.0..=1.0).contains(&share), key, || "a number between 0 and 1".into(), Number(share))
 }
 
 fn check_factor(key: &str, factor: f64) -> Result<(), SceneError> {
-    check((0.0..=SHADING_LIMIT).contains(&factor), key, || format!("a number between 0 and {SHADING_LIMIT:e}"), factor)
+    check(
+        (0.0..=SHADING_LIMIT).contains(&factor),
+        key,
+        || format!("a number between 0 and {SHADING_LIMIT:e}"),
+        Number(factor),
+    )
 }
 
 /// Refuses volumes whose voxels are too long for their width.

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::manifest::Source;
+use supervol_format::readable::counted;
 use supervol_format::{BrickLayout, Dims, Geometry};
 use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::lod_axes::LodAxes;
@@ -252,11 +253,11 @@ impl OutputArguments {
             supervol_preprocess::build(source, origin, &self.output, &options, &|progress| reporter.show(progress));
         reporter.finish();
         let report = result?;
-        let mut out = crate::terminal::stdout();
         if self.json {
+            let mut out = crate::terminal::stdout();
             writeln!(out, "{}", serde_json::json!({ "report": report })).map_err(with_output)
         } else {
-            self.print(&report, &mut out).map_err(with_output)
+            self.print(&report, &mut crate::terminal::remarks()).map_err(with_output)
         }
     }
 
@@ -266,13 +267,13 @@ impl OutputArguments {
         }
         writeln!(
             out,
-            "{}: {} from {} of voxels ({:.1} %), {} bricks in {} levels, {:.1} s, {}/s",
+            "{}: {} from {} of voxels ({:.1} %), {} in {}, {:.1} s, {}/s",
             self.output.display(),
             show_bytes(report.container_bytes),
             show_bytes(report.source_bytes),
             100.0 * report.container_bytes as f64 / report.source_bytes as f64,
-            report.bricks,
-            report.levels.len(),
+            counted(report.bricks, "brick"),
+            counted(report.levels.len() as u64, "level"),
             report.wall_ms / 1e3,
             show_bytes(report.bytes_per_second as u64),
         )

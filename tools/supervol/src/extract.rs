@@ -47,6 +47,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     check_distinct(&arguments.output, [path.as_path()])?;
     let (voxels, voxel_type) = extract(&container, &arguments.output, &what)?;
     let [x, y, z] = voxels.extent();
-    writeln!(crate::terminal::stdout(), "{}: {x} x {y} x {z} {voxel_type} voxels", arguments.output.display())
+    writeln!(crate::terminal::remarks(), "{}: {x} x {y} x {z} {voxel_type} voxels", arguments.output.display())
         .map_err(with_output)
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 use supervol_format::container::manifest::{AxisName, Json, Source};
-use supervol_format::{Container, Lod};
+use supervol_format::{Container, Lod, ValueRange};
 use supervol_preprocess::output::unfinished::{self, Leftover, Writer};
 use supervol_preprocess::source::{LineNumbers, Survey};
 use supervol_runtime::facts::kind;
@@ -205,7 +205,7 @@ fn print(info: &Info<'_>, survey: Option<Survey>, out: &mut impl Write) -> std::
     print_orientation(info, survey, out)?;
     writeln!(out, "kind       {}: {}", info.kind, info.kind_because)?;
     match info.value_range {
-        Some([min, max]) => writeln!(out, "values     {min} to {max} {}", info.unit)?,
+        Some([min, max]) => writeln!(out, "values     {} {}", ValueRange { min, max }, info.unit)?,
         None => writeln!(out, "values     none present")?,
     }
     if let Some(nodata) = info.nodata {

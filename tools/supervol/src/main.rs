@@ -35,6 +35,9 @@ use supervol_preprocess::output::unfinished::wait_for_end;
 #[derive(Debug, Parser)]
 #[command(name = "supervol", version, about)]
 struct Arguments {
+    /// No progress, notes or summaries: only results, warnings and errors
+    #[arg(short, long, global = true)]
+    quiet: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -72,6 +75,9 @@ static ALLOCATOR: allocation::OrEnd = allocation::OrEnd;
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    if arguments.quiet {
+        terminal::be_quiet();
+    }
     if let Err(failure) = signals::watch().and_then(|()| start_threads()) {
         return failure.report();
     }

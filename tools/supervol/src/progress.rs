@@ -82,14 +82,19 @@ impl Reporter {
     }
 }
 
-/// One line of progress on standard error.
+/// One line of progress on standard error, unless all is to be quiet.
 pub fn announce(line: &str) {
+    if crate::terminal::is_quiet() {
+        return;
+    }
     // Progress that cannot be written is progress that nobody reads.
     let _ = writeln!(crate::terminal::stderr(), "{line}");
 }
 
 fn bar(template: &str) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+    let quiet = crate::terminal::is_quiet();
+    let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+    let bar = ProgressBar::with_draw_target(None, target);
     bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar
 }

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
+use supervol_format::readable::counted;
 use supervol_format::{Container, Lod};
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::frame::check::{self, CheckProgress};
@@ -232,8 +233,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         0 => Ok(()),
         _ if arguments.allow_failed => Ok(()),
         failed => Err(Failure::Data(format!(
-            "{}: {failed} bricks could not be read: the picture is not what the data show there; --allow-failed accepts it",
-            path.display()
+            "{}: {} could not be read: the picture is not what the data show there; --allow-failed accepts it",
+            path.display(),
+            counted(failed, "brick")
         ))),
     }
 }
@@ -357,16 +359,16 @@ fn about_backend(asked: Backend, stats: &FrameStats) -> Option<String> {
 }
 
 fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
-    let mut out = crate::terminal::stdout();
+    let mut out = crate::terminal::remarks();
     writeln!(
         out,
-        "{}: {} x {}, {}, {:.0} ms, {} bricks read ({}), peak memory {}{}",
+        "{}: {} x {}, {}, {:.0} ms, {} read ({}), peak memory {}{}",
         output.display(),
         stats.image_width,
         stats.image_height,
         stats.backend,
         stats.total_ms,
-        stats.page_ins,
+        counted(stats.page_ins, "brick"),
         show_bytes(stats.bytes_read),
         show_bytes(stats.peak_rss_bytes),
         if stats.converged { "" } else { ", not converged" },
@@ -408,10 +410,17 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
     if stats.bricks_failed > 0 {
         let share = 100.0 * (stats.fallbacks as f64 / stats.rays.max(1) as f64).min(1.0);
         let affected = if share >= 1.0 { format!("up to {share:.0} %") } else { "less than 1 %".into() };
-        writeln!(out, "{} bricks could not be read, which {affected} of the rays needed", stats.bricks_failed)?;
+        writeln!(
+            out,
+            "{} could not be read, which {affected} of the rays needed",
+            counted(stats.bricks_failed, "brick")
+        )?;
     }
     for failure in &stats.failures {
-        writeln!(out, "not readable, drawn from its parent: {}: {}", failure.brick, failure.reason)?;
+        // Most reasons begin with the brick.
+        let reason =
+            failure.reason.strip_prefix(&failure.brick).map_or(&*failure.reason, |rest| rest.trim_start_matches(": "));
+        writeln!(out, "not readable, drawn from its parent: {}: {reason}", failure.brick)?;
     }
     Ok(())
 }

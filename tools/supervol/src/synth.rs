@@ -79,7 +79,7 @@ fn write_raw(arguments: &Arguments, source: &dyn VolumeSource) -> Result<(), Fai
     bar.finish_and_clear();
     unfinished.publish()?;
     writeln!(
-        crate::terminal::stdout(),
+        crate::terminal::remarks(),
         "{}: {} of {}, {} voxels, little endian",
         output.display(),
         show_bytes(info.dims.bytes(info.voxel_type).unwrap_or(u64::MAX)),

@@ -5,10 +5,29 @@
 //! so that JSON that holds them stays the same JSON.
 
 use std::io::{self, StderrLock, StdoutLock, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Whether only results, warnings and errors are written.
+static QUIET: AtomicBool = AtomicBool::new(false);
 
 /// A stream that shows what it must not pass on.
 #[derive(Debug)]
 pub struct Clean<W>(W);
+
+/// From now on, only results, warnings and errors are written.
+pub fn be_quiet() {
+    QUIET.store(true, Ordering::Relaxed);
+}
+
+/// Whether [`be_quiet`] was called.
+pub fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Standard output, for what is said beside the result: nothing where that is not wanted.
+pub fn remarks() -> Box<dyn Write> {
+    if is_quiet() { Box::new(io::sink()) } else { Box::new(stdout()) }
+}
 
 /// Standard output.
 pub fn stdout() -> Clean<StdoutLock<'static>> {

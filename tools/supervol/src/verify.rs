@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use supervol_format::readable::counted;
 
 use crate::failure::{Failure, with_output};
 use crate::progress::Reporter;
@@ -29,10 +30,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     bar.finish_and_clear();
     let container = result?;
     writeln!(
-        crate::terminal::stdout(),
-        "{}: whole; {} bricks, {}, every rule holds",
+        crate::terminal::remarks(),
+        "{}: whole; {}, {}, every rule holds",
         arguments.container.display(),
-        container.pyramid().brick_count(),
+        counted(container.pyramid().brick_count(), "brick"),
         show_bytes(container.file_bytes())
     )
     .map_err(with_output)

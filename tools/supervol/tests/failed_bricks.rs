@@ -42,7 +42,7 @@ fn some_bricks_that_fail_are_exit_code_1_after_what_there_is_is_written() {
     let damaged = damage(&folder, |key| key.lod() == Lod::FINEST && key.brick().0 == [1, 1, 2]);
     assert_eq!(damaged, 1);
     let error = folder.expect(1, &[&RENDER[..], &["--stats", "s.json"]].concat());
-    assert!(error.contains("1 bricks could not be read") && error.contains("--allow-failed"), "{error}");
+    assert!(error.contains("1 brick could not be read") && error.contains("--allow-failed"), "{error}");
     assert!(fs::metadata(folder.path("v.png")).is_ok_and(|file| file.len() > 100), "what there is is written");
     let stats = json(&fs::read_to_string(folder.path("s.json")).expect("statistics"));
     assert_eq!((&stats["converged"], &stats["bricks_failed"]), (&false.into(), &1.into()), "{stats}");

@@ -57,6 +57,36 @@ fn errors_print_nothing_that_stands_in_another_file() {
 }
 
 #[test]
+fn what_is_no_container_is_called_so() {
+    let folder = Folder::new();
+    write(&folder, "v.raw", [7; 10_000]);
+    for command in [&["info", "v.raw"][..], &["verify", "v.raw"], &["extract", "v.raw", "-o", "e.npy"]] {
+        let message = folder.expect(1, command);
+        assert!(message.contains("no Supervol container") && message.contains("supervol build"), "{message}");
+    }
+}
+
+#[test]
+fn quiet_commands_say_only_what_was_asked_for() {
+    let folder = Folder::new();
+    write(&folder, "v.raw", [7; 4096]);
+    let build = ["build", "v.raw", "--dims", "16,16,16", "--dtype", "u8", "-o", "v.svol", "--force"];
+    let picture = ["render", "v.svol", "-o", "p.png", "--size", "16x16", "--force"];
+    for command in [&build[..], &["verify", "v.svol"], &["extract", "v.svol", "-o", "e.npy", "--force"], &picture] {
+        let said = |quiet: &[&str]| {
+            let out = folder.run(&[quiet, command].concat());
+            assert!(out.status.success(), "{command:?}");
+            String::from_utf8_lossy(&[out.stdout, out.stderr].concat()).into_owned()
+        };
+        assert!(!said(&[]).is_empty(), "{command:?}");
+        // Warnings are never kept back.
+        let quiet = said(&["-q"]);
+        assert!(quiet.lines().all(|line| line.contains("warning")), "{command:?}: {quiet}");
+    }
+    assert!(folder.expect(0, &["info", "v.svol", "-q"]).contains("16 x 16 x 16"));
+}
+
+#[test]
 fn what_is_no_file_is_refused_at_once() {
     let folder = Folder::new();
     folder.expect(0, &["synth", "sphere", "--dims", "8,8,8", "-o", "c.svol"]);

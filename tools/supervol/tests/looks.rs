@@ -178,6 +178,25 @@ fn kinds_are_named_with_their_reason_and_can_be_overruled() {
 }
 
 #[test]
+fn doubles_of_any_size_are_the_same_kind_and_are_named_briefly() {
+    let folder = Folder::new();
+    let kind = |scale: f64| {
+        let values = (0..20_u32.pow(3)).map(|i| scale * (f64::from(i % 20) / 3.0).sin());
+        let bytes: Vec<u8> = values.flat_map(f64::to_le_bytes).collect();
+        std::fs::write(folder.path("v.raw"), bytes).expect("a temporary folder has room");
+        folder.expect(0, &["build", "v.raw", "--dims", "20,20,20", "--dtype", "f64", "-o", "v.svol", "--force"]);
+        folder.expect(0, &["verify", "v.svol"]);
+        let text = folder.expect(0, &["info", "v.svol"]);
+        assert!(text.lines().all(|line| line.len() < 120), "{text}");
+        json(&folder.expect(0, &["info", "v.svol", "--json"]))["kind"].clone()
+    };
+    let ordinary = kind(1.0);
+    for scale in [1e-300, 1e-45, 1e37, 1e45, 1e300] {
+        assert_eq!(kind(scale), ordinary, "{scale:e}");
+    }
+}
+
+#[test]
 fn shells_and_manuals_know_every_command() {
     let folder = Folder::new();
     for shell in ["bash", "zsh", "fish"] {

@@ -145,7 +145,8 @@ pub fn decode(page: &[u8; PAGE_BYTES], what: &str, offset: u64) -> Result<(Descr
         ContainerError::invalid(format!("{what}: {field}"), offset + at as u64, expected, found)
     };
     if page[..8] != MAGIC {
-        return Err(invalid(0, "magic", &format!("{MAGIC:02x?}"), &format!("{:02x?}", &page[..8])));
+        let found = format!("{:02x?}", &page[..8]);
+        return Err(ContainerError::Magic { what: what.into(), offset, expected: format!("{MAGIC:02x?}"), found });
     }
     if u32_at(page, 8) != VERSION {
         return Err(ContainerError::Version { found: u32_at(page, 8), known: VERSION });

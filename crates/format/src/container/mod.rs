@@ -99,6 +99,12 @@ pub enum ContainerError {
     /// The machine failed, or the file is shorter than it says.
     #[error("cannot read {what} ({bytes} bytes at offset {offset}): {source}")]
     Io { what: String, offset: u64, bytes: u64, source: io::Error },
+    /// The first bytes are those of something else.
+    #[error(
+        "no Supervol container; `supervol build` makes one of a volume file (first bytes of the {what}: expected \
+         {expected}, found {found})"
+    )]
+    Magic { what: String, offset: u64, expected: String, found: String },
     /// The file breaks a rule of this module's specification.
     #[error("{what} at offset {offset}: expected {expected}, found {found}")]
     Invalid { what: String, offset: u64, expected: String, found: String },

@@ -351,13 +351,9 @@ fn read_page(source: &dyn ByteSource, what: &str, offset: u64) -> Result<(Descri
 /// A good header without a footer is the mark of an unfinished or truncated file: say so.
 fn unfinished(error: ContainerError) -> ContainerError {
     match error {
-        ContainerError::Invalid { what, offset, expected, found } if what.contains("magic") => {
-            ContainerError::Invalid {
-                what: "the file is truncated or was never finished; footer".into(),
-                offset,
-                expected,
-                found,
-            }
+        ContainerError::Magic { offset, expected, found, .. } => {
+            let what = "the file is truncated or was never finished; footer".into();
+            ContainerError::Invalid { what, offset, expected, found }
         }
         other => other,
     }

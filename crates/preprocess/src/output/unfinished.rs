@@ -86,8 +86,8 @@ impl UnfinishedFile {
             let (file, entry) = {
                 let mut list = unfinished();
                 let mut builder = tempfile::Builder::new();
-                let file =
-                    builder.prefix(prefix).suffix(SUFFIX).permissions(permissions.clone()).tempfile_in(folder)?;
+                let file = builder.prefix(prefix).suffix(SUFFIX).permissions(permissions.clone()).tempfile_in(folder);
+                let file = file.map_err(without_path)?;
                 list.insert(file.path().into());
                 let entry = Entry(file.path().into());
                 (file, entry)
@@ -166,7 +166,8 @@ impl UnfinishedFolder {
         loop {
             let (made, entry) = {
                 let mut list = unfinished();
-                let made = tempfile::Builder::new().prefix(PREFIX).suffix(SUFFIX).tempdir_in(folder)?;
+                let made =
+                    tempfile::Builder::new().prefix(PREFIX).suffix(SUFFIX).tempdir_in(folder).map_err(without_path)?;
                 list.insert(made.path().into());
                 let entry = Entry(made.path().into());
                 (made, entry)
@@ -318,6 +319,12 @@ fn is_of_this_user(file: &File) -> io::Result<bool> {
 #[cfg(not(unix))]
 fn is_of_this_user(_: &File) -> io::Result<bool> {
     Ok(true)
+}
+
+/// Temporary files have names that say nothing to the one who gave another.
+fn without_path(error: io::Error) -> io::Error {
+    let inner = error.get_ref().and_then(|with_path| with_path.source()).and_then(|e| e.downcast_ref::<io::Error>());
+    inner.and_then(io::Error::raw_os_error).map_or(error, io::Error::from_raw_os_error)
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use std::str::FromStr;
 
 use supervol_format::Container;
 use supervol_format::container::manifest::Manifest;
+use supervol_format::readable::Number;
 use supervol_format::space::WorldSpace;
 use supervol_format::{ValueRange, VoxelType};
 
@@ -170,7 +171,7 @@ impl<'a> Evidence<'a> {
         if self.manifest.value_range.is_none() {
             return Some((DataKind::Empty, "no voxel is present".into()));
         }
-        (self.range.width() <= 0.0).then(|| (DataKind::Constant, format!("every voxel is {}", self.range.min)))
+        (self.range.width() <= 0.0).then(|| (DataKind::Constant, format!("every voxel is {}", Number(self.range.min))))
     }
 
     fn seismic(&self) -> Option<(DataKind, String)> {
@@ -198,7 +199,7 @@ impl<'a> Evidence<'a> {
         known.dedup();
         let used = self.histogram.bins_used();
         if used == 2 && known.iter().all(|v| *v == self.range.min || *v == self.range.max) {
-            let because = format!("every voxel is {} or {}", self.range.min, self.range.max);
+            let because = format!("every voxel is {} or {}", Number(self.range.min), Number(self.range.max));
             return Some((DataKind::Mask, because));
         }
         // Bins narrower than 1 hold one whole number each.
@@ -216,12 +217,8 @@ impl<'a> Evidence<'a> {
         let reaches = range.min <= -500.0 && range.min >= HOUNSFIELD[0] && (400.0..=HOUNSFIELD[1]).contains(&range.max);
         let air = histogram.share_between(AIR[0], AIR[1]);
         if says_ct || reaches && air >= 0.005 {
-            let because = format!(
-                "values from {} to {}, {:.0} % of them near -1000 like air in Hounsfield units",
-                range.min,
-                range.max,
-                100.0 * air
-            );
+            let because =
+                format!("values from {range}, {:.0} % of them near -1000 like air in Hounsfield units", 100.0 * air);
             return Some((DataKind::Ct, because));
         }
         let soft = histogram.share_between(SOFT_WITH_OFFSET[0], SOFT_WITH_OFFSET[1]);
@@ -229,9 +226,7 @@ impl<'a> Evidence<'a> {
         let with_offset = self.integral && range.min >= 0.0 && (1400.0..=8191.0).contains(&range.max);
         (with_offset && soft >= 0.08 && gap < soft / 2.0).then(|| {
             let because = format!(
-                "whole numbers from {} to {}, {:.0} % of them near 1024 like soft tissue in Hounsfield units with 1024 added",
-                range.min,
-                range.max,
+                "whole numbers from {range}, {:.0} % of them near 1024 like soft tissue in Hounsfield units with 1024 added",
                 100.0 * soft
             );
             (DataKind::CtOffset, because)

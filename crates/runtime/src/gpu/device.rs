@@ -9,6 +9,7 @@
 use std::pin::pin;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::task::{Context, Poll, Waker};
+use supervol_format::readable::Mib;
 
 use super::pipelines::{Pipelines, Variant};
 
@@ -36,11 +37,12 @@ pub enum GpuError {
     #[error("the GPU device was lost ({message}); build a new device and renderer")]
     DeviceLost { message: String },
     #[error(
-        "the GPU budget of {budget} bytes is too small: {fixed} bytes for rays and tables and {slot_bytes} bytes for \
-         each of at least {min_slots} bricks make {needed}; raise --gpu-memory, or lower the image size"
+        "the GPU budget of {} is too small: {} for rays and tables and {} for each of at least {min_slots} bricks make \
+         {}; raise --gpu-memory, or lower the image size",
+        Mib(*budget), Mib(*fixed), Mib(*slot_bytes), Mib(*needed)
     )]
     Budget { budget: u64, fixed: u64, slot_bytes: u64, min_slots: u64, needed: u64 },
-    #[error("{what} needs {needed} bytes, the adapter binds at most {limit}; {advice}")]
+    #[error("{what} needs {}, the adapter binds at most {}; {advice}", Mib(*needed), Mib(*limit))]
     TableLimit { what: String, needed: u64, limit: u64, advice: String },
     #[error("the scene cannot be drawn on the GPU: {reason}")]
     Scene { reason: String },

@@ -17,6 +17,7 @@
 
 use supervol_format::container::reader::CACHED_TOC_PAGES;
 use supervol_format::container::toc;
+use supervol_format::readable::{Mib, counted};
 use supervol_format::{Container, VoxelType};
 
 use super::state::RECORD_BYTES;
@@ -36,8 +37,9 @@ const MISS_BYTES: u64 = 16;
 /// The budget is too small.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "the host budget of {budget_bytes} bytes is too small: at least {needed_bytes} bytes are needed ({parts}). \
-     Give more memory, a smaller picture, or build the container with smaller bricks"
+    "the host budget of {} is too small: at least {} are needed ({parts}). \
+     Give more memory, a smaller picture, or build the container with smaller bricks",
+    Mib(*budget_bytes), Mib(*needed_bytes)
 )]
 pub struct BudgetError {
     /// Bytes given.
@@ -216,10 +218,16 @@ impl HostPlan {
                 // The states' share grows with the budget: solve for the budget, rounding up.
                 needed_bytes: ((needed - states) * 32).div_ceil(31),
                 parts: format!(
-                    "picture {image}, rays {rays}, casting {casting}, made of a brick {made}, table of contents {toc}, \
-                     reading and decoding {in_flight}, cache for {} of {} bytes, and 1/32 for the states of bricks",
-                    plural(least_bricks, "brick"),
-                    demand.brick.decoded
+                    "picture {}, rays {}, casting {}, made of a brick {}, table of contents {}, reading and decoding {}, \
+                     cache for {} of {}, and 1/32 for the states of bricks",
+                    Mib(image),
+                    Mib(rays),
+                    Mib(casting),
+                    Mib(made),
+                    Mib(toc),
+                    Mib(in_flight),
+                    counted(least_bricks, "brick"),
+                    Mib(demand.brick.decoded)
                 ),
             });
         }
@@ -235,10 +243,6 @@ impl HostPlan {
                 .max(least_cache),
         })
     }
-}
-
-fn plural(n: u64, thing: &str) -> String {
-    if n == 1 { format!("1 {thing}") } else { format!("{n} {thing}s") }
 }
 
 #[cfg(test)]
@@ -270,8 +274,8 @@ mod tests {
     #[test]
     fn parts_never_exceed_the_budget_and_the_least_budget_is_told_exactly() {
         let error = HostPlan::new(1, &demand()).unwrap_err();
-        assert!(error.to_string().contains("cache for 1 brick of 1300000 bytes"), "{error}");
-        assert!(error.to_string().contains("casting 500000, made of a brick 5000,"), "{error}");
+        assert!(error.to_string().contains("cache for 1 brick of 1.3 MiB"), "{error}");
+        assert!(error.to_string().contains("casting 0.477 MiB, made of a brick 0.005 MiB,"), "{error}");
         let mut least = error.needed_bytes;
         // Bands shrink to one row at first; with a larger budget they may take up to a quarter of it.
         while let Err(error) = HostPlan::new(least, &demand()) {

@@ -33,6 +33,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use supervol_format::container::toc::{BrickEntry, ENTRIES_PER_PAGE};
+use supervol_format::readable::Mib;
 use supervol_format::{BrickKey, Container};
 
 use crate::cache::KeyMap;
@@ -52,7 +53,7 @@ pub use view::{HostView, OnMissing};
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum StreamError {
     /// The bricks that must stay leave no room for one more.
-    #[error("the host cache of {budget_bytes} bytes has no room for {key}: {missing_bytes} bytes more are needed")]
+    #[error("the host cache of {} has no room for {key}: {} more are needed", Mib(*budget_bytes), Mib(*missing_bytes))]
     NoRoom {
         /// The brick that comes first.
         key: BrickKey,

@@ -1,5 +1,6 @@
 //! Why a picture shows nothing.
 
+use supervol_format::readable::Number;
 use supervol_runtime::clip::{Clip, ToIndex, clip_ray};
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::image::{GREY_LEVELS, Image};
@@ -30,19 +31,20 @@ pub fn reason(image: &Image, scene: &ResolvedScene, facts: &VolumeFacts) -> Opti
     } else if !meets(scene, &scene.clip, placed) {
         "clip box and planes leave nothing of the volume where the camera looks".into()
     } else if scene.mode == Mode::Iso && scene.iso.iter().all(|iso| is_outside(iso.value)) {
-        let values: Vec<String> = scene.iso.iter().map(|iso| (iso.value * units.value).to_string()).collect();
-        format!("values run from {} to {}, and no surface is at {}", range.min, range.max, values.join(", "))
+        let values: Vec<String> = scene.iso.iter().map(|iso| Number(iso.value * units.value).to_string()).collect();
+        format!("values run from {range}, and no surface is at {}", values.join(", "))
     } else if scene.mode == Mode::Iso {
         "no surface of these values lies where the camera looks".into()
     } else if data == DataKind::Constant {
-        format!("every voxel is {}, and the transfer function shows nothing there", range.min)
+        format!("every voxel is {}, and the transfer function shows nothing there", Number(range.min))
     } else {
         let points = scene.transfer_function.points();
         let ends = [points.first(), points.last()].map(|p| p.map_or(f64::NAN, |p| p.value * units.value));
         format!(
-            "the transfer function, from {} to {}, shows nothing where the camera looks of values that run from {} to {}; try \
+            "the transfer function, from {} to {}, shows nothing where the camera looks of values that run from {range}; try \
              --clip-percent 1",
-            ends[0], ends[1], range.min, range.max
+            Number(ends[0]),
+            Number(ends[1])
         )
     })
 }
