@@ -67,6 +67,14 @@ fn what_is_no_container_is_called_so() {
 }
 
 #[test]
+fn outputs_that_cannot_be_begun_are_named_as_they_were_given() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "ramp", "--dims", "8,8,8", "-o", "v.svol"]);
+    let message = folder.expect(3, &["render", "v.svol", "-o", "no-folder/p.png", "--size", "8x8"]);
+    assert!(message.contains("no-folder/p.png") && !message.contains(".partial"), "{message}");
+}
+
+#[test]
 fn quiet_commands_say_only_what_was_asked_for() {
     let folder = Folder::new();
     write(&folder, "v.raw", [7; 4096]);

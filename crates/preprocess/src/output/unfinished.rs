@@ -323,8 +323,10 @@ fn is_of_this_user(_: &File) -> io::Result<bool> {
 
 /// Temporary files have names that say nothing to the one who gave another.
 fn without_path(error: io::Error) -> io::Error {
-    let inner = error.get_ref().and_then(|with_path| with_path.source()).and_then(|e| e.downcast_ref::<io::Error>());
-    inner.and_then(io::Error::raw_os_error).map_or(error, io::Error::from_raw_os_error)
+    match error.to_string().split_once(" at path ") {
+        Some((reason, _)) => io::Error::new(error.kind(), reason),
+        None => error,
+    }
 }
 
 #[cfg(test)]
