@@ -23,6 +23,7 @@
 
 pub mod cache;
 pub mod camera;
+pub mod camera_path;
 pub mod clip;
 pub mod facts;
 pub mod frame;

@@ -11,10 +11,10 @@ use clap::{Args, ValueEnum};
 use supervol_format::Container;
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::preset::overview::Overview;
-use supervol_runtime::preset::view::View;
+use supervol_runtime::preset::view::{View, upright};
 use supervol_runtime::preset::{colormap, looks, ramps};
 use supervol_runtime::scene::{
-    ImageSpec, IsoSpec, Mode, PlaneSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec,
+    CameraSpec, ImageSpec, IsoSpec, Mode, PlaneSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec,
 };
 
 use self::parse::{CameraWish, ClipPlane};
@@ -255,17 +255,28 @@ impl LookArguments {
         Ok(())
     }
 
+    /// The camera of a scene that is complete, for going around what is seen: from there, all of it is in every picture.
+    pub fn turning_camera(&self, scene: &Scene, facts: &VolumeFacts, overview: Option<&Overview>) -> CameraSpec {
+        let framed = scene.framed(facts, overview);
+        self.view(facts).turning_camera(&framed, [scene.image.width, scene.image.height], upright(facts))
+    }
+
+    /// The direction to look from that is asked for, or the usual one.
+    fn view(&self, facts: &VolumeFacts) -> View {
+        let usual = View::of(facts);
+        let wish =
+            self.camera.as_ref().map(|wish| View { distance: wish.distance, ..View::from(facts, wish.direction) });
+        View { zoom: self.zoom.unwrap_or(1.0), ..wish.unwrap_or(usual) }
+    }
+
     fn set_camera(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
         if self.slice.is_some() {
             return;
         }
-        let usual = View::of(facts);
-        let wish =
-            self.camera.as_ref().map(|wish| View { distance: wish.distance, ..View::from(facts, wish.direction) });
-        let view = View { zoom: self.zoom.unwrap_or(1.0), ..wish.unwrap_or(usual) };
         // What is framed depends on what is shown.
         let shown = Scene { camera: None, ..scene.clone() }.complete(facts, overview);
-        scene.camera = Some(view.camera(&shown.framed(facts, overview), [scene.image.width, scene.image.height]));
+        scene.camera =
+            Some(self.view(facts).camera(&shown.framed(facts, overview), [scene.image.width, scene.image.height]));
     }
 
     /// Window, colours and opacities of the transfer function that is drawn with.

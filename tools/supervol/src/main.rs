@@ -21,6 +21,7 @@ mod output;
 mod progress;
 mod quantity;
 mod render;
+mod sequence;
 mod signals;
 mod synth;
 mod terminal;

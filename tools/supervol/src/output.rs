@@ -24,6 +24,11 @@ pub struct Force {
 }
 
 impl Force {
+    /// Whether it was given.
+    pub fn is_given(self) -> bool {
+        self.force
+    }
+
     /// What is done with an output that exists, where `kind` is replaced unasked.
     pub fn or(self, kind: Existing) -> Existing {
         if self.force { Existing::Replace } else { kind }
@@ -80,8 +85,12 @@ pub struct TextFile {
 impl TextFile {
     /// Begins statistics of a picture.
     pub fn begin_statistics(path: &Path, force: Force) -> Result<Self, Failure> {
-        let file = OutputFile::begin(path, force.or(Existing::ReplaceStatistics))?;
-        Ok(Self { file, path: path.into() })
+        Self::begin(path, force.or(Existing::ReplaceStatistics))
+    }
+
+    /// Begins a text.
+    pub fn begin(path: &Path, existing: Existing) -> Result<Self, Failure> {
+        Ok(Self { file: OutputFile::begin(path, existing)?, path: path.into() })
     }
 
     /// Writes the text.

@@ -43,6 +43,11 @@ impl Reporter {
         bar("{wide_bar} {pos}/{len} rows {msg}")
     }
 
+    /// A bar over the pictures of an animation.
+    pub fn over_pictures() -> ProgressBar {
+        bar("{wide_bar} {pos}/{len} pictures {eta} left")
+    }
+
     /// A bar over rays that are cast again.
     pub fn over_rays() -> ProgressBar {
         bar("check {wide_bar} {pos}/{len} pixels {eta} left")

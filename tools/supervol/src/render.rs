@@ -7,18 +7,22 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
+use serde_json::json;
 use supervol_format::readable::counted;
 use supervol_format::{Container, Lod};
+use supervol_runtime::camera_path::{self, CameraPath};
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::frame::check::{self, CheckProgress};
 use supervol_runtime::frame::{Backend, LevelChoice, OnProgress, Progress, RenderError, RenderOptions};
 use supervol_runtime::gpu::device::GpuError;
+use supervol_runtime::image::Image;
 use supervol_runtime::preset::overview::Overview;
+use supervol_runtime::preset::view::upright;
 use supervol_runtime::process;
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, PacketRule, Skipping};
 use supervol_runtime::renderer::render_with_errors;
-use supervol_runtime::scene::Scene;
+use supervol_runtime::scene::{CameraSpec, ResolvedScene, Scene};
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::loader::READERS;
 
@@ -28,7 +32,10 @@ use crate::look::{LookArguments, empty};
 use crate::output::{Force, PictureFile, RenderOutputs};
 use crate::progress::Reporter;
 use crate::quantity::{self, show_bytes};
+use crate::sequence::Sequence;
 
+/// Options of a single picture.
+const OF_ONE_PICTURE: [&str; 4] = ["stats", "error_map", "check", "time_budget"];
 /// Rays of `--check` without a number.
 const CHECK_RAYS: &str = "1000";
 /// A check that takes no longer than this shows no progress.
@@ -46,9 +53,19 @@ pub struct Arguments {
     /// no picture is drawn
     #[arg(long)]
     print_scene: bool,
-    /// Picture to write: .png (8 bit, with background), .exr or .npy (float, premultiplied RGBA without background)
-    #[arg(short, long, value_name = "IMAGE", required_unless_present = "print_scene")]
+    /// Picture to write: .png (8 bit, with background), .exr or .npy (float, premultiplied RGBA without background); with
+    /// --turntable or --path the folder for frame-00000.png and so on
+    #[arg(short, long, value_name = "IMAGE|FOLDER", required_unless_present = "print_scene")]
     output: Option<PathBuf>,
+    /// Write N pictures, once around the volume; the same command again goes on where it was stopped
+    #[arg(long, value_name = "N", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
+          value_parser = clap::value_parser!(u32).range(1..=i64::from(camera_path::FRAME_LIMIT)))]
+    turntable: Option<u32>,
+    /// Write the pictures of a camera that moves between key frames: {"keys": [{"frame": 0, "camera": {...}}, ...]}, with
+    /// cameras as in a scene
+    #[arg(long, value_name = "KEYS.json", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
+          conflicts_with_all = ["turntable", "camera", "zoom", "slice"])]
+    path: Option<PathBuf>,
     /// Who casts the rays
     #[arg(long, value_enum, default_value = "auto")]
     backend: BackendName,
@@ -172,6 +189,50 @@ impl Arguments {
     }
 }
 
+/// A camera that moves.
+struct Motion {
+    /// One for each picture.
+    cameras: Vec<CameraSpec>,
+    /// In the words of the command.
+    asked: serde_json::Value,
+}
+
+impl Arguments {
+    /// What is drawn of the scene that was given, or of none in particular; and the cameras where there are several pictures.
+    fn shown(
+        &self,
+        scene: Scene,
+        container: &Container,
+        facts: &VolumeFacts,
+    ) -> Result<(Scene, Option<Motion>), Failure> {
+        // Memory is counted later on: what the overview took is given back first.
+        let overview = self.look.asks_overview(&scene).then(|| overview(container)).flatten();
+        let has_camera = scene.camera.is_some();
+        let shown = self.look.scene(&scene, container, facts, overview.as_ref());
+        let mut shown = shown.map_err(|failure| failure.named(self.scene.as_deref()))?;
+        let motion = match (self.turntable, &self.path) {
+            (Some(frames), _) => {
+                if !has_camera {
+                    shown.camera = Some(self.look.turning_camera(&shown, facts, overview.as_ref()));
+                }
+                let first = shown.camera.as_ref().expect("a complete scene has a camera");
+                let cameras = camera_path::turntable(first, upright(facts), frames);
+                Some(Motion { cameras, asked: json!({ "turntable": frames }) })
+            }
+            (None, Some(file)) => {
+                let path = CameraPath::from_json(&crate::input::read_text(file, "a camera path")?);
+                let path = path.map_err(|e| Failure::Command(format!("{}: {e}", file.display())))?;
+                Some(Motion { cameras: path.cameras(), asked: json!({ "path": path }) })
+            }
+            (None, None) => None,
+        };
+        if let Some(first) = motion.as_ref().and_then(|motion| motion.cameras.first()) {
+            shown.camera = Some(first.clone());
+        }
+        Ok((shown, motion))
+    }
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = Instant::now();
@@ -193,18 +254,21 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(file) => read_scene(file)?,
         None => Scene::default(),
     };
-    // Memory is counted from here on: what the overview took is given back first.
-    let overview = arguments.look.asks_overview(&scene).then(|| overview(&container)).flatten();
-    let scene = arguments.look.scene(&scene, &container, &facts, overview.as_ref());
-    drop(overview);
-    let scene = scene.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
+    let (scene, motion) = arguments.shown(scene, &container, &facts)?;
     if arguments.print_scene {
         let text = serde_json::to_string_pretty(&scene).map_err(|e| Failure::Machine(e.to_string()))?;
         writeln!(crate::terminal::stdout(), "{text}").map_err(with_output)?;
     }
     let Some(output) = &arguments.output else { return Ok(()) };
-    let inputs: Vec<&Path> =
-        [Some(path), arguments.scene.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
+    let inputs = [Some(path), arguments.scene.as_ref(), arguments.path.as_ref()];
+    let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
+    let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate: arguments.decorate };
+    if let Some(Motion { cameras, asked }) = &motion {
+        let (force, allow_failed) = (arguments.force, arguments.allow_failed);
+        let sequence =
+            Sequence { subject, cameras, motion: asked, folder: output, inputs: &inputs, force, allow_failed };
+        return sequence.run(&arguments.options(Arc::new(|_| ()), start));
+    }
     let [error_map, stats] = [&arguments.error_map, &arguments.stats].map(Option::as_deref);
     let outputs = RenderOutputs::begin(output, error_map, stats, &inputs, arguments.force)?;
     let bar = Reporter::over_rows();
@@ -215,7 +279,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         shown.set_message(format!("{} read, {} rays wait", show_bytes(progress.bytes_read), progress.rays_waiting));
     };
     let options = arguments.options(Arc::new(on_progress), start);
-    let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate: arguments.decorate };
     let result = picture(&subject, (outputs.picture, outputs.error_map), &options, arguments.check);
     bar.finish_and_clear();
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
@@ -256,6 +319,7 @@ fn read_scene(file: &Path) -> Result<Scene, Failure> {
 }
 
 /// What a picture is made of.
+#[derive(Clone, Copy)]
 pub struct Subject<'a> {
     /// The volume.
     pub container: &'a Arc<Container>,
@@ -274,7 +338,7 @@ pub fn picture(
     options: &RenderOptions,
     check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
-    let Subject { container, facts, scene, decorate } = *subject;
+    let Subject { container, facts, scene, .. } = *subject;
     let resolved = scene.resolve(facts).map_err(Failure::command)?;
     if check.is_some() {
         check::check_fits(container, &resolved, options).map_err(with_render)?;
@@ -287,17 +351,7 @@ pub fn picture(
             stats.bricks_failed
         )));
     }
-    if let Some(why) = empty::reason(&image, &resolved, facts) {
-        writeln!(crate::terminal::stderr(), "supervol: warning: the picture shows nothing but its background: {why}")
-            .map_err(with_output)?;
-    }
-    if decorate {
-        let mut decorated = image.clone();
-        decorate::decorate(&mut decorated, container, facts, &resolved);
-        output.write(&decorated, resolved.background)?;
-    } else {
-        output.write(&image, resolved.background)?;
-    }
+    write_picture(subject, &resolved, &image, output)?;
     if let (Some(file), Some(errors)) = (error_map, errors) {
         file.write_error_map(errors)?;
     }
@@ -321,7 +375,27 @@ pub fn picture(
     Ok(stats)
 }
 
-fn with_render(error: RenderError) -> Failure {
+/// Writes a picture, with what is to be drawn beside the volume; where it shows nothing, that is said with the reason.
+pub fn write_picture(
+    subject: &Subject<'_>,
+    resolved: &ResolvedScene,
+    image: &Image,
+    output: PictureFile,
+) -> Result<(), Failure> {
+    if let Some(why) = empty::reason(image, resolved, subject.facts) {
+        writeln!(crate::terminal::stderr(), "supervol: warning: the picture shows nothing but its background: {why}")
+            .map_err(with_output)?;
+    }
+    if !subject.decorate {
+        return output.write(image, resolved.background);
+    }
+    let mut decorated = image.clone();
+    decorate::decorate(&mut decorated, subject.container, subject.facts, resolved);
+    output.write(&decorated, resolved.background)
+}
+
+/// What a picture that could not be made is to the one who wanted it.
+pub fn with_render(error: RenderError) -> Failure {
     let message = error.to_string();
     match error {
         RenderError::CheckTooLarge { level, needed_bytes, budget_bytes, finest_that_fits } => {

@@ -5,7 +5,9 @@
 //! from the front, head up; surveys with depth downwards; what says nothing of itself with z upwards. A section is seen
 //! face on, as its field prints it.
 
-use glam::DVec3;
+use std::f64::consts::TAU;
+
+use glam::{DQuat, DVec3};
 
 use crate::camera::unit_vector;
 use crate::facts::{DataKind, Frame, VolumeFacts};
@@ -22,6 +24,15 @@ const PATIENT: [f64; 2] = [20.0, 10.0];
 /// What is so many times as deep as it is wide, front to back, is seen from its side: an animal on its belly.
 const LONG: f64 = 1.6;
 const LONG_SIDE: [f64; 2] = [65.0, 15.0];
+
+/// Directions in which a camera that goes around is to see everything.
+const TURNS: u32 = 72;
+
+/// World direction that is upright in the default view: a unit vector.
+#[must_use]
+pub fn upright(facts: &VolumeFacts) -> DVec3 {
+    front_and_up(facts).1
+}
 
 /// A direction to look from, and how.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,26 +136,52 @@ impl View {
     /// say where the eye has to be: cx is k times half their difference, d half their sum. Parallel rays have no z in it.
     #[must_use]
     pub fn camera(&self, framed: &Framed, size: [u32; 2]) -> CameraSpec {
-        let forward = -self.outward;
-        let right = forward.cross(self.up).normalize();
-        let up = right.cross(forward);
-        let aspect = f64::from(size[0]) / f64::from(size[1]);
-        let tan_y = (FOV_Y.to_radians() / 2.0).tan();
-        let (slope, depth) = if self.is_face_on { (FILL_FACE_ON, 0.0) } else { (FILL * tan_y, 1.0) };
-        let slopes = [slope * aspect, slope];
-        let normals = [right, up].map(|across| [1.0, -1.0].map(|side| side * across));
-        let functionals = std::array::from_fn(|i| normals[i / 2][i % 2] / slopes[i / 2] - depth * forward);
-        let [r, l, t, b] = framed.greatest(functionals);
+        let ([right, up], slopes) = self.picture_plane(size);
+        let [r, l, t, b] = self.reach(framed, size);
         let centre = framed.middle + 0.5 * slopes[0] * (r - l) * right + 0.5 * slopes[1] * (t - b) * up;
         let fits = (0.5 * (r + l)).max(0.5 * (t + b));
+        self.looking_at(centre, fits, framed)
+    }
+
+    /// The camera of a picture of `size` pixels that sees all of what is framed from every side, when it goes around the middle
+    /// of that about a world axis.
+    #[must_use]
+    pub fn turning_camera(&self, framed: &Framed, size: [u32; 2], axis: DVec3) -> CameraSpec {
+        let fits = (0..TURNS).map(|i| {
+            let turn = DQuat::from_axis_angle(axis, TAU * f64::from(i) / f64::from(TURNS));
+            let turned = Self { outward: turn * self.outward, up: turn * self.up, ..*self };
+            turned.reach(framed, size).into_iter().fold(0.0, f64::max)
+        });
+        self.looking_at(framed.middle, fits.fold(0.0, f64::max), framed)
+    }
+
+    /// Right and up in the picture, and by how much of the distance, or of the half height, the picture reaches along them.
+    fn picture_plane(&self, size: [u32; 2]) -> ([DVec3; 2], [f64; 2]) {
+        let forward = -self.outward;
+        let right = forward.cross(self.up).normalize();
+        let slope = if self.is_face_on { FILL_FACE_ON } else { FILL * (FOV_Y.to_radians() / 2.0).tan() };
+        ([right, right.cross(forward)], [slope * f64::from(size[0]) / f64::from(size[1]), slope])
+    }
+
+    /// How far what is framed reaches to the right, left, top and bottom: see [`Self::camera`].
+    fn reach(&self, framed: &Framed, size: [u32; 2]) -> [f64; 4] {
+        let (across, slopes) = self.picture_plane(size);
+        let depth = if self.is_face_on { 0.0 } else { 1.0 };
+        let normals = across.map(|across| [1.0, -1.0].map(|side| side * across));
+        framed.greatest(std::array::from_fn(|i| normals[i / 2][i % 2] / slopes[i / 2] + depth * self.outward))
+    }
+
+    /// The camera that looks at a point, so far away, or with so much height, that what is framed fits.
+    fn looking_at(&self, centre: DVec3, fits: f64, framed: &Framed) -> CameraSpec {
         let (fov_y, height, distance) = if self.is_face_on {
             let away = framed.greatest([self.outward; 4])[0].abs();
             (None, Some(2.0 * fits / self.zoom), self.distance.unwrap_or(2.0 * fits + away))
         } else {
-            let fov_y = 2.0 * (tan_y / self.zoom).atan().to_degrees();
+            let fov_y = 2.0 * ((FOV_Y.to_radians() / 2.0).tan() / self.zoom).atan().to_degrees();
             (Some(fov_y), None, self.distance.unwrap_or(fits))
         };
         let eye = centre + distance * self.outward;
+        let up = self.picture_plane([1; 2]).0[1];
         CameraSpec { eye: eye.to_array(), target: centre.to_array(), up: up.to_array(), fov_y, height }
     }
 }

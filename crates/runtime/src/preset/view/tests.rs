@@ -111,3 +111,31 @@ fn images_lie_as_they_are_stored_and_everything_is_framed() {
         }
     }
 }
+
+#[test]
+fn a_camera_that_goes_around_sees_everything_from_every_side() {
+    for (frame, dims) in [(Frame::Survey, [40, 90, 60]), (Frame::Unknown, [100, 10, 30])] {
+        let facts = facts(frame, dims, Y_TURNED);
+        let framed = Framed::whole(&facts, domain(&facts));
+        for view in [View::of(&facts), View::from(&facts, Direction::Front), View::from(&facts, Direction::Top)] {
+            let start = view.turning_camera(&framed, [640, 480], upright(&facts));
+            let mut fullest: f64 = 0.0;
+            for camera in crate::camera_path::turntable(&start, upright(&facts), 36) {
+                let camera = camera.camera(&Units::WORLD, [640, 480]).unwrap();
+                for corner in domain_corners(&facts) {
+                    let p = corner - camera.eye;
+                    let depth = match camera.projection {
+                        crate::camera::Projection::Perspective { fov_y } => {
+                            p.dot(camera.forward) * (fov_y.to_radians() / 2.0).tan()
+                        }
+                        crate::camera::Projection::Orthographic { height } => height / 2.0,
+                    };
+                    let [x, y] = [p.dot(camera.right) / depth * 0.75, p.dot(camera.up) / depth].map(f64::abs);
+                    assert!(x < 1.0 && y < 1.0, "{view:?}: {x}, {y}");
+                    fullest = fullest.max(x).max(y);
+                }
+            }
+            assert!(fullest > 0.85, "{view:?}: {fullest}");
+        }
+    }
+}
