@@ -4,13 +4,13 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use supervol_format::{Container, Lod, VoxelBox};
+use supervol_format::{Container, Lod};
 use supervol_preprocess::Existing;
 use supervol_preprocess::extract::{Extraction, extract};
 use supervol_preprocess::output::check_distinct;
 
 use crate::failure::{Failure, with_container, with_output};
-use crate::quantity;
+use crate::quantity::{self, WrittenBox};
 
 /// What to extract, and to where.
 #[derive(Debug, Args)]
@@ -20,9 +20,9 @@ pub struct Arguments {
     /// Level of detail, 0 the finest
     #[arg(long, default_value_t = 0)]
     level: u8,
-    /// Voxels of that level, ends not included; all by default
+    /// Voxels of that level, ends not included; all by default. What is left out is all that there is: :,:,50 is a slice
     #[arg(long = "box", value_name = "I0:I1,J0:J1,K0:K1", value_parser = quantity::voxel_box)]
-    voxels: Option<VoxelBox>,
+    voxels: Option<WrittenBox>,
     /// File to write: .npy (C order, [z, y, x]), .raw (little endian) or .nrrd
     #[arg(short, long)]
     output: PathBuf,
@@ -38,9 +38,11 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = &arguments.container;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
+    let lod = Lod(arguments.level).min(container.pyramid().coarsest());
+    let level_dims = container.pyramid().level_at(lod).dims;
     let what = Extraction {
         lod: Lod(arguments.level),
-        voxels: arguments.voxels,
+        voxels: arguments.voxels.map(|voxels| voxels.within(level_dims)),
         existing: if arguments.force { Existing::Replace } else { Existing::Keep },
         memory_bytes: arguments.memory,
     };

@@ -1,15 +1,21 @@
 //! `supervol histogram`: how often which values occur, beside the opacity that the default picture gives them.
 
+mod drawing;
+
 use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
 use supervol_format::Container;
+use supervol_preprocess::Existing;
+use supervol_preprocess::output::check_distinct;
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::preset::Look;
 use supervol_runtime::transfer_function::TransferFunction;
 
+use self::drawing::Drawing;
 use crate::failure::{Failure, with_container, with_output};
+use crate::output::{Force, TextFile};
 
 /// Characters of the longest bar.
 const BAR: f64 = 56.0;
@@ -21,8 +27,14 @@ const MOST_ROWS: usize = 128;
 pub struct Arguments {
     /// Container
     container: PathBuf,
+    /// Draw it into this .svg file instead: a bar for each of 256 parts of the values in its colour of the default picture, the
+    /// opacity as a line, the 1st, 50th and 99th percentile as marks
+    #[arg(short, long, value_name = "H.svg", value_parser = svg_file)]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
     /// Rows, each an equal part of the values
-    #[arg(long, default_value_t = 32, value_parser = rows)]
+    #[arg(long, default_value_t = 32, value_parser = rows, conflicts_with = "output")]
     rows: usize,
     /// Bars as long as the counts are, instead of their logarithms
     #[arg(long)]
@@ -37,6 +49,12 @@ fn rows(text: &str) -> Result<usize, String> {
     rows.ok_or_else(|| format!("'{text}': expected 2 to {MOST_ROWS} rows"))
 }
 
+fn svg_file(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let is_svg = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("svg"));
+    if is_svg { Ok(path) } else { Err(format!("'{text}': expected a name that ends in .svg")) }
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = &arguments.container;
@@ -49,7 +67,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let look = Look::of(&facts).transfer_function;
     let shown =
         TransferFunction::new(look.control_points(), look.unit_distance.unwrap_or(1.0)).map_err(Failure::command)?;
-    write(arguments, &facts, &shown, &container.manifest().unit).map_err(with_output)
+    let unit = &container.manifest().unit;
+    let Some(output) = &arguments.output else {
+        return write(arguments, &facts, &shown, unit).map_err(with_output);
+    };
+    check_distinct(output, [path.as_path()])?;
+    let file = TextFile::begin(output, arguments.force.or(Existing::ReplacePicture))?;
+    let name = &container.manifest().source.name;
+    let drawing = Drawing { name, unit, facts: &facts, shown: &shown, linear: arguments.linear };
+    file.write(&drawing.svg().map_err(Failure::Machine)?)?;
+    writeln!(crate::terminal::remarks(), "{}: kind {}", output.display(), facts.kind.name()).map_err(with_output)
 }
 
 fn write(arguments: &Arguments, facts: &VolumeFacts, shown: &TransferFunction, unit: &str) -> std::io::Result<()> {

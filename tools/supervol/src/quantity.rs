@@ -135,18 +135,35 @@ pub fn spacing(text: &str) -> Result<Spacing, String> {
     Ok(Spacing { lengths, unit })
 }
 
-/// `I0:I1,J0:J1,K0:K1`, the second not included.
-pub fn voxel_box(text: &str) -> Result<VoxelBox, String> {
-    let ranges: [String; 3] = list(text, "ranges I0:I1")?;
-    let mut out = VoxelBox { start: [0; 3], end: [0; 3] };
-    for (axis, range) in ranges.iter().enumerate() {
-        let ends = range.split_once(':').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
-        let Some((start, end)) = ends.filter(|(start, end)| start < end) else {
-            return Err(format!("'{range}': expected I0:I1 with I0 < I1"));
-        };
-        (out.start[axis], out.end[axis]) = (start, end);
+/// A box of voxels as it is written: along each axis where it begins, and where it ends if that is said.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WrittenBox([(u64, Option<u64>); 3]);
+
+impl WrittenBox {
+    /// The box in a grid of this size; what was left open ends where the grid does.
+    pub fn within(self, dims: Dims) -> VoxelBox {
+        let end = |axis: usize| self.0[axis].1.unwrap_or(dims.0[axis]);
+        VoxelBox { start: self.0.map(|(start, _)| start), end: [0, 1, 2].map(end) }
     }
-    Ok(out)
+}
+
+/// `I0:I1,J0:J1,K0:K1`, ends not included; a side may be left out (`:` is all), and `50` is `50:51`.
+pub fn voxel_box(text: &str) -> Result<WrittenBox, String> {
+    let ranges: [String; 3] = list(text, "ranges I0:I1")?;
+    let read = |range: &String| voxel_range(range.trim());
+    Ok(WrittenBox([read(&ranges[0])?, read(&ranges[1])?, read(&ranges[2])?]))
+}
+
+fn voxel_range(text: &str) -> Result<(u64, Option<u64>), String> {
+    let wrong = || format!("'{text}': expected I0:I1 with I0 < I1, either of which may be left out, or one voxel");
+    let number = |part: &str| part.trim().parse::<u64>().map_err(|_| wrong());
+    let Some((start, end)) = text.split_once(':') else {
+        let voxel = number(text)?;
+        return voxel.checked_add(1).map(|end| (voxel, Some(end))).ok_or_else(wrong);
+    };
+    let start = if start.trim().is_empty() { 0 } else { number(start)? };
+    let end = if end.trim().is_empty() { None } else { Some(number(end)?) };
+    if end.is_some_and(|end| end <= start) { Err(wrong()) } else { Ok((start, end)) }
 }
 
 /// A voxel type with an optional byte order: `u16`, `f32be`, `i16le`.
@@ -271,8 +288,13 @@ mod tests {
         assert_eq!(dtype("f32be"), Ok(Dtype { voxel_type: VoxelType::F32, endian: Endian::Big }));
         assert_eq!(dtype("u8"), Ok(Dtype { voxel_type: VoxelType::U8, endian: Endian::Little }));
         assert!(dtype("u12").is_err());
-        assert_eq!(voxel_box("0:4,1:2, 3:9"), Ok(VoxelBox { start: [0, 1, 3], end: [4, 2, 9] }));
-        assert!(voxel_box("4:4,0:1,0:1").is_err());
+        let within = |text: &str| voxel_box(text).map(|b| b.within(Dims([10, 20, 30])));
+        assert_eq!(within("0:4,1:2, 3:9"), Ok(VoxelBox { start: [0, 1, 3], end: [4, 2, 9] }));
+        assert_eq!(within(":,:,25"), Ok(VoxelBox { start: [0, 0, 25], end: [10, 20, 26] }));
+        assert_eq!(within("2:,:3,:"), Ok(VoxelBox { start: [2, 0, 0], end: [10, 3, 30] }));
+        for text in ["4:4,0:1,0:1", ":0,:,:", ":,:", "a,:,:", "-1,:,:", "18446744073709551615,:,:"] {
+            assert!(within(text).is_err(), "{text}");
+        }
         assert_eq!(error_bound("0.5/255"), Ok(ErrorBound::Absolute(0.5 / 255.0)));
         assert_eq!(error_bound("1%"), Ok(ErrorBound::Percent(1.0)));
         assert!(error_bound("-1").is_err());

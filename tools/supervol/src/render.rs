@@ -87,7 +87,7 @@ pub struct Arguments {
     #[arg(long, default_value = "256MiB", value_parser = quantity::bytes)]
     gpu_memory: u64,
     /// Most host memory to use for bricks, rays and the picture
-    #[arg(long, default_value = "512MiB", value_parser = quantity::bytes)]
+    #[arg(long, visible_alias = "memory", default_value = "512MiB", value_parser = quantity::bytes)]
     host_memory: u64,
     /// Level of detail: auto (as fine as --max-error and a pixel need, brick by brick), or 0 for full resolution, 1, 2, ...
     #[arg(long, default_value = "auto", value_parser = level)]

@@ -60,7 +60,7 @@ fn the_printed_scene_is_the_picture() {
 fn each_option_changes_its_part_of_the_scene() {
     let folder = Folder::with_sphere();
     let usual = folder.scene(&[]);
-    let changes: [(&[&str], &str); 16] = [
+    let changes: [(&[&str], &str); 17] = [
         (&["--size", "64x48"], "/image/width"),
         (&["--background", "#ff8000"], "/image/background"),
         (&["--camera", "top"], "/camera/eye"),
@@ -75,6 +75,7 @@ fn each_option_changes_its_part_of_the_scene() {
         (&["--opacity", "0.5"], "/transfer_function/points"),
         (&["--kind", "labels"], "/transfer_function/points"),
         (&["--crop", "k=3:9"], "/clip/box"),
+        (&["--crop", ":,3:,7"], "/clip/box"),
         (&["--clip", "1,0,0,5"], "/clip/planes"),
         (&["--supersample", "3"], "/samples_per_pixel"),
     ];
@@ -194,6 +195,33 @@ fn doubles_of_any_size_are_the_same_kind_and_are_named_briefly() {
     for scale in [1e-300, 1e-45, 1e37, 1e45, 1e300] {
         assert_eq!(kind(scale), ordinary, "{scale:e}");
     }
+}
+
+#[test]
+fn a_slice_of_voxels_is_cut_out_by_its_number_alone() {
+    let folder = Folder::with_bytes([6, 5, 4], |[x, y, z]| (x + 10 * y + 50 * z) as u8);
+    folder.expect(0, &["extract", "v.svol", "--box", ":,2:,3", "-o", "e.raw"]);
+    let expected: Vec<u8> = (2..5).flat_map(|y| (0..6).map(move |x| x + 10 * y + 150)).collect();
+    assert_eq!(std::fs::read(folder.path("e.raw")).expect("voxels"), expected);
+}
+
+#[test]
+fn a_histogram_is_drawn_as_it_is_listed() {
+    let folder = Folder::with_sphere();
+    let said = folder.expect(0, &["histogram", "v.svol", "-o", "h.svg"]);
+    assert!(said.contains("h.svg"), "{said}");
+    let svg = std::fs::read_to_string(folder.path("h.svg")).expect("a drawing");
+    assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>") && svg.contains("opacity"), "{svg}");
+    // As many bars as there are bins with voxels, and some frame.
+    assert!(svg.matches("<rect").count() > 20, "{}", svg.matches("<rect").count());
+    // It is replaced by its kind alone.
+    folder.expect(0, &["histogram", "v.svol", "-o", "h.svg", "--linear"]);
+    assert_ne!(std::fs::read_to_string(folder.path("h.svg")).expect("a drawing"), svg);
+    for other in ["v.svol", "other.svg"] {
+        std::fs::write(folder.path("other.svg"), "not a drawing").expect("room");
+        assert!(folder.expect(2, &["histogram", "v.svol", "-o", other]).contains(other));
+    }
+    folder.expect(2, &["histogram", "v.svol", "-o", "h.pdf"]);
 }
 
 #[test]

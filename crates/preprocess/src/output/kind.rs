@@ -21,7 +21,7 @@ pub enum FileKind {
     Empty,
     /// A `.svol` container.
     Container,
-    /// A picture: PNG, OpenEXR, or a NumPy array of (height, width, 4) floats.
+    /// A picture: PNG, OpenEXR, SVG as it is written here, or a NumPy array of (height, width, 4) floats.
     Picture,
     /// What `--stats` writes.
     Statistics,
@@ -67,7 +67,7 @@ impl FileKind {
             [] => Self::Empty,
             _ if bytes.starts_with(&MAGIC) => Self::Container,
             _ if bytes.starts_with(b"\x89PNG\r\n\x1a\n") || bytes.starts_with(b"\x76\x2f\x31\x01") => Self::Picture,
-            _ if is_numpy_picture(bytes) => Self::Picture,
+            _ if is_numpy_picture(bytes) || bytes.starts_with(b"<svg") => Self::Picture,
             _ => std::str::from_utf8(bytes).ok().and_then(of_text).unwrap_or(Self::Other),
         }
     }

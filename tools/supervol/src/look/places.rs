@@ -7,7 +7,7 @@ use supervol_runtime::facts::{Frame, VolumeFacts};
 use supervol_runtime::preset;
 
 use crate::failure::Failure;
-use crate::quantity;
+use crate::quantity::{self, WrittenBox};
 
 /// A place along an axis that has a name.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,8 +25,8 @@ impl std::fmt::Display for Place {
 /// A box: voxels, or ranges of named axes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Crop {
-    /// Corners in index coordinates.
-    Voxels([[f64; 3]; 2]),
+    /// As it is written.
+    Voxels(WrittenBox),
     /// Name, from, to.
     Named(Vec<(String, f64, f64)>),
 }
@@ -42,9 +42,7 @@ pub fn place(text: &str) -> Result<Place, String> {
 /// `I0:I1,J0:J1,K0:K1`, or `AXIS=FROM:TO,...`.
 pub fn crop(text: &str) -> Result<Crop, String> {
     if !text.contains('=') {
-        let voxels = quantity::voxel_box(text)?;
-        // From face to face of the voxels.
-        return Ok(Crop::Voxels([voxels.start, voxels.end].map(|corner| corner.map(|v| v as f64 - 0.5))));
+        return quantity::voxel_box(text).map(Crop::Voxels);
     }
     let range = |part: &str| {
         let parsed = part.split_once('=').and_then(|(axis, range)| {
@@ -85,12 +83,16 @@ impl Crop {
     pub fn in_voxels(&self, container: &Container, facts: &VolumeFacts) -> Result<[[f64; 3]; 2], Failure> {
         let [mut low, mut high] = preset::domain(facts);
         match self {
-            Self::Voxels(corners) => {
-                let outside = (0..3).any(|a| corners[0][a] < low[a] || corners[1][a] > high[a]);
+            Self::Voxels(written) => {
+                let voxels = written.within(facts.dims);
+                // From face to face of the voxels.
+                let corners = [voxels.start, voxels.end].map(|corner| corner.map(|v| v as f64 - 0.5));
+                let outside =
+                    (0..3).any(|a| corners[0][a] < low[a] || corners[1][a] > high[a] || corners[0][a] >= corners[1][a]);
                 if outside {
                     return Err(Failure::Command(format!("--crop: the volume has {} voxels", facts.dims)));
                 }
-                return Ok(*corners);
+                return Ok(corners);
             }
             Self::Named(ranges) => {
                 for (name, from, to) in ranges {
@@ -207,7 +209,7 @@ mod tests {
     fn places_and_boxes_are_read() {
         assert_eq!(place("Inline = 1200"), Ok(Place { axis: "inline".into(), at: 1200.0 }));
         assert!(place("inline").is_err() && place("k=x").is_err());
-        assert_eq!(crop("0:2,1:3,4:9"), Ok(Crop::Voxels([[-0.5, 0.5, 3.5], [1.5, 2.5, 8.5]])));
+        assert!(matches!(crop("0:2,1:3,4:9"), Ok(Crop::Voxels(_))) && matches!(crop(":,:,4"), Ok(Crop::Voxels(_))));
         assert_eq!(crop("inline=1:2,z=-3:4").map(|c| matches!(c, Crop::Named(r) if r.len() == 2)), Ok(true));
         assert!(crop("inline=2:1").is_err() && crop("0:2").is_err());
     }
