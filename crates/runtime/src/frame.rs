@@ -17,6 +17,7 @@ pub mod stated;
 pub mod walk;
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 use std::time::{Duration, Instant};
 
 use crate::facts::value_map;
@@ -119,6 +120,8 @@ pub struct RenderOptions {
     pub predict_error: bool,
     /// Called after each pass.
     pub progress: Option<OnProgress>,
+    /// Counts up while packets finish rays, for who wants to know how far a pass has come.
+    pub rays_finished: Option<Arc<AtomicU64>>,
 }
 
 impl Default for RenderOptions {
@@ -137,6 +140,7 @@ impl Default for RenderOptions {
             max_error: 0.5 / 255.0,
             predict_error: false,
             progress: None,
+            rays_finished: None,
         }
     }
 }
@@ -245,6 +249,7 @@ pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderO
         made_bytes: plan.made_bytes,
     };
     let frame = CpuFrame::new(scene, container.pyramid(), &geometry, value_map(container), value_range, quality);
+    let frame = frame.counting(options.rays_finished.clone());
     if !options.predict_error {
         return frame;
     }

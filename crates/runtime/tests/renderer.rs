@@ -214,3 +214,25 @@ fn a_renderer_survives_an_error() {
     }
     assert!(*renderer.picture().unwrap() == expected(&container, &small, level));
 }
+
+#[test]
+fn rays_are_counted_while_they_are_cast() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let scene = scene_of(&volume, FIRST);
+    for threads in [1, 3] {
+        let finished = Arc::new(std::sync::atomic::AtomicU64::new(0));
+        // Many passes, of which each finishes some.
+        let options = RenderOptions {
+            rays_finished: Some(finished.clone()),
+            cache_bytes: Some(30_000),
+            threads: Some(threads),
+            ..options(LevelChoice::Auto)
+        };
+        let mut renderer = renderer(&container, options);
+        renderer.set_scene(scene.clone());
+        assert!(renderer.advance(None).unwrap().is_converged);
+        let rays = u64::from(scene.camera.width) * u64::from(scene.camera.height);
+        assert_eq!(finished.load(std::sync::atomic::Ordering::Relaxed), rays);
+    }
+}

@@ -38,6 +38,7 @@ const FINEST: RenderOptions = RenderOptions {
     max_error: PacketRule::DEFAULT.max_error,
     predict_error: false,
     progress: None,
+    rays_finished: None,
 };
 
 fn json(camera: &str, mode: &str) -> String {

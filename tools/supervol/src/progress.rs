@@ -1,14 +1,24 @@
 //! Progress of long commands: a bar with bytes, rate and time left for people, a JSON object per line for programs.
 
 use std::io::Write;
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use supervol_preprocess::report::Progress;
+use supervol_runtime::frame::OnProgress;
+use supervol_runtime::scene::Scene;
+
+use crate::quantity::show_bytes;
 
 /// Least time between two JSON lines.
 const JSON_INTERVAL: Duration = Duration::from_millis(200);
+
+/// Time between two moves of a bar over rays.
+const BAR_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Where progress goes.
 pub enum Reporter {
@@ -36,11 +46,6 @@ impl Reporter {
     /// A bar over the slices of a volume.
     pub fn over_slices() -> ProgressBar {
         bar("{wide_bar} {pos}/{len} slices {eta} left")
-    }
-
-    /// A bar over the rows of a picture.
-    pub fn over_rows() -> ProgressBar {
-        bar("{wide_bar} {pos}/{len} rows {msg}")
     }
 
     /// A bar over the pictures of an animation.
@@ -84,6 +89,73 @@ impl Reporter {
         if let Self::Bar(bar) = self {
             bar.finish_and_clear();
         }
+    }
+}
+
+/// A bar over the rays of a picture, which moves while they are cast; gone when dropped.
+pub struct RayBar {
+    bar: ProgressBar,
+    /// Rays that packets have finished, and those of finished rows where nobody counts them.
+    finished: Arc<AtomicU64>,
+    of_rows: Arc<AtomicU64>,
+    rays: u64,
+    /// Dropped to end the thread that moves the bar.
+    mover: Option<(mpsc::SyncSender<()>, JoinHandle<()>)>,
+}
+
+impl RayBar {
+    /// A bar over the rays of this scene.
+    pub fn over(scene: &Scene) -> Self {
+        let rays_per_pixel = u64::from(scene.samples_per_pixel.unwrap_or(1));
+        let rays = u64::from(scene.image.width) * u64::from(scene.image.height) * rays_per_pixel;
+        let bar = bar("{wide_bar} {percent} % of the rays, {msg} {eta} left");
+        bar.set_length(rays);
+        let (finished, of_rows) = (Arc::default(), Arc::default());
+        let mut this = Self { bar, finished, of_rows, rays, mover: None };
+        if !this.bar.is_hidden() {
+            this.mover = this.start_mover();
+        }
+        this
+    }
+
+    /// Without a thread the bar does not move, which is no reason to draw no picture.
+    fn start_mover(&self) -> Option<(mpsc::SyncSender<()>, JoinHandle<()>)> {
+        let (end, ended) = mpsc::sync_channel(1);
+        let (bar, counts) = (self.bar.clone(), [self.finished.clone(), self.of_rows.clone()]);
+        let moves = move || {
+            while ended.recv_timeout(BAR_INTERVAL) == Err(RecvTimeoutError::Timeout) {
+                let most = counts.iter().map(|count| count.load(Ordering::Relaxed)).max();
+                bar.set_position(most.unwrap_or(0));
+            }
+        };
+        let thread = std::thread::Builder::new().spawn(moves).ok()?;
+        Some((end, thread))
+    }
+
+    /// For [`RenderOptions::rays_finished`](supervol_runtime::frame::RenderOptions).
+    pub fn finished(&self) -> Arc<AtomicU64> {
+        self.finished.clone()
+    }
+
+    /// For [`RenderOptions::progress`](supervol_runtime::frame::RenderOptions).
+    pub fn on_progress(&self) -> OnProgress {
+        let (bar, of_rows, rays) = (self.bar.clone(), self.of_rows.clone(), self.rays);
+        Arc::new(move |progress| {
+            let share = f64::from(progress.rows_finished) / f64::from(progress.rows.max(1));
+            of_rows.store((share * rays as f64) as u64, Ordering::Relaxed);
+            bar.set_message(format!("{} read,", show_bytes(progress.bytes_read)));
+        })
+    }
+}
+
+impl Drop for RayBar {
+    fn drop(&mut self) {
+        if let Some((end, thread)) = self.mover.take() {
+            drop(end);
+            // A thread that panicked has moved a bar, and nothing else.
+            let _ = thread.join();
+        }
+        self.bar.finish_and_clear();
     }
 }
 

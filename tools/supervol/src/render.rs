@@ -13,7 +13,7 @@ use supervol_format::{Container, Lod};
 use supervol_runtime::camera_path::{self, CameraPath};
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::frame::check::{self, CheckProgress};
-use supervol_runtime::frame::{Backend, LevelChoice, OnProgress, Progress, RenderError, RenderOptions};
+use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions};
 use supervol_runtime::gpu::device::GpuError;
 use supervol_runtime::image::Image;
 use supervol_runtime::preset::overview::Overview;
@@ -30,7 +30,7 @@ use crate::decorate;
 use crate::failure::{Failure, with_container, with_output};
 use crate::look::{LookArguments, empty};
 use crate::output::{Force, PictureFile, RenderOutputs};
-use crate::progress::Reporter;
+use crate::progress::{RayBar, Reporter};
 use crate::quantity::{self, show_bytes};
 use crate::sequence::Sequence;
 
@@ -159,7 +159,7 @@ fn process_bytes(threads: Option<NonZero<usize>>) -> u64 {
 
 impl Arguments {
     /// What the command line asks for; its time budget began at `start`.
-    fn options(&self, progress: OnProgress, start: Instant) -> RenderOptions {
+    fn options(&self, start: Instant) -> RenderOptions {
         let passed = u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX);
         RenderOptions {
             backend: match self.backend {
@@ -184,7 +184,8 @@ impl Arguments {
             caster: Caster::Packets(PacketRule { instructions: self.instructions, ..PacketRule::DEFAULT }),
             max_error: self.max_error,
             predict_error: self.stats.is_some() || self.error_map.is_some(),
-            progress: Some(progress),
+            progress: None,
+            rays_finished: None,
         }
     }
 }
@@ -267,20 +268,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let (force, allow_failed) = (arguments.force, arguments.allow_failed);
         let sequence =
             Sequence { subject, cameras, motion: asked, folder: output, inputs: &inputs, force, allow_failed };
-        return sequence.run(&arguments.options(Arc::new(|_| ()), start));
+        return sequence.run(&arguments.options(start));
     }
     let [error_map, stats] = [&arguments.error_map, &arguments.stats].map(Option::as_deref);
     let outputs = RenderOutputs::begin(output, error_map, stats, &inputs, arguments.force)?;
-    let bar = Reporter::over_rows();
-    let shown = bar.clone();
-    let on_progress = move |progress: Progress| {
-        shown.set_length(u64::from(progress.rows));
-        shown.set_position(u64::from(progress.rows_finished));
-        shown.set_message(format!("{} read, {} rays wait", show_bytes(progress.bytes_read), progress.rays_waiting));
-    };
-    let options = arguments.options(Arc::new(on_progress), start);
+    let bar = RayBar::over(&scene);
+    let (progress, rays_finished) = (Some(bar.on_progress()), Some(bar.finished()));
+    let options = RenderOptions { progress, rays_finished, ..arguments.options(start) };
     let result = picture(&subject, (outputs.picture, outputs.error_map), &options, arguments.check);
-    bar.finish_and_clear();
+    drop(bar);
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
     if let Some(file) = outputs.statistics {
         let text = serde_json::to_string_pretty(&stats).map_err(|e| Failure::Machine(e.to_string()))?;

@@ -52,6 +52,7 @@ mod walk;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 use supervol_format::{BrickKey, Geometry, Lod, Pyramid, ValueRange};
@@ -130,6 +131,8 @@ pub struct CpuFrame {
     deviations: Option<Arc<Deviations>>,
     /// When packets stop where they are.
     stop: Stop,
+    /// Rays that packets have finished, where somebody counts them.
+    finished: Option<Arc<AtomicU64>>,
 }
 
 /// One ray between passes.
@@ -380,6 +383,7 @@ impl CpuFrame {
             packets: None,
             deviations: None,
             stop: Stop::NEVER,
+            finished: None,
         };
         if let Caster::Packets(rule) = quality.caster {
             let tables = PacketTables::new(&frame, &scene.transfer_function, rule, quality.made_bytes);
@@ -398,6 +402,18 @@ impl CpuFrame {
     /// Packets stop where they are when this is due: tiles that are not finished by then stay as they were before the pass.
     pub(crate) fn set_stop(&mut self, stop: Stop) {
         self.stop = stop;
+    }
+
+    /// Packets count the rays that they finish here.
+    #[must_use]
+    pub fn counting(self, finished: Option<Arc<AtomicU64>>) -> Self {
+        Self { finished, ..self }
+    }
+
+    pub(crate) fn count_finished(&self, rays: u64) {
+        if let Some(finished) = &self.finished {
+            finished.fetch_add(rays, Ordering::Relaxed);
+        }
     }
 
     /// Whether it is time to stop.

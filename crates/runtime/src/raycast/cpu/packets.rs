@@ -400,6 +400,7 @@ pub(super) fn cast_tiles(
             *tile = end_tile((frame, tables), rays);
             feedback.counters.rays_waiting += tile.waiting();
             feedback.counters.rays_finished += begun as u64 - tile.waiting();
+            frame.count_finished(feedback.counters.rays_finished);
             feedback
         },
     );
