@@ -20,10 +20,11 @@ use supervol_runtime::scene::{
 use self::parse::{CameraWish, ClipPlane};
 use self::places::{Crop, Place};
 use crate::failure::Failure;
+use crate::panels::{Grid, PANEL_LIMIT};
 use crate::quantity;
 
 /// What is shown, from where, and how.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "What is shown")]
 pub struct LookArguments {
     /// What the data are, where they are not recognised or wrongly: seismic, attribute, ct, ct-offset, mri, fluorescence, em,
@@ -69,10 +70,10 @@ pub struct LookArguments {
     /// Show only what lies on this side of a plane: x * NX + y * NY + z * NZ >= D in world units; may be given again
     #[arg(long, value_name = "NX,NY,NZ,D", value_parser = parse::plane, allow_hyphen_values = true)]
     clip: Vec<ClipPlane>,
-    /// Show one slice, face on: AXIS=PLACE, with the axes of --crop
+    /// Show a slice, face on: AXIS=PLACE, with the axes of --crop. Given again, slices lie side by side in one picture
     #[arg(long, value_name = "AXIS=PLACE", value_parser = places::place, allow_hyphen_values = true,
           conflicts_with_all = ["mode", "iso", "opacity", "unlit", "camera"])]
-    slice: Option<Place>,
+    slice: Vec<Place>,
     /// The mean over this many voxels across the slice
     #[arg(long, value_name = "VOXELS", value_parser = parse::positive, requires = "slice")]
     slab: Option<f64>,
@@ -156,6 +157,24 @@ impl LookArguments {
         leaves_open || self.camera.is_some() || self.zoom.is_some()
     }
 
+    /// Where several slices are asked for: each by itself, and how they lie side by side.
+    pub fn panels(&self, scene: &Scene) -> Result<Option<(Vec<Self>, Grid)>, Failure> {
+        if self.slice.len() < 2 {
+            return Ok(None);
+        }
+        let size = self.size.unwrap_or([scene.image.width, scene.image.height]);
+        let grid = (self.slice.len() <= PANEL_LIMIT).then(|| Grid::of(self.slice.len(), size)).flatten();
+        let grid = grid.ok_or_else(|| {
+            let [width, height] = size;
+            Failure::Command(format!(
+                "--slice: at most {PANEL_LIMIT} slices, each with a pixel at least; found {} in a picture of {width} x {height}",
+                self.slice.len()
+            ))
+        })?;
+        let alone = |place: &Place| Self { slice: vec![place.clone()], size: Some(grid.size), ..self.clone() };
+        Ok(Some((self.slice.iter().map(alone).collect(), grid)))
+    }
+
     /// The scene with what is asked for, everything written out.
     pub fn scene(
         &self,
@@ -174,7 +193,7 @@ impl LookArguments {
         if let Some(text) = &self.tf {
             scene.transfer_function = Some(TransferFunctionSpec::Points(parse::transfer_function(text)?));
         }
-        if let Some(place) = &self.slice {
+        if let [place] = &self.slice[..] {
             self.set_slice(&mut scene, place, container, facts)?;
         }
         if let Some(n) = self.supersample {
@@ -270,7 +289,7 @@ impl LookArguments {
     }
 
     fn set_camera(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
-        if self.slice.is_some() {
+        if !self.slice.is_empty() {
             return;
         }
         // What is framed depends on what is shown.

@@ -18,6 +18,7 @@ mod info;
 mod input;
 mod look;
 mod output;
+mod panels;
 mod progress;
 mod quantity;
 mod render;

@@ -30,6 +30,7 @@ use crate::decorate;
 use crate::failure::{Failure, with_container, with_output};
 use crate::look::{LookArguments, empty};
 use crate::output::{Force, PictureFile, RenderOutputs};
+use crate::panels::Panels;
 use crate::progress::{RayBar, Reporter};
 use crate::quantity::{self, show_bytes};
 use crate::sequence::Sequence;
@@ -59,7 +60,7 @@ pub struct Arguments {
     output: Option<PathBuf>,
     /// Write N pictures, once around the volume; the same command again goes on where it was stopped
     #[arg(long, value_name = "N", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
-          value_parser = clap::value_parser!(u32).range(1..=i64::from(camera_path::FRAME_LIMIT)))]
+          conflicts_with = "slice", value_parser = clap::value_parser!(u32).range(1..=i64::from(camera_path::FRAME_LIMIT)))]
     turntable: Option<u32>,
     /// Write the pictures of a camera that moves between key frames: {"keys": [{"frame": 0, "camera": {...}}, ...]}, with
     /// cameras as in a scene
@@ -199,6 +200,22 @@ struct Motion {
 }
 
 impl Arguments {
+    /// Where several slices go; what is said of one picture is refused.
+    fn output_of_panels(&self) -> Result<&Path, Failure> {
+        let of_one = [
+            ("--stats", self.stats.is_some()),
+            ("--error-map", self.error_map.is_some()),
+            ("--check", self.check.is_some()),
+            ("--time-budget", self.time_budget.is_some()),
+            ("--print-scene", self.print_scene),
+        ];
+        if let Some((option, _)) = of_one.iter().find(|(_, given)| *given) {
+            return Err(Failure::Command(format!("{option} is of one picture; give one --slice")));
+        }
+        let output = self.output.as_deref();
+        output.ok_or_else(|| Failure::Command("--slice: expected a picture to write (-o)".into()))
+    }
+
     /// What is drawn of the scene that was given, or of none in particular; and the cameras where there are several pictures.
     fn shown(
         &self,
@@ -255,6 +272,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(file) => read_scene(file)?,
         None => Scene::default(),
     };
+    if let Some((looks, grid)) = arguments.look.panels(&scene)? {
+        let output = arguments.output_of_panels()?;
+        let inputs: Vec<&Path> =
+            [Some(path), arguments.scene.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
+        let file = RenderOutputs::begin(output, None, None, &inputs, arguments.force)?.picture;
+        let (decorate, allow_failed) = (arguments.decorate, arguments.allow_failed);
+        let panels =
+            Panels { container: &container, facts: &facts, scene: &scene, looks: &looks, grid, decorate, allow_failed };
+        return panels.run(file, output, &arguments.options(start));
+    }
     let (scene, motion) = arguments.shown(scene, &container, &facts)?;
     if arguments.print_scene {
         let text = serde_json::to_string_pretty(&scene).map_err(|e| Failure::Machine(e.to_string()))?;

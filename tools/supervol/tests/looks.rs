@@ -34,7 +34,11 @@ impl Folder {
     fn picture(&self, options: &[&str]) -> Vec<f32> {
         let output = self.path("p.npy");
         self.expect(0, &[&["render", "v.svol", "-o", &output], &SMALL[..], options].concat());
-        let bytes = std::fs::read(&output).expect("render wrote it");
+        Self::floats(&output)
+    }
+
+    fn floats(picture: &str) -> Vec<f32> {
+        let bytes = std::fs::read(picture).expect("render wrote it");
         let header = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
         bytes[header..].chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
     }
@@ -136,6 +140,28 @@ fn a_slice_shows_the_values_of_its_plane() {
     let upright = folder.picture(&["--slice", "j=3", "--window", "0,200", "--colormap", "grey"]);
     let column = |row: usize| upright[4 * (row * 48 + 24)];
     assert!(column(5) > column(18) && column(18) > column(30), "{} {} {}", column(5), column(18), column(30));
+}
+
+#[test]
+fn slices_lie_side_by_side() {
+    let folder = Folder::with_sphere();
+    let read = |options: &[&str], size: &str| {
+        let slices = ["render", "v.svol", "-o", "s.npy", "--force", "--size", size];
+        folder.expect(0, &[&slices[..], options].concat());
+        Folder::floats(&folder.path("s.npy"))
+    };
+    let together = read(&["--slice", "k=12", "--slice", "i=7", "--slice", "j=3"], "40x30");
+    for (number, slice) in ["k=12", "i=7", "j=3"].into_iter().enumerate() {
+        let alone = read(&["--slice", slice], "20x15");
+        for (at, row) in alone.chunks_exact(4 * 20).enumerate() {
+            let begin = 4 * ((number / 2 * 15 + at) * 40 + number % 2 * 20);
+            assert_eq!(together[begin..begin + 4 * 20], *row, "{slice}");
+        }
+    }
+    for option in [&["--stats", "s.json"][..], &["--print-scene"], &["--turntable", "3"], &["--size", "1x1"]] {
+        let two = ["render", "v.svol", "-o", "t.png", "--slice", "k=2", "--slice", "k=3"];
+        folder.expect(2, &[&two[..], option].concat());
+    }
 }
 
 #[test]

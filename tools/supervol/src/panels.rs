@@ -1,0 +1,124 @@
+//! `supervol render --slice ... --slice ...`: several slices side by side in one picture.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use supervol_format::Container;
+use supervol_format::readable::counted;
+use supervol_runtime::facts::VolumeFacts;
+use supervol_runtime::frame::RenderOptions;
+use supervol_runtime::image::Image;
+use supervol_runtime::renderer::render;
+use supervol_runtime::scene::Scene;
+
+use crate::decorate;
+use crate::failure::Failure;
+use crate::look::LookArguments;
+use crate::output::PictureFile;
+use crate::render::with_render;
+
+/// Most panels of a picture.
+pub const PANEL_LIMIT: usize = 64;
+
+/// How panels lie in a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Grid {
+    columns: u32,
+    rows: u32,
+    /// Pixels of a panel.
+    pub size: [u32; 2],
+}
+
+impl Grid {
+    /// Room for so many panels in a picture of this size, nearly as many rows as columns; `None` where none has a pixel.
+    pub fn of(panels: usize, [width, height]: [u32; 2]) -> Option<Self> {
+        let panels = u32::try_from(panels).ok()?;
+        let columns = (1..=panels).find(|n| n * n >= panels)?;
+        let rows = panels.div_ceil(columns);
+        let size = [width / columns, height / rows];
+        (size[0] > 0 && size[1] > 0).then_some(Self { columns, rows, size })
+    }
+
+    /// Pixels of the whole picture.
+    fn picture(self) -> [u32; 2] {
+        [self.columns * self.size[0], self.rows * self.size[1]]
+    }
+
+    /// Copies a panel into its place.
+    fn put(self, picture: &mut Image, number: usize, panel: &Image) {
+        let [column, row] = [number as u32 % self.columns, number as u32 / self.columns];
+        for y in 0..self.size[1] {
+            let to = ((row * self.size[1] + y) * picture.width + column * self.size[0]) as usize;
+            let from = (y * panel.width) as usize;
+            let width = self.size[0] as usize;
+            picture.pixels[to..to + width].copy_from_slice(&panel.pixels[from..from + width]);
+        }
+    }
+}
+
+/// Slices of one volume.
+pub struct Panels<'a> {
+    /// The volume, and what is known of it.
+    pub container: &'a Arc<Container>,
+    pub facts: &'a VolumeFacts,
+    /// What options change.
+    pub scene: &'a Scene,
+    /// One for each panel.
+    pub looks: &'a [LookArguments],
+    pub grid: Grid,
+    pub decorate: bool,
+    pub allow_failed: bool,
+}
+
+impl Panels<'_> {
+    /// Draws and writes them.
+    pub fn run(&self, file: PictureFile, path: &Path, options: &RenderOptions) -> Result<(), Failure> {
+        let [width, height] = self.grid.picture();
+        let mut picture = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
+        let (mut background, mut failed) = ([0.0; 3], 0);
+        for (number, look) in self.looks.iter().enumerate() {
+            let scene = look.scene(self.scene, self.container, self.facts, None)?;
+            let resolved = scene.resolve(self.facts).map_err(Failure::command)?;
+            let (mut panel, stats) = render(self.container, &resolved, options).map_err(with_render)?;
+            if self.decorate {
+                decorate::decorate(&mut panel, self.container, self.facts, &resolved);
+            }
+            self.grid.put(&mut picture, number, &panel);
+            background = resolved.background;
+            failed += stats.bricks_failed;
+        }
+        file.write(&picture, background)?;
+        let slices = counted(self.looks.len() as u64, "slice");
+        writeln!(crate::terminal::remarks(), "{}: {width} x {height}, {slices}", path.display())
+            .map_err(crate::failure::with_output)?;
+        if failed == 0 || self.allow_failed {
+            return Ok(());
+        }
+        Err(Failure::Data(format!(
+            "{}: {} could not be read: the picture is not what the data show there; --allow-failed accepts it",
+            path.display(),
+            counted(failed, "brick")
+        )))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn panels_fill_a_picture_row_by_row() {
+        let cases = [(2, [2, 1]), (3, [2, 2]), (4, [2, 2]), (5, [3, 2]), (64, [8, 8])];
+        for (panels, [columns, rows]) in cases {
+            let grid = Grid::of(panels, [100, 60]).expect("there is room");
+            assert_eq!((grid.columns, grid.rows, grid.size), (columns, rows, [100 / columns, 60 / rows]));
+        }
+        assert_eq!(Grid::of(9, [2, 60]), None);
+        let grid = Grid::of(3, [5, 4]).expect("there is room");
+        let mut picture = Image { width: 4, height: 4, pixels: vec![[0.0; 4]; 16] };
+        let panel = Image { width: 2, height: 2, pixels: vec![[1.0; 4]; 4] };
+        grid.put(&mut picture, 2, &panel);
+        let painted: Vec<usize> = (0..16).filter(|&i| picture.pixels[i][0] > 0.0).collect();
+        assert_eq!((grid.picture(), painted), ([4, 4], vec![8, 9, 12, 13]));
+    }
+}
