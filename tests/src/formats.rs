@@ -12,7 +12,7 @@ use supervol_preprocess::source::open::{OpenOptions, open};
 use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::{Endian, VolumeSource};
 use supervol_preprocess::verify::verify;
-use supervol_preprocess::{BuildOptions, Existing, build, identify};
+use supervol_preprocess::{BuildOptions, Existing, build, identify_source};
 
 /// Folders of the data folder that the table covers.
 const FOLDERS: [&str; 13] = [
@@ -117,7 +117,7 @@ pub fn outcome(data: &Path, path: &Path, work: &Path) -> Outcome {
         }
     };
     let info = source.info();
-    let origin = identify(path, info.format).unwrap_or_else(|e| panic!("{file}: {e}"));
+    let origin = identify_source(path, source.as_ref()).unwrap_or_else(|e| panic!("{file}: {e}"));
     round_trip(&file, source.as_ref(), origin, work);
     let what = format!("{} {}", info.dims, info.voxel_type);
     Outcome { file, fate: "builds", what, notes: info.notes.clone() }

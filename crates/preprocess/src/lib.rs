@@ -30,4 +30,4 @@ pub mod verify;
 pub use error::BuildError;
 pub use output::Existing;
 pub use pipeline::{BuildOptions, build};
-pub use provenance::identify;
+pub use provenance::{identify, identify_source};

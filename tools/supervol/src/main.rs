@@ -41,7 +41,7 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Build a container from a SEG-Y, NRRD, NIfTI, npy or raw file
+    /// Build a container from a volume file or a folder of slices
     Build(Box<build::Arguments>),
     /// Make a synthetic volume: as a container, or as a raw file
     Synth(synth::Arguments),

@@ -274,7 +274,7 @@ impl DataLayout for Data<'_> {
                 return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));
             }
             let words = if path == self.path { Words::Shown } else { Words::Hidden };
-            spool.append_text(path, reader, self.voxel_type, voxels, words)?;
+            spool.append_text(path, reader, self.voxel_type, voxels, (words, Excess::Refused))?;
         }
         spool.finish()
     }

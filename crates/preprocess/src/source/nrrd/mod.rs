@@ -338,7 +338,7 @@ impl DataLayout for Data<'_> {
             let skip = i64::try_from(skip).map_err(|_| SourceError::invalid(path, "byte skip", "less", "2^63"))?;
             reader.seek_relative(skip).map_err(|e| SourceError::io(path, e))?;
             let words = if path == self.path { Words::Shown } else { Words::Hidden };
-            spool.append_text(path, reader, self.voxel_type, voxels, words)?;
+            spool.append_text(path, reader, self.voxel_type, voxels, (words, Excess::Refused))?;
         }
         spool.finish()
     }
