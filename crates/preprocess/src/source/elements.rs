@@ -71,6 +71,37 @@ impl Channels {
     }
 }
 
+/// Volumes that follow one another along z, and which of them is meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Frames {
+    pub(super) count: u64,
+    pub(super) wanted: u64,
+}
+
+impl Frames {
+    /// One volume.
+    pub(super) const ONE: Self = Self { count: 1, wanted: 0 };
+}
+
+/// Types of numbers that files hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Number {
+    /// Those of a voxel type.
+    Voxel(VoxelType),
+    /// A 64-bit integer, with or without a sign.
+    Whole { signed: bool },
+}
+
+impl Number {
+    /// The type in which a grid holds them: 64-bit integers take as much room as doubles.
+    pub(super) fn stored(self) -> VoxelType {
+        match self {
+            Self::Voxel(voxel_type) => voxel_type,
+            Self::Whole { .. } => VoxelType::F64,
+        }
+    }
+}
+
 /// What is made of each number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Numbers {
@@ -86,6 +117,7 @@ pub(super) enum Numbers {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Elements {
     pub(super) channels: Channels,
+    pub(super) frames: Frames,
     pub(super) numbers: Numbers,
     /// What they become.
     pub(super) voxel_type: VoxelType,
@@ -94,26 +126,41 @@ pub(super) struct Elements {
 impl Elements {
     /// Numbers that are voxels.
     pub(super) fn plain(voxel_type: VoxelType) -> Self {
-        Self { channels: Channels::ONE, numbers: Numbers::AsStored, voxel_type }
+        Self { channels: Channels::ONE, frames: Frames::ONE, numbers: Numbers::AsStored, voxel_type }
     }
 
-    /// The layout of the grid of all numbers, in which each voxel has `channels.count` along x.
-    pub(super) fn widened(channels: Channels, layout: GridLayout) -> GridLayout {
+    /// The layout of the grid of all numbers: each voxel has `channels.count` along x, and `frames.count` volumes lie along z.
+    pub(super) fn widened(channels: Channels, frames: Frames, layout: GridLayout) -> GridLayout {
         let [x, y, z] = layout.dims.0;
-        GridLayout { dims: Dims([x.saturating_mul(channels.count), y, z]), ..layout }
+        GridLayout { dims: Dims([x.saturating_mul(channels.count), y, z.saturating_mul(frames.count)]), ..layout }
+    }
+
+    /// What becomes of the numbers of a grid; 64-bit integers are read once, to find out what they fit.
+    pub(super) fn of(
+        path: &Path,
+        grid: &GridFile,
+        number: Number,
+        (channels, frames): (Channels, Frames),
+        notes: &mut Vec<String>,
+    ) -> Result<Self, SourceError> {
+        let elements = Self { channels, frames, ..Self::plain(number.stored()) };
+        match number {
+            Number::Voxel(_) => Ok(elements),
+            Number::Whole { signed } => elements.narrowed(path, grid, signed, notes),
+        }
     }
 
     /// Dims of the volume.
     pub(super) fn dims(&self, grid: &GridFile) -> Dims {
         let [x, y, z] = grid.layout().dims.0;
-        Dims([x / self.channels.count, y, z])
+        Dims([x / self.channels.count, y, z / self.frames.count])
     }
 
     /// 64-bit integers as the smallest type that holds all of them, which the notes name; reads every number once.
-    pub(super) fn narrowed(
+    fn narrowed(
+        self,
         path: &Path,
         grid: &GridFile,
-        channels: Channels,
         signed: bool,
         notes: &mut Vec<String>,
     ) -> Result<Self, SourceError> {
@@ -139,17 +186,20 @@ impl Elements {
         };
         let name = if signed { "int64" } else { "uint64" };
         notes.push(format!("{name}, of {least} to {greatest}: kept as {voxel_type}, which holds all of them"));
-        Ok(Self { channels, numbers: Numbers::Whole { signed }, voxel_type })
+        Ok(Self { numbers: Numbers::Whole { signed }, voxel_type, ..self })
     }
 
     /// As [`super::VolumeSource::read_box`].
     pub(super) fn read_box(&self, grid: &GridFile, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
         let stored = grid.layout().voxel_type;
-        if self.channels == Channels::ONE && self.numbers == Numbers::AsStored {
-            return grid.read_box(voxels, out);
-        }
         if out.is_empty() {
             return Ok(());
+        }
+        let slices = grid.layout().dims.0[2] / self.frames.count;
+        let in_frame = |[x, y, z]: [u64; 3]| [x, y, z + self.frames.wanted * slices];
+        let voxels = VoxelBox { start: in_frame(voxels.start), end: in_frame(voxels.end) };
+        if self.channels == Channels::ONE && self.numbers == Numbers::AsStored {
+            return grid.read_box(voxels, out);
         }
         let count = self.channels.count as usize;
         let most = SCRATCH_BYTES / (count * stored.bytes());

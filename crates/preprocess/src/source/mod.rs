@@ -18,6 +18,7 @@ pub mod grid_file;
 pub mod metaimage;
 pub mod nifti;
 pub mod npy;
+pub mod npz;
 pub mod nrrd;
 pub mod open;
 mod others;
@@ -77,7 +78,7 @@ pub trait VolumeSource: Send + Sync {
 /// What a source says about itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceInfo {
-    /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `metaimage`, `tiff`, `dicom`, `pictures`, `vtk` or `synth`.
+    /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `npz`, `metaimage`, `tiff`, `dicom`, `pictures`, `vtk` or `synth`.
     pub format: &'static str,
     /// Voxels along x, y, z.
     pub dims: Dims,

@@ -11,6 +11,7 @@ use super::folder::Listing;
 use super::metaimage::MetaImageSource;
 use super::nifti::NiftiSource;
 use super::npy::NpySource;
+use super::npz::NpzSource;
 use super::nrrd::NrrdSource;
 use super::others::{HEAD_BYTES, refusal_of_file, refusal_of_folder};
 use super::pictures::{Kind, PicturesOptions, PicturesSource};
@@ -142,22 +143,25 @@ fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>
     if start.starts_with(b"# vtk DataFile") || named(&[".vti"]) || is_xml && find(&start, b"<VTKFile") {
         return Ok(Box::new(VtkSource::open(path, spool, selection)?));
     }
+    if named(&[".npz"]) {
+        return Ok(Box::new(NpzSource::open(path, spool, selection)?));
+    }
     selection.refuse_array(path)?;
     if start.starts_with(b"NRRD") || named(&[".nrrd", ".nhdr"]) {
-        return Ok(Box::new(NrrdSource::open_with(path, spool, *outside)?));
+        return Ok(Box::new(NrrdSource::open_with(path, spool, *outside, selection)?));
     }
     if start.starts_with(b"ObjectType") || start.starts_with(b"NDims") || named(&[".mha", ".mhd"]) {
-        return Ok(Box::new(MetaImageSource::open(path, spool, *outside)?));
+        return Ok(Box::new(MetaImageSource::open_with(path, spool, *outside, selection)?));
     }
     if start.starts_with(b"\x93NUM") || named(&[".npy"]) {
-        return Ok(Box::new(NpySource::open(path)?));
+        return Ok(Box::new(NpySource::open_with(path, selection)?));
     }
     // A NIfTI header begins with its own size in either byte order.
     let nifti_sizes = [348i32, 540].map(|n| [n.to_le_bytes(), n.to_be_bytes()]);
     if nifti_sizes.as_flattened().iter().any(|size| start.starts_with(size))
         || named(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"])
     {
-        return Ok(Box::new(NiftiSource::open(path, spool)?));
+        return Ok(Box::new(NiftiSource::open_with(path, spool, selection)?));
     }
     match Kind::of(&start) {
         Some(Kind::Tiff) => return Ok(Box::new(TiffSource::open(path, spool, selection)?)),
@@ -175,7 +179,7 @@ fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>
     Err(SourceError::unsupported(
         path,
         "neither its first bytes nor its name are those of a format we read",
-        "expected SEG-Y, DICOM, NRRD, NIfTI, MetaImage, VTK, TIFF, PNG, JPEG, npy, or a headerless file together with --dims \
+        "expected SEG-Y, DICOM, NRRD, NIfTI, MetaImage, VTK, TIFF, PNG, JPEG, npy, npz, or a headerless file together with --dims \
          and --dtype",
     ))
 }

@@ -14,7 +14,7 @@ use png::{BitDepth, ColorType};
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::data_files::Outside;
-use super::elements::{Channels, Elements, Meaning};
+use super::elements::{Channels, Elements, Frames, Meaning};
 use super::file::SourceFile;
 use super::folder::Listing;
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes, swap_bytes};
@@ -93,7 +93,7 @@ impl PicturesSource {
             endian: Endian::Little,
             fastest_first: GridLayout::X_FASTEST,
         };
-        let layout = Elements::widened(channels, plain);
+        let layout = Elements::widened(channels, Frames::ONE, plain);
         checked_bytes(path, layout.dims, layout.voxel_type)?;
         let source_files = files.iter().map(|file| SourceFile::of(file)).collect::<Result<_, _>>()?;
         let grid = match in_place(&files, kind, first)? {

@@ -18,7 +18,7 @@ use super::SourceError;
 const BUFFER_BYTES: usize = 1 << 18;
 
 /// No deflate stream expands more than this (zlib's technical notes: 1032 to 1).
-const DEFLATE_RATIO_LIMIT: u64 = 1032;
+pub(super) const DEFLATE_RATIO_LIMIT: u64 = 1032;
 
 /// Longest number accepted in a text encoding, characters.
 const TOKEN_LIMIT: usize = 128;

@@ -22,7 +22,7 @@ use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::data_files::{Outside, open_data};
-use super::elements::{Channels, Elements, Meaning, Numbers};
+use super::elements::{self, Channels, Elements, Meaning, Numbers};
 use super::file::SourceFile;
 use super::folder::Listing;
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
@@ -200,7 +200,7 @@ impl<'a> Volume<'a> {
             // The first of the three is the luminance.
             channels.wanted = Some(0);
         }
-        let elements = Elements { channels, numbers, voxel_type: stored };
+        let elements = Elements { channels, numbers, ..Elements::plain(stored) };
         let all_same = slices.iter().all(|slice| scaling(slice) == scaling(&slices[0]));
         let scaling = if all_same { Scaling::Same } else { Scaling::BySlice };
         if scaling == Scaling::BySlice {
@@ -261,7 +261,7 @@ impl<'a> Volume<'a> {
             let grid = GridFile::single(self.path, self.decode()?, 0, layout)?;
             return Ok((grid, Elements::plain(VoxelType::F32)));
         }
-        let layout = Elements::widened(self.elements.channels, plain);
+        let layout = Elements::widened(self.elements.channels, elements::Frames::ONE, plain);
         let grid = match is_in_place {
             false => GridFile::single(self.path, self.decode()?, 0, layout)?,
             true => self.in_place(GridLayout { endian, ..layout })?,

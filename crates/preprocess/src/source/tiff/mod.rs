@@ -20,7 +20,7 @@ use tiff::tags::{CompressionMethod, SampleFormat, Tag};
 use tiff::{ColorType, TiffError};
 
 use super::data_files::open_data;
-use super::elements::{Channels, Elements, Meaning};
+use super::elements::{Channels, Elements, Frames, Meaning};
 use super::file::SourceFile;
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use super::selection::Selection;
@@ -72,7 +72,7 @@ impl TiffSource {
             endian: Endian::Little,
             fastest_first: GridLayout::X_FASTEST,
         };
-        let layout = |endian| GridLayout { endian, ..Elements::widened(channels, plain) };
+        let layout = |endian| GridLayout { endian, ..Elements::widened(channels, Frames::ONE, plain) };
         let bytes = checked_bytes(path, layout(Endian::Little).dims, first.voxel_type)?;
         let grid = match in_place[..] {
             [] => GridFile::single(path, pages.decode(&slices, first, bytes, spool)?, 0, layout(Endian::Little)),

@@ -15,10 +15,10 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
+use supervol_format::{ByteSource, Dims, Geometry, VoxelBox};
 
 use super::data_files::open_data;
-use super::elements::{Channels, Elements, Meaning};
+use super::elements::{Channels, Elements, Frames, Meaning, Number};
 use super::file::SourceFile;
 use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
 use super::selection::Selection;
@@ -35,26 +35,6 @@ const LISTED_LIMIT: usize = 20;
 /// A VTK image.
 #[derive(Debug)]
 pub struct VtkSource(GridSource);
-
-/// Types of numbers that files hold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Number {
-    Voxel(VoxelType),
-    /// A 64-bit integer, with or without a sign.
-    Whole {
-        signed: bool,
-    },
-}
-
-impl Number {
-    /// The type in which a grid holds them: 64-bit integers take as much room as doubles.
-    fn stored(self) -> VoxelType {
-        match self {
-            Self::Voxel(voxel_type) => voxel_type,
-            Self::Whole { .. } => VoxelType::F64,
-        }
-    }
-}
 
 /// How the bytes of an array are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -128,16 +108,12 @@ impl VtkSource {
             fastest_first: GridLayout::X_FASTEST,
         };
         checked_bytes(path, plain.dims, plain.voxel_type)?;
-        let layout = Elements::widened(channels, plain);
+        let layout = Elements::widened(channels, Frames::ONE, plain);
         let bytes = checked_bytes(path, layout.dims, layout.voxel_type)?;
         let grid = header.grid(path, array, layout, bytes, spool)?;
-        let elements = match array.number {
-            // Text has been read as doubles.
-            Number::Whole { signed } if array.encoding != Encoding::Text => {
-                Elements::narrowed(path, &grid, channels, signed, &mut notes)?
-            }
-            _ => Elements { channels, ..Elements::plain(layout.voxel_type) },
-        };
+        // Text has been read as doubles.
+        let number = if array.encoding == Encoding::Text { Number::Voxel(plain.voxel_type) } else { array.number };
+        let elements = Elements::of(path, &grid, number, (channels, Frames::ONE), &mut notes)?;
         let mut info = SourceInfo::plain("vtk", plain.dims, elements.voxel_type);
         info.geometry = header.placed(path, array)?;
         if array.is_of_cells {
