@@ -264,6 +264,8 @@ fn number(attributes: &HashMap<String, String>, name: &str) -> Result<Option<usi
 fn unit_of(text: &str) -> String {
     match text.trim() {
         "micron" | "microns" | "um" | "µm" | "μm" | "\\u00B5m" | "Â\u{b5}m" => "um".into(),
+        // No unit, but distances of voxels.
+        "reference frame" => String::new(),
         other => shortened(other),
     }
 }
