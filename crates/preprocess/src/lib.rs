@@ -18,6 +18,7 @@ pub mod labels;
 pub mod level_reader;
 pub mod lod_axes;
 pub mod memory;
+pub mod mesh;
 pub mod output;
 pub mod pipeline;
 pub mod provenance;

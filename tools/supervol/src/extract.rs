@@ -23,7 +23,8 @@ pub struct Arguments {
     /// Voxels of that level, ends not included; all by default
     #[arg(long = "box", value_name = "I0:I1,J0:J1,K0:K1", value_parser = quantity::voxel_box)]
     voxels: Option<VoxelBox>,
-    /// File to write: .npy (C order, [z, y, x]), .raw (little endian) or .nrrd
+    /// File to write: .npy (C order, [z, y, x]), .raw (little endian), .nrrd, .nii, .nii.gz, .mha, .vti, or .tif (which
+    /// keeps spacings, but neither origin nor directions)
     #[arg(short, long)]
     output: PathBuf,
     /// Most memory to use

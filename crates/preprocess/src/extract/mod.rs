@@ -55,21 +55,7 @@ pub fn extract(container: &Container, output: &Path, what: &Extraction) -> Resul
             output.extension().map_or("none".into(), |end| format!(".{}", end.display()))
         )));
     };
-    let levels = container.pyramid().levels();
-    let Some(level) = levels.get(usize::from(what.lod.0)) else {
-        return Err(BuildError::Options(format!(
-            "level {}: this container has levels 0 to {}",
-            what.lod.0,
-            levels.len() - 1
-        )));
-    };
-    let voxels = what.voxels.unwrap_or(level.dims.full_box());
-    if (0..3).any(|a| voxels.start[a] >= voxels.end[a] || voxels.end[a] > level.dims.0[a]) {
-        return Err(BuildError::Options(format!(
-            "box {voxels:?}: level {} has {} voxels, and a box needs some",
-            what.lod.0, level.dims
-        )));
-    }
+    let voxels = checked_box(container, what.lod, what.voxels)?;
     let written_type = output_type(container.descriptor());
     let manifest = container.manifest();
     let place = Place {
@@ -107,6 +93,29 @@ pub fn extract(container: &Container, output: &Path, what: &Extraction) -> Resul
     drop(plain);
     file.publish()?;
     Ok((voxels, written_type))
+}
+
+/// The box of a level that is wanted, all of it where none is named.
+///
+/// # Errors
+/// If the level is not there, or the box has no voxel or leaves it.
+pub(crate) fn checked_box(container: &Container, lod: Lod, voxels: Option<VoxelBox>) -> Result<VoxelBox, BuildError> {
+    let levels = container.pyramid().levels();
+    let Some(level) = levels.get(usize::from(lod.0)) else {
+        return Err(BuildError::Options(format!(
+            "level {}: this container has levels 0 to {}",
+            lod.0,
+            levels.len() - 1
+        )));
+    };
+    let voxels = voxels.unwrap_or(level.dims.full_box());
+    if (0..3).any(|a| voxels.start[a] >= voxels.end[a] || voxels.end[a] > level.dims.0[a]) {
+        return Err(BuildError::Options(format!(
+            "box {voxels:?}: level {} has {} voxels, and a box needs some",
+            lod.0, level.dims
+        )));
+    }
+    Ok(voxels)
 }
 
 /// The type that voxels are written in.
@@ -186,7 +195,7 @@ fn scaled(descriptor: &Descriptor, stored: &[u8], written_type: VoxelType) -> Ve
 }
 
 /// Placement of a box of a level: its first voxel's position, and the level's spacing.
-fn level_geometry(container: &Container, lod: Lod, voxels: VoxelBox) -> Geometry {
+pub(crate) fn level_geometry(container: &Container, lod: Lod, voxels: VoxelBox) -> Geometry {
     let base = container.descriptor().geometry;
     let scale = container.pyramid().level_at(lod).scale;
     // Level index point p lies at the level-0 point (p + 1/2) * scale - 1/2.
