@@ -61,6 +61,8 @@ fn real_files_are_what_pydicom_reads() {
         let source = opened(&path).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!((source.info().dims, source.info().voxel_type), (Dims(dims), voxel_type), "{name}");
         assert_eq!(summary(source.as_ref(), at), (least, greatest, sum, value), "{name}");
+        // The brain's padding value is 0, which its air has, too.
+        assert_eq!(source.info().nodata, name.ends_with("CT_small.dcm").then_some(-2000.0), "{name}");
     }
 }
 

@@ -43,6 +43,11 @@ fn real_folders_are_what_pillow_and_tifffile_read() {
         assert_eq!(source.info().dims, Dims([18, 24, 5]));
         assert_eq!(summary(source.as_ref(), [0; 3]).2, 314_466.0);
     }
+    if let Some(path) = data_file("tiff/odd/multipage_2x15x10.tif") {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::copy(path, folder.path().join("a.tif")).unwrap();
+        assert_refused(opened(folder.path()), &["a.tif", "2 pages", "give it alone"]);
+    }
 }
 
 #[test]

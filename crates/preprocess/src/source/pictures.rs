@@ -154,20 +154,17 @@ fn files(path: &Path, outside: Outside, notes: &mut Vec<String>) -> Result<(Vec<
 
 /// Where the pixels of all pictures lie, if they lie in the files as they are, in one byte order.
 fn in_place(files: &[PathBuf], kind: Kind, first: Page) -> Result<Option<(Vec<Part>, Endian)>, SourceError> {
-    if kind != Kind::Tiff {
-        return Ok(None);
-    }
-    let mut parts = Vec::new();
-    let endian = Pages::open(&files[0])?.endian();
+    let (mut parts, mut order) = (Vec::new(), None);
     for path in files {
-        let mut pages = Pages::open(path)?;
+        let Picture::Tiff(mut pages) = Picture::open(path, kind)? else { return Ok(None) };
         pages.check_page(0, first)?;
+        let endian = *order.get_or_insert(pages.endian());
         match pages.place_of_page(first)? {
             Some(offset) if pages.endian() == endian => parts.push(Part { path: path.clone(), offset }),
             _ => return Ok(None),
         }
     }
-    Ok(Some((parts, endian)))
+    Ok(order.map(|endian| (parts, endian)))
 }
 
 /// Decodes picture after picture into a spool file.
@@ -205,9 +202,9 @@ fn words(page: Page) -> String {
 
 /// An open picture whose header has been read.
 enum Picture<'a> {
-    Png(png::Reader<BufReader<File>>),
-    Jpeg(jpeg_decoder::Decoder<BufReader<File>>),
-    Tiff(Pages<'a>),
+    Png(Box<png::Reader<BufReader<File>>>),
+    Jpeg(Box<jpeg_decoder::Decoder<BufReader<File>>>),
+    Tiff(Box<Pages<'a>>),
 }
 
 impl<'a> Picture<'a> {
@@ -221,13 +218,16 @@ impl<'a> Picture<'a> {
                     let advice = "give it alone, as a stack; a folder holds one slice in each file";
                     return Err(SourceError::unsupported(path, format!("it has {count} pages"), advice));
                 }
-                Self::Tiff(pages)
+                Self::Tiff(Box::new(pages))
             }
-            Kind::Png => Self::Png(png::Decoder::new(file()?).read_info().map_err(|e| of_png(path, e))?),
+            Kind::Png => {
+                let reader = png::Decoder::new(file()?).read_info();
+                Self::Png(Box::new(reader.map_err(|e| of_png(path, e))?))
+            }
             Kind::Jpeg => {
                 let mut decoder = jpeg_decoder::Decoder::new(file()?);
                 decoder.read_info().map_err(|e| of_jpeg(path, e))?;
-                Self::Jpeg(decoder)
+                Self::Jpeg(Box::new(decoder))
             }
         })
     }

@@ -337,16 +337,18 @@ impl Header {
             0x0028_0101 => image.stored = word,
             0x0028_0102 => image.high = word,
             0x0028_0103 => image.is_signed = word == 1,
-            0x0028_0120 => self.padding = first.map(|n| self.padding_of(n as i64 as u16)),
+            0x0028_0120 => self.padding = first.and_then(|n| self.padding_of(n as i64 as u16)),
             0x0028_1054 | 0x0054_1001 | 0x3004_0002 => self.unit = text(bytes),
             0x3004_000c => self.offsets = numbers.to_vec(),
             _ => {}
         }
     }
 
-    /// The padding value of a word, whose sign is that of the pixels whatever kind the file says it has.
-    fn padding_of(&self, word: u16) -> f64 {
-        if self.image.is_signed { f64::from(word as i16) } else { f64::from(word) }
+    /// The padding value of a word, whose sign is that of the pixels whatever kind the file says it has. 0 is stated by scanners
+    /// whose images have air of that value: a patient would end in holes.
+    fn padding_of(&self, word: u16) -> Option<f64> {
+        let padding = if self.image.is_signed { f64::from(word as i16) } else { f64::from(word) };
+        Some(padding).filter(|padding| *padding != 0.0)
     }
 }
 

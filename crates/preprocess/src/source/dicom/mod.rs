@@ -4,7 +4,7 @@
 //! are sorted by their place along the normal of the image, z in that direction; the world is the patient's, left-posterior-superior,
 //! mm. Slices that are missing are refused, a tilted gantry is kept as a sheared grid. Rescale slope and intercept become scale and
 //! offset where they are the same for all slices (voxels stay as stored), else the values are computed slice by slice, as f32. The
-//! padding value is nodata. Of several volumes at the same place (time points, echoes) `--frame` chooses; of colours, `--channel`.
+//! padding value is nodata, unless it is 0. Of several volumes at the same place (time points, echoes) `--frame` chooses; of colours, `--channel`.
 //! Uncompressed pixels are read in place; compressed ones (RLE, JPEG, JPEG 2000) are decoded once into a spool file, a frame at a
 //! time. Single bits, JPEG-LS, JPEG XL and video are refused by name.
 

@@ -2,8 +2,8 @@
 //! own, each compressed or not).
 //!
 //! Raw voxels are read in place; zlib, gzip and text are decoded once into a spool file ([`super::spool`]). Spacing, offset and
-//! direction are the header's own, of a patient's left-posterior-superior where it says how
-//! the axes lie in one (`AnatomicalOrientation`). `ElementToIntensityFunction` becomes scale
+//! direction are the header's own. ITK means left-posterior-superior millimetres, and says so of every image, a patient's or not
+//! (`AnatomicalOrientation`): nothing is made of it. `ElementToIntensityFunction` becomes scale
 //! and offset; voxels stay as stored. Of several numbers per voxel one is chosen (of colours, the luminance is used), of several
 //! volumes along the fourth axis, too; 64-bit integers are kept in the smallest type that holds all of them. More axes are refused.
 //! Written by hand: no crate for MetaImage was found.
@@ -15,7 +15,6 @@ use std::io::{BufRead, BufReader, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
-use supervol_format::space::WorldSpace;
 use supervol_format::{ByteSource, Geometry, VoxelBox, VoxelType};
 
 pub use super::data_files::Outside;
@@ -99,9 +98,6 @@ impl MetaImageSource {
         let mut info = SourceInfo::plain("metaimage", chosen.dims, elements.voxel_type);
         info.notes = notes;
         info.geometry = geometry(path, &header, &chosen, sizes.len(), &mut info.notes)?;
-        if header.field(&["AnatomicalOrientation"]).is_some_and(is_anatomical) {
-            info.space = WorldSpace::LeftPosteriorSuperior;
-        }
         let unit = header.field(&["DistanceUnits"]).filter(|unit| *unit != "?").map(shortened).unwrap_or_default();
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: unit.clone() });
         (info.scale, info.offset) = scaling(path, &header, &mut info.notes)?;
@@ -139,11 +135,6 @@ fn number(path: &Path, name: &str) -> Result<Number, SourceError> {
             return Err(SourceError::invalid(path, "ElementType", "MET_UCHAR to MET_DOUBLE, no arrays", found));
         }
     })
-}
-
-/// Whether three letters say from which sides of a patient the axes come.
-fn is_anatomical(text: &str) -> bool {
-    text.len() == 3 && ["RL", "AP", "IS"].iter().all(|side| text.contains(|c| side.contains(c)))
 }
 
 /// Scale and offset of values; the identity where they make no sense.
