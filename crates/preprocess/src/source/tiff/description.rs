@@ -143,7 +143,8 @@ impl Description {
                 0 | 1 => "it is one of several files of an OME-TIFF, whose OME-XML is in another".into(),
                 count => format!("its OME-XML spreads the volume over {count} files"),
             };
-            let advice = "join them first, for example with Bio-Formats: `bfconvert IN OUT.ome.tif`";
+            let advice =
+                "give their folder, if each holds one slice, or join them: `bfconvert IN OUT.ome.tif` (Bio-Formats)";
             return Err(SourceError::unsupported(path, what, advice));
         }
         let series = found.series.ok_or_else(|| wrong("none".into()))?;
