@@ -12,7 +12,7 @@ use supervol_preprocess::source::open::{OpenOptions, open};
 use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::{Endian, VolumeSource};
 use supervol_preprocess::verify::verify;
-use supervol_preprocess::{BuildOptions, Existing, build, identify};
+use supervol_preprocess::{BuildOptions, Existing, build, identify_source};
 
 /// Folders of the data folder that the table covers.
 const FOLDERS: [&str; 13] = [
@@ -117,7 +117,7 @@ pub fn outcome(data: &Path, path: &Path, work: &Path) -> Outcome {
         }
     };
     let info = source.info();
-    let origin = identify(path, info.format).unwrap_or_else(|e| panic!("{file}: {e}"));
+    let origin = identify_source(path, source.as_ref()).unwrap_or_else(|e| panic!("{file}: {e}"));
     round_trip(&file, source.as_ref(), origin, work);
     let what = format!("{} {}", info.dims, info.voxel_type);
     Outcome { file, fate: "builds", what, notes: info.notes.clone() }
@@ -138,18 +138,41 @@ fn round_trip(file: &str, source: &dyn VolumeSource, origin: Source, work: &Path
     assert!(expected == found, "{file}: level 0 is not the source's voxels bit for bit");
 }
 
-/// The document: one row per file.
+/// What is read, what is written, and how: one screen, by hand.
+const SCREEN: &str = "\
+| format | read | written (`extract`, `mesh`) |
+|---|---|---|
+| SEG-Y (`.sgy`, `.segy`) | revisions 0 to 2, post-stack, in place | |
+| DICOM (folder, or one file) | one series (`--series N\\|UID`, listed where there are several), sorted by position; many frames in one file; rescale slope and intercept, padding, gantry tilt; uncompressed in place; RLE, JPEG (also lossless), JPEG 2000 | |
+| NIfTI-1, -2 (`.nii`, `.nii.gz`, `.hdr` + `.img`) | all real types, RGB(A); plain in place | `.nii`, `.nii.gz`: the place as sform (single precision; NIfTI-2 where an axis is longer than 32,767) |
+| NRRD (`.nrrd`, `.nhdr`) | raw in place, gzip, text; data in files of their own | `.nrrd` |
+| MetaImage (`.mha`, `.mhd`) | raw in place, zlib, text; data in files of their own | `.mha`; patients in left-posterior-superior |
+| VTK image (`.vti`, legacy `.vtk`) | raw in place, base64, text, zlib; points or cells; `FILE.vti:/NAME` for another array than the active one | `.vti` |
+| TIFF, BigTIFF, OME-TIFF, ImageJ stacks | strips, tiles, deflate, LZW, PackBits, predictors; plain in place | `.tif`: BigTIFF with OME-XML: spacing, no origin, no directions |
+| folder of PNG, JPEG or single-page TIFF | in natural order; say `--spacing` | |
+| NumPy (`.npy`, `.npz`) | in place; compressed archives; `FILE.npz:/NAME` for one of several arrays | `.npy` |
+| raw | `--dims`, `--dtype`, `--offset`; in place | `.raw` |
+| meshes | | `.ply`, `.stl`, `.obj`: `supervol mesh --iso V` |
+
+What is read in place costs no disk; all else is decoded once into a nameless temporary file beside the output. Where there are
+several volumes (time points, echoes), `--frame T` takes one, where there are several numbers per voxel, `--channel C`; of
+colours the luminance (Rec. 601) is used. 64-bit integers are kept in the smallest type that holds all of them. What was
+chosen, left out or not understood is said when a container is built, and by `supervol info`.
+
+";
+
+/// The document: what is read and written, then one row per file.
 #[must_use]
 pub fn document(outcomes: &[Outcome]) -> String {
-    let mut out = String::from(
-        "# Formats\n\n\
+    let mut out = String::from("# Formats\n\n");
+    out += SCREEN;
+    out += "## Files\n\n\
          What becomes of real and odd files: each either builds, passes `supervol verify` and gives back the source's\n\
          voxels bit for bit (SEG-Y: the decoded samples), or is refused with the reason. Dims are x by y by z; for SEG-Y\n\
          x is the crossline, y the inline, z the sample. Made by\n\n    \
          cargo run -p supervol-tests --bin formats -- DATA_FOLDER > docs/formats.md\n\n\
          and compared with a fresh run by the test `formats`.\n\n\
-         | file | outcome | volume, or reason | what the reader noticed |\n|---|---|---|---|\n",
-    );
+         | file | outcome | volume, or reason | what the reader noticed |\n|---|---|---|---|\n";
     for o in outcomes {
         let cell = |text: &str| text.replace('|', "\\|").replace('\n', " ");
         out += &format!("| {} | {} | {} | {} |\n", o.file, o.fate, cell(&o.what), cell(&o.notes.join("; ")));

@@ -14,12 +14,17 @@ use supervol_preprocess::source::metaimage::{MetaImageSource, Outside};
 use supervol_preprocess::source::nifti::NiftiSource;
 use supervol_preprocess::source::npy::NpySource;
 use supervol_preprocess::source::nrrd::NrrdSource;
+use supervol_preprocess::source::open::{OpenOptions, open};
 use supervol_preprocess::source::segy::{SegyOptions, SegySource};
+use supervol_preprocess::source::selection::Selection;
 use supervol_preprocess::source::spool::SpoolFolder;
+use supervol_preprocess::source::tiff::TiffSource;
+use supervol_preprocess::source::vtk::VtkSource;
 use supervol_preprocess::source::{SourceError, VolumeSource};
 
 use crate::fields::{Content, Field, built, options};
 use crate::forge::Forge;
+pub use crate::fuzz_seeds::*;
 
 /// Bricks of one damaged container that are decoded, at most.
 const BRICKS_LIMIT: u64 = 64;
@@ -141,6 +146,42 @@ pub fn npy(data: &[u8]) {
     in_a_file("fuzz.npy", &bytes, |path, _| read_some(NpySource::open(path)));
 }
 
+/// A DICOM file with one frame.
+pub fn dicom(data: &[u8]) {
+    let bytes = whole_file(data, &dicom_seed());
+    in_a_file("fuzz.dcm", &bytes, |path, spool| read_some_of_any(path, spool));
+}
+
+/// A DICOM file with many frames in functional groups, whose pixels are compressed by RLE.
+pub fn dicom_frames(data: &[u8]) {
+    let bytes = whole_file(data, &dicom_frames_seed());
+    in_a_file("fuzz.dcm", &bytes, |path, spool| read_some_of_any(path, spool));
+}
+
+/// A TIFF with the description that ImageJ writes.
+pub fn tiff(data: &[u8]) {
+    let bytes = whole_file(data, &tiff_seed());
+    in_a_file("fuzz.tif", &bytes, |path, spool| {
+        read_some(TiffSource::open(path, spool, &Selection::default()));
+    });
+}
+
+/// A VTK image in XML.
+pub fn vti(data: &[u8]) {
+    let bytes = whole_file(data, &vti_seed());
+    in_a_file("fuzz.vti", &bytes, |path, spool| {
+        read_some(VtkSource::open(path, spool, &Selection::default()));
+    });
+}
+
+/// A legacy VTK image.
+pub fn vtk(data: &[u8]) {
+    let bytes = whole_file(data, &vtk_seed());
+    in_a_file("fuzz.vtk", &bytes, |path, spool| {
+        read_some(VtkSource::open(path, spool, &Selection::default()));
+    });
+}
+
 /// What a target does with its bytes.
 pub type Body = fn(&[u8]);
 
@@ -155,6 +196,11 @@ pub fn all() -> Vec<(&'static str, Body, Vec<u8>)> {
         ("metaimage", metaimage, whole(&metaimage_seed())),
         ("nifti", nifti, whole(&nifti_seed())),
         ("npy", npy, whole(&npy_seed())),
+        ("dicom", dicom, whole(&dicom_seed())),
+        ("dicom_frames", dicom_frames, whole(&dicom_frames_seed())),
+        ("tiff", tiff, whole(&tiff_seed())),
+        ("vti", vti, whole(&vti_seed())),
+        ("vtk", vtk, whole(&vtk_seed())),
     ];
     let shape = BrickShape { voxel_type: VoxelType::ALL[3], extent: [6, 7, 8] };
     let voxels: Vec<u8> = (0..shape.bytes()).map(|i| (i / 13) as u8).collect();
@@ -203,15 +249,26 @@ pub fn apply_edits(seed: &[u8], edits: &[u8]) -> Vec<u8> {
     file
 }
 
+/// Reads some of a volume of whatever format the file has.
+fn read_some_of_any(path: &Path, spool: &SpoolFolder) {
+    // A frame that is decoded may take as much as a small machine has.
+    let segy = SegyOptions { memory_bytes: 64 << 20, ..SegyOptions::default() };
+    let options = OpenOptions { spool: spool.clone(), segy, ..OpenOptions::default() };
+    match open(path, &options) {
+        Ok(source) => read_boxes(source.as_ref()),
+        Err(error) => assert!(!error.to_string().is_empty(), "an error says something"),
+    }
+}
+
 /// Reads the first and the last voxels of a volume that was opened.
 fn read_some<S: VolumeSource>(opened: Result<S, SourceError>) {
-    let source = match opened {
-        Ok(source) => source,
-        Err(error) => {
-            assert!(!error.to_string().is_empty(), "an error says something");
-            return;
-        }
-    };
+    match opened {
+        Ok(source) => read_boxes(&source),
+        Err(error) => assert!(!error.to_string().is_empty(), "an error says something"),
+    }
+}
+
+fn read_boxes(source: &dyn VolumeSource) {
     let info = source.info();
     let Dims(dims) = info.dims;
     assert!(info.dims.is_valid(), "{dims:?} was accepted");
@@ -235,83 +292,4 @@ fn in_a_file(name: &str, bytes: &[u8], read: impl FnOnce(&Path, &SpoolFolder)) {
     let path = folder.path().join(name);
     std::fs::write(&path, bytes).expect("fuzzing needs room for a small file");
     read(&path, &SpoolFolder::at(folder.path()));
-}
-
-/// 4 x 3 traces of 5 samples, 16-bit integers, big endian.
-#[must_use]
-pub fn segy_seed() -> Vec<u8> {
-    let mut file = vec![0x40; 3200];
-    file[0] = 0xc3;
-    let mut binary = vec![0u8; 400];
-    binary[16..18].copy_from_slice(&4000u16.to_be_bytes());
-    binary[20..22].copy_from_slice(&5u16.to_be_bytes());
-    binary[24..26].copy_from_slice(&3u16.to_be_bytes());
-    binary[300..302].copy_from_slice(&[1, 0]);
-    binary[302..304].copy_from_slice(&1u16.to_be_bytes());
-    file.extend(binary);
-    for (inline, crossline) in (0..3u32).flat_map(|i| (0..4u32).map(move |x| (100 + i, 200 + x))) {
-        let mut header = vec![0u8; 240];
-        header[28..30].copy_from_slice(&1u16.to_be_bytes());
-        header[114..116].copy_from_slice(&5u16.to_be_bytes());
-        header[116..118].copy_from_slice(&4000u16.to_be_bytes());
-        header[188..192].copy_from_slice(&inline.to_be_bytes());
-        header[192..196].copy_from_slice(&crossline.to_be_bytes());
-        file.extend(header);
-        file.extend((0..5u32).flat_map(|k| ((inline * crossline + k * 37) as i16).to_be_bytes()));
-    }
-    file
-}
-
-/// 4 x 3 x 2 voxels of i16 with all common fields.
-#[must_use]
-pub fn nrrd_seed() -> Vec<u8> {
-    let mut file = b"NRRD0004\ntype: short\ndimension: 3\nspace: left-posterior-superior\nsizes: 4 3 2\n\
-        space directions: (1,0,0) (0,2.5,0) (0,0,-1)\nkinds: domain domain domain\nendian: little\nencoding: raw\n\
-        space origin: (0,1e3,0)\n\n"
-        .to_vec();
-    file.extend(0..48u8);
-    file
-}
-
-/// 4 x 3 x 2 voxels of i16 with all common fields.
-#[must_use]
-pub fn metaimage_seed() -> Vec<u8> {
-    let mut file = b"ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\n\
-        CompressedData = False\nTransformMatrix = 1 0 0 0 0 1 0 -1 0\nOffset = 1 -2 1e3\nElementSpacing = 1 2.5 1\n\
-        DimSize = 4 3 2\nHeaderSize = 0\nElementType = MET_SHORT\nElementDataFile = LOCAL\n"
-        .to_vec();
-    file.extend(0..48u8);
-    file
-}
-
-/// 4 x 3 x 2 voxels of i16 with an sform.
-#[must_use]
-pub fn nifti_seed() -> Vec<u8> {
-    let mut file = vec![0; 352 + 48];
-    let mut put = |at: usize, bytes: &[u8]| file[at..at + bytes.len()].copy_from_slice(bytes);
-    put(0, &348i32.to_le_bytes());
-    for (i, n) in [3i16, 4, 3, 2, 1, 1, 1, 1].into_iter().enumerate() {
-        put(40 + 2 * i, &n.to_le_bytes());
-    }
-    put(70, &4i16.to_le_bytes());
-    put(72, &16i16.to_le_bytes());
-    (1..4).for_each(|axis| put(76 + 4 * axis, &2.0f32.to_le_bytes()));
-    put(108, &352.0f32.to_le_bytes());
-    put(252, &[1, 0, 1, 0]);
-    (0..3).for_each(|i| put(280 + 20 * i, &2.0f32.to_le_bytes()));
-    put(344, b"n+1\0");
-    file
-}
-
-/// 2 x 3 x 4 voxels of f32, C order.
-#[must_use]
-pub fn npy_seed() -> Vec<u8> {
-    let mut dictionary = b"{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4), }".to_vec();
-    dictionary.resize(117, b' ');
-    dictionary.push(b'\n');
-    let mut file = b"\x93NUMPY\x01\x00".to_vec();
-    file.extend((dictionary.len() as u16).to_le_bytes());
-    file.extend(dictionary);
-    file.extend((0..24).flat_map(|i| (i as f32).to_le_bytes()));
-    file
 }

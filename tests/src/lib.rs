@@ -7,7 +7,8 @@
 //! - [`oracle`]: ranges and interpolation straight from the definitions, sharing no code with the crates;
 //! - [`pictures`]: containers of small volumes, their pictures, and distances between these;
 //! - [`stability`]: one regime of the stability suite, at its smallest size;
-//! - [`fuzz_bodies`]: what a fuzz target does with its bytes, callable from libFuzzer and from a seeded test.
+//! - [`fuzz_bodies`]: what a fuzz target does with its bytes, callable from libFuzzer and from a seeded test; [`fuzz_seeds`]: a valid
+//!   file for each.
 //!
 //! All randomness is seeded ([`Random`]). A test that cannot run on this machine says so by [`skipped`].
 
@@ -16,6 +17,7 @@ pub mod fields;
 pub mod forge;
 pub mod formats;
 pub mod fuzz_bodies;
+pub mod fuzz_seeds;
 pub mod oracle;
 #[cfg(feature = "pictures")]
 pub mod pictures;

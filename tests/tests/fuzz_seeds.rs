@@ -77,6 +77,31 @@ fn npy() {
     run("npy");
 }
 
+#[test]
+fn dicom() {
+    run("dicom");
+}
+
+#[test]
+fn dicom_frames() {
+    run("dicom_frames");
+}
+
+#[test]
+fn tiff() {
+    run("tiff");
+}
+
+#[test]
+fn vti() {
+    run("vti");
+}
+
+#[test]
+fn vtk() {
+    run("vtk");
+}
+
 /// The valid inputs must be valid, or mutating them tests little.
 #[test]
 fn valid_inputs_are_accepted() {
@@ -89,6 +114,11 @@ fn valid_inputs_are_accepted() {
         ("seed.mha", fuzz_bodies::metaimage_seed()),
         ("seed.nii", fuzz_bodies::nifti_seed()),
         ("seed.npy", fuzz_bodies::npy_seed()),
+        ("seed.dcm", fuzz_bodies::dicom_seed()),
+        ("frames.dcm", fuzz_bodies::dicom_frames_seed()),
+        ("seed.tif", fuzz_bodies::tiff_seed()),
+        ("seed.vti", fuzz_bodies::vti_seed()),
+        ("seed.vtk", fuzz_bodies::vtk_seed()),
     ];
     for (name, bytes) in files {
         let path = folder.path().join(name);

@@ -14,6 +14,7 @@ use crate::error::BuildError;
 use crate::pipeline::BuildOptions;
 use crate::report::LevelReport;
 use crate::source::file::SourceFile;
+use crate::source::open::split_array;
 use crate::source::{SourceError, VolumeSource};
 use crate::statistics::{self, Statistics, Values};
 
@@ -100,7 +101,8 @@ pub(crate) fn check_unchanged(source: &dyn VolumeSource, origin: &Source) -> Res
     let files = &source.info().files;
     files.iter().try_for_each(SourceFile::check_unchanged)?;
     // Times may be too coarse to tell two versions apart.
-    if let Some(first) = files.first().filter(|_| !origin.xxh3_64.is_empty()) {
+    let is_one = source.info().folder.is_none() && !origin.xxh3_64.is_empty();
+    if let Some(first) = files.first().filter(|_| is_one) {
         let now = identify(first.path(), &origin.format)?.xxh3_64;
         if now != origin.xxh3_64 {
             let what = format!("its checksum was {}, now it is {now}", origin.xxh3_64);
@@ -110,24 +112,54 @@ pub(crate) fn check_unchanged(source: &dyn VolumeSource, origin: &Source) -> Res
     Ok(())
 }
 
+/// Name, size and checksum of what a source is read from: of the file that was asked for, or of all files of a folder, their names
+/// included.
+///
+/// # Errors
+/// If a file cannot be read.
+pub fn identify_source(path: &Path, source: &dyn VolumeSource) -> Result<Source, BuildError> {
+    let info = source.info();
+    let Some(folder) = &info.folder else { return identify(&split_array(path).0, info.format) };
+    let mut hash = xxhash_rust::xxh3::Xxh3Default::new();
+    let mut bytes = 0;
+    for file in &info.files {
+        let name = file.path().strip_prefix(folder).unwrap_or(file.path());
+        hash.update(name.to_string_lossy().as_bytes());
+        bytes += take_file(file.path(), &mut hash)?;
+    }
+    Ok(origin(folder, info.format, bytes, &hash))
+}
+
 /// Name, size and checksum of a source file, read once from end to end.
 ///
 /// # Errors
 /// If the file cannot be read.
 pub fn identify(path: &Path, format: &str) -> Result<Source, BuildError> {
+    let mut hash = xxhash_rust::xxh3::Xxh3Default::new();
+    let bytes = take_file(path, &mut hash)?;
+    Ok(origin(path, format, bytes, &hash))
+}
+
+fn origin(path: &Path, format: &str, bytes: u64, hash: &xxhash_rust::xxh3::Xxh3Default) -> Source {
+    let name_of = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    // `.` has a name, too.
+    let found = name_of(path).or_else(|| name_of(&std::fs::canonicalize(path).ok()?));
+    let name = found.unwrap_or_default();
+    Source { name, format: format.into(), bytes, xxh3_64: format!("{:016x}", hash.digest()) }
+}
+
+/// Adds the bytes of a file to a checksum; how many there are.
+fn take_file(path: &Path, hash: &mut xxhash_rust::xxh3::Xxh3Default) -> Result<u64, BuildError> {
     let io = |e| BuildError::Source(SourceError::io(path, e));
     let mut file = File::open(path).map_err(io)?;
-    let mut hash = xxhash_rust::xxh3::Xxh3Default::new();
     let mut buffer = vec![0; 4 << 20];
     let mut bytes = 0;
     loop {
         let n = std::io::Read::read(&mut file, &mut buffer).map_err(io)?;
         if n == 0 {
-            break;
+            return Ok(bytes);
         }
         bytes += n as u64;
         hash.update(&buffer[..n]);
     }
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok(Source { name, format: format.into(), bytes, xxh3_64: format!("{:016x}", hash.digest()) })
 }

@@ -160,14 +160,13 @@ fn what_is_no_volume_of_ours_is_refused_by_name() {
         let path = written(folder.path(), "v.mha", &[text.replace(from, to).as_bytes(), &[0; 140]]);
         assert_refused(source(&path), words);
     };
-    refused("MET_UCHAR", "MET_LONG_LONG", &["64-bit", "Cast"]);
     refused("MET_UCHAR", "MET_UCHAR_ARRAY", &["ElementType", "MET_UCHAR_ARRAY"]);
-    refused("Offset", "ElementNumberOfChannels = 3\nOffset", &["3 numbers per voxel"]);
+    refused("Offset", "ElementNumberOfChannels = 2\nOffset", &["2 numbers per voxel", "--channel 0 to 1"]);
     refused("7 5 4", "7 5", &["DimSize"]);
     refused("7 5 4", "7 0 4", &["DimSize"]);
     refused("7 5 4", "7 5 9999999999999", &["dims"]);
     refused("NDims = 3", "NDims = 11", &["NDims"]);
-    refused("NDims = 3\nDimSize = 7 5 4", "NDims = 4\nDimSize = 7 5 2 2", &["axis 3 of 2 values"]);
+    refused("NDims = 3\nDimSize = 7 5 4", "NDims = 5\nDimSize = 7 5 2 2 2", &["axis 3 of 2 values"]);
     refused("0.5 2 1.25", "0.5 two 1.25", &["ElementSpacing"]);
     refused("ElementDataFile = LOCAL", "Comment = x", &["header", "Key = Value"]);
     refused("NDims = 3", "NDims", &["Key = Value"]);

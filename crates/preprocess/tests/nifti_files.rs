@@ -152,11 +152,9 @@ fn series_give_their_first_volume() {
 
 #[test]
 fn stored_refusals() {
-    for (name, words) in [
-        ("rgb_3D.nii", ["RGB", "datatype 128"]),
-        ("not-nifti.nii", ["header size", "348 or 540"]),
-        ("fuzz_crash-1.nii", ["fuzz_crash-1.nii", "expected"]),
-    ] {
+    for (name, words) in
+        [("not-nifti.nii", ["header size", "348 or 540"]), ("fuzz_crash-1.nii", ["fuzz_crash-1.nii", "expected"])]
+    {
         let Some(path) = data_file(&format!("nifti/odd/{name}")) else { return };
         assert_refused(open(&path), &words);
     }
@@ -276,9 +274,7 @@ fn headers_that_are_wrong() {
     let new = || Writer::new(1, Endian::Little, b"n+1\0", [4, 3, 2], 2, 8);
     assert!(written(&path, &new(), 24).is_ok());
     assert_refused(written(&path, &new(), 23), &["length of the file", "376 bytes", "375 bytes"]);
-    for (code, word) in
-        [(1024, "64-bit integers"), (32, "complex"), (2304, "RGBA"), (1, "single bits"), (3, "datatype")]
-    {
+    for (code, word) in [(1024, "64-bit integers of"), (32, "complex"), (1, "single bits"), (3, "datatype")] {
         let mut writer = new();
         writer.i16(70, code);
         assert_refused(written(&path, &writer, 999), &[word]);

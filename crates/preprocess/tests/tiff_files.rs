@@ -9,12 +9,16 @@ use std::path::Path;
 use grid_support::*;
 use supervol_format::{Dims, VoxelType};
 use supervol_preprocess::source::open::{OpenOptions, open};
+use supervol_preprocess::source::selection::Selection;
 use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::source::tiff::TiffSource;
 use supervol_preprocess::source::{SourceError, VolumeSource};
 
 /// Voxels along x, y, z, type, and least, greatest and sum of the voxels, by tifffile.
-const REAL_FILES: [(&str, [u64; 3], VoxelType, [f64; 3]); 9] = [
+const REAL_FILES: [(&str, [u64; 3], VoxelType, [f64; 3]); 11] = [
+    // Colours: the luminance of what tifffile reads.
+    ("tiff/odd/BigTIFF.tif", [64, 64, 1], VoxelType::U8, [0.0, 255.0, 241_583.0]),
+    ("tiff/odd/BigTIFFMotorola.tif", [64, 64, 1], VoxelType::U8, [0.0, 255.0, 241_583.0]),
     ("tiff/beads_imagej_41x150x150_u8.tif", [150, 150, 41], VoxelType::U8, [1.0, 156.0, 1_443_760.0]),
     (
         "tiff/odd/gradient-1c-64b-float.tiff",
@@ -36,7 +40,7 @@ static RECORDING: largest_allocation::Recording = largest_allocation::Recording;
 
 fn source(path: &Path) -> Result<TiffSource, SourceError> {
     let folder = std::env::temp_dir();
-    TiffSource::open(path, &SpoolFolder::at(folder))
+    TiffSource::open(path, &SpoolFolder::at(folder), &Selection::default())
 }
 
 /// A classic little-endian TIFF of pages of voxels of u16, uncompressed, in strips of `rows`, with a byte between strips where
@@ -142,6 +146,15 @@ fn stacks_of_image_j_with_one_page_and_with_all() {
     let path = written(folder.path(), &tiff([9, 7], &pages(&voxels, 126), 6, 7, channels));
     let first: Vec<u8> = voxels.chunks(252).flat_map(|pair| &pair[..126]).copied().collect();
     check_boxes(&source(&path).unwrap(), &first, 7);
+    let choose = |channel, frame| {
+        let mut options = OpenOptions::default();
+        (options.selection.channel, options.selection.frame) = (channel, frame);
+        open(&path, &options)
+    };
+    let second: Vec<u8> = voxels.chunks(252).flat_map(|pair| &pair[126..]).copied().collect();
+    check_boxes(choose(Some(1), None).unwrap().as_ref(), &second, 7);
+    assert_refused(choose(Some(2), None), &["--channel 2", "has 2"]);
+    assert_refused(choose(None, Some(1)), &["--frame 1", "has one"]);
     // Pages that are not there.
     let path = written(folder.path(), &tiff([9, 7], &pages(&voxels, 126), 4, 7, plain));
     assert_refused(source(&path), &["page 4", "4 pages"]);
@@ -188,9 +201,12 @@ fn real_files_are_what_their_makers_say() {
         assert!((info.geometry.spacing[0] - 1e6 / 44_460_534.0).abs() < 1e-12);
         assert_eq!(value_at(source.as_ref(), [21, 33, 7]), 1.0);
     }
+    if let Some(path) = data_file("tiff/odd/BigTIFF.tif") {
+        let mut options = OpenOptions::default();
+        options.selection.channel = Some(1);
+        assert_eq!(summary(open(&path, &options).unwrap().as_ref(), [0; 3]).2, 190_578.0);
+    }
     let refused = [
-        ("tiff/odd/BigTIFF.tif", "colours"),
-        ("tiff/odd/BigTIFFMotorola.tif", "colours"),
         ("tiff/odd/miniswhite-1c-1b.tiff", "1 bits"),
         ("tiff/odd/ome-multifile/multifile-Z1.ome.tiff", "several files"),
     ];

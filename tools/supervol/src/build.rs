@@ -15,10 +15,11 @@ use supervol_preprocess::output::{check_distinct, folder_of};
 use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::nrrd::Outside;
-use supervol_preprocess::source::open::{OpenOptions, open};
+use supervol_preprocess::source::open::{OpenOptions, open, split_array};
 use supervol_preprocess::source::placed::{PlacedSource, Placing};
 use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::segy::SegyOptions;
+use supervol_preprocess::source::selection::Selection;
 use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::{BuildOptions, Existing};
 
@@ -29,7 +30,8 @@ use crate::quantity::{self, Dtype, ErrorBound, Spacing, show_bytes};
 /// What to build, from what, and how.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Volume file: SEG-Y, NRRD, NIfTI, MetaImage, TIFF, npy, or raw with --dims and --dtype
+    /// Volume file: SEG-Y, DICOM, NRRD, NIfTI, MetaImage, TIFF, npy, or raw with --dims and --dtype; or a folder with
+    /// the slices of one volume: a DICOM series, or pictures (PNG, JPEG, TIFF) in natural order
     input: PathBuf,
     #[command(flatten)]
     output: OutputArguments,
@@ -46,6 +48,8 @@ pub struct SourceArguments {
     raw: RawArguments,
     #[command(flatten)]
     nrrd: NrrdArguments,
+    #[command(flatten)]
+    selection: SelectionArguments,
     #[command(flatten)]
     segy: SegyArguments,
 }
@@ -154,11 +158,27 @@ struct RawArguments {
 
 /// What is allowed to headers that name data files.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "NRRD and MetaImage input")]
+#[command(next_help_heading = "NRRD, MetaImage and folders")]
 struct NrrdArguments {
-    /// Let a header name data files outside its folder; without it, only files below the folder are read
+    /// Let a header name data files outside its folder, and links of a folder lead out of it; without it, only files
+    /// below the folder are read
     #[arg(long)]
     allow_outside: bool,
+}
+
+/// Which volume, where the input holds several.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Input with several volumes")]
+struct SelectionArguments {
+    /// Time point, echo, or whatever the file counts its volumes by; the first is 0
+    #[arg(long, value_name = "T")]
+    frame: Option<u64>,
+    /// Channel, component, or colour; the first is 0. Without it, the luminance of colours
+    #[arg(long, value_name = "C")]
+    channel: Option<u64>,
+    /// Number or UID of the DICOM series; all are listed where none is given
+    #[arg(long, value_name = "N|UID")]
+    series: Option<String>,
 }
 
 /// What SEG-Y headers may not say, or say wrong.
@@ -297,7 +317,7 @@ impl SourceArguments {
     ) -> Result<(Box<dyn VolumeSource>, Source), Failure> {
         let source =
             open(input, &self.open_options(folder, memory_bytes)).map_err(supervol_preprocess::BuildError::from)?;
-        let origin = supervol_preprocess::identify(input, source.info().format)?;
+        let origin = supervol_preprocess::identify_source(input, source.as_ref())?;
         let Some(placing) = self.place.placing() else { return Ok((source, origin)) };
         let placed = PlacedSource::new(source, &placing).map_err(supervol_preprocess::BuildError::from)?;
         Ok((Box::new(placed), origin))
@@ -327,7 +347,9 @@ impl SourceArguments {
             }),
         };
         let outside = if self.nrrd.allow_outside { Outside::Allowed } else { Outside::Refused };
-        OpenOptions { raw, outside, segy, spool: SpoolFolder::at(folder) }
+        let SelectionArguments { frame, channel, series } = &self.selection;
+        let selection = Selection { frame: *frame, channel: *channel, series: series.clone(), array: None };
+        OpenOptions { raw, outside, segy, spool: SpoolFolder::at(folder), selection }
     }
 }
 
@@ -335,7 +357,7 @@ impl SourceArguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     // Decoded copies of compressed inputs go where the output goes: that disk has room for a volume.
     let folder = folder_of(&arguments.output.output);
-    check_distinct(&arguments.output.output, [arguments.input.as_path()])?;
+    check_distinct(&arguments.output.output, [split_array(&arguments.input).0.as_path()])?;
     let (source, origin) = arguments.source.open(&arguments.input, folder, arguments.output.memory)?;
     arguments.output.build(source.as_ref(), origin)
 }

@@ -23,7 +23,8 @@ pub struct Arguments {
     /// Voxels of that level, ends not included; all by default. What is left out is all that there is: :,:,50 is a slice
     #[arg(long = "box", value_name = "I0:I1,J0:J1,K0:K1", value_parser = quantity::voxel_box)]
     voxels: Option<WrittenBox>,
-    /// File to write: .npy (C order, [z, y, x]), .raw (little endian) or .nrrd
+    /// File to write: .npy (C order, [z, y, x]), .raw (little endian), .nrrd, .nii, .nii.gz, .mha, .vti, or .tif (which
+    /// keeps spacings, but neither origin nor directions)
     #[arg(short, long)]
     output: PathBuf,
     /// Most memory to use
@@ -38,11 +39,9 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = &arguments.container;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
-    let lod = Lod(arguments.level).min(container.pyramid().coarsest());
-    let level_dims = container.pyramid().level_at(lod).dims;
     let what = Extraction {
         lod: Lod(arguments.level),
-        voxels: arguments.voxels.map(|voxels| voxels.within(level_dims)),
+        voxels: arguments.voxels.map(|voxels| voxels.of_level(&container, Lod(arguments.level))),
         existing: if arguments.force { Existing::Replace } else { Existing::Keep },
         memory_bytes: arguments.memory,
     };

@@ -17,6 +17,7 @@ mod histogram;
 mod info;
 mod input;
 mod look;
+mod mesh;
 mod output;
 mod panels;
 mod progress;
@@ -46,7 +47,7 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Build a container from a SEG-Y, NRRD, NIfTI, npy or raw file
+    /// Build a container from a volume file or a folder of slices
     Build(Box<build::Arguments>),
     /// Make a synthetic volume: as a container, or as a raw file
     Synth(synth::Arguments),
@@ -56,8 +57,10 @@ enum Command {
     Histogram(histogram::Arguments),
     /// Check every rule of a container
     Verify(verify::Arguments),
-    /// Write voxels of a container to a .npy, .raw or .nrrd file
+    /// Write voxels of a container to a plain file: .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .tif, .vti
     Extract(extract::Arguments),
+    /// Write the surface where a container has one value as a mesh: .ply, .stl, .obj
+    Mesh(mesh::Arguments),
     /// Make a picture of a container
     Render(Box<render::Arguments>),
     /// Measure pictures: cost, distance from the reference, and the same by other programs
@@ -90,6 +93,7 @@ fn main() -> ExitCode {
         Command::Histogram(arguments) => histogram::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Extract(arguments) => extract::run(&arguments),
+        Command::Mesh(arguments) => mesh::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),

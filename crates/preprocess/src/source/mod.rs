@@ -10,21 +10,28 @@
 
 pub mod computed;
 mod data_files;
+pub mod dicom;
+mod elements;
 pub mod file;
+mod folder;
 pub mod grid_file;
 pub mod metaimage;
 pub mod nifti;
 pub mod npy;
+pub mod npz;
 pub mod nrrd;
 pub mod open;
 mod others;
+pub mod pictures;
 pub mod placed;
 pub mod raw;
 pub mod segy;
+pub mod selection;
 pub mod spool;
 pub mod synthetic;
 mod text;
 pub mod tiff;
+pub mod vtk;
 
 use std::path::{Path, PathBuf};
 
@@ -71,7 +78,7 @@ pub trait VolumeSource: Send + Sync {
 /// What a source says about itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceInfo {
-    /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `metaimage`, `tiff` or `synth`.
+    /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `npz`, `metaimage`, `tiff`, `dicom`, `pictures`, `vtk` or `synth`.
     pub format: &'static str,
     /// Voxels along x, y, z.
     pub dims: Dims,
@@ -101,6 +108,8 @@ pub struct SourceInfo {
     pub memory_bytes: u64,
     /// The files it is read from, the one that was asked for first; none where it is computed.
     pub files: Vec<SourceFile>,
+    /// The folder that was asked for, where it is not a file.
+    pub folder: Option<PathBuf>,
 }
 
 impl SourceInfo {
@@ -123,6 +132,7 @@ impl SourceInfo {
             notes: Vec::new(),
             memory_bytes: 0,
             files: Vec::new(),
+            folder: None,
         }
     }
 }

@@ -12,9 +12,11 @@ use std::path::Path;
 use supervol_format::{ByteSource, VoxelBox, VoxelType};
 
 use super::Endian;
+use super::elements::{Channels, Elements, Frames, Meaning, Number};
 use super::file::SourceFile;
-use super::grid_file::shape::{ChosenAxes, choose_axes};
+use super::grid_file::shape::{SplitAxes, split_axes};
 use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
+use super::selection::Selection;
 use super::{SourceError, SourceInfo, VolumeSource};
 
 /// Longest header read. NumPy itself warns beyond 10,000.
@@ -35,37 +37,65 @@ impl NpySource {
     /// # Errors
     /// If the file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
     pub fn open(path: &Path) -> Result<Self, SourceError> {
+        Self::open_with(path, &Selection::default())
+    }
+
+    /// The same, where a person has said which volume or channel of an array of more axes.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; also if there is no such volume or channel.
+    pub fn open_with(path: &Path, selection: &Selection) -> Result<Self, SourceError> {
         let source_file = SourceFile::of(path)?;
         let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
-        let (text, offset) = header_text(path, &file)?;
+        let length = file.len().map_err(|e| SourceError::io(path, e))?;
+        Self::of_part(path, "npy", (file, 0, length), selection, source_file)
+    }
+
+    /// The array in a part of a file: from a byte on, so many bytes.
+    pub(super) fn of_part(
+        path: &Path,
+        format: &'static str,
+        (file, start, length): (File, u64, u64),
+        selection: &Selection,
+        source_file: SourceFile,
+    ) -> Result<Self, SourceError> {
+        let (text, offset) = header_text(path, &file, start)?;
         let header = parse_header(&text).map_err(|wrong| {
             let found = format!("`{}`", excerpt(&text));
             SourceError::invalid(path, "npy header", wrong, found)
         })?;
-        let (voxel_type, endian) = element_type(path, &header.descr)?;
-        let chosen = chosen_axes(path, &header.shape)?;
-        let bytes = checked_bytes(path, chosen.dims, voxel_type)?;
-
+        let (number, endian) = element_type(path, &header.descr)?;
+        let SplitAxes { channels, frames, chosen } = split_axes_of(path, &header, selection)?;
+        let mut notes = chosen.notes;
+        let channels = Channels::choose(path, channels, Meaning::Components, selection, &mut notes)?;
+        let frames = Frames { count: frames, wanted: selection.frame_of(path, frames)? };
         let fastest_first = if header.fortran_order { [2, 1, 0] } else { GridLayout::X_FASTEST };
-        let layout = GridLayout { dims: chosen.dims, voxel_type, endian, fastest_first };
-        let length = file.len().map_err(|e| SourceError::io(path, e))?;
+        let plain = GridLayout { dims: chosen.dims, voxel_type: number.stored(), endian, fastest_first };
+        let layout = Elements::widened(channels, frames, plain);
+        let bytes = checked_bytes(path, layout.dims, layout.voxel_type)?;
+        let end = offset.checked_add(bytes).filter(|end| *end - start <= length);
+        let Some(end) = end else {
+            let begin = offset - start;
+            let expected = format!("{} bytes ({bytes} of voxels from byte {begin} on)", begin.saturating_add(bytes));
+            return Err(SourceError::invalid(path, "length of the file", expected, format!("{length} bytes")));
+        };
         let grid = GridFile::single(path, file, offset, layout)?;
+        let elements = Elements::of(path, &grid, number, (channels, frames), &mut notes)?;
 
-        let mut info = SourceInfo::plain("npy", chosen.dims, voxel_type);
+        let mut info = SourceInfo::plain(format, chosen.dims, elements.voxel_type);
         info.files = vec![source_file];
-        info.notes = chosen.notes;
+        info.notes = notes;
         if header.fortran_order {
             info.notes.push("Fortran order: z runs fastest in the file".into());
         }
         if header.descr.ends_with("b1") {
             info.notes.push("truth values are read as 0 and 1".into());
         }
-        // Cannot underflow: opening the grid has checked the length.
-        let excess = length - offset - bytes;
+        let excess = start + length - end;
         if excess > 0 {
             info.notes.push(format!("the file goes on after the array; bytes not read: {excess}"));
         }
-        Ok(Self(GridSource::new(info, grid)))
+        Ok(Self(GridSource::with_elements(info, grid, elements)))
     }
 }
 
@@ -79,9 +109,9 @@ impl VolumeSource for NpySource {
     }
 }
 
-/// The dict literal and the offset of the first element.
-fn header_text(path: &Path, file: &File) -> Result<(String, u64), SourceError> {
-    let read = |offset: u64, out: &mut [u8]| match file.read_exact_at(offset, out) {
+/// The dict literal and the offset of the first element, of an array that begins at `start`.
+fn header_text(path: &Path, file: &File, start_at: u64) -> Result<(String, u64), SourceError> {
+    let read = |offset: u64, out: &mut [u8]| match file.read_exact_at(start_at + offset, out) {
         Ok(()) => Ok(()),
         Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
             let expected = format!("{} bytes from byte {offset} on", out.len());
@@ -118,7 +148,7 @@ fn header_text(path: &Path, file: &File) -> Result<(String, u64), SourceError> {
     // The limit above keeps the length within the address space.
     let mut text = vec![0; length as usize];
     read(text_offset, &mut text)?;
-    Ok((String::from_utf8_lossy(&text).into_owned(), text_offset + length))
+    Ok((String::from_utf8_lossy(&text).into_owned(), start_at + text_offset + length))
 }
 
 /// What the dict says.
@@ -227,31 +257,32 @@ impl<'a> Parser<'a> {
 }
 
 /// Type and byte order behind a NumPy type string such as `<f4`.
-fn element_type(path: &Path, descr: &str) -> Result<(VoxelType, Endian), SourceError> {
+fn element_type(path: &Path, descr: &str) -> Result<(Number, Endian), SourceError> {
     let unknown = || {
-        let expected = "a byte order (<, > or |) and one of u1 i1 u2 i2 u4 i4 f4 f8 b1";
+        let expected = "a byte order (<, > or |) and one of u1 i1 u2 i2 u4 i4 u8 i8 f4 f8 b1";
         SourceError::invalid(path, "descr", expected, format!("`{}`", excerpt(descr)))
     };
     let order = descr.chars().next().filter(|c| "<>|".contains(*c)).ok_or_else(unknown)?;
-    let voxel_type = match &descr[1..] {
-        "u1" | "b1" => VoxelType::U8,
-        "i1" => VoxelType::I8,
-        "u2" => VoxelType::U16,
-        "i2" => VoxelType::I16,
-        "u4" => VoxelType::U32,
-        "i4" => VoxelType::I32,
-        "f4" => VoxelType::F32,
-        "f8" => VoxelType::F64,
+    let number = match &descr[1..] {
+        "u1" | "b1" => Number::Voxel(VoxelType::U8),
+        "i1" => Number::Voxel(VoxelType::I8),
+        "u2" => Number::Voxel(VoxelType::U16),
+        "i2" => Number::Voxel(VoxelType::I16),
+        "u4" => Number::Voxel(VoxelType::U32),
+        "i4" => Number::Voxel(VoxelType::I32),
+        "i8" => Number::Whole { signed: true },
+        "u8" => Number::Whole { signed: false },
+        "f4" => Number::Voxel(VoxelType::F32),
+        "f8" => Number::Voxel(VoxelType::F64),
         "f2" => return Err(refused(path, descr, "half floats", "astype('float32')")),
-        "i8" | "u8" => return Err(refused(path, descr, "64-bit integers", "astype('int32') or astype('float64')")),
         "f16" => return Err(refused(path, descr, "extended floats", "astype('float64')")),
         "c8" | "c16" | "c32" => return Err(refused(path, descr, "complex numbers", "abs() or .real")),
         _ => return Err(unknown()),
     };
-    if order == '|' && voxel_type.bytes() > 1 {
+    if order == '|' && number.stored().bytes() > 1 {
         return Err(unknown());
     }
-    Ok((voxel_type, if order == '>' { Endian::Big } else { Endian::Little }))
+    Ok((number, if order == '>' { Endian::Big } else { Endian::Little }))
 }
 
 fn refused(path: &Path, descr: &str, what: &str, conversion: &str) -> SourceError {
@@ -259,19 +290,31 @@ fn refused(path: &Path, descr: &str, what: &str, conversion: &str) -> SourceErro
     SourceError::unsupported(path, what, format!("convert with {conversion} before saving"))
 }
 
-/// The three axes of the volume; `shape` has the slowest index first.
-fn chosen_axes(path: &Path, shape: &[u64]) -> Result<ChosenAxes, SourceError> {
+/// The three axes of the volume, and those beside them that a person has chosen from; `shape` has the slowest index first.
+fn split_axes_of(path: &Path, header: &NpyHeader, selection: &Selection) -> Result<SplitAxes, SourceError> {
+    let shape = &header.shape;
     if let Some(axis) = shape.iter().position(|n| *n == 0) {
         return Err(SourceError::invalid(path, "shape", "at least one element", format!("none along axis {axis}")));
     }
     let fastest_first: Vec<u64> = shape.iter().rev().copied().collect();
-    choose_axes(&fastest_first, &vec![true; shape.len()]).map_err(|_| {
-        // Of an array's axes any could be the odd one out; name the slowest, which is what writers stack along.
-        let axis = shape.iter().position(|n| *n != 1).unwrap_or_default();
+    let split = split_axes(&fastest_first, &vec![true; shape.len()], selection.channel.is_some());
+    let refused = |advice: String| {
         let what = format!("the array has {} axes ({shape:?}), a volume has three [z, y, x]", shape.len());
-        let advice = format!("save one volume of it, for example along axis {axis} (of {} entries)", shape[axis]);
-        SourceError::unsupported(path, what, advice)
-    })
+        Err(SourceError::unsupported(path, what, advice))
+    };
+    match split {
+        Ok(split) if split.channels == 1 && split.frames == 1 => Ok(split),
+        // Any of an array's axes could be the odd one out: only a person knows.
+        Ok(_) if selection.channel.is_none() && selection.frame.is_none() => {
+            let [first, last] = [shape[0], shape[shape.len() - 1]];
+            refused(format!(
+                "choose one of the {first} along the first with --frame, or of the {last} along the last with --channel"
+            ))
+        }
+        Ok(_) if header.fortran_order => refused("in Fortran order: save it with `numpy.ascontiguousarray`".into()),
+        Ok(split) => Ok(split),
+        Err(_) => refused("save one volume of it".into()),
+    }
 }
 
 /// The first characters of a text from a file, fit for a message.

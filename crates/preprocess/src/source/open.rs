@@ -1,88 +1,185 @@
-//! Which reader a file needs: by what its first bytes say, then by its name.
+//! Which reader a file or a folder needs: by what its first bytes say, then by its name.
 
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::data_files::Outside;
+use super::dicom::{DicomOptions, DicomSource, is_dicom};
 use super::file::SourceFile;
+use super::folder::Listing;
 use super::metaimage::MetaImageSource;
 use super::nifti::NiftiSource;
 use super::npy::NpySource;
+use super::npz::NpzSource;
 use super::nrrd::NrrdSource;
 use super::others::{HEAD_BYTES, refusal_of_file, refusal_of_folder};
+use super::pictures::{Kind, PicturesOptions, PicturesSource};
 use super::raw::{RawOptions, RawSource};
 use super::segy::{SegyOptions, SegySource};
+use super::selection::Selection;
 use super::spool::SpoolFolder;
 use super::tiff::TiffSource;
+use super::vtk::VtkSource;
 use super::{SourceError, VolumeSource};
 
-/// Classic TIFF and BigTIFF, in either byte order.
-const TIFF_STARTS: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
+/// Files of a folder that are looked into, to tell what it is.
+const FILES_LOOKED_AT: usize = 64;
 
 /// What a person may say about a file beside its name.
 #[derive(Debug, Clone, Default)]
 pub struct OpenOptions {
     /// Shape of a headerless file; its presence makes the file raw.
     pub raw: Option<RawOptions>,
-    /// For headers that name data files: NRRD, MetaImage.
+    /// For headers that name data files (NRRD, MetaImage), and for folders with links.
     pub outside: Outside,
-    /// For SEG-Y.
+    /// For SEG-Y; its memory is what every other reader may take, too.
     pub segy: SegyOptions,
     /// Where compressed or textual voxels are decoded to.
     pub spool: SpoolFolder,
+    /// Which volume of several.
+    pub selection: Selection,
 }
 
-/// Opens a volume file of any format we read.
+/// Opens a volume file of any format we read, or a folder that is a volume; `FILE:/NAME` is an array of a file with several.
 ///
 /// # Errors
 /// If no reader knows the file, or the reader refuses it.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
+    let (path, array) = split_array(path);
+    let mut options = options.clone();
+    options.selection.array = array.or(options.selection.array);
+    if path.is_dir() {
+        return open_folder(&path, &options);
+    }
+    // Before anything is opened: a FIFO would keep us waiting.
+    SourceFile::of(&path)?;
+    open_file(&path, &options)
+}
+
+/// The file, and the name of an array in it where that follows behind `:/`.
+#[must_use]
+pub fn split_array(path: &Path) -> (PathBuf, Option<String>) {
+    let whole = || (path.to_path_buf(), None);
+    if path.exists() {
+        return whole();
+    }
+    let Some((file, array)) = path.to_str().and_then(|text| text.split_once(":/")) else { return whole() };
+    (file.into(), Some(array.into()))
+}
+
+fn open_folder(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
     if let Some(refusal) = refusal_of_folder(path) {
         return Err(refusal);
     }
-    // Before anything is opened: a FIFO would keep us waiting.
-    SourceFile::of(path)?;
-    if let Some(raw) = &options.raw {
+    let listing = Listing::of(path, true, options.outside)?;
+    let mut has_pictures = false;
+    for file in listing.files.iter().take(FILES_LOOKED_AT) {
+        let head = head(file)?;
+        if is_dicom(&head) {
+            return open_dicom(path, options);
+        }
+        has_pictures |= Kind::of(&head).is_some();
+    }
+    if has_pictures {
+        return open_pictures(path, options);
+    }
+    let what = match listing.files.len() {
+        0 => "this is an empty folder".into(),
+        count => format!("this is a folder of {count} files that are neither DICOM nor pictures"),
+    };
+    Err(SourceError::unsupported(path, what, "expected the slices of one volume, or give a file"))
+}
+
+fn open_dicom(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
+    let dicom = DicomOptions {
+        selection: &options.selection,
+        outside: options.outside,
+        spool: &options.spool,
+        memory_bytes: options.segy.memory_bytes,
+    };
+    Ok(Box::new(DicomSource::open(path, &dicom)?))
+}
+
+fn open_pictures(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
+    options.selection.refuse_series(path)?;
+    let pictures = PicturesOptions {
+        selection: &options.selection,
+        outside: options.outside,
+        spool: &options.spool,
+        memory_bytes: options.segy.memory_bytes,
+    };
+    Ok(Box::new(PicturesSource::open(path, &pictures)?))
+}
+
+fn find(bytes: &[u8], wanted: &[u8]) -> bool {
+    bytes.windows(wanted.len()).any(|window| window == wanted)
+}
+
+/// The first bytes of a file.
+pub(super) fn head(path: &Path) -> Result<Vec<u8>, SourceError> {
+    let mut head = Vec::new();
+    let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
+    file.take(HEAD_BYTES).read_to_end(&mut head).map_err(|e| SourceError::io(path, e))?;
+    Ok(head)
+}
+
+fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
+    let OpenOptions { raw, outside, segy, spool, selection } = options;
+    if let Some(raw) = raw {
+        selection.refuse_all(path)?;
         return Ok(Box::new(RawSource::open(path, raw)?));
     }
-    let mut start = Vec::new();
-    let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
-    file.take(HEAD_BYTES).read_to_end(&mut start).map_err(|e| SourceError::io(path, e))?;
+    let start = head(path)?;
     let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
     let named = |endings: &[&str]| endings.iter().any(|e| name.ends_with(e));
 
+    // Before the mark of DICOM there is room for a TIFF's beginning, and some programs write one.
+    if is_dicom(&start) || named(&[".dcm", ".dicom", ".ima"]) {
+        return open_dicom(path, options);
+    }
+    selection.refuse_series(path)?;
+    let is_xml = start.trim_ascii_start().starts_with(b"<?xml") || start.trim_ascii_start().starts_with(b"<VTKFile");
+    if start.starts_with(b"# vtk DataFile") || named(&[".vti"]) || is_xml && find(&start, b"<VTKFile") {
+        return Ok(Box::new(VtkSource::open(path, spool, selection)?));
+    }
+    if named(&[".npz"]) {
+        return Ok(Box::new(NpzSource::open(path, spool, selection)?));
+    }
+    selection.refuse_array(path)?;
     if start.starts_with(b"NRRD") || named(&[".nrrd", ".nhdr"]) {
-        return Ok(Box::new(NrrdSource::open_with(path, &options.spool, options.outside)?));
+        return Ok(Box::new(NrrdSource::open_with(path, spool, *outside, selection)?));
     }
     if start.starts_with(b"ObjectType") || start.starts_with(b"NDims") || named(&[".mha", ".mhd"]) {
-        return Ok(Box::new(MetaImageSource::open(path, &options.spool, options.outside)?));
+        return Ok(Box::new(MetaImageSource::open_with(path, spool, *outside, selection)?));
     }
     if start.starts_with(b"\x93NUM") || named(&[".npy"]) {
-        return Ok(Box::new(NpySource::open(path)?));
+        return Ok(Box::new(NpySource::open_with(path, selection)?));
     }
     // A NIfTI header begins with its own size in either byte order.
     let nifti_sizes = [348i32, 540].map(|n| [n.to_le_bytes(), n.to_be_bytes()]);
     if nifti_sizes.as_flattened().iter().any(|size| start.starts_with(size))
         || named(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"])
     {
-        return Ok(Box::new(NiftiSource::open(path, &options.spool)?));
+        return Ok(Box::new(NiftiSource::open_with(path, spool, selection)?));
     }
-    // Before the mark of DICOM there is room for a TIFF's beginning, and some programs write one.
-    let is_dicom = start.get(128..132) == Some(b"DICM");
-    if !is_dicom && TIFF_STARTS.iter().any(|magic| start.starts_with(magic)) {
-        return Ok(Box::new(TiffSource::open(path, &options.spool)?));
+    match Kind::of(&start) {
+        Some(Kind::Tiff) => return Ok(Box::new(TiffSource::open(path, spool, selection)?)),
+        Some(Kind::Png | Kind::Jpeg) => return open_pictures(path, options),
+        None => {}
     }
     if let Some(refusal) = refusal_of_file(path, &start, &name) {
         return Err(refusal);
     }
+    selection.refuse_all(path)?;
     // The text header of SEG-Y begins with the letter C: in EBCDIC (0xC3), or in ASCII.
     if named(&[".sgy", ".segy", ".seg-y", ".seg"]) || start.first().is_some_and(|b| [0xc3, b'C'].contains(b)) {
-        return Ok(Box::new(SegySource::open(path, &options.segy)?));
+        return Ok(Box::new(SegySource::open(path, segy)?));
     }
     Err(SourceError::unsupported(
         path,
         "neither its first bytes nor its name are those of a format we read",
-        "expected SEG-Y, NRRD, NIfTI, MetaImage, TIFF, npy, or a headerless file together with --dims and --dtype",
+        "expected SEG-Y, DICOM, NRRD, NIfTI, MetaImage, VTK, TIFF, PNG, JPEG, npy, npz, or a headerless file together with --dims \
+         and --dtype",
     ))
 }

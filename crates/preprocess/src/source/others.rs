@@ -1,8 +1,6 @@
 //! Formats that are not read: known by what their files begin with, by their names, or by what a folder holds, so that a person
 //! hears which format it is and what converts it.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use super::SourceError;
@@ -17,24 +15,22 @@ struct Other {
 pub(super) const HEAD_BYTES: u64 = 512;
 /// Entries of a folder that are looked at.
 const ENTRIES_LIMIT: usize = 64;
-/// Files of a folder that are looked into.
-const FILES_LOOKED_AT: usize = 8;
 
 const CONTAINER: Other = Other {
     name: "a container of Supervol",
     way_out: "it is a built volume already: give it to `supervol render`, `info`, `verify` or `extract`",
 };
-const DICOM: Other = Other {
-    name: "DICOM",
-    way_out: "convert the series, for example with `dcm2niix -z y -o OUT FOLDER` or SimpleITK's `ImageSeriesReader`",
-};
-const TIFF: Other = Other {
-    name: "TIFF files, one of which is a volume where it has several pages",
-    way_out: "give one such file, or stack single pages first, for example with Fiji (Import, Image Sequence)",
-};
 const PICTURE: Other = Other {
-    name: "one picture",
-    way_out: "stack pictures into a volume first, for example with Fiji (Import, Image Sequence; Save As, NRRD)",
+    name: "a picture of a kind that holds no slices",
+    way_out: "convert it to PNG or TIFF first, for example with `magick IN OUT.png`",
+};
+const ZIP: Other = Other {
+    name: "a ZIP archive",
+    way_out: "unpack it first: `unzip IN`; archives of NumPy arrays are read where they are called .npz",
+};
+const VTK_MESH: Other = Other {
+    name: "a VTK file of meshes or of grids with uneven distances",
+    way_out: "resample it to an image first, for example with ParaView (Resample To Image; Save Data, .vti)",
 };
 const HDF5: Other = Other {
     name: "HDF5 (also NetCDF 4, Imaris, MINC 2, BigDataViewer)",
@@ -46,14 +42,6 @@ const ZARR: Other = Other {
 };
 const N5: Other =
     Other { name: "N5", way_out: "write one dataset out, for example with Fiji (Import, N5; Save As, NRRD)" };
-const NPZ: Other = Other {
-    name: "a ZIP archive (also .npz)",
-    way_out: "unpack it first: `unzip IN`; the arrays of an .npz are .npy files, which are read",
-};
-const VTK_XML: Other =
-    Other { name: "a VTK XML file", way_out: "convert it with ParaView (Save Data, MetaImage or NRRD)" };
-const VTK_LEGACY: Other =
-    Other { name: "a legacy VTK file", way_out: "convert it with ParaView (Save Data, MetaImage or NRRD)" };
 const NETCDF: Other = Other {
     name: "NetCDF 3 (also MINC 1)",
     way_out: "convert it: `ncks`, or Python: `numpy.save(OUT, xarray.open_dataset(IN)[NAME].values)`; MINC with `mnc2nii`",
@@ -86,18 +74,12 @@ const MATLAB: Other = Other {
 };
 
 /// What files begin with: place, bytes, format.
-const STARTS: [(usize, &[u8], &Other); 23] = [
+const STARTS: &[(usize, &[u8], &Other)] = &[
     (0, &supervol_format::container::header::MAGIC, &CONTAINER),
-    (128, b"DICM", &DICOM),
-    (0, b"\x89PNG", &PICTURE),
-    (0, b"\xff\xd8\xff", &PICTURE),
     (0, b"\0\0\0\x0cjP  ", &PICTURE),
     (0, b"\x76\x2f\x31\x01", &PICTURE),
     (0, b"\x89HDF\r\n\x1a\n", &HDF5),
-    (0, b"PK\x03\x04", &NPZ),
-    (0, b"# vtk DataFile", &VTK_LEGACY),
-    (0, b"<VTKFile", &VTK_XML),
-    (0, b"<?xml version=\"1.0\"?>\n<VTKFile", &VTK_XML),
+    (0, b"PK\x03\x04", &ZIP),
     (0, b"CDF\x01", &NETCDF),
     (0, b"CDF\x02", &NETCDF),
     (208, b"MAP ", &MRC),
@@ -113,12 +95,11 @@ const STARTS: [(usize, &[u8], &Other); 23] = [
 ];
 
 /// What files are called, where their first bytes do not say.
-const NAMES: [(&[&str], &Other); 11] = [
-    (&[".dcm", ".dicom", ".ima"], &DICOM),
-    (&[".png", ".jpg", ".jpeg", ".bmp", ".jp2", ".exr"], &PICTURE),
+const NAMES: &[(&[&str], &Other)] = &[
+    (&[".bmp", ".jp2", ".exr", ".webp", ".gif"], &PICTURE),
     (&[".h5", ".hdf5", ".ims", ".nc", ".mnc"], &HDF5),
-    (&[".npz", ".zip"], &NPZ),
-    (&[".vti", ".vtp", ".vtu", ".vtr", ".vts"], &VTK_XML),
+    (&[".vtp", ".vtu", ".vtr", ".vts"], &VTK_MESH),
+    (&[".zip"], &ZIP),
     (&[".mrc", ".map", ".rec", ".ccp4"], &MRC),
     (&[".czi", ".nd2", ".lif", ".oib", ".oif", ".lsm", ".vsi"], &MICROSCOPE),
     (&[".zgy", ".vds"], &SEISMIC_STORE),
@@ -128,12 +109,9 @@ const NAMES: [(&[&str], &Other); 11] = [
 ];
 
 /// Files that make a folder what it is, exactly or by their ends.
-const FOLDERS: [(&[&str], &Other); 6] = [
+const FOLDERS: &[(&[&str], &Other)] = &[
     (&[".zarray", ".zgroup", ".zattrs", "zarr.json"], &ZARR),
     (&["attributes.json"], &N5),
-    (&["DICOMDIR", ".dcm", ".dicom", ".ima"], &DICOM),
-    (&[".tif", ".tiff"], &TIFF),
-    (&[".png", ".jpg", ".jpeg", ".bmp"], &PICTURE),
     (&["layout.bin", "volumedatalayout"], &SEISMIC_STORE),
 ];
 
@@ -150,13 +128,6 @@ pub(super) fn refusal_of_file(path: &Path, head: &[u8], name: &str) -> Option<So
     by_start.or_else(by_name).map(|other| refused(path, other))
 }
 
-/// Whether a file has the mark of DICOM; nothing that is no file is opened.
-fn is_dicom(path: &Path) -> bool {
-    let mut head = [0; 132];
-    let mut read = || File::open(path).and_then(|mut file| file.read_exact(&mut head));
-    path.is_file() && read().is_ok() && head.ends_with(b"DICM")
-}
-
 /// The refusal of a folder, by what lies in it; `None` where that is nothing we know, or it is none.
 pub(super) fn refusal_of_folder(path: &Path) -> Option<SourceError> {
     let entries = std::fs::read_dir(path).ok()?;
@@ -165,11 +136,7 @@ pub(super) fn refusal_of_folder(path: &Path) -> Option<SourceError> {
     let holds = |(ends, _): &&(&[&str], &Other)| {
         names.iter().any(|name| ends.iter().any(|end| name == end || name.to_lowercase().ends_with(end)))
     };
-    let other = match FOLDERS.iter().find(holds) {
-        Some((_, other)) => other,
-        // Files of DICOM often have no ending.
-        None => names.iter().take(FILES_LOOKED_AT).any(|name| is_dicom(&path.join(name))).then_some(&DICOM)?,
-    };
+    let (_, other) = FOLDERS.iter().find(holds)?;
     let what = format!("this is a folder of {}, which is not read", other.name);
     Some(SourceError::unsupported(path, what, other.way_out))
 }

@@ -8,7 +8,7 @@ use std::fs::File;
 use std::io::{BufRead, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
-use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
+use flate2::bufread::{DeflateDecoder, MultiGzDecoder, ZlibDecoder};
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{VoxelType, with_voxel};
 
@@ -18,7 +18,7 @@ use super::SourceError;
 const BUFFER_BYTES: usize = 1 << 18;
 
 /// No deflate stream expands more than this (zlib's technical notes: 1032 to 1).
-const DEFLATE_RATIO_LIMIT: u64 = 1032;
+pub(super) const DEFLATE_RATIO_LIMIT: u64 = 1032;
 
 /// Longest number accepted in a text encoding, characters.
 const TOKEN_LIMIT: usize = 128;
@@ -163,17 +163,39 @@ impl Spool {
         Ok(())
     }
 
+    /// Appends all that a bare deflate stream holds, at most `limit` bytes.
+    ///
+    /// # Errors
+    /// If the stream is damaged or holds more; or the folder is full.
+    pub fn append_inflated(&mut self, path: &Path, reader: impl BufRead, limit: u64) -> Result<(), SourceError> {
+        let mut decoder = DeflateDecoder::new(reader);
+        let mut buffer = vec![0; BUFFER_BYTES];
+        let mut done = 0;
+        loop {
+            let count = decoder.read(&mut buffer).map_err(|e| damaged("deflate", path, done, e))?;
+            done += count as u64;
+            if count == 0 {
+                return Ok(());
+            }
+            if done > limit {
+                let advice = "write it without deflation first";
+                return Err(SourceError::unsupported(path, format!("it inflates to more than {limit} bytes"), advice));
+            }
+            self.write(&buffer[..count])?;
+        }
+    }
+
     /// Appends `voxels` numbers written as text, separated by white space or commas, as little-endian voxels.
     ///
     /// # Errors
-    /// If there are fewer or more numbers, or one is no number of this type; or the folder is full.
+    /// If there are fewer numbers, or more where that is refused, or one is no number of this type; or the folder is full.
     pub fn append_text(
         &mut self,
         path: &Path,
         reader: impl BufRead,
         voxel_type: VoxelType,
         voxels: u64,
-        words: Words,
+        (words, excess): (Words, Excess),
     ) -> Result<(), SourceError> {
         let mut tokens = Tokens { reader, path, token: String::new() };
         let mut voxel = [0; 8];
@@ -193,7 +215,7 @@ impl Spool {
             }
             self.write(voxel)?;
         }
-        if tokens.next()?.is_some() {
+        if excess == Excess::Refused && tokens.next()?.is_some() {
             let found = format!("at least {} numbers", voxels + 1);
             return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));
         }

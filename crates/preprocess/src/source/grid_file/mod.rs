@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::Endian;
+use super::elements::Elements;
 use super::{AccessOrder, SourceError, SourceInfo, VolumeSource};
 use storage::Storage;
 
@@ -266,7 +267,7 @@ impl BlockTarget {
 }
 
 /// Reverses the bytes of each voxel.
-fn swap_bytes(out: &mut [u8], voxel_bytes: usize) {
+pub(super) fn swap_bytes(out: &mut [u8], voxel_bytes: usize) {
     match voxel_bytes {
         1 => {}
         2 => out.as_chunks_mut::<2>().0.iter_mut().for_each(|voxel| voxel.reverse()),
@@ -290,6 +291,7 @@ pub fn checked_bytes(path: &Path, dims: Dims, voxel_type: VoxelType) -> Result<u
 pub struct GridSource {
     info: SourceInfo,
     grid: GridFile,
+    elements: Elements,
 }
 
 impl GridSource {
@@ -298,10 +300,17 @@ impl GridSource {
     /// # Panics
     /// If the two disagree about dims or type.
     #[must_use]
-    pub fn new(mut info: SourceInfo, grid: GridFile) -> Self {
-        assert_eq!((info.dims, info.voxel_type), (grid.layout.dims, grid.layout.voxel_type), "header against grid");
+    pub fn new(info: SourceInfo, grid: GridFile) -> Self {
+        let elements = Elements::plain(grid.layout.voxel_type);
+        Self::with_elements(info, grid, elements)
+    }
+
+    /// The same where the grid's numbers are not yet voxels.
+    pub(super) fn with_elements(mut info: SourceInfo, grid: GridFile, elements: Elements) -> Self {
+        let (dims, voxel_type) = (elements.dims(&grid), elements.voxel_type);
+        assert_eq!((info.dims, info.voxel_type), (dims, voxel_type), "header against grid");
         info.access_order = grid.layout.access_order();
-        Self { info, grid }
+        Self { info, grid, elements }
     }
 }
 
@@ -311,7 +320,7 @@ impl VolumeSource for GridSource {
     }
 
     fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
-        self.grid.read_box(voxels, out)
+        self.elements.read_box(&self.grid, voxels, out)
     }
 }
 

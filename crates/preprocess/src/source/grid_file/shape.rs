@@ -45,6 +45,41 @@ pub fn choose_axes(sizes: &[u64], spatial: &[bool]) -> Result<ChosenAxes, Vec<us
     Ok(ChosenAxes { axes, dims, notes })
 }
 
+/// Axes of a file that are none of the volume's: numbers of a voxel, the fastest; volumes one after the other, the slowest.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SplitAxes {
+    /// Numbers of each voxel.
+    pub channels: u64,
+    /// Volumes.
+    pub frames: u64,
+    /// The rest.
+    pub chosen: ChosenAxes,
+}
+
+/// As [`choose_axes`], where the fastest axis may be channels (if it is not spatial, or they are wanted) and the slowest volumes.
+///
+/// # Errors
+/// As [`choose_axes`].
+pub fn split_axes(sizes: &[u64], spatial: &[bool], wants_channel: bool) -> Result<SplitAxes, Vec<usize>> {
+    let in_the_way = match choose_axes(sizes, spatial) {
+        Ok(chosen) if !wants_channel || sizes.len() < 3 => return Ok(SplitAxes { channels: 1, frames: 1, chosen }),
+        Ok(_) => Vec::new(),
+        Err(in_the_way) => in_the_way,
+    };
+    let may_be_channels = wants_channel || !spatial[0];
+    let ways = [(1, 0), (0, 1), (1, 1)].into_iter().filter(|(first, _)| *first == 0 || may_be_channels);
+    for (first, last) in ways.filter(|(first, _)| *first == 1 || !wants_channel) {
+        let Some(inside) = sizes.len().checked_sub(last).filter(|end| *end > first).map(|end| first..end) else {
+            continue;
+        };
+        let Ok(mut chosen) = choose_axes(&sizes[inside.clone()], &spatial[inside]) else { continue };
+        chosen.axes.iter_mut().for_each(|axis| *axis += first);
+        let size = |is_taken: usize, axis: usize| if is_taken == 1 { sizes[axis] } else { 1 };
+        return Ok(SplitAxes { channels: size(first, 0), frames: size(last, sizes.len() - 1), chosen });
+    }
+    Err(in_the_way)
+}
+
 fn count(n: usize, one: impl Display, many: impl Display) -> String {
     if n == 1 { format!("{n} {one}") } else { format!("{n} {many}") }
 }
@@ -52,6 +87,23 @@ fn count(n: usize, one: impl Display, many: impl Display) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn channels_are_fastest_and_volumes_slowest() {
+        let split = |sizes: &[u64], spatial: &[bool], wants| {
+            split_axes(sizes, spatial, wants).map(|s| (s.channels, s.frames, s.chosen.dims.0, s.chosen.axes))
+        };
+        assert_eq!(split(&[7, 5, 3], &[true; 3], false), Ok((1, 1, [7, 5, 3], vec![0, 1, 2])));
+        assert_eq!(split(&[7, 5, 3, 2], &[true; 4], false), Ok((1, 2, [7, 5, 3], vec![0, 1, 2])));
+        assert_eq!(split(&[2, 7, 5, 3], &[true; 4], true), Ok((2, 1, [7, 5, 3], vec![1, 2, 3])));
+        assert_eq!(split(&[2, 7, 5, 3], &[false, true, true, true], false), Ok((2, 1, [7, 5, 3], vec![1, 2, 3])));
+        assert_eq!(
+            split(&[2, 7, 5, 3, 4], &[false, true, true, true, true], false),
+            Ok((2, 4, [7, 5, 3], vec![1, 2, 3]))
+        );
+        assert_eq!(split(&[2, 7, 5], &[false, true, true], false), Ok((2, 1, [7, 5, 1], vec![1, 2])));
+        assert_eq!(split(&[7, 5, 3, 2, 2], &[true; 5], false), Err(vec![3, 4]));
+    }
 
     #[test]
     fn drops_single_voxels_and_nothing_else() {

@@ -2,9 +2,10 @@
 //! own, each compressed or not).
 //!
 //! Raw voxels are read in place; zlib, gzip and text are decoded once into a spool file ([`super::spool`]). Spacing, offset and
-//! direction are the header's own (ITK means left-posterior-superior millimetres). `ElementToIntensityFunction` becomes scale
-//! and offset; voxels stay as stored. Several numbers per voxel, 64-bit integers and more than three axes with more than one
-//! voxel are refused, each with the way out.
+//! direction are the header's own. ITK means left-posterior-superior millimetres, and says so of every image, a patient's or not
+//! (`AnatomicalOrientation`): nothing is made of it. `ElementToIntensityFunction` becomes scale
+//! and offset; voxels stay as stored. Of several numbers per voxel one is chosen (of colours, the luminance is used), of several
+//! volumes along the fourth axis, too; 64-bit integers are kept in the smallest type that holds all of them. More axes are refused.
 //! Written by hand: no crate for MetaImage was found.
 
 mod header;
@@ -18,9 +19,11 @@ use supervol_format::{ByteSource, Geometry, VoxelBox, VoxelType};
 
 pub use super::data_files::Outside;
 use super::data_files::{DataLayout, find_all, note_excess, open_data, open_grid};
+use super::elements::{Channels, Elements, Frames, Meaning, Number};
 use super::file::SourceFile;
-use super::grid_file::shape::{ChosenAxes, choose_axes};
+use super::grid_file::shape::{ChosenAxes, SplitAxes, split_axes};
 use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
+use super::selection::Selection;
 use super::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
 use super::text::shortened;
 use super::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
@@ -40,12 +43,25 @@ impl MetaImageSource {
     /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot; or if a data file lies
     /// outside the header's folder and must not.
     pub fn open(path: &Path, spool: &SpoolFolder, outside: Outside) -> Result<Self, SourceError> {
+        Self::open_with(path, spool, outside, &Selection::default())
+    }
+
+    /// The same, where a person has said which volume or channel.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; also if there is no such volume or channel.
+    pub fn open_with(
+        path: &Path,
+        spool: &SpoolFolder,
+        outside: Outside,
+        selection: &Selection,
+    ) -> Result<Self, SourceError> {
         let source_file = SourceFile::of(path)?;
         let header = Header::read(path, BufReader::new(open_data(path)?))?;
         let sizes = header.sizes(path)?;
-        let voxel_type = voxel_type(path, header.required(path, "ElementType")?)?;
-        refuse_channels(path, &header)?;
-        let chosen = choose_axes(&sizes, &vec![true; sizes.len()]).map_err(|axes| {
+        let number = number(path, header.required(path, "ElementType")?)?;
+        // The fourth axis is time, where there is one.
+        let split = split_axes(&sizes, &vec![true; sizes.len()], false).map_err(|axes| {
             let axis = axes.first().copied().unwrap_or_default();
             let what = format!("a volume has three axes, but there is also axis {axis} of {} values", sizes[axis]);
             SourceError::unsupported(
@@ -54,21 +70,40 @@ impl MetaImageSource {
                 "take one part of it first, for example with SimpleITK's `image[..., 0]`",
             )
         })?;
-        checked_bytes(path, chosen.dims, voxel_type)?;
+        let SplitAxes { frames, chosen, .. } = split;
+        let mut notes = chosen.notes.clone();
+        let wanted = selection.noted_frame(path, frames, "volumes", &mut notes)?;
+        let frames = Frames { count: frames, wanted };
+        let count = match header.whole_number(path, "ElementNumberOfChannels")? {
+            0 => 1,
+            count => u64::try_from(count).unwrap_or(u64::MAX),
+        };
+        let is_colour = number == Number::Voxel(VoxelType::U8) && (3..=4).contains(&count);
+        let meaning = if is_colour { Meaning::Colours } else { Meaning::Components };
+        let channels = Channels::choose(path, count, meaning, selection, &mut notes)?;
+        let encoding = Encoding::of(path, &header)?;
+        let endian = encoding.endian(path, &header)?;
+        let fastest_first = GridLayout::X_FASTEST;
+        let plain = GridLayout { dims: chosen.dims, voxel_type: number.stored(), endian, fastest_first };
+        let layout = Elements::widened(channels, frames, plain);
+        checked_bytes(path, layout.dims, layout.voxel_type)?;
+        if encoding == Encoding::Text && number != Number::Voxel(plain.voxel_type) {
+            let advice = "write it as binary first";
+            return Err(SourceError::unsupported(path, "64-bit integers as text are not read", advice));
+        }
+        let data = Data { path, header: &header, voxel_type: plain.voxel_type, encoding, outside };
+        let (grid, data_files) = data.open(layout, sizes.len(), spool, &mut notes)?;
+        let elements = Elements::of(path, &grid, number, (channels, frames), &mut notes)?;
 
-        let mut info = SourceInfo::plain("metaimage", chosen.dims, voxel_type);
-        info.notes = chosen.notes.clone();
+        let mut info = SourceInfo::plain("metaimage", chosen.dims, elements.voxel_type);
+        info.notes = notes;
         info.geometry = geometry(path, &header, &chosen, sizes.len(), &mut info.notes)?;
         let unit = header.field(&["DistanceUnits"]).filter(|unit| *unit != "?").map(shortened).unwrap_or_default();
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: unit.clone() });
         (info.scale, info.offset) = scaling(path, &header, &mut info.notes)?;
 
-        let data = Data { path, header: &header, voxel_type, encoding: Encoding::of(path, &header)?, outside };
-        let layout =
-            GridLayout { dims: chosen.dims, voxel_type, endian: data.endian()?, fastest_first: GridLayout::X_FASTEST };
-        let (grid, data_files) = data.open(layout, sizes.len(), spool, &mut info.notes)?;
         info.files = [vec![source_file], data_files].concat();
-        Ok(Self(GridSource::new(info, grid)))
+        Ok(Self(GridSource::with_elements(info, grid, elements)))
     }
 }
 
@@ -82,38 +117,24 @@ impl VolumeSource for MetaImageSource {
     }
 }
 
-/// The voxel type behind the format's name for it; `LONG` has four bytes there.
-fn voxel_type(path: &Path, name: &str) -> Result<VoxelType, SourceError> {
+/// The numbers behind the format's name for them; `LONG` has four bytes there.
+fn number(path: &Path, name: &str) -> Result<Number, SourceError> {
     Ok(match name {
-        "MET_UCHAR" => VoxelType::U8,
-        "MET_CHAR" | "MET_ASCII_CHAR" => VoxelType::I8,
-        "MET_USHORT" => VoxelType::U16,
-        "MET_SHORT" => VoxelType::I16,
-        "MET_UINT" | "MET_ULONG" => VoxelType::U32,
-        "MET_INT" | "MET_LONG" => VoxelType::I32,
-        "MET_FLOAT" => VoxelType::F32,
-        "MET_DOUBLE" => VoxelType::F64,
-        "MET_LONG_LONG" | "MET_ULONG_LONG" => {
-            let what = format!("64-bit integers (`{name}`) have no exact voxel type here");
-            let advice = "convert to 32-bit integers or double first, for example with SimpleITK's `Cast`";
-            return Err(SourceError::unsupported(path, what, advice));
-        }
+        "MET_UCHAR" => Number::Voxel(VoxelType::U8),
+        "MET_CHAR" | "MET_ASCII_CHAR" => Number::Voxel(VoxelType::I8),
+        "MET_USHORT" => Number::Voxel(VoxelType::U16),
+        "MET_SHORT" => Number::Voxel(VoxelType::I16),
+        "MET_UINT" | "MET_ULONG" => Number::Voxel(VoxelType::U32),
+        "MET_INT" | "MET_LONG" => Number::Voxel(VoxelType::I32),
+        "MET_FLOAT" => Number::Voxel(VoxelType::F32),
+        "MET_DOUBLE" => Number::Voxel(VoxelType::F64),
+        "MET_LONG_LONG" => Number::Whole { signed: true },
+        "MET_ULONG_LONG" => Number::Whole { signed: false },
         _ => {
             let found = format!("`{}`", shortened(name));
             return Err(SourceError::invalid(path, "ElementType", "MET_UCHAR to MET_DOUBLE, no arrays", found));
         }
     })
-}
-
-fn refuse_channels(path: &Path, header: &Header) -> Result<(), SourceError> {
-    match header.field(&["ElementNumberOfChannels"]) {
-        None | Some("1") => Ok(()),
-        Some(count) => {
-            let what = format!("{} numbers per voxel; a volume has one", shortened(count));
-            let advice = "write out one of them first, for example with SimpleITK's `VectorIndexSelectionCast`";
-            Err(SourceError::unsupported(path, what, advice))
-        }
-    }
 }
 
 /// Scale and offset of values; the identity where they make no sense.
@@ -186,6 +207,16 @@ impl Encoding {
     }
 }
 
+impl Encoding {
+    /// The byte order of the voxels once they are decoded.
+    fn endian(self, path: &Path, header: &Header) -> Result<Endian, SourceError> {
+        // Text is decoded to little endian.
+        let names = ["BinaryDataByteOrderMSB", "ElementByteOrderMSB"];
+        let is_big = self != Self::Text && header.flag(path, &names, false)?;
+        Ok(if is_big { Endian::Big } else { Endian::Little })
+    }
+}
+
 /// What is needed to find the voxels.
 struct Data<'a> {
     path: &'a Path,
@@ -196,13 +227,6 @@ struct Data<'a> {
 }
 
 impl Data<'_> {
-    fn endian(&self) -> Result<Endian, SourceError> {
-        // Text is decoded to little endian.
-        let names = ["BinaryDataByteOrderMSB", "ElementByteOrderMSB"];
-        let is_big = self.encoding != Encoding::Text && self.header.flag(self.path, &names, false)?;
-        Ok(if is_big { Endian::Big } else { Endian::Little })
-    }
-
     fn open(
         &self,
         layout: GridLayout,
@@ -274,7 +298,7 @@ impl DataLayout for Data<'_> {
                 return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));
             }
             let words = if path == self.path { Words::Shown } else { Words::Hidden };
-            spool.append_text(path, reader, self.voxel_type, voxels, words)?;
+            spool.append_text(path, reader, self.voxel_type, voxels, (words, Excess::Refused))?;
         }
         spool.finish()
     }

@@ -2,8 +2,9 @@
 //!
 //! x runs fastest in the file. Uncompressed voxels are read in place; gzip is decoded once into a spool file
 //! ([`super::spool`]). Whether a file is compressed is told by its first bytes, not by its name. `scl_slope` and
-//! `scl_inter` become scale and offset; voxels stay as stored. Of a series (4-D and more) the first volume is used,
-//! and the notes say so. Colour, complex and 64-bit integer voxels are refused.
+//! `scl_inter` become scale and offset; voxels stay as stored. Of a series (4-D and more) the first volume is used
+//! unless `--frame` says which; of colours the luminance, or one channel. 64-bit integers are kept in the smallest type that holds
+//! all of them. Complex voxels are refused.
 
 mod geometry;
 mod header;
@@ -16,8 +17,10 @@ use flate2::bufread::MultiGzDecoder;
 use supervol_format::space::WorldSpace;
 use supervol_format::{ByteSource, Dims, VoxelBox, VoxelType};
 
+use super::elements::{Channels, Elements, Frames, Meaning, Number};
 use super::file::SourceFile;
 use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
+use super::selection::Selection;
 use super::spool::{Excess, GzipShare, Spool, SpoolFolder, damaged};
 use super::{Axis, SourceError, SourceInfo, VolumeSource};
 use header::{HEADER_BYTES, Header};
@@ -32,29 +35,31 @@ impl NiftiSource {
     /// # Errors
     /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
     pub fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
+        Self::open_with(path, spool, &Selection::default())
+    }
+
+    /// The same, where a person has said which volume or channel.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; also if there is no such volume or channel.
+    pub fn open_with(path: &Path, spool: &SpoolFolder, selection: &Selection) -> Result<Self, SourceError> {
         let header_path = partner(path, "img", "hdr")?.unwrap_or_else(|| path.into());
         let mut files = vec![SourceFile::of(path)?, SourceFile::of(&header_path)?];
         let header = Header::parse(&header_path, &first_bytes(&header_path)?)?;
-        let shape = Shape::read(&header_path, &header)?;
-        let voxel_type = voxel_type(&header_path, header.datatype)?;
-        checked_bytes(&header_path, shape.dims, voxel_type)?;
-
-        let mut info = SourceInfo::plain("nifti", shape.dims, voxel_type);
-        let (geometry, notes) = geometry::placement(&header);
-        info.geometry = geometry;
-        info.space = WorldSpace::RightAnteriorSuperior;
-        info.notes = shape.notes.clone();
-        info.notes.extend(notes);
-        info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: length_unit(header.units).into() });
-        (info.scale, info.offset) = scaling(&header, &mut info.notes);
-        if usize::try_from(header.bits_per_voxel).ok() != Some(8 * voxel_type.bytes()) {
-            let bits = header.bits_per_voxel;
-            info.notes
-                .push(format!("the header says {bits} bits per voxel, but its type is {voxel_type}: the type counts"));
+        let shape = Shape::read(&header_path, &header, selection)?;
+        let (number, count) = numbers(&header_path, header.datatype)?;
+        let mut notes = shape.notes.clone();
+        let channels = Channels::choose(&header_path, count, Meaning::Colours, selection, &mut notes)?;
+        let (geometry, geometry_notes) = geometry::placement(&header);
+        notes.extend(geometry_notes);
+        let (scale, offset) = scaling(&header, &mut notes);
+        if u64::try_from(header.bits_per_voxel).ok() != Some(8 * number.stored().bytes() as u64 * count) {
+            let (bits, code) = (header.bits_per_voxel, header.datatype);
+            notes.push(format!("the header says {bits} bits per voxel, but its datatype is {code}: the type counts"));
         }
 
         let data_path = if header.single_file {
-            header_path
+            header_path.clone()
         } else {
             partner(&header_path, "hdr", "img")?.ok_or_else(|| {
                 let expected = "the .img or .img.gz of the pair beside it";
@@ -62,9 +67,21 @@ impl NiftiSource {
             })?
         };
         files.push(SourceFile::of(&data_path)?);
-        info.files = files;
-        let data = Data { path: &data_path, header: &header, shape: &shape, voxel_type };
-        Ok(Self(GridSource::new(info, data.open(spool)?)))
+        let plain = GridLayout {
+            dims: shape.dims,
+            voxel_type: number.stored(),
+            endian: header.endian,
+            fastest_first: GridLayout::X_FASTEST,
+        };
+        let layout = Elements::widened(channels, Frames::ONE, plain);
+        let data = Data { path: &data_path, header: &header, shape: &shape, layout };
+        let grid = data.open(spool)?;
+        let elements = Elements::of(&header_path, &grid, number, (channels, Frames::ONE), &mut notes)?;
+        let mut info = SourceInfo::plain("nifti", shape.dims, elements.voxel_type);
+        (info.geometry, info.space) = (geometry, WorldSpace::RightAnteriorSuperior);
+        (info.scale, info.offset, info.notes, info.files) = (scale, offset, notes, files);
+        info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: length_unit(header.units).into() });
+        Ok(Self(GridSource::with_elements(info, grid, elements)))
     }
 }
 
@@ -78,15 +95,16 @@ impl VolumeSource for NiftiSource {
     }
 }
 
-/// Grid of the first volume, and how many there are.
+/// Grid of a volume, how many there are, and which is wanted.
 struct Shape {
     dims: Dims,
     volumes: u64,
+    wanted: u64,
     notes: Vec<String>,
 }
 
 impl Shape {
-    fn read(path: &Path, header: &Header) -> Result<Self, SourceError> {
+    fn read(path: &Path, header: &Header, selection: &Selection) -> Result<Self, SourceError> {
         let axes = usize::try_from(header.dim[0]).ok().filter(|n| (1..=7).contains(n)).ok_or_else(|| {
             SourceError::invalid(path, "number of axes (dim[0])", "1 to 7", header.dim[0].to_string())
         })?;
@@ -102,7 +120,7 @@ impl Shape {
         if axes < 3 {
             notes.push(format!("the file has {axes} of three axes: read as {dims} voxels"));
         }
-        let mut volumes: u64 = 1;
+        let (mut volumes, mut what): (u64, String) = (1, String::new());
         for axis in 4..=7 {
             let count = size(axis)?;
             let product = volumes.checked_mul(count);
@@ -110,33 +128,40 @@ impl Shape {
                 SourceError::invalid(path, format!("dim[{axis}]"), "fewer than 2^64 volumes", count.to_string())
             })?;
             if count > 1 && axis == 4 {
-                notes.push(format!("{count} time points; the first is used"));
+                what = format!("{count} time points");
             } else if count > 1 {
-                notes.push(format!("{count} values along axis {axis}; the first is used"));
+                let more = format!("{count} values along axis {axis}");
+                what = if what.is_empty() { more } else { format!("{what}, {more}") };
             }
         }
-        Ok(Self { dims, volumes, notes })
+        let wanted = selection.frame_of(path, volumes)?;
+        if volumes > 1 && selection.frame.is_none() {
+            notes.push(format!("{what}; the first is used; --frame 0 to {} takes another", volumes - 1));
+        }
+        Ok(Self { dims, volumes, wanted, notes })
     }
 }
 
-/// The voxel type behind a NIfTI datatype code.
-fn voxel_type(path: &Path, code: i16) -> Result<VoxelType, SourceError> {
+/// The numbers behind a NIfTI datatype code, and how many there are for each voxel.
+fn numbers(path: &Path, code: i16) -> Result<(Number, u64), SourceError> {
     let refused = |what: &str, advice: &str| {
         Err(SourceError::unsupported(path, format!("voxels are {what} (datatype {code})"), advice))
     };
+    let one = |voxel_type| Ok((Number::Voxel(voxel_type), 1));
     match code {
-        2 => Ok(VoxelType::U8),
-        4 => Ok(VoxelType::I16),
-        8 => Ok(VoxelType::I32),
-        16 => Ok(VoxelType::F32),
-        64 => Ok(VoxelType::F64),
-        256 => Ok(VoxelType::I8),
-        512 => Ok(VoxelType::U16),
-        768 => Ok(VoxelType::U32),
-        128 => refused("RGB colours", "a volume has one number per voxel: convert to grey or write out one channel"),
-        2304 => refused("RGBA colours", "a volume has one number per voxel: convert to grey or write out one channel"),
+        2 => one(VoxelType::U8),
+        4 => one(VoxelType::I16),
+        8 => one(VoxelType::I32),
+        16 => one(VoxelType::F32),
+        64 => one(VoxelType::F64),
+        256 => one(VoxelType::I8),
+        512 => one(VoxelType::U16),
+        768 => one(VoxelType::U32),
+        128 => Ok((Number::Voxel(VoxelType::U8), 3)),
+        2304 => Ok((Number::Voxel(VoxelType::U8), 4)),
+        1024 => Ok((Number::Whole { signed: true }, 1)),
+        1280 => Ok((Number::Whole { signed: false }, 1)),
         32 | 1792 | 2048 => refused("complex numbers", "write out the magnitude or the phase"),
-        1024 | 1280 => refused("64-bit integers", "convert to 32-bit integers or 64-bit floats first"),
         1536 => refused("128-bit floats", "convert to 64-bit floats first"),
         1 => refused("single bits", "convert to 8-bit integers first"),
         _ => {
@@ -173,17 +198,12 @@ struct Data<'a> {
     path: &'a Path,
     header: &'a Header,
     shape: &'a Shape,
-    voxel_type: VoxelType,
+    layout: GridLayout,
 }
 
 impl Data<'_> {
     fn open(&self, folder: &SpoolFolder) -> Result<GridFile, SourceError> {
-        let layout = GridLayout {
-            dims: self.shape.dims,
-            voxel_type: self.voxel_type,
-            endian: self.header.endian,
-            fastest_first: GridLayout::X_FASTEST,
-        };
+        let layout = self.layout;
         let volume_bytes = checked_bytes(self.path, layout.dims, layout.voxel_type)?;
         let offset = self.offset()?;
         let file = File::open(self.path).map_err(|e| SourceError::io(self.path, e))?;
@@ -196,11 +216,13 @@ impl Data<'_> {
                 let found = format!("{length} bytes");
                 return Err(SourceError::invalid(self.path, "length of the file", format!("{end} bytes"), found));
             }
-            return GridFile::single(self.path, file, offset, layout);
+            // Cannot overflow: all volumes are there.
+            return GridFile::single(self.path, file, offset + self.shape.wanted * volume_bytes, layout);
         }
-        let excess = if self.shape.volumes > 1 { Excess::Expected } else { Excess::Refused };
-        let share =
-            GzipShare { path: self.path, compressed_bytes: length, skip_bytes: offset, bytes: volume_bytes, excess };
+        let excess = if self.shape.wanted + 1 < self.shape.volumes { Excess::Expected } else { Excess::Refused };
+        // What cannot be there is more than any stream holds, and is refused as that.
+        let skip_bytes = volume_bytes.saturating_mul(self.shape.wanted).saturating_add(offset);
+        let share = GzipShare { path: self.path, compressed_bytes: length, skip_bytes, bytes: volume_bytes, excess };
         let mut spool = Spool::create(folder)?;
         spool.append_gzip(BufReader::new(file), &share)?;
         GridFile::single(self.path, spool.finish()?, 0, layout)

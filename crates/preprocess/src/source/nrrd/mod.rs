@@ -1,8 +1,9 @@
 //! NRRD volumes (versions 1 to 5): a text header, and the voxels behind it or in files of their own.
 //!
 //! Raw voxels are read in place; gzip and text are decoded once into a spool file ([`super::spool`]). The header's
-//! world space is kept as it is. Hex, bzip2, 64-bit integers, block types, and grids of more than three axes with more
-//! than one voxel are refused, each with the way out. Bytes behind raw voxels are noted, not refused: the format allows
+//! world space is kept as it is. Of channels (the fastest axis) and volumes (the slowest) one is chosen; 64-bit
+//! integers are kept in the smallest type that holds all of them. Hex, bzip2, block types and more axes are refused, each with the
+//! way out. Bytes behind raw voxels are noted, not refused: the format allows
 //! them.
 //! Written by hand: the crates for NRRD at hand read whole volumes into memory, which is what this program must not do.
 
@@ -18,9 +19,11 @@ use supervol_format::{ByteSource, VoxelBox, VoxelType};
 use super::Endian;
 pub use super::data_files::Outside;
 use super::data_files::{DataLayout, find_all, note_excess, open_data, open_grid};
+use super::elements::{Channels, Elements, Frames, Meaning, Number};
 use super::file::SourceFile;
-use super::grid_file::shape::{ChosenAxes, choose_axes};
+use super::grid_file::shape::{SplitAxes, split_axes};
 use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
+use super::selection::Selection;
 use super::spool::{Excess, GzipShare, Spool, SpoolFolder, Words};
 use super::text::shortened;
 use super::{SourceError, SourceInfo, VolumeSource};
@@ -73,38 +76,57 @@ impl NrrdSource {
     /// If a file cannot be read, breaks the format's rules, or holds what a volume of ours cannot; or if a data file lies
     /// outside the header's folder.
     pub fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
-        Self::open_with(path, spool, Outside::Refused)
+        Self::open_with(path, spool, Outside::Refused, &Selection::default())
     }
 
     /// The same, where a person has said whether data files may lie anywhere.
     ///
     /// # Errors
     /// As [`Self::open`].
-    pub fn open_with(path: &Path, spool: &SpoolFolder, outside: Outside) -> Result<Self, SourceError> {
+    pub fn open_with(
+        path: &Path,
+        spool: &SpoolFolder,
+        outside: Outside,
+        selection: &Selection,
+    ) -> Result<Self, SourceError> {
         let source_file = SourceFile::of(path)?;
         let mut reader = BufReader::new(File::open(path).map_err(|e| SourceError::io(path, e))?);
         let header = Header::read(path, &mut reader)?;
         let sizes = header.sizes(path)?;
-        let voxel_type = voxel_type(path, header.required(path, "type")?)?;
-        let chosen = chosen_axes(path, &header, &sizes)?;
-        checked_bytes(path, chosen.dims, voxel_type)?;
+        let number = number(path, header.required(path, "type")?)?;
+        let (SplitAxes { channels, frames, chosen }, meaning) = axes_of(path, &header, &sizes, selection)?;
+        let mut notes = chosen.notes.clone();
+        let channels = Channels::choose(path, channels, meaning, selection, &mut notes)?;
+        let frames = Frames { count: frames, wanted: selection.noted_frame(path, frames, "volumes", &mut notes)? };
         let placement = geometry::placement(path, &header, &chosen, sizes.len())?;
+        notes.extend(placement.notes);
+        notes.extend(field_notes(&header));
 
-        let mut info = SourceInfo::plain("nrrd", chosen.dims, voxel_type);
+        let encoding = header.encoding(path)?;
+        if encoding == Encoding::Text && matches!(number, Number::Whole { .. }) {
+            let advice = "write it as raw or gzip first, for example with `unu save -e gzip -f nrrd -i IN -o OUT`";
+            return Err(SourceError::unsupported(path, "64-bit integers as text are not read", advice));
+        }
+        let data = Data { path, header: &header, voxel_type: number.stored(), encoding, outside };
+        let plain = GridLayout {
+            dims: chosen.dims,
+            voxel_type: number.stored(),
+            endian: data.endian()?,
+            fastest_first: GridLayout::X_FASTEST,
+        };
+        let layout = Elements::widened(channels, frames, plain);
+        checked_bytes(path, layout.dims, layout.voxel_type)?;
+        let (grid, data_files) = data.open(layout, sizes.len(), spool, &mut notes)?;
+        let elements = Elements::of(path, &grid, number, (channels, frames), &mut notes)?;
+
+        let mut info = SourceInfo::plain("nrrd", chosen.dims, elements.voxel_type);
         info.geometry = placement.geometry;
         info.space = placement.space;
         info.axes = placement.axes;
         info.unit = header.field("sampleunits").map(|u| shortened(u.trim_matches('"'))).unwrap_or_default();
-        info.notes = chosen.notes;
-        info.notes.extend(placement.notes);
-        info.notes.extend(field_notes(&header));
-
-        let data = Data { path, header: &header, voxel_type, encoding: header.encoding(path)?, outside };
-        let layout =
-            GridLayout { dims: chosen.dims, voxel_type, endian: data.endian()?, fastest_first: GridLayout::X_FASTEST };
-        let (grid, data_files) = data.open(layout, sizes.len(), spool, &mut info.notes)?;
+        info.notes = notes;
         info.files = [vec![source_file], data_files].concat();
-        Ok(Self(GridSource::new(info, grid)))
+        Ok(Self(GridSource::with_elements(info, grid, elements)))
     }
 }
 
@@ -118,46 +140,46 @@ impl VolumeSource for NrrdSource {
     }
 }
 
-/// The voxel type behind one of the format's many names for it.
-fn voxel_type(path: &Path, name: &str) -> Result<VoxelType, SourceError> {
-    Ok(match name.to_lowercase().split_whitespace().collect::<Vec<_>>().join(" ").as_str() {
-        "signed char" | "int8" | "int8_t" => VoxelType::I8,
-        "uchar" | "unsigned char" | "uint8" | "uint8_t" => VoxelType::U8,
-        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => VoxelType::I16,
-        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => VoxelType::U16,
-        "int" | "signed int" | "int32" | "int32_t" => VoxelType::I32,
-        "uint" | "unsigned int" | "uint32" | "uint32_t" => VoxelType::U32,
-        "float" => VoxelType::F32,
-        "double" => VoxelType::F64,
+/// The numbers behind one of the format's many names for them.
+fn number(path: &Path, name: &str) -> Result<Number, SourceError> {
+    let voxel = |voxel_type| Ok(Number::Voxel(voxel_type));
+    match name.to_lowercase().split_whitespace().collect::<Vec<_>>().join(" ").as_str() {
+        "signed char" | "int8" | "int8_t" => voxel(VoxelType::I8),
+        "uchar" | "unsigned char" | "uint8" | "uint8_t" => voxel(VoxelType::U8),
+        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => voxel(VoxelType::I16),
+        "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => voxel(VoxelType::U16),
+        "int" | "signed int" | "int32" | "int32_t" => voxel(VoxelType::I32),
+        "uint" | "unsigned int" | "uint32" | "uint32_t" => voxel(VoxelType::U32),
+        "float" => voxel(VoxelType::F32),
+        "double" => voxel(VoxelType::F64),
         "longlong"
         | "long long"
         | "long long int"
         | "signed long long"
         | "signed long long int"
         | "int64"
-        | "int64_t"
-        | "ulonglong"
-        | "unsigned long long"
-        | "unsigned long long int"
-        | "uint64"
-        | "uint64_t" => {
-            let what = format!("64-bit integers (`{name}`) have no exact voxel type here");
-            let advice = "convert to 32-bit integers or double first, for example with `unu convert -t double`";
-            return Err(SourceError::unsupported(path, what, advice));
+        | "int64_t" => Ok(Number::Whole { signed: true }),
+        "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => {
+            Ok(Number::Whole { signed: false })
         }
         "block" => {
             let advice = "only its writer knows what the blocks are: write out one number per voxel";
-            return Err(SourceError::unsupported(path, "voxels are opaque blocks (`type: block`)", advice));
+            Err(SourceError::unsupported(path, "voxels are opaque blocks (`type: block`)", advice))
         }
         _ => {
             let found = format!("`{}`", shortened(name));
-            return Err(SourceError::invalid(path, "type", "an integer type, float or double", found));
+            Err(SourceError::invalid(path, "type", "an integer type, float or double", found))
         }
-    })
+    }
 }
 
-/// The three axes of the volume, or a refusal that names the axis in the way.
-fn chosen_axes(path: &Path, header: &Header, sizes: &[u64]) -> Result<ChosenAxes, SourceError> {
+/// The axes of the volume, of its channels and its frames, and what the channels are; or a refusal that names the axis in the way.
+fn axes_of(
+    path: &Path,
+    header: &Header,
+    sizes: &[u64],
+    selection: &Selection,
+) -> Result<(SplitAxes, Meaning), SourceError> {
     let kinds = header.words(path, "kinds", sizes.len())?;
     let directions = header.field("spacedirections").unwrap_or_default();
     let kind = |axis: usize| kinds.as_ref().map_or("", |k| k[axis].as_str());
@@ -168,7 +190,8 @@ fn chosen_axes(path: &Path, header: &Header, sizes: &[u64]) -> Result<ChosenAxes
             _ => false,
         })
         .collect();
-    choose_axes(sizes, &spatial).map_err(|in_the_way| {
+    let wants_channel = selection.channel.is_some() && sizes.len() > 3;
+    let split = split_axes(sizes, &spatial, wants_channel).map_err(|in_the_way| {
         let describe = |axis: &usize| match kind(*axis) {
             "" => format!("axis {axis} of {} values", sizes[*axis]),
             kind => format!("axis {axis} of {} values (kind {kind})", sizes[*axis]),
@@ -178,7 +201,9 @@ fn chosen_axes(path: &Path, header: &Header, sizes: &[u64]) -> Result<ChosenAxes
         let example = in_the_way.first().copied().unwrap_or_default();
         let advice = format!("take one slice of it first, for example with `unu slice -a {example} -p 0 -i IN -o OUT`");
         SourceError::unsupported(path, what, advice)
-    })
+    })?;
+    let is_colour = kind(0).to_lowercase().contains("color");
+    Ok((split, if is_colour { Meaning::Colours } else { Meaning::Components }))
 }
 
 /// The text of one direction: `none` or a vector in parentheses.
@@ -338,7 +363,7 @@ impl DataLayout for Data<'_> {
             let skip = i64::try_from(skip).map_err(|_| SourceError::invalid(path, "byte skip", "less", "2^63"))?;
             reader.seek_relative(skip).map_err(|e| SourceError::io(path, e))?;
             let words = if path == self.path { Words::Shown } else { Words::Hidden };
-            spool.append_text(path, reader, self.voxel_type, voxels, words)?;
+            spool.append_text(path, reader, self.voxel_type, voxels, (words, Excess::Refused))?;
         }
         spool.finish()
     }

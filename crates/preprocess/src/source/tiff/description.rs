@@ -8,6 +8,7 @@ use quick_xml::XmlVersion;
 use quick_xml::events::{BytesStart, Event};
 
 use super::super::SourceError;
+use super::super::selection::Selection;
 use super::super::text::shortened;
 
 /// Most slices of a volume, pages of a file.
@@ -48,25 +49,30 @@ impl Series {
         (1..=PAGES_LIMIT).contains(&product).then_some(Self { sizes, strides })
     }
 
-    /// Pages of the slices of the first channel and time; a lone series of times is read as slices.
-    fn slices(&self, notes: &mut Vec<String>) -> Vec<usize> {
+    /// Pages of the slices of the channel and time that are wanted, the first where nobody says; a lone series of times is read
+    /// as slices. `samples`: pixels of several numbers are channels of their own.
+    fn slices(
+        &self,
+        path: &Path,
+        samples: u64,
+        selection: &Selection,
+        notes: &mut Vec<String>,
+    ) -> Result<Vec<usize>, SourceError> {
         let [slices, channels, times] = self.sizes;
-        if channels > 1 {
-            notes.push(format!("{channels} channels; the first is used"));
+        let mut first = 0;
+        if samples == 1 {
+            if channels > 1 && selection.channel.is_none() {
+                let last = channels - 1;
+                notes.push(format!("{channels} channels; the first is used; --channel 0 to {last} takes another"));
+            }
+            first += selection.channel_of(path, channels as u64)? as usize * self.strides[1];
         }
-        let (along, count) = match (slices, times) {
-            (1, times) if times > 1 && channels == 1 => {
-                notes.push(format!("{times} time points of one slice: read as slices"));
-                (2, times)
-            }
-            (_, times) => {
-                if times > 1 {
-                    notes.push(format!("{times} time points; the first is used"));
-                }
-                (0, slices)
-            }
-        };
-        (0..count).map(|i| i * self.strides[along]).collect()
+        if slices == 1 && times > 1 && channels == 1 && selection.frame.is_none() {
+            notes.push(format!("{times} time points of one slice: read as slices"));
+            return Ok((0..times).map(|i| i * self.strides[2]).collect());
+        }
+        first += selection.noted_frame(path, times as u64, "time points", notes)? as usize * self.strides[2];
+        Ok((0..slices).map(|i| first + i * self.strides[0]).collect())
     }
 }
 
@@ -75,17 +81,21 @@ impl Description {
     ///
     /// # Errors
     /// If it is of either kind and makes no sense, or speaks of several files.
-    pub(super) fn read(path: &Path, text: &str) -> Result<Self, SourceError> {
+    pub(super) fn read(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
         if text.starts_with("ImageJ=") {
-            return Self::of_image_j(path, text);
+            return Self::of_image_j(path, text, samples, selection);
         }
         if text.contains("<OME") {
-            return Self::of_ome(path, text);
+            return Self::of_ome(path, text, samples, selection);
+        }
+        selection.frame_of(path, 1)?;
+        if samples == 1 {
+            selection.channel_of(path, 1)?;
         }
         Ok(Self::default())
     }
 
-    fn of_image_j(path: &Path, text: &str) -> Result<Self, SourceError> {
+    fn of_image_j(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
         let fields: HashMap<&str, &str> = text.lines().filter_map(|line| line.split_once('=')).collect();
         let count = |name: &str| match fields.get(name) {
             None => Ok(None),
@@ -108,7 +118,7 @@ impl Description {
             SourceError::invalid(path, "ImageJ description", expected, format!("{sizes:?} slices, channels, times"))
         })?;
         let mut notes = Vec::new();
-        let slices = Some(series.slices(&mut notes));
+        let slices = Some(series.slices(path, samples, selection, &mut notes)?);
         let between = fields.get("spacing").and_then(|s| s.trim().parse().ok());
         let unit = fields.get("unit").map(|unit| unit_of(unit)).unwrap_or_default();
         let has_resolution = !unit.is_empty() && unit != "pixel";
@@ -116,9 +126,9 @@ impl Description {
         Ok(Self { slices, spacing, unit: if has_resolution { unit } else { String::new() }, has_resolution, notes })
     }
 
-    fn of_ome(path: &Path, text: &str) -> Result<Self, SourceError> {
+    fn of_ome(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
         let wrong = |found: String| SourceError::invalid(path, "OME-XML", "an element `Pixels` with its sizes", found);
-        let mut found = Ome::default();
+        let mut found = Ome { samples: samples as usize, ..Ome::default() };
         let mut reader = quick_xml::Reader::from_str(text);
         loop {
             match reader.read_event() {
@@ -133,7 +143,8 @@ impl Description {
                 0 | 1 => "it is one of several files of an OME-TIFF, whose OME-XML is in another".into(),
                 count => format!("its OME-XML spreads the volume over {count} files"),
             };
-            let advice = "join them first, for example with Bio-Formats: `bfconvert IN OUT.ome.tif`";
+            let advice =
+                "give their folder, if each holds one slice, or join them: `bfconvert IN OUT.ome.tif` (Bio-Formats)";
             return Err(SourceError::unsupported(path, what, advice));
         }
         let series = found.series.ok_or_else(|| wrong("none".into()))?;
@@ -141,7 +152,8 @@ impl Description {
         if found.images > 1 {
             notes.push(format!("{} series; the first is used", found.images));
         }
-        let slices = series.slices(&mut notes).into_iter().map(|plane| found.page_of(plane)).collect::<Option<_>>();
+        let planes = series.slices(path, samples, selection, &mut notes)?;
+        let slices = planes.into_iter().map(|plane| found.page_of(plane)).collect::<Option<_>>();
         let slices = slices.ok_or_else(|| wrong("a slice that no `TiffData` has a page for".into()))?;
         let units = &found.units;
         let is_one_unit = units.iter().all(|unit| *unit == units[0]);
@@ -157,6 +169,8 @@ impl Description {
 /// What is read of OME-XML.
 #[derive(Debug, Default)]
 struct Ome {
+    /// Numbers per pixel of a page.
+    samples: usize,
     images: usize,
     series: Option<Series>,
     spacing: [Option<f64>; 3],
@@ -194,7 +208,8 @@ impl Ome {
 
     fn pixels(&mut self, attributes: &HashMap<String, String>) -> Result<(), String> {
         let size = |name: &str| number(attributes, name)?.ok_or_else(|| format!("no {name}"));
-        let sizes = [size("SizeZ")?, size("SizeC")?, size("SizeT")?];
+        // Colours of one pixel are no planes of their own.
+        let sizes = [size("SizeZ")?, (size("SizeC")? / self.samples.max(1)).max(1), size("SizeT")?];
         let order = attributes.get("DimensionOrder").map_or("XYZCT", String::as_str);
         let mut axes: Vec<usize> = order.chars().skip(2).filter_map(|c| "ZCT".find(c)).collect();
         let fastest_first = axes.clone();
@@ -250,6 +265,8 @@ fn number(attributes: &HashMap<String, String>, name: &str) -> Result<Option<usi
 fn unit_of(text: &str) -> String {
     match text.trim() {
         "micron" | "microns" | "um" | "µm" | "μm" | "\\u00B5m" | "Â\u{b5}m" => "um".into(),
+        // No unit, but distances of voxels.
+        "reference frame" => String::new(),
         other => shortened(other),
     }
 }
@@ -259,7 +276,7 @@ mod tests {
     use super::*;
 
     fn read(text: &str) -> Result<Description, SourceError> {
-        Description::read("d.tif".as_ref(), text)
+        Description::read("d.tif".as_ref(), text, 1, &Selection::default())
     }
 
     #[test]

@@ -3,8 +3,8 @@
 //!
 //! Pages that lie in the file as they are, each in one piece, are read in place, also those that ImageJ writes behind the only
 //! page of a stack of more than 4 GiB; all others are decoded once into a spool file ([`super::spool`]), chunk by chunk. Of several channels and times the first is
-//! used, and the notes say so. Pages that are smaller copies are left out; of pages with a palette its numbers are the voxels.
-//! Colours, single bits, halves and 64-bit integers are refused by name. White-is-zero pages are turned round by the decoder, so that greater is brighter.
+//! used, and the notes say so, unless `--channel` and `--frame` say otherwise. Pages that are smaller copies are left out; of pages with a palette its numbers are the voxels.
+//! Of colours the luminance is used, or one channel. Single bits, halves and 64-bit integers are refused by name. White-is-zero pages are turned round by the decoder, so that greater is brighter.
 //! Decoding is the crate `tiff`'s; which pages are the volume is told here.
 
 mod description;
@@ -20,8 +20,10 @@ use tiff::tags::{CompressionMethod, SampleFormat, Tag};
 use tiff::{ColorType, TiffError};
 
 use super::data_files::open_data;
+use super::elements::{Channels, Elements, Frames, Meaning};
 use super::file::SourceFile;
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
+use super::selection::Selection;
 use super::spool::{Spool, SpoolFolder};
 use super::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
 use description::{Description, PAGES_LIMIT};
@@ -31,7 +33,7 @@ const CHUNK_LIMIT_BYTES: usize = 256 << 20;
 /// Most bytes of one field, which may be OME-XML of tens of thousands of planes.
 const FIELD_LIMIT_BYTES: usize = 32 << 20;
 /// No codec that is read expands more than this: deflate 1032 to 1, LZW about 1365 to 1.
-const RATIO_LIMIT: u64 = 1400;
+pub(super) const RATIO_LIMIT: u64 = 1400;
 
 /// Photometric interpretation of pixels that are numbers of a palette.
 const PALETTE: u64 = 3;
@@ -45,22 +47,33 @@ impl TiffSource {
     ///
     /// # Errors
     /// If the file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
-    pub fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
+    pub fn open(path: &Path, spool: &SpoolFolder, selection: &Selection) -> Result<Self, SourceError> {
         let source_file = SourceFile::of(path)?;
         let mut pages = Pages::open(path)?;
         let first = pages.page()?;
-        let description = Description::read(path, &pages.description()?)?;
+        let description = Description::read(path, &pages.description()?, first.samples, selection)?;
         let mut notes = description.notes.clone();
+        let channels = match first.samples {
+            1 => Channels::ONE,
+            samples => Channels::choose(path, samples, Meaning::Colours, selection, &mut notes)?,
+        };
+        let elements = Elements { channels, ..Elements::plain(first.voxel_type) };
         let (slices, behind) = pages.slices(&description, &mut notes)?;
         let geometry = pages.geometry(&description)?;
         let dims = Dims([first.size[0], first.size[1], slices.len() as u64]);
-        let bytes = checked_bytes(path, dims, first.voxel_type)?;
+        checked_bytes(path, dims, first.voxel_type)?;
         let in_place = match behind {
             Some(offset) => vec![offset],
             None => pages.offsets_in_place(&slices, first)?,
         };
-        let layout =
-            |endian| GridLayout { dims, voxel_type: first.voxel_type, endian, fastest_first: GridLayout::X_FASTEST };
+        let plain = GridLayout {
+            dims,
+            voxel_type: first.voxel_type,
+            endian: Endian::Little,
+            fastest_first: GridLayout::X_FASTEST,
+        };
+        let layout = |endian| GridLayout { endian, ..Elements::widened(channels, Frames::ONE, plain) };
+        let bytes = checked_bytes(path, layout(Endian::Little).dims, first.voxel_type)?;
         let grid = match in_place[..] {
             [] => GridFile::single(path, pages.decode(&slices, first, bytes, spool)?, 0, layout(Endian::Little)),
             [offset] => GridFile::single(path, open_data(path)?, offset, layout(pages.endian())),
@@ -76,7 +89,7 @@ impl TiffSource {
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: description.unit.clone() });
         info.notes = notes;
         info.files = vec![source_file];
-        Ok(Self(GridSource::new(info, grid)))
+        Ok(Self(GridSource::with_elements(info, grid, elements)))
     }
 }
 
@@ -92,28 +105,35 @@ impl VolumeSource for TiffSource {
 
 /// What all pages of a volume have in common.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Page {
+pub(super) struct Page {
     /// Pixels along x and y.
-    size: [u64; 2],
-    voxel_type: VoxelType,
+    pub(super) size: [u64; 2],
+    /// Numbers per pixel.
+    pub(super) samples: u64,
+    /// Their type.
+    pub(super) voxel_type: VoxelType,
 }
 
 impl Page {
-    fn bytes(self) -> u64 {
-        // Sizes have 32 bits, so that the product of the three has less than 128, but may have more than 64.
-        self.size[0].saturating_mul(self.size[1]).saturating_mul(self.voxel_type.bytes() as u64)
+    pub(super) fn bytes(self) -> u64 {
+        // Sizes have 32 bits, so that the product of all has less than 128, but may have more than 64.
+        self.size[0].saturating_mul(self.size[1]).saturating_mul(self.pixel_bytes() as u64)
+    }
+
+    fn pixel_bytes(self) -> usize {
+        self.samples as usize * self.voxel_type.bytes()
     }
 }
 
 /// The pages of a file, one of them at hand.
-struct Pages<'a> {
+pub(super) struct Pages<'a> {
     path: &'a Path,
     decoder: Decoder<BufReader<File>>,
     file_bytes: u64,
 }
 
 impl<'a> Pages<'a> {
-    fn open(path: &'a Path) -> Result<Self, SourceError> {
+    pub(super) fn open(path: &'a Path) -> Result<Self, SourceError> {
         let file = open_data(path)?;
         let file_bytes = file.len().map_err(|e| SourceError::io(path, e))?;
         let mut limits = Limits::default();
@@ -128,7 +148,7 @@ impl<'a> Pages<'a> {
     }
 
     /// The page at hand.
-    fn page(&mut self) -> Result<Page, SourceError> {
+    pub(super) fn page(&mut self) -> Result<Page, SourceError> {
         let path = self.path;
         let (width, height) = self.decoder.dimensions().map_err(|e| refusal(path, e))?;
         let color = match self.tag(Tag::PhotometricInterpretation)? {
@@ -141,10 +161,20 @@ impl<'a> Pages<'a> {
         let formats = self.decoder.find_tag_unsigned_vec::<u16>(Tag::SampleFormat).map_err(|e| refusal(path, e))?;
         let format = formats.and_then(|formats| formats.first().copied()).unwrap_or(SampleFormat::Uint.to_u16());
         let unsupported = |what: String, advice: &str| Err(SourceError::unsupported(path, what, advice));
-        let ColorType::Gray(bits) = color else {
-            let advice = "convert to grey or write out one channel, for example with Fiji (Image, Type, 32-bit)";
-            return unsupported(format!("pixels are colours ({color:?}); a volume has one number per voxel"), advice);
+        let (samples, bits) = match color {
+            ColorType::Gray(bits) => (1, bits),
+            ColorType::GrayA(bits) => (2, bits),
+            ColorType::RGB(bits) => (3, bits),
+            ColorType::RGBA(bits) => (4, bits),
+            _ => {
+                let advice = "convert to grey or RGB first, for example with Fiji (Image, Type)";
+                return unsupported(format!("pixels are colours of a kind that is not read ({color:?})"), advice);
+            }
         };
+        if samples > 1 && self.tag(Tag::PlanarConfiguration)?.is_some_and(|order| order != 1) {
+            let advice = "rewrite it with the colours of a pixel together: `tiffcp -p contig IN OUT`";
+            return unsupported("each colour lies in a plane of its own".into(), advice);
+        }
         let voxel_type = match (SampleFormat::from_u16_exhaustive(format), bits) {
             (SampleFormat::Uint, 8) => VoxelType::U8,
             (SampleFormat::Int, 8) => VoxelType::I8,
@@ -159,7 +189,7 @@ impl<'a> Pages<'a> {
                 return unsupported(format!("pixels of {bits} bits ({format:?}) have no voxel type here"), advice);
             }
         };
-        Ok(Page { size: [width.into(), height.into()], voxel_type })
+        Ok(Page { size: [width.into(), height.into()], samples, voxel_type })
     }
 
     /// The description of the page at hand.
@@ -199,7 +229,7 @@ impl<'a> Pages<'a> {
     }
 
     /// Numbers of all pages that are not smaller copies; the first page is at hand again afterwards.
-    fn whole_pages(&mut self, notes: &mut Vec<String>) -> Result<Vec<usize>, SourceError> {
+    pub(super) fn whole_pages(&mut self, notes: &mut Vec<String>) -> Result<Vec<usize>, SourceError> {
         let (mut whole, mut copies, mut number) = (Vec::new(), 0, 0);
         loop {
             let is_copy = self.tag(Tag::NewSubfileType)?.is_some_and(|kind| kind & 1 == 1) && number > 0;
@@ -257,7 +287,7 @@ impl<'a> Pages<'a> {
     }
 
     /// Where the pixels of the page at hand begin, if they lie in the file as they are, in one piece.
-    fn place_of_page(&mut self, page: Page) -> Result<Option<u64>, SourceError> {
+    pub(super) fn place_of_page(&mut self, page: Page) -> Result<Option<u64>, SourceError> {
         let path = self.path;
         let is_plain = self.tag(Tag::Compression)?.is_none_or(|c| c == u64::from(CompressionMethod::None.to_u16()));
         // What the decoder turns round.
@@ -276,7 +306,7 @@ impl<'a> Pages<'a> {
         Ok(offsets.first().copied().filter(|_| is_one_piece))
     }
 
-    fn endian(&self) -> Endian {
+    pub(super) fn endian(&self) -> Endian {
         match self.decoder.byte_order() {
             tiff::tags::ByteOrder::LittleEndian => Endian::Little,
             tiff::tags::ByteOrder::BigEndian => Endian::Big,
@@ -284,7 +314,7 @@ impl<'a> Pages<'a> {
     }
 
     /// Refuses a page at hand that is unlike the first.
-    fn check_page(&mut self, number: usize, like: Page) -> Result<(), SourceError> {
+    pub(super) fn check_page(&mut self, number: usize, like: Page) -> Result<(), SourceError> {
         let page = self.page()?;
         if page == like {
             return Ok(());
@@ -328,13 +358,13 @@ impl<'a> Pages<'a> {
     }
 
     /// Appends a page, a band of chunks at a time.
-    fn decode_page(&mut self, number: usize, page: Page, spool: &mut Spool) -> Result<(), SourceError> {
+    pub(super) fn decode_page(&mut self, number: usize, page: Page, spool: &mut Spool) -> Result<(), SourceError> {
         let path = self.path;
         let (chunk_width, chunk_height) = self.decoder.chunk_dimensions();
         let is_tiled = self.decoder.get_chunk_type() == ChunkType::Tile;
         let across = if is_tiled { page.size[0].div_ceil(u64::from(chunk_width.max(1))) } else { 1 };
         let bands = page.size[1].div_ceil(u64::from(chunk_height.max(1)));
-        let row_bytes = page.size[0] as usize * page.voxel_type.bytes();
+        let row_bytes = page.size[0] as usize * page.pixel_bytes();
         let band_bytes = row_bytes.saturating_mul(chunk_height.min(page.size[1] as u32) as usize);
         if band_bytes > CHUNK_LIMIT_BYTES {
             let advice = "rewrite it with smaller strips or tiles, for example with `tiffcp -r 16 IN OUT`";
@@ -350,7 +380,7 @@ impl<'a> Pages<'a> {
                 let (width, height) = self.decoder.chunk_data_dimensions(chunk);
                 let voxels = self.decoder.read_chunk(chunk).map_err(|e| refusal(path, e))?;
                 let voxels = little_endian(voxels);
-                let width_bytes = width as usize * page.voxel_type.bytes();
+                let width_bytes = width as usize * page.pixel_bytes();
                 let is_whole = voxels.len() == width_bytes * height as usize;
                 let fits = start + width_bytes <= row_bytes && row_bytes * height as usize <= band.len();
                 if !(is_whole && fits && (column == 0 || rows == height)) {

@@ -1,13 +1,19 @@
-//! Voxels of a container back into plain files: `.npy`, `.raw`, `.nrrd`.
+//! Voxels of a container back into plain files: npy, raw, NRRD, NIfTI, MetaImage, TIFF, VTK. What each says of the volume's place is
+//! told in [`headers`].
 //!
 //! Voxels come out in the data's own units: the stored type where no scale applies, otherwise f64 for 64-bit and 32-bit
 //! integer voxels and f32 for all others (f32 holds every scaled 8- or 16-bit voxel to 24 bits). Absent voxels of scaled
 //! volumes become NaN; unscaled ones keep the nodata value they have. Written in file order within a number of bytes,
 //! whatever the box's shape, under a temporary name; renamed when whole.
 
+mod headers;
+
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use headers::{Format, Place, TIFF_SLICES_LIMIT};
 use supervol_format::container::header::Descriptor;
 use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::{Voxel, voxels_as_f64};
@@ -36,55 +42,80 @@ pub struct Extraction {
     pub memory_bytes: u64,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Format {
-    Npy,
-    Raw,
-    Nrrd,
-}
-
 /// Writes voxels to `output`, whose extension chooses the format. Returns the box and the type written.
 ///
 /// # Errors
 /// If the level or box is not there, the extension unknown, a brick unreadable or the output unwritable.
 pub fn extract(container: &Container, output: &Path, what: &Extraction) -> Result<(VoxelBox, VoxelType), BuildError> {
-    let format = match output.extension().and_then(|e| e.to_str()) {
-        Some("npy") => Format::Npy,
-        Some("raw") => Format::Raw,
-        Some("nrrd") => Format::Nrrd,
-        other => {
-            let found = other.map_or("none".into(), |o| format!(".{o}"));
-            return Err(BuildError::Options(format!(
-                "{}: expected an output ending in .npy, .raw or .nrrd, found {found}",
-                output.display()
-            )));
-        }
+    let name = output.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
+    let Some((format, is_compressed)) = Format::of_name(&name) else {
+        return Err(BuildError::Options(format!(
+            "{}: expected an output ending in .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .tif or .vti, found {}",
+            output.display(),
+            output.extension().map_or("none".into(), |end| format!(".{}", end.display()))
+        )));
     };
+    let voxels = checked_box(container, what.lod, what.voxels)?;
+    let written_type = output_type(container.descriptor());
+    let manifest = container.manifest();
+    let place = Place {
+        voxel_type: written_type,
+        sizes: voxels.extent(),
+        geometry: level_geometry(container, what.lod, voxels),
+        space: WorldSpace::from_name(&manifest.space),
+        unit: &manifest.axes[0].unit,
+    };
+    if format == Format::Tiff && place.sizes[2] > TIFF_SLICES_LIMIT {
+        let found = place.sizes[2];
+        let message = format!("{}: a TIFF has at most {TIFF_SLICES_LIMIT} slices, found {found}", output.display());
+        return Err(BuildError::Options(message));
+    }
+    let write_error = |e| BuildError::write(output, e);
+    let file = OutputFile::begin(output, what.existing)?;
+    let mut plain = BufWriter::with_capacity(WRITE_BUFFER_BYTES, file.file());
+    // A TIFF's directories are held until they are written.
+    let trailer = place.trailer(format);
+    let memory_bytes = what.memory_bytes.saturating_sub(trailer.len() as u64);
+    let part = Extraction { memory_bytes, ..*what };
+    let whole = |out: &mut (dyn Write + Send)| {
+        out.write_all(&place.header(format)).map_err(write_error)?;
+        write_voxels(container, &part, voxels, written_type, &mut |bytes| out.write_all(bytes).map_err(write_error))?;
+        out.write_all(&trailer).map_err(write_error)
+    };
+    if is_compressed {
+        let mut gzip = GzEncoder::new(&mut plain, Compression::fast());
+        whole(&mut gzip)?;
+        gzip.finish().map_err(write_error)?;
+    } else {
+        whole(&mut plain)?;
+    }
+    plain.flush().map_err(write_error)?;
+    drop(plain);
+    file.publish()?;
+    Ok((voxels, written_type))
+}
+
+/// The box of a level that is wanted, all of it where none is named.
+///
+/// # Errors
+/// If the level is not there, or the box has no voxel or leaves it.
+pub(crate) fn checked_box(container: &Container, lod: Lod, voxels: Option<VoxelBox>) -> Result<VoxelBox, BuildError> {
     let levels = container.pyramid().levels();
-    let Some(level) = levels.get(usize::from(what.lod.0)) else {
+    let Some(level) = levels.get(usize::from(lod.0)) else {
         return Err(BuildError::Options(format!(
             "level {}: this container has levels 0 to {}",
-            what.lod.0,
+            lod.0,
             levels.len() - 1
         )));
     };
-    let voxels = what.voxels.unwrap_or(level.dims.full_box());
+    let voxels = voxels.unwrap_or(level.dims.full_box());
     if (0..3).any(|a| voxels.start[a] >= voxels.end[a] || voxels.end[a] > level.dims.0[a]) {
         return Err(BuildError::Options(format!(
             "box {voxels:?}: level {} has {} voxels, and a box needs some",
-            what.lod.0, level.dims
+            lod.0, level.dims
         )));
     }
-    let written_type = output_type(container.descriptor());
-    let write_error = |e| BuildError::write(output, e);
-    let file = OutputFile::begin(output, what.existing)?;
-    let mut out = BufWriter::with_capacity(WRITE_BUFFER_BYTES, file.file());
-    out.write_all(&file_header(format, container, what.lod, voxels, written_type)).map_err(write_error)?;
-    write_voxels(container, what, voxels, written_type, &mut |bytes| out.write_all(bytes).map_err(write_error))?;
-    out.flush().map_err(write_error)?;
-    drop(out);
-    file.publish()?;
-    Ok((voxels, written_type))
+    Ok(voxels)
 }
 
 /// The type that voxels are written in.
@@ -163,79 +194,12 @@ fn scaled(descriptor: &Descriptor, stored: &[u8], written_type: VoxelType) -> Ve
     out
 }
 
-fn file_header(format: Format, container: &Container, lod: Lod, voxels: VoxelBox, t: VoxelType) -> Vec<u8> {
-    let [nx, ny, nz] = voxels.extent();
-    match format {
-        Format::Raw => Vec::new(),
-        Format::Npy => npy_header(t, [nz, ny, nx]),
-        Format::Nrrd => {
-            let geometry = level_geometry(container, lod, voxels);
-            nrrd_header(t, [nx, ny, nz], &geometry, &container.manifest().space).into_bytes()
-        }
-    }
-}
-
 /// Placement of a box of a level: its first voxel's position, and the level's spacing.
-fn level_geometry(container: &Container, lod: Lod, voxels: VoxelBox) -> Geometry {
+pub(crate) fn level_geometry(container: &Container, lod: Lod, voxels: VoxelBox) -> Geometry {
     let base = container.descriptor().geometry;
     let scale = container.pyramid().level_at(lod).scale;
     // Level index point p lies at the level-0 point (p + 1/2) * scale - 1/2.
     let index: [f64; 3] = std::array::from_fn(|a| (voxels.start[a] as f64 + 0.5) * scale[a] as f64 - 0.5);
     let origin = base.world_from_index().transform_point3(glam::DVec3::from_array(index)).to_array();
     Geometry { spacing: std::array::from_fn(|a| base.spacing[a] * scale[a] as f64), origin, direction: base.direction }
-}
-
-/// NPY format 1.0 (NEP 1): magic, version, header length, a Python dictionary padded to 64 bytes.
-fn npy_header(t: VoxelType, shape: [usize; 3]) -> Vec<u8> {
-    let descr = match t {
-        VoxelType::U8 => "|u1",
-        VoxelType::I8 => "|i1",
-        VoxelType::U16 => "<u2",
-        VoxelType::I16 => "<i2",
-        VoxelType::U32 => "<u4",
-        VoxelType::I32 => "<i4",
-        VoxelType::F32 => "<f4",
-        VoxelType::F64 => "<f8",
-    };
-    let [nz, ny, nx] = shape;
-    let mut dictionary = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({nz}, {ny}, {nx}), }}");
-    let padding = 64 - (10 + dictionary.len() + 1) % 64;
-    dictionary.push_str(&" ".repeat(padding % 64));
-    dictionary.push('\n');
-    let mut header = b"\x93NUMPY\x01\x00".to_vec();
-    header.extend((dictionary.len() as u16).to_le_bytes());
-    header.extend(dictionary.into_bytes());
-    header
-}
-
-/// A NRRD header; `space` is one of the format's names, or empty.
-fn nrrd_header(t: VoxelType, sizes: [usize; 3], geometry: &Geometry, space: &str) -> String {
-    let kind = match t {
-        VoxelType::U8 => "uint8",
-        VoxelType::I8 => "int8",
-        VoxelType::U16 => "uint16",
-        VoxelType::I16 => "int16",
-        VoxelType::U32 => "uint32",
-        VoxelType::I32 => "int32",
-        VoxelType::F32 => "float",
-        VoxelType::F64 => "double",
-    };
-    let d = &geometry.direction;
-    let vector = |v: [f64; 3]| format!("({},{},{})", v[0], v[1], v[2]);
-    // A space direction is a column of D times the spacing.
-    let directions: Vec<String> =
-        (0..3).map(|a| vector([d[a], d[3 + a], d[6 + a]].map(|c| c * geometry.spacing[a]))).collect();
-    let space = match WorldSpace::from_name(space).name() {
-        "" => "space dimension: 3".into(),
-        name => format!("space: {name}"),
-    };
-    let endian = if t.bytes() > 1 { "endian: little\n" } else { "" };
-    format!(
-        "NRRD0004\ntype: {kind}\ndimension: 3\n{space}\nsizes: {} {} {}\nspace directions: {}\nspace origin: {}\n{endian}encoding: raw\n\n",
-        sizes[0],
-        sizes[1],
-        sizes[2],
-        directions.join(" "),
-        vector(geometry.origin)
-    )
 }

@@ -1,0 +1,296 @@
+//! How the numbers of a grid become voxels: one of several channels, the luminance of colours, some of the bits of a word, 64-bit
+//! integers that fit a smaller type.
+//!
+//! Numbers stay where they are, and become voxels when they are read; only whether 64-bit integers fit is found out by reading
+//! all of them once, on opening.
+
+use std::path::Path;
+
+use supervol_format::voxel_type::Voxel;
+use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
+
+use super::SourceError;
+use super::grid_file::{GridFile, GridLayout, SCRATCH_BYTES};
+use super::selection::Selection;
+use crate::file_order::boxes;
+
+/// Thousandths of red, green and blue in luminance: Rec. 601, as most programs have it that turn colours into grey.
+const LUMINANCE: [f64; 3] = [299.0, 587.0, 114.0];
+
+/// Greatest whole number up to which a double holds all of them.
+const EXACT_IN_DOUBLES: i128 = 1 << 53;
+
+/// What the numbers of one voxel are, where there are several.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Meaning {
+    /// Red, green, blue, and whatever follows.
+    Colours,
+    /// Components of a vector, real and imaginary parts: nothing that could stand for all of them.
+    Components,
+}
+
+/// Which of the numbers that follow one another for each voxel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Channels {
+    /// How many there are.
+    pub(super) count: u64,
+    /// Which is the voxel; `None`: the luminance of the first three.
+    pub(super) wanted: Option<u64>,
+}
+
+impl Channels {
+    /// One number for each voxel.
+    pub(super) const ONE: Self = Self { count: 1, wanted: Some(0) };
+
+    /// What a person wants of so many numbers; without a word of theirs, the luminance of colours.
+    pub(super) fn choose(
+        path: &Path,
+        count: u64,
+        meaning: Meaning,
+        selection: &Selection,
+        notes: &mut Vec<String>,
+    ) -> Result<Self, SourceError> {
+        if count <= 1 {
+            selection.channel_of(path, 1)?;
+            return Ok(Self::ONE);
+        }
+        if selection.channel.is_some() {
+            return Ok(Self { count, wanted: Some(selection.channel_of(path, count)?) });
+        }
+        let last = count - 1;
+        if meaning == Meaning::Components {
+            let what = format!("{count} numbers per voxel; a volume has one");
+            return Err(SourceError::unsupported(path, what, format!("choose one with --channel 0 to {last}")));
+        }
+        if count >= 3 {
+            notes.push(format!("colours: their luminance is used; --channel 0 to {last} takes one channel instead"));
+            return Ok(Self { count, wanted: None });
+        }
+        notes.push(format!("{count} channels; the first is used; --channel 0 to {last} takes another"));
+        Ok(Self { count, wanted: Some(0) })
+    }
+}
+
+/// Volumes that follow one another along z, and which of them is meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Frames {
+    pub(super) count: u64,
+    pub(super) wanted: u64,
+}
+
+impl Frames {
+    /// One volume.
+    pub(super) const ONE: Self = Self { count: 1, wanted: 0 };
+}
+
+/// Types of numbers that files hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Number {
+    /// Those of a voxel type.
+    Voxel(VoxelType),
+    /// A 64-bit integer, with or without a sign.
+    Whole { signed: bool },
+}
+
+impl Number {
+    /// The type in which a grid holds them: 64-bit integers take as much room as doubles.
+    pub(super) fn stored(self) -> VoxelType {
+        match self {
+            Self::Voxel(voxel_type) => voxel_type,
+            Self::Whole { .. } => VoxelType::F64,
+        }
+    }
+}
+
+/// What is made of each number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Numbers {
+    /// Nothing.
+    AsStored,
+    /// Of an integer, the bits from `low` on, so many of them, with or without a sign.
+    Bits { low: u32, count: u32, signed: bool },
+    /// 64-bit integers, which the grid calls [`VoxelType::F64`], become the voxels' type, which holds all of them.
+    Whole { signed: bool },
+}
+
+/// Numbers of a grid and what becomes of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Elements {
+    pub(super) channels: Channels,
+    pub(super) frames: Frames,
+    pub(super) numbers: Numbers,
+    /// What they become.
+    pub(super) voxel_type: VoxelType,
+}
+
+impl Elements {
+    /// Numbers that are voxels.
+    pub(super) fn plain(voxel_type: VoxelType) -> Self {
+        Self { channels: Channels::ONE, frames: Frames::ONE, numbers: Numbers::AsStored, voxel_type }
+    }
+
+    /// The layout of the grid of all numbers: each voxel has `channels.count` along x, and `frames.count` volumes lie along z.
+    pub(super) fn widened(channels: Channels, frames: Frames, layout: GridLayout) -> GridLayout {
+        let [x, y, z] = layout.dims.0;
+        GridLayout { dims: Dims([x.saturating_mul(channels.count), y, z.saturating_mul(frames.count)]), ..layout }
+    }
+
+    /// What becomes of the numbers of a grid; 64-bit integers are read once, to find out what they fit.
+    pub(super) fn of(
+        path: &Path,
+        grid: &GridFile,
+        number: Number,
+        (channels, frames): (Channels, Frames),
+        notes: &mut Vec<String>,
+    ) -> Result<Self, SourceError> {
+        let elements = Self { channels, frames, ..Self::plain(number.stored()) };
+        match number {
+            Number::Voxel(_) => Ok(elements),
+            Number::Whole { signed } => elements.narrowed(path, grid, signed, notes),
+        }
+    }
+
+    /// Dims of the volume.
+    pub(super) fn dims(&self, grid: &GridFile) -> Dims {
+        let [x, y, z] = grid.layout().dims.0;
+        Dims([x / self.channels.count, y, z / self.frames.count])
+    }
+
+    /// 64-bit integers as the smallest type that holds all of them, which the notes name; reads every number once.
+    fn narrowed(
+        self,
+        path: &Path,
+        grid: &GridFile,
+        signed: bool,
+        notes: &mut Vec<String>,
+    ) -> Result<Self, SourceError> {
+        let [mut least, mut greatest] = [i128::MAX, i128::MIN];
+        for part in boxes(grid.layout().dims.full_box(), (SCRATCH_BYTES / 8) as u64, u64::MAX) {
+            let mut numbers = vec![0; part.voxels() * 8];
+            grid.read_box(part, &mut numbers)?;
+            for number in numbers.as_chunks::<8>().0 {
+                let value = whole(*number, signed);
+                (least, greatest) = (least.min(value), greatest.max(value));
+            }
+        }
+        let holds = |t: &VoxelType| {
+            let (low, high) = t.limits();
+            (low as i128..=high as i128).contains(&least) && (low as i128..=high as i128).contains(&greatest)
+        };
+        let integers = VoxelType::ALL.into_iter().filter(|t| !t.is_float());
+        let is_exact = -EXACT_IN_DOUBLES <= least && greatest <= EXACT_IN_DOUBLES;
+        let fitting = integers.clone().find(holds).or_else(|| is_exact.then_some(VoxelType::F64));
+        let Some(voxel_type) = fitting else {
+            let what = format!("64-bit integers of {least} to {greatest} fit no voxel type");
+            return Err(SourceError::unsupported(path, what, "subtract or divide what they have in common first"));
+        };
+        let name = if signed { "int64" } else { "uint64" };
+        notes.push(format!("{name}, of {least} to {greatest}: kept as {voxel_type}, which holds all of them"));
+        Ok(Self { numbers: Numbers::Whole { signed }, voxel_type, ..self })
+    }
+
+    /// As [`super::VolumeSource::read_box`].
+    pub(super) fn read_box(&self, grid: &GridFile, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        let stored = grid.layout().voxel_type;
+        if out.is_empty() {
+            return Ok(());
+        }
+        let slices = grid.layout().dims.0[2] / self.frames.count;
+        let in_frame = |[x, y, z]: [u64; 3]| [x, y, z + self.frames.wanted * slices];
+        let voxels = VoxelBox { start: in_frame(voxels.start), end: in_frame(voxels.end) };
+        if self.channels == Channels::ONE && self.numbers == Numbers::AsStored {
+            return grid.read_box(voxels, out);
+        }
+        let count = self.channels.count as usize;
+        let most = SCRATCH_BYTES / (count * stored.bytes());
+        let mut rest = out;
+        let mut scratch = Vec::new();
+        for part in boxes(voxels, most as u64, u64::MAX) {
+            let widened = |[x, y, z]: [u64; 3]| [x * count as u64, y, z];
+            let numbers = VoxelBox { start: widened(part.start), end: widened(part.end) };
+            scratch.resize(numbers.voxels() * stored.bytes(), 0);
+            grid.read_box(numbers, &mut scratch)?;
+            let (now, later) = rest.split_at_mut(part.voxels() * self.voxel_type.bytes());
+            self.convert(stored, &scratch, now);
+            rest = later;
+        }
+        Ok(())
+    }
+
+    /// Makes voxels of numbers.
+    pub(super) fn convert(&self, stored: VoxelType, numbers: &[u8], out: &mut [u8]) {
+        let groups = numbers.chunks_exact(stored.bytes() * self.channels.count as usize);
+        let voxels = out.chunks_exact_mut(self.voxel_type.bytes());
+        let picked = |group: &[u8], voxel: &mut [u8]| match self.channels.wanted {
+            Some(channel) => voxel.copy_from_slice(&group[channel as usize * stored.bytes()..][..stored.bytes()]),
+            None => with_voxel!(stored, V => {
+                let colours = group.chunks_exact(size_of::<V>()).map(|number| V::read_le(number).to_f64());
+                let thousandths: f64 = colours.zip(LUMINANCE).map(|(colour, share)| colour * share).sum();
+                V::from_f64(thousandths / 1000.0).write_le(voxel);
+            }),
+        };
+        for (group, voxel) in groups.zip(voxels) {
+            match self.numbers {
+                Numbers::AsStored => picked(group, voxel),
+                Numbers::Bits { low, count, signed } => {
+                    picked(group, voxel);
+                    bits(voxel, low, count, signed);
+                }
+                Numbers::Whole { signed } => {
+                    let mut number = [0; 8];
+                    picked(group, &mut number);
+                    let value = whole(number, signed) as f64;
+                    with_voxel!(self.voxel_type, V => V::from_f64(value).write_le(voxel));
+                }
+            }
+        }
+    }
+}
+
+/// A 64-bit integer from its bytes.
+fn whole(bytes: [u8; 8], signed: bool) -> i128 {
+    if signed { i64::from_le_bytes(bytes).into() } else { u64::from_le_bytes(bytes).into() }
+}
+
+/// Keeps `count` bits of an integer of 1, 2 or 4 bytes, from bit `low` on.
+fn bits(voxel: &mut [u8], low: u32, count: u32, signed: bool) {
+    let mut word = [0; 4];
+    word[..voxel.len()].copy_from_slice(voxel);
+    let above = 32 - low - count;
+    let word = u32::from_le_bytes(word) << above;
+    let word = if signed { ((word as i32) >> (32 - count)) as u32 } else { word >> (32 - count) };
+    voxel.copy_from_slice(&word.to_le_bytes()[..voxel.len()]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bits_of_words() {
+        let kept = |word: u16, low, count, signed| {
+            let mut voxel = word.to_le_bytes();
+            bits(&mut voxel, low, count, signed);
+            u16::from_le_bytes(voxel)
+        };
+        assert_eq!(kept(0xf123, 0, 12, false), 0x123);
+        assert_eq!(kept(0x1830, 0, 13, true) as i16, 0x1830 - 0x2000);
+        assert_eq!(kept(0x1230, 4, 12, false), 0x123);
+        assert_eq!(kept(0x8000, 0, 16, true) as i16, i16::MIN);
+    }
+
+    #[test]
+    fn luminance_and_single_channels() {
+        let convert = |wanted, numbers: &[u8]| {
+            let channels = Channels { count: 4, wanted };
+            let elements = Elements { channels, ..Elements::plain(VoxelType::U8) };
+            let mut out = vec![0; numbers.len() / 4];
+            elements.convert(VoxelType::U8, numbers, &mut out);
+            out
+        };
+        let colours = [255, 255, 255, 9, 255, 0, 0, 9, 0, 255, 0, 9, 0, 0, 255, 9];
+        assert_eq!(convert(None, &colours), [255, 76, 150, 29]);
+        assert_eq!(convert(Some(3), &colours), [9; 4]);
+        assert_eq!(convert(Some(1), &colours), [255, 0, 255, 0]);
+    }
+}

@@ -1,0 +1,80 @@
+//! Which volume of a file that holds several: time points, channels, series, arrays.
+
+use std::path::Path;
+
+use super::SourceError;
+
+/// What a person chooses, where a file holds more than one volume.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Selection {
+    /// Time point, or whatever the file counts its volumes by, from 0 on.
+    pub frame: Option<u64>,
+    /// Channel, colour or component, from 0 on.
+    pub channel: Option<u64>,
+    /// Number or UID of a DICOM series.
+    pub series: Option<String>,
+    /// Array of a file that holds several.
+    pub array: Option<String>,
+}
+
+impl Selection {
+    /// The time point that is wanted of `count`, the first where nobody says.
+    pub(super) fn frame_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
+        pick(path, "--frame", self.frame, count)
+    }
+
+    /// The channel that is wanted of `count`, the first where nobody says.
+    pub(super) fn channel_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
+        pick(path, "--channel", self.channel, count)
+    }
+
+    /// As [`Self::frame_of`]; the notes say what there is where nobody has chosen. `what` names them: `time points`.
+    pub(super) fn noted_frame(
+        &self,
+        path: &Path,
+        count: u64,
+        what: &str,
+        notes: &mut Vec<String>,
+    ) -> Result<u64, SourceError> {
+        if count > 1 && self.frame.is_none() {
+            notes.push(format!("{count} {what}; the first is used; --frame 0 to {} takes another", count - 1));
+        }
+        self.frame_of(path, count)
+    }
+
+    /// Refuses a choice where there is none: for formats that hold one volume.
+    pub(super) fn refuse_all(&self, path: &Path) -> Result<(), SourceError> {
+        self.frame_of(path, 1)?;
+        self.channel_of(path, 1)?;
+        self.refuse_series(path)?;
+        self.refuse_array(path)
+    }
+
+    /// Refuses `--series` for what is no DICOM.
+    pub(super) fn refuse_series(&self, path: &Path) -> Result<(), SourceError> {
+        if self.series.is_none() {
+            return Ok(());
+        }
+        Err(SourceError::Options(format!("--series: {} is no DICOM; only DICOM has series", path.display())))
+    }
+
+    /// Refuses the name of an array for what holds one volume.
+    pub(super) fn refuse_array(&self, path: &Path) -> Result<(), SourceError> {
+        let Some(array) = &self.array else { return Ok(()) };
+        let what = format!("{} holds no arrays that could be named; leave `:/{array}` out", path.display());
+        Err(SourceError::Options(what))
+    }
+}
+
+fn pick(path: &Path, option: &str, wanted: Option<u64>, count: u64) -> Result<u64, SourceError> {
+    let wanted = wanted.unwrap_or(0);
+    if wanted < count {
+        return Ok(wanted);
+    }
+    let there = if count == 1 {
+        "one, which is number 0".into()
+    } else {
+        format!("{count}, of which the last is number {}", count - 1)
+    };
+    Err(SourceError::Options(format!("{option} {wanted}: {} has {there}", path.display())))
+}

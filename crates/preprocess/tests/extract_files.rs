@@ -1,0 +1,143 @@
+//! What `extract` writes is read back: the same voxels, at the same places in the world, in every format, level and box.
+
+#![allow(clippy::unwrap_used, reason = "tests fail loudly")]
+
+mod grid_support;
+
+use std::path::Path;
+
+use glam::DVec3;
+use grid_support::*;
+use supervol_format::container::manifest::Source;
+use supervol_format::space::WorldSpace;
+use supervol_format::voxel_type::voxels_as_f64;
+use supervol_format::{BrickLayout, Container, Geometry, Lod, VoxelBox, VoxelType};
+use supervol_preprocess::extract::{Extraction, extract};
+use supervol_preprocess::level_reader::LevelReader;
+use supervol_preprocess::source::computed::Computed;
+use supervol_preprocess::source::open::{OpenOptions, open};
+use supervol_preprocess::source::{Axis, SourceInfo};
+use supervol_preprocess::{BuildError, BuildOptions, Existing, build};
+
+const DIMS: [u64; 3] = [21, 18, 19];
+const ENDS: [&str; 6] = ["nii", "nii.gz", "mha", "tif", "vti", "nrrd"];
+const MEMORY_BYTES: u64 = 64 << 20;
+
+/// A third of a turn about the diagonal, sheared a little, and no power of two anywhere.
+const OBLIQUE: Geometry = Geometry {
+    spacing: [0.3, 0.7, 1.1],
+    origin: [-12.3, 45.6, 7.0],
+    direction: [0.0, 0.0, 1.0, 1.0, 0.0, 0.1, 0.0, 1.0, 0.0],
+};
+
+fn built(folder: &Path, voxel_type: VoxelType, change: impl FnOnce(&mut SourceInfo)) -> Container {
+    let value = |[x, y, z]: [u64; 3]| (x * 3 + y * 5 + z * 7) as f64 % 120.0;
+    let source = Computed::new(DIMS, voxel_type, value).with_info(|info| {
+        info.geometry = OBLIQUE;
+        info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: "mm".into() });
+        change(info);
+    });
+    let origin = Source { name: "v".into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() };
+    let output = folder.join("v.svol");
+    let options = BuildOptions {
+        layout: BrickLayout::new(16).unwrap(),
+        memory_bytes: MEMORY_BYTES,
+        existing: Existing::Replace,
+        ..BuildOptions::default()
+    };
+    build(&source, origin, &output, &options, &|_| ()).unwrap();
+    Container::open(&output).unwrap()
+}
+
+fn extraction(lod: u8, voxels: Option<VoxelBox>) -> Extraction {
+    Extraction { lod: Lod(lod), voxels, existing: Existing::Replace, memory_bytes: MEMORY_BYTES }
+}
+
+/// World points of one kind of patient's world as those of another.
+fn in_space(point: DVec3, from: WorldSpace, to: WorldSpace) -> DVec3 {
+    let is_other = from != WorldSpace::Unknown && to != WorldSpace::Unknown && from != to;
+    if is_other { point * DVec3::new(-1.0, -1.0, 1.0) } else { point }
+}
+
+#[test]
+fn voxels_and_their_places_are_the_same_before_and_after() {
+    let folder = tempfile::tempdir().unwrap();
+    let part = VoxelBox { start: [2, 3, 4], end: [15, 17, 18] };
+    for space in [WorldSpace::Unknown, WorldSpace::RightAnteriorSuperior, WorldSpace::LeftPosteriorSuperior] {
+        let container = built(folder.path(), VoxelType::I16, |info| info.space = space);
+        for (lod, voxels) in [(0, None), (0, Some(part)), (1, None)] {
+            for end in ENDS {
+                let output = folder.path().join(format!("out.{end}"));
+                let (whole, voxel_type) = extract(&container, &output, &extraction(lod, voxels)).unwrap();
+                let source = open(&output, &OpenOptions::default()).unwrap_or_else(|e| panic!("{end}: {e}"));
+                let info = source.info();
+                assert_eq!((info.dims.full_box().extent(), info.voxel_type), (whole.extent(), voxel_type), "{end}");
+                let mut expected = vec![0; whole.voxels() * 2];
+                LevelReader::new(&container, Lod(lod), 0).read_box(whole, &mut expected).unwrap();
+                assert!(read_all(source.as_ref()).unwrap() == expected, "{end}, level {lod}, {voxels:?}");
+                assert_eq!(info.axes[0].unit, if ["nrrd", "vti"].contains(&end) { "" } else { "mm" }, "{end}");
+                // MetaImage means a patient's left-posterior-superior, and says so of everything.
+                let after_is = if end == "mha" { WorldSpace::LeftPosteriorSuperior } else { info.space };
+                let scale = container.pyramid().level_at(Lod(lod)).scale;
+                if end == "tif" {
+                    let spacing: [f64; 3] = std::array::from_fn(|a| OBLIQUE.spacing[a] * scale[a] as f64);
+                    assert_eq!(info.geometry.spacing, spacing);
+                    continue;
+                }
+                for voxel in [[0, 0, 0], [9, 0, 0], [3, 8, 5]] {
+                    let fine = |a: usize| ((whole.start[a] + voxel[a]) as f64 + 0.5) * scale[a] as f64 - 0.5;
+                    let before = OBLIQUE.world_from_index().transform_point3(DVec3::from(std::array::from_fn(fine)));
+                    let after = info.geometry.world_from_index().transform_point3(voxel.map(|i| i as f64).into());
+                    let distance = (in_space(before, space, after_is) - after).length();
+                    // NIfTI-1 holds single precision.
+                    let least = if end.starts_with("nii") { 1e-5 } else { 1e-12 };
+                    assert!(distance < least, "{end}, {space:?}, {voxel:?}: {distance}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn every_type_of_voxel_comes_back() {
+    let folder = tempfile::tempdir().unwrap();
+    for voxel_type in VoxelType::ALL {
+        let container = built(folder.path(), voxel_type, |_| ());
+        let mut expected = vec![0; DIMS.iter().product::<u64>() as usize * voxel_type.bytes()];
+        LevelReader::new(&container, Lod(0), 0)
+            .read_box(container.pyramid().levels()[0].dims.full_box(), &mut expected)
+            .unwrap();
+        for end in ENDS {
+            let output = folder.path().join(format!("out.{end}"));
+            extract(&container, &output, &extraction(0, None)).unwrap();
+            let source = open(&output, &OpenOptions::default()).unwrap_or_else(|e| panic!("{end}: {e}"));
+            assert_eq!(source.info().voxel_type, voxel_type, "{end}");
+            assert!(read_all(source.as_ref()).unwrap() == expected, "{end}: {voxel_type}");
+        }
+    }
+}
+
+#[test]
+fn scaled_values_and_long_axes() {
+    let folder = tempfile::tempdir().unwrap();
+    let container = built(folder.path(), VoxelType::U8, |info| (info.scale, info.offset) = (0.5, -20.0));
+    let output = folder.path().join("out.nii");
+    extract(&container, &output, &extraction(0, None)).unwrap();
+    let source = open(&output, &OpenOptions::default()).unwrap();
+    let values = voxels_as_f64(VoxelType::F32, &read_all(source.as_ref()).unwrap());
+    assert_eq!((source.info().voxel_type, values[4]), (VoxelType::F32, 12.0 * 0.5 - 20.0));
+    // An axis that NIfTI-1 has no number for.
+    let long = Computed::new([40_000, 2, 1], VoxelType::U8, |[x, ..]| (x % 251) as f64)
+        .with_info(|info| info.geometry = OBLIQUE);
+    let origin = Source { name: "v".into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() };
+    let path = folder.path().join("long.svol");
+    build(&long, origin, &path, &BuildOptions { memory_bytes: 256 << 20, ..BuildOptions::default() }, &|_| ()).unwrap();
+    extract(&Container::open(&path).unwrap(), &output, &extraction(0, None)).unwrap();
+    let source = open(&output, &OpenOptions::default()).unwrap();
+    assert_eq!(source.info().dims.0, [40_000, 2, 1]);
+    let (before, after) = (OBLIQUE.linear().to_cols_array(), source.info().geometry.linear().to_cols_array());
+    assert!(before.iter().zip(after).all(|(a, b)| (a - b).abs() < 1e-12), "{before:?} {after:?}");
+    assert_eq!(value_at(source.as_ref(), [39_999, 1, 0]), f64::from(39_999 % 251));
+    let error = extract(&container, &folder.path().join("out.txt"), &extraction(0, None)).unwrap_err();
+    assert!(matches!(&error, BuildError::Options(text) if text.contains(".nii.gz")), "{error}");
+}
