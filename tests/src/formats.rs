@@ -117,7 +117,7 @@ pub fn outcome(data: &Path, path: &Path, work: &Path) -> Outcome {
         }
     };
     let info = source.info();
-    let origin = identify_source(path, source.as_ref()).unwrap_or_else(|e| panic!("{file}: {e}"));
+    let origin = identify_source(path, &options.selection, source.as_ref()).unwrap_or_else(|e| panic!("{file}: {e}"));
     round_trip(&file, source.as_ref(), origin, work);
     let what = format!("{} {}", info.dims, info.voxel_type);
     Outcome { file, fate: "builds", what, notes: info.notes.clone() }

@@ -149,13 +149,13 @@ pub fn npy(data: &[u8]) {
 /// A DICOM file with one frame.
 pub fn dicom(data: &[u8]) {
     let bytes = whole_file(data, &dicom_seed());
-    in_a_file("fuzz.dcm", &bytes, |path, spool| read_some_of_any(path, spool));
+    in_a_file("fuzz.dcm", &bytes, read_some_of_any);
 }
 
 /// A DICOM file with many frames in functional groups, whose pixels are compressed by RLE.
 pub fn dicom_frames(data: &[u8]) {
     let bytes = whole_file(data, &dicom_frames_seed());
-    in_a_file("fuzz.dcm", &bytes, |path, spool| read_some_of_any(path, spool));
+    in_a_file("fuzz.dcm", &bytes, read_some_of_any);
 }
 
 /// A TIFF with the description that ImageJ writes.

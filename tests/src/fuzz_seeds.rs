@@ -149,7 +149,7 @@ pub fn dicom_seed() -> Vec<u8> {
 pub fn dicom_frames_seed() -> Vec<u8> {
     let place = |z: &[u8]| sequence(0x0020_9113, &[element(0x0020_0032, b"DS", &[b"1\\-2\\", z].concat())]);
     let shared = sequence(0x0020_9116, &[element(0x0020_0037, b"DS", b"1\\0\\0\\0\\1\\0")]);
-    let mut header = vec![0; 64];
+    let mut header = [0; 64];
     [2u32, 64, 66]
         .iter()
         .enumerate()

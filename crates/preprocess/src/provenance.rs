@@ -15,7 +15,8 @@ use crate::pipeline::BuildOptions;
 use crate::report::LevelReport;
 use crate::source::file::SourceFile;
 use crate::source::open::split_array;
-use crate::source::{SourceError, VolumeSource};
+use crate::source::selection::Selection;
+use crate::source::{SourceError, SourceInfo, VolumeSource};
 use crate::statistics::{self, Statistics, Values};
 
 /// Longest name or unit, longest note, and most notes that the manifest keeps.
@@ -113,13 +114,21 @@ pub(crate) fn check_unchanged(source: &dyn VolumeSource, origin: &Source) -> Res
 }
 
 /// Name, size and checksum of what a source is read from: of the file that was asked for, or of all files of a folder, their names
-/// included.
+/// included. What was chosen of it follows the name: builds of two volumes of one file are two builds.
 ///
 /// # Errors
 /// If a file cannot be read.
-pub fn identify_source(path: &Path, source: &dyn VolumeSource) -> Result<Source, BuildError> {
-    let info = source.info();
-    let Some(folder) = &info.folder else { return identify(&split_array(path).0, info.format) };
+pub fn identify_source(path: &Path, selection: &Selection, source: &dyn VolumeSource) -> Result<Source, BuildError> {
+    let (file, array) = split_array(path);
+    let mut found = match &source.info().folder {
+        Some(folder) => identify_folder(folder, source.info())?,
+        None => identify(&file, source.info().format)?,
+    };
+    found.name += &Selection { array: array.or(selection.array.clone()), ..selection.clone() }.to_string();
+    Ok(found)
+}
+
+fn identify_folder(folder: &Path, info: &SourceInfo) -> Result<Source, BuildError> {
     let mut hash = xxhash_rust::xxh3::Xxh3Default::new();
     let mut bytes = 0;
     for file in &info.files {

@@ -224,7 +224,7 @@ fn slopes_bits_localisers_and_links() {
         for name in std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()) {
             std::os::unix::fs::symlink(folder.path().join(&name), outside.path().join(&name)).unwrap();
         }
-        assert_refused(opened(outside.path()), &["empty folder"]);
+        assert_refused(opened(outside.path()), &["a folder without files"]);
         let outside_too = supervol_preprocess::source::metaimage::Outside::Allowed;
         let source = open(outside.path(), &OpenOptions { outside: outside_too, ..OpenOptions::default() }).unwrap();
         check_boxes(source.as_ref(), &kept, 5);

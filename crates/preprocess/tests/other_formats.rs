@@ -57,5 +57,5 @@ fn folders_are_known_by_what_they_hold() {
         std::fs::write(folder.path().join(file), bytes).unwrap();
         refused(folder.path(), &[word]);
     }
-    refused(tempfile::tempdir().unwrap().path(), &["empty folder"]);
+    refused(tempfile::tempdir().unwrap().path(), &["a folder without files"]);
 }

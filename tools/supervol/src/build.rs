@@ -315,9 +315,9 @@ impl SourceArguments {
         folder: &Path,
         memory_bytes: u64,
     ) -> Result<(Box<dyn VolumeSource>, Source), Failure> {
-        let source =
-            open(input, &self.open_options(folder, memory_bytes)).map_err(supervol_preprocess::BuildError::from)?;
-        let origin = supervol_preprocess::identify_source(input, source.as_ref())?;
+        let options = self.open_options(folder, memory_bytes);
+        let source = open(input, &options).map_err(supervol_preprocess::BuildError::from)?;
+        let origin = supervol_preprocess::identify_source(input, &options.selection, source.as_ref())?;
         let Some(placing) = self.place.placing() else { return Ok((source, origin)) };
         let placed = PlacedSource::new(source, &placing).map_err(supervol_preprocess::BuildError::from)?;
         Ok((Box::new(placed), origin))

@@ -69,6 +69,47 @@ fn a_raw_volume_goes_in_and_the_same_voxels_come_out() {
 }
 
 #[test]
+fn other_formats_go_in_and_out_and_several_volumes_are_chosen_from() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "sphere", "--dims", "20,20,20", "--dtype", "u8", "-o", "v.svol"]);
+    for name in ["v.nii", "v.nii.gz", "v.mha", "v.tif", "v.vti"] {
+        folder.expect(0, &["extract", "v.svol", "-o", name]);
+        assert!(folder.expect(2, &["extract", "v.svol", "-o", name]).contains("--force"));
+        folder.expect(0, &["build", name, "-o", "again.svol", "--force"]);
+        folder.expect(0, &["extract", "again.svol", "-o", "again.raw", "--force"]);
+        folder.expect(0, &["extract", "v.svol", "-o", "v.raw", "--force"]);
+        let bytes = |name: &str| std::fs::read(folder.path(name)).expect("extract wrote it");
+        assert!(bytes("v.raw") == bytes("again.raw"), "{name}");
+        let message = folder.expect(2, &["build", name, "--frame", "1", "-o", "again.svol", "--force"]);
+        assert!(message.contains("--frame 1") && message.contains(name), "{message}");
+    }
+    // What was chosen is part of what a container was built from.
+    folder.expect(0, &["build", "v.nii", "--frame", "0", "-o", "again.svol", "--force"]);
+    let info = json(&folder.expect(0, &["info", "again.svol", "--json"]));
+    assert_eq!(info["source"]["name"], "v.nii --frame 0");
+    // A folder of slices, which is not where the output may be looked for.
+    std::fs::create_dir(folder.path("slices")).expect("room");
+    for z in 0..3 {
+        let name = format!("slices/s{z}.tif");
+        folder.expect(0, &["extract", "v.svol", "--box", &format!("0:20,0:20,{z}:{}", z + 1), "-o", &name]);
+    }
+    folder.expect(0, &["build", "slices", "--spacing", "1mm,1mm,2mm", "-o", "slices/stack.svol"]);
+    let info = json(&folder.expect(0, &["info", "slices/stack.svol", "--json"]));
+    assert_eq!((&info["dims"], &info["source"]["name"]), (&serde_json::json!([20, 20, 3]), &"slices".into()));
+    assert_eq!(info["spacing"], serde_json::json!([1.0, 1.0, 2.0]));
+    assert!(folder.expect(2, &["build", "slices", "--series", "1", "-o", "x.svol"]).contains("no DICOM"));
+
+    for name in ["m.ply", "m.stl", "m.obj"] {
+        assert!(folder.expect(0, &["mesh", "v.svol", "--iso", "100", "-o", name]).contains("triangles"));
+        assert!(folder.expect(2, &["mesh", "v.svol", "--iso", "100", "-o", name]).contains("--force"));
+    }
+    assert!(folder.expect(2, &["mesh", "v.svol", "--iso", "-5", "-o", "n.ply"]).contains("no surface"));
+    assert!(folder.expect(2, &["mesh", "v.svol", "--iso", "100", "-o", "v.svol", "--force"]).contains("v.svol"));
+    assert!(folder.expect(2, &["mesh", "v.svol", "--iso", "nan", "-o", "n.ply"]).contains("finite"));
+    assert!(!Path::new(&folder.path("n.ply")).exists());
+}
+
+#[test]
 fn pictures_are_written_in_three_formats_with_statistics() {
     let folder = Folder::new();
     folder.expect(0, &["synth", "vessels", "--dims", "48,48,48", "-o", "v.svol", "--brick", "32"]);

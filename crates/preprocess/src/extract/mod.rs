@@ -1,5 +1,5 @@
 //! Voxels of a container back into plain files: npy, raw, NRRD, NIfTI, MetaImage, TIFF, VTK. What each says of the volume's place is
-//! told in [`headers`].
+//! told in `headers.rs`.
 //!
 //! Voxels come out in the data's own units: the stored type where no scale applies, otherwise f64 for 64-bit and 32-bit
 //! integer voxels and f32 for all others (f32 holds every scaled 8- or 16-bit voxel to 24 bits). Absent voxels of scaled

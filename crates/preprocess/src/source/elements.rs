@@ -229,19 +229,30 @@ impl Elements {
                 V::from_f64(thousandths / 1000.0).write_le(voxel);
             }),
         };
-        for (group, voxel) in groups.zip(voxels) {
-            match self.numbers {
-                Numbers::AsStored => picked(group, voxel),
-                Numbers::Bits { low, count, signed } => {
-                    picked(group, voxel);
-                    bits(voxel, low, count, signed);
-                }
-                Numbers::Whole { signed } => {
-                    let mut number = [0; 8];
-                    picked(group, &mut number);
-                    let value = whole(number, signed) as f64;
-                    with_voxel!(self.voxel_type, V => V::from_f64(value).write_le(voxel));
-                }
+        if let Numbers::Whole { signed } = self.numbers {
+            for (group, voxel) in groups.zip(voxels) {
+                let mut number = [0; 8];
+                picked(group, &mut number);
+                let value = whole(number, signed) as f64;
+                with_voxel!(self.voxel_type, V => V::from_f64(value).write_le(voxel));
+            }
+            return;
+        }
+        if self.channels == Channels::ONE {
+            out.copy_from_slice(numbers);
+        } else {
+            groups.zip(voxels).for_each(|(group, voxel)| picked(group, voxel));
+        }
+        if let Numbers::Bits { low, count, signed } = self.numbers {
+            let kept = |word| bits(word, low, count, signed);
+            match stored.bytes() {
+                1 => out.iter_mut().for_each(|voxel| *voxel = kept((*voxel).into()) as u8),
+                2 => out.as_chunks_mut::<2>().0.iter_mut().for_each(|voxel| {
+                    *voxel = (kept(u16::from_le_bytes(*voxel).into()) as u16).to_le_bytes();
+                }),
+                _ => out.as_chunks_mut::<4>().0.iter_mut().for_each(|voxel| {
+                    *voxel = kept(u32::from_le_bytes(*voxel)).to_le_bytes();
+                }),
             }
         }
     }
@@ -252,14 +263,11 @@ fn whole(bytes: [u8; 8], signed: bool) -> i128 {
     if signed { i64::from_le_bytes(bytes).into() } else { u64::from_le_bytes(bytes).into() }
 }
 
-/// Keeps `count` bits of an integer of 1, 2 or 4 bytes, from bit `low` on.
-fn bits(voxel: &mut [u8], low: u32, count: u32, signed: bool) {
-    let mut word = [0; 4];
-    word[..voxel.len()].copy_from_slice(voxel);
-    let above = 32 - low - count;
-    let word = u32::from_le_bytes(word) << above;
-    let word = if signed { ((word as i32) >> (32 - count)) as u32 } else { word >> (32 - count) };
-    voxel.copy_from_slice(&word.to_le_bytes()[..voxel.len()]);
+/// `count` bits of a word, from bit `low` on.
+#[inline]
+fn bits(word: u32, low: u32, count: u32, signed: bool) -> u32 {
+    let word = word << (32 - low - count);
+    if signed { ((word as i32) >> (32 - count)) as u32 } else { word >> (32 - count) }
 }
 
 #[cfg(test)]
@@ -268,11 +276,7 @@ mod tests {
 
     #[test]
     fn bits_of_words() {
-        let kept = |word: u16, low, count, signed| {
-            let mut voxel = word.to_le_bytes();
-            bits(&mut voxel, low, count, signed);
-            u16::from_le_bytes(voxel)
-        };
+        let kept = |word: u16, low, count, signed| bits(word.into(), low, count, signed) as u16;
         assert_eq!(kept(0xf123, 0, 12, false), 0x123);
         assert_eq!(kept(0x1830, 0, 13, true) as i16, 0x1830 - 0x2000);
         assert_eq!(kept(0x1230, 4, 12, false), 0x123);

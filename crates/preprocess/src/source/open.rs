@@ -84,10 +84,13 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSourc
     if has_pictures {
         return open_pictures(path, options);
     }
-    let what = match listing.files.len() {
-        0 => "this is an empty folder".into(),
-        count => format!("this is a folder of {count} files that are neither DICOM nor pictures"),
-    };
+    let count = listing.files.len();
+    if count == 0 {
+        // The wrong folder: nothing in it could be wrong.
+        let expected = "expected a file, found a folder without files, of which slices could be read";
+        return Err(SourceError::Options(format!("{}: {expected}", path.display())));
+    }
+    let what = format!("this is a folder of {count} files that are neither DICOM nor pictures");
     Err(SourceError::unsupported(path, what, "expected the slices of one volume, or give a file"))
 }
 

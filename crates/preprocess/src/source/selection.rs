@@ -66,6 +66,17 @@ impl Selection {
     }
 }
 
+/// What follows the name of the file, nothing where nothing was chosen.
+impl std::fmt::Display for Selection {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { frame, channel, series, array } = self;
+        array.iter().try_for_each(|array| write!(f, ":/{array}"))?;
+        series.iter().try_for_each(|series| write!(f, " --series {series}"))?;
+        frame.iter().try_for_each(|frame| write!(f, " --frame {frame}"))?;
+        channel.iter().try_for_each(|channel| write!(f, " --channel {channel}"))
+    }
+}
+
 fn pick(path: &Path, option: &str, wanted: Option<u64>, count: u64) -> Result<u64, SourceError> {
     let wanted = wanted.unwrap_or(0);
     if wanted < count {
