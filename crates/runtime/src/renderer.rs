@@ -135,6 +135,16 @@ impl Renderer {
         self.canceller.clone()
     }
 
+    /// From now on pictures are made like this, the present one anew; what is loaded stays, as far as the budgets let it. The
+    /// number of threads stays what it was.
+    pub fn set_options(&mut self, options: RenderOptions) {
+        if options.backend != self.options.backend {
+            self.engine = Engine::Undecided;
+        }
+        self.options = RenderOptions { threads: self.options.threads, ..options };
+        self.begin_anew();
+    }
+
     /// From now on this is drawn. Where it is what has been drawn all along, the picture stays.
     pub fn set_scene(&mut self, scene: ResolvedScene) {
         if self.scene.as_ref() != Some(&scene) {

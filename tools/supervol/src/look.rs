@@ -12,7 +12,7 @@ use supervol_format::Container;
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::preset::overview::Overview;
 use supervol_runtime::preset::view::View;
-use supervol_runtime::preset::{colormap, looks, ramps};
+use supervol_runtime::preset::{colormap, looks, placing, ramps};
 use supervol_runtime::scene::{
     ImageSpec, IsoSpec, Mode, PlaneSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec,
 };
@@ -116,8 +116,6 @@ impl From<ModeName> for Mode {
     }
 }
 
-/// How many times as long as wide a single line of voxels is drawn at most.
-const LINE_LENGTHS: f64 = 10.0;
 /// Share of a voxel across a slice without a slab: a slice is where it is said to be, and not beside it.
 const SLICE_VOXELS: f64 = 0.1;
 /// Rays along each edge of a pixel of a slice.
@@ -131,18 +129,7 @@ impl LookArguments {
     /// The container with heights drawn as they are wanted, and a single line of voxels so wide that it can be seen.
     pub fn placed(&self, container: Container) -> Container {
         let facts = self.facts(&container);
-        let mut geometry = facts.geometry;
-        if let Some(axis) = facts.line_axis() {
-            let least = geometry.spacing[axis] * facts.dims.0[axis] as f64 / LINE_LENGTHS;
-            (1..3).for_each(|step| {
-                let across = &mut geometry.spacing[(axis + step) % 3];
-                *across = across.max(least);
-            });
-        }
-        if let Some(factor) = self.vertical_exaggeration {
-            geometry.spacing[places::upright_axis(&facts)] *= factor;
-        }
-        container.placed(geometry)
+        placing::placed(container, &facts, self.vertical_exaggeration.unwrap_or(1.0))
     }
 
     /// Facts of the container, of the kind that is given or recognised.

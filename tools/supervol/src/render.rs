@@ -248,7 +248,8 @@ fn overview(container: &Container) -> Option<Overview> {
     Overview::read(container).ok().flatten()
 }
 
-fn read_scene(file: &Path) -> Result<Scene, Failure> {
+/// The scene of a scene file.
+pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
     let text = crate::input::read_text(file, "a scene")?;
     Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())))
 }
