@@ -9,7 +9,6 @@ mod bench;
 mod build;
 mod chart;
 mod completions;
-mod decorate;
 mod demo;
 mod extract;
 mod failure;

@@ -21,7 +21,6 @@ use supervol_runtime::scene::Scene;
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::loader::READERS;
 
-use crate::decorate;
 use crate::failure::{Failure, with_container, with_output};
 use crate::look::{LookArguments, empty};
 use crate::output::{Force, PictureFile, RenderOutputs};
@@ -292,7 +291,7 @@ pub fn picture(
     }
     if decorate {
         let mut decorated = image.clone();
-        decorate::decorate(&mut decorated, container, facts, &resolved);
+        supervol_decorations::decorate(&mut decorated, container, facts, &resolved);
         output.write(&decorated, resolved.background)?;
     } else {
         output.write(&image, resolved.background)?;

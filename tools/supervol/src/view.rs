@@ -41,6 +41,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         max_error: arguments.max_error,
         interaction_ms: arguments.time_budget,
         threads: arguments.threads.map(NonZero::get),
+        ..Settings::default()
     };
     let folders = Folders::of_system();
     supervol_viewer::run(Launch { file: arguments.file.clone(), scene, settings, folders })

@@ -125,8 +125,7 @@ pub fn pressed(ctx: &egui::Context) -> Vec<Command> {
         return Vec::new();
     }
     ctx.input_mut(|input| {
-        let is_pressed =
-            |binding: &&Binding| binding.keys.iter().fold(false, |found, key| input.consume_shortcut(key) || found);
+        let is_pressed = |binding: &&Binding| binding.keys.iter().any(|key| input.consume_shortcut(key));
         BINDINGS.iter().filter(is_pressed).map(|binding| binding.command).collect()
     })
 }

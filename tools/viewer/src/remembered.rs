@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::folders::Folders;
+use crate::worker::Decorations;
 
 /// Most files that are remembered.
 const RECENT_LIMIT: usize = 12;
@@ -35,6 +36,8 @@ pub struct Remembered {
     pub theme: Theme,
     /// Points of the window, across and high.
     pub window: Option<[f32; 2]>,
+    /// What stands beside the volume.
+    pub decorations: Decorations,
     /// Panels are hidden.
     pub panels_hidden: bool,
 }

@@ -76,12 +76,13 @@ impl Viewer {
     /// A viewer that will open what is said; the worker starts with the first frame.
     #[must_use]
     pub fn new(launch: Launch, remembered: Remembered) -> Self {
+        let settings = Settings { decorations: remembered.decorations, ..launch.settings };
         Self {
             worker: None,
             opened: None,
             scene: Scene::default(),
             history: History::default(),
-            settings: launch.settings,
+            settings,
             exaggeration: 1.0,
             picture: None,
             busy: None,
@@ -92,7 +93,7 @@ impl Viewer {
             folders: launch.folders.clone(),
             latencies_ms: VecDeque::new(),
             sent: None,
-            sent_settings: launch.settings,
+            sent_settings: settings,
             launch: Some(launch),
             wishes: 0,
             unanswered: VecDeque::new(),

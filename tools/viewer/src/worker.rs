@@ -22,6 +22,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 use eframe::egui::ColorImage;
+use serde::{Deserialize, Serialize};
 use supervol_format::Container;
 use supervol_preprocess::report::Progress as BuildProgress;
 use supervol_runtime::facts::VolumeFacts;
@@ -45,11 +46,29 @@ pub struct Settings {
     pub interaction_ms: u64,
     /// Threads that cast and decode; `None`: one per processor. Read when a volume is opened.
     pub threads: Option<usize>,
+    /// Whether box, orientation, scale and colours are drawn beside the volume.
+    pub decorations: Decorations,
+}
+
+/// Whether something stands beside the volume.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum Decorations {
+    /// Nothing.
+    #[default]
+    Off,
+    /// As `render --decorate` draws them.
+    On,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { host_memory_bytes: 512 << 20, max_error: 0.5 / 255.0, interaction_ms: 33, threads: None }
+        Self {
+            host_memory_bytes: 512 << 20,
+            max_error: 0.5 / 255.0,
+            interaction_ms: 33,
+            threads: None,
+            decorations: Decorations::Off,
+        }
     }
 }
 

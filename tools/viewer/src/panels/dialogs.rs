@@ -12,7 +12,7 @@ use xxhash_rust::xxh3::xxh3_64;
 use crate::command::{BINDINGS, MOUSE};
 use crate::folders::Folders;
 use crate::viewer::Viewer;
-use crate::worker::{Export, Message, Opened, Settings};
+use crate::worker::{Decorations, Export, Message, Opened, Settings};
 
 /// Files of a folder that are listed at most.
 const LIST_LIMIT: usize = 2000;
@@ -158,7 +158,7 @@ fn keys(viewer: &mut Viewer, ctx: &egui::Context) {
             }
         });
     });
-    viewer.dialogs.keys = is_open && !(is_open && ctx.input(|input| input.key_pressed(egui::Key::Escape)));
+    viewer.dialogs.keys = is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape));
 }
 
 fn open(viewer: &mut Viewer, ctx: &egui::Context) {
@@ -317,6 +317,9 @@ pub(crate) fn command_line(
     // Writing to a string does not fail.
     if opened.exaggeration != 1.0 {
         let _ = write!(line, " --vertical-exaggeration {}", opened.exaggeration);
+    }
+    if settings.decorations == Decorations::On {
+        line += " --decorate";
     }
     if settings.max_error != default.max_error {
         let _ = write!(line, " --max-error {}/255", settings.max_error * GREY_LEVELS);

@@ -8,6 +8,7 @@ use crate::command::{Command, keys_of};
 use crate::edit;
 use crate::remembered::Theme;
 use crate::viewer::{Viewer, set_theme};
+use crate::worker::Decorations;
 
 /// Points of the panel across.
 const WIDTH: f32 = 200.0;
@@ -88,6 +89,12 @@ fn view(viewer: &mut Viewer, ui: &mut Ui) {
     }
     let is_parallel = viewer.scene.camera.as_ref().is_some_and(|camera| camera.height.is_some());
     command(viewer, ui, Command::Projection, if is_parallel { "Parallel rays" } else { "Perspective" });
+    let mut are_on = viewer.settings.decorations == Decorations::On;
+    let words = "Box with the ends of its axes, orientation, scale, what the colours mean, name (--decorate)";
+    if ui.checkbox(&mut are_on, "Box, scale, colours").on_hover_text(words).changed() {
+        viewer.settings.decorations = if are_on { Decorations::On } else { Decorations::Off };
+        viewer.remembered.decorations = viewer.settings.decorations;
+    }
     if viewer.opened.is_some() && viewer.scene.camera.is_none() {
         ui.small("This volume lies where the world's coordinates are too coarse for a camera: it is seen from its default side.");
     }

@@ -1,15 +1,18 @@
 //! One open volume with its renderer, and the picture on it.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use eframe::egui::ColorImage;
 use supervol_runtime::frame::{Backend, Progress, RenderOptions};
+use supervol_runtime::image::Image;
 use supervol_runtime::renderer::Renderer;
+use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stop::Canceller;
 use supervol_runtime::volume::Volume;
 
-use super::{Busy, Desk, Frame, Opened, Settings, View, lock};
+use super::{Busy, Decorations, Desk, Frame, Opened, Settings, View, lock};
 
 /// A picture at rest is shown anew after so long, as far as it has come.
 const REFINEMENT: Duration = Duration::from_millis(150);
@@ -18,11 +21,13 @@ const REFINEMENT: Duration = Duration::from_millis(150);
 pub(super) struct Easel {
     pub(super) opened: Arc<Opened>,
     pub(super) renderer: Renderer,
-    pub(super) view: Option<View>,
+    view: Option<View>,
+    /// The same, resolved.
+    scene: Option<ResolvedScene>,
     /// The view's picture is what it will be, or cannot be drawn.
     is_settled: bool,
     began: Instant,
-    background: [f64; 3],
+    decorations: Decorations,
 }
 
 fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
@@ -54,7 +59,8 @@ impl Easel {
         let volume = Volume::of(opened.container.clone());
         let renderer = Renderer::new(volume, options(desk, settings)).map_err(|e| e.to_string())?;
         desk.tell(|news| (news.opened, news.frame) = (Some(opened.clone()), None));
-        Ok(Self { opened, renderer, view: None, is_settled: true, began: Instant::now(), background: [0.0; 3] })
+        let decorations = settings.decorations;
+        Ok(Self { opened, renderer, view: None, scene: None, is_settled: true, began: Instant::now(), decorations })
     }
 
     /// Who can stop the picture in progress; none where there is none.
@@ -65,6 +71,7 @@ impl Easel {
     /// From now on pictures are made like this, from the next view on. What is loaded stays.
     pub(super) fn set(&mut self, desk: &Arc<Desk>, settings: &Settings) {
         self.renderer.set_options(options(desk, settings));
+        self.decorations = settings.decorations;
         self.is_settled = true;
     }
 
@@ -76,7 +83,7 @@ impl Easel {
         self.began = Instant::now();
         match view.scene.resolve(&self.opened.facts) {
             Ok(scene) => {
-                self.background = scene.background;
+                self.scene = Some(scene.clone());
                 self.renderer.set_scene(scene);
             }
             Err(error) => {
@@ -109,9 +116,12 @@ impl Easel {
     }
 
     fn show(&self, desk: &Desk, is_converged: bool) {
-        let (Some(view), Some(picture)) = (&self.view, self.renderer.picture()) else { return };
+        let (Some(view), Some(scene), Some(picture)) = (&self.view, &self.scene, self.renderer.picture()) else {
+            return;
+        };
+        let picture = self.decorated(picture, scene);
         let size = [picture.width, picture.height].map(|n| n as usize);
-        let image = Arc::new(ColorImage::from_rgb(size, &picture.to_rgb8(self.background)));
+        let image = Arc::new(ColorImage::from_rgb(size, &picture.to_rgb8(scene.background)));
         drop(picture);
         let frame = Frame {
             volume: view.volume,
@@ -124,12 +134,20 @@ impl Easel {
         desk.tell(|news| news.frame = Some(frame));
     }
 
-    /// Draws the view's picture again, after another one was drawn; one that had settled stays on the screen.
-    pub(super) fn resume(&mut self, desk: &Desk) {
-        let Some(view) = &self.view else { return };
-        match view.scene.resolve(&self.opened.facts) {
-            Ok(scene) => self.renderer.set_scene(scene),
-            Err(error) => desk.fail(error),
+    /// The picture with what is to stand beside the volume.
+    pub(super) fn decorated<'a>(&self, picture: Cow<'a, Image>, scene: &ResolvedScene) -> Cow<'a, Image> {
+        if self.decorations == Decorations::Off {
+            return picture;
+        }
+        let mut picture = picture.into_owned();
+        supervol_decorations::decorate(&mut picture, &self.opened.container, &self.opened.facts, scene);
+        Cow::Owned(picture)
+    }
+
+    /// Goes on with the view's picture, after another one was drawn. One that had converged stays on the screen.
+    pub(super) fn resume(&mut self) {
+        if let Some(scene) = &self.scene {
+            self.renderer.set_scene(scene.clone());
         }
     }
 }

@@ -27,17 +27,16 @@ impl Easel {
         let format = ImageFormat::from_path(&export.path).map_err(|e| e.to_string())?;
         let scene = export.scene.resolve(&self.opened.facts).map_err(|e| e.to_string())?;
         let output = OutputFile::begin(&export.path, export.existing).map_err(|e| e.to_string())?;
-        let (background, rows) = (scene.background, scene.image_size[1]);
-        desk.tell(|news| news.busy = Some(Busy::Exporting(export.path.clone(), [0, rows])));
+        desk.tell(|news| news.busy = Some(Busy::Exporting(export.path.clone(), [0, scene.image_size[1]])));
         lock(&desk.wishes).export_canceller = Some(self.renderer.canceller());
-        self.renderer.set_scene(scene);
+        self.renderer.set_scene(scene.clone());
         let step = self.renderer.advance(None);
         let written = step.map_err(|e| e.to_string()).and_then(|step| {
             let Some(picture) = self.renderer.picture().filter(|_| step.is_converged) else {
                 return Ok(Message::Done("export given up; no file was written".into()));
             };
             let mut file = output.file();
-            picture.encode(format, background, &mut file).map_err(|e| e.to_string())?;
+            self.decorated(picture, &scene).encode(format, scene.background, &mut file).map_err(|e| e.to_string())?;
             output.publish().map_err(|e| e.to_string())?;
             let failed = self.renderer.stats().bricks_failed;
             let path = export.path.display();
@@ -46,7 +45,7 @@ impl Easel {
                 _ => Message::Failure(format!("{path} is written, but {failed} bricks could not be read")),
             })
         });
-        self.resume(desk);
+        self.resume();
         written
     }
 }
