@@ -324,14 +324,21 @@ impl Renderer {
     /// What the picture has cost since it was begun, and how far it has come.
     #[must_use]
     pub fn stats(&self) -> FrameStats {
+        let mut stats = self.counts();
+        if let Work::InSteps(drawing) = &self.work {
+            stats.error_stated = drawing.error_stated();
+        }
+        stats
+    }
+
+    /// The same without the stated error, for which every pixel is looked at.
+    #[must_use]
+    pub fn counts(&self) -> FrameStats {
         let stats = self.scene.as_ref().map_or_else(FrameStats::default, |scene| self.work.stats(scene));
         let mut stats = stats.since(&self.before).with_failures(self.volume.facts().value_range);
         if let Some(scene) = &self.scene {
             [stats.image_width, stats.image_height] = scene.image_size;
             stats.mode = mode_name(scene.mode);
-        }
-        if let Work::InSteps(drawing) = &self.work {
-            stats.error_stated = drawing.error_stated();
         }
         if let Engine::Cpu { no_gpu_because } = &self.engine {
             stats.no_gpu_because.clone_from(no_gpu_because);

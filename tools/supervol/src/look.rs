@@ -11,6 +11,7 @@ use clap::{Args, ValueEnum};
 use supervol_format::Container;
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::preset::overview::Overview;
+use supervol_runtime::preset::section::Slice;
 use supervol_runtime::preset::view::View;
 use supervol_runtime::preset::{colormap, looks, placing, ramps};
 use supervol_runtime::scene::{
@@ -116,10 +117,6 @@ impl From<ModeName> for Mode {
     }
 }
 
-/// Share of a voxel across a slice without a slab: a slice is where it is said to be, and not beside it.
-const SLICE_VOXELS: f64 = 0.1;
-/// Rays along each edge of a pixel of a slice.
-const SLICE_SUPERSAMPLING: u32 = 4;
 /// Opacity of all surfaces but the last.
 const CLEAR_SURFACE: f64 = 0.35;
 /// Their colours, from the first on.
@@ -220,25 +217,11 @@ impl LookArguments {
         facts: &VolumeFacts,
     ) -> Result<(), Failure> {
         let (axis, at) = place.on_grid(container, facts)?;
-        let half = 0.5 * self.slab.unwrap_or(SLICE_VOXELS);
-        let [mut low, mut high] = scene.clip.index_box.unwrap_or_else(|| supervol_runtime::preset::domain(facts));
-        (low[axis], high[axis]) = (low[axis].max(at - half), high[axis].min(at + half));
-        if low[axis] >= high[axis] {
-            return Err(Failure::Command(format!("--slice {place}: outside what --crop leaves")));
-        }
-        scene.clip.index_box = Some([low, high]);
-        scene.mode = Some(Mode::Mean);
-        scene.iso.clear();
-        scene.shading = Some(None);
-        if scene.transfer_function.is_none() {
-            let is_painted = self.window.is_some() || self.clip_percent.is_some() || self.colormap.is_some();
-            let points = if is_painted { ramps::plain_slice(facts) } else { ramps::of_slice(facts) };
-            scene.transfer_function =
-                Some(TransferFunctionSpec::Points(PointsSpec::of(&points, facts.geometry.smallest_spacing())));
-        }
-        scene.samples_per_pixel.get_or_insert(SLICE_SUPERSAMPLING * SLICE_SUPERSAMPLING);
-        let view = View { zoom: self.zoom.unwrap_or(1.0), ..View::section(facts, axis) };
-        scene.camera = Some(view.camera(&scene.framed(facts, None), [scene.image.width, scene.image.height]));
+        let is_painted = self.window.is_some() || self.clip_percent.is_some() || self.colormap.is_some();
+        let colors = if is_painted { ramps::plain_slice(facts) } else { ramps::of_slice(facts) };
+        let slice = Slice { axis, at, slab: self.slab, zoom: self.zoom.unwrap_or(1.0) };
+        let outside = || Failure::Command(format!("--slice {place}: outside what --crop leaves"));
+        *scene = slice.of(scene, facts, &colors).ok_or_else(outside)?;
         Ok(())
     }
 

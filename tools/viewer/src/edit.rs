@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 use supervol_runtime::facts::{DataKind, VolumeFacts};
+use supervol_runtime::preset::section::Slice;
 use supervol_runtime::preset::view::{Direction, View};
 use supervol_runtime::preset::{colormap, domain, domain_corners, looks, ramps};
 use supervol_runtime::scene::{CameraSpec, Mode, PointSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec};
@@ -155,6 +156,15 @@ pub fn remove_point(points: &mut Vec<PointSpec>, i: usize) {
     if points.len() > 1 && i < points.len() {
         points.remove(i);
     }
+}
+
+/// One slice of what the scene's clip box leaves, face on, as `render --slice` shows it. `None` where nothing is left of it.
+#[must_use]
+pub fn sliced(scene: &Scene, opened: &Opened, axis: usize, at: u64) -> Option<Scene> {
+    let facts = &opened.facts;
+    let open = Scene { image: scene.image.clone(), clip: scene.clip.clone(), ..Scene::default() };
+    let slice = Slice { axis, at: at as f64, slab: None, zoom: 1.0 };
+    slice.of(&open, facts, &ramps::of_slice(facts))
 }
 
 /// The clip box in voxels: first and last voxel that are kept, along each axis.

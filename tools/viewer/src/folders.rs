@@ -65,6 +65,22 @@ pub fn container_of(source: &Path, cache: Option<&Path>) -> io::Result<PathBuf> 
     Ok(folder.join(format!("{stem}-{:016x}.svol", xxh3_64(identity.as_bytes()))))
 }
 
+/// Removes the oldest files of a folder until so many are left.
+///
+/// # Errors
+/// If the folder cannot be read.
+pub fn keep_newest(folder: &Path, limit: usize) -> io::Result<()> {
+    let listed = std::fs::read_dir(folder)?.flatten();
+    let with_time = |entry: std::fs::DirEntry| Some((entry.metadata().ok()?.modified().ok()?, entry.path()));
+    let mut files: Vec<(SystemTime, PathBuf)> = listed.filter_map(with_time).collect();
+    files.sort();
+    for (_, path) in &files[..files.len().saturating_sub(limit)] {
+        // What somebody else has removed meanwhile is gone, too.
+        let _ = std::fs::remove_file(path);
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -80,6 +96,19 @@ mod tests {
         std::fs::write(&file, b"three").unwrap();
         assert_ne!(container_of(&file, Some(&cache)).unwrap(), first);
         assert!(container_of(&file, None).is_err_and(|e| e.to_string().contains("supervol build")));
+    }
+
+    #[test]
+    fn the_newest_files_are_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        for age in 0..5u64 {
+            let file = std::fs::File::create(folder.path().join(age.to_string())).unwrap();
+            file.set_modified(SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(1000 - age)).unwrap();
+        }
+        keep_newest(folder.path(), 2).unwrap();
+        let mut left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().flatten().map(|e| e.file_name()).collect();
+        left.sort();
+        assert_eq!(left, ["0", "1"]);
     }
 
     #[test]

@@ -109,6 +109,14 @@ pub fn fly(camera: &CameraSpec, share: f64) -> CameraSpec {
     moved(camera, share * axes.distance * axes.forward)
 }
 
+/// The camera as it stands, moved along its own view direction to the depth of another one's target: from slice to slice.
+#[must_use]
+pub fn shifted_to(camera: &CameraSpec, other: &CameraSpec) -> CameraSpec {
+    let axes = Axes::of(camera);
+    let depth = (DVec3::from_array(other.target) - DVec3::from_array(camera.target)).dot(axes.forward);
+    moved(camera, depth * axes.forward)
+}
+
 fn moved(camera: &CameraSpec, by: DVec3) -> CameraSpec {
     let [eye, target] = [camera.eye, camera.target].map(|point| (DVec3::from_array(point) + by).to_array());
     CameraSpec { eye, target, ..camera.clone() }
@@ -206,6 +214,10 @@ mod tests {
             assert!((Axes::of(&once).height(&once) - Axes::of(&start).height(&start)).abs() < 1e-9);
             assert_eq!(other_projection(&once).height.is_some(), start.height.is_some());
         }
+        let [near, far] = both();
+        let shifted = shifted_to(&near, &CameraSpec { target: [-8.0, 2.0, 1.0], ..far });
+        assert!((Axes::of(&shifted).forward - Axes::of(&near).forward).length() < 1e-12);
+        assert!((DVec3::from_array(shifted.target) - DVec3::new(-8.0, 2.0, 1.0)).length() < 1e-9);
         let ahead = fly(&camera(Some(30.0), None), 0.5);
         assert!((DVec3::from_array(ahead.eye) - DVec3::new(5.5, 2.0, 4.0)).length() < 1e-9);
     }

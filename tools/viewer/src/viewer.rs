@@ -47,6 +47,16 @@ pub struct Picture {
     pub spent_ms: f64,
 }
 
+/// A slice that is shown instead of the volume.
+pub(crate) struct Sliced {
+    /// The grid's axis across it.
+    pub(crate) axis: usize,
+    /// Which voxel on it.
+    pub(crate) at: u64,
+    /// What was shown before, and is again.
+    before: Scene,
+}
+
 /// The application.
 pub struct Viewer {
     pub(crate) worker: Option<Worker>,
@@ -60,6 +70,7 @@ pub struct Viewer {
     pub(crate) message: Option<Message>,
     pub(crate) dialogs: Dialogs,
     pub(crate) looks: Looks,
+    pub(crate) slice: Option<Sliced>,
     pub(crate) remembered: Remembered,
     pub(crate) folders: Folders,
     /// Milliseconds from wishes to the first pictures that answered them, the last ones last.
@@ -89,6 +100,7 @@ impl Viewer {
             message: None,
             dialogs: Dialogs::default(),
             looks: Looks::default(),
+            slice: None,
             remembered,
             folders: launch.folders.clone(),
             latencies_ms: VecDeque::new(),
@@ -208,6 +220,7 @@ impl Viewer {
     /// Opens the present volume again with heights or depths so many times as large. The look stays, the camera frames it anew.
     pub fn exaggerate(&mut self, factor: f64) {
         let Some(opened) = self.opened.clone() else { return };
+        self.set_slice(None);
         self.exaggeration = factor;
         self.open_with(&opened.source, Scene { camera: None, ..self.scene.clone() });
     }
@@ -254,6 +267,7 @@ impl Viewer {
         }
         let name = opened.source.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         ctx.send_viewport_cmd(egui::ViewportCommand::Title(format!("{name} - Supervol")));
+        self.slice = None;
         self.scene = scene;
         self.opened = Some(opened);
     }
@@ -288,9 +302,23 @@ impl Viewer {
             Command::SaveScene => self.dialogs.begin_save(self.opened.as_deref()),
             Command::Export => self.dialogs.begin_export(self.opened.as_deref(), &self.scene),
             Command::CopyCommand => self.copy_command(ctx),
-            Command::Undo => self.scene = self.history.undo(&self.scene).unwrap_or_else(|| self.scene.clone()),
-            Command::Redo => self.scene = self.history.redo(&self.scene).unwrap_or_else(|| self.scene.clone()),
+            Command::Undo => {
+                let before = self.history.undo(&self.scene);
+                self.go_to(before);
+            }
+            Command::Redo => {
+                let after = self.history.redo(&self.scene);
+                self.go_to(after);
+            }
             view => self.run_view(view),
+        }
+    }
+
+    /// Goes to another place in the history.
+    fn go_to(&mut self, scene: Option<Scene>) {
+        if let Some(scene) = scene {
+            // What the history holds says itself what it shows.
+            (self.scene, self.slice) = (scene, None);
         }
     }
 
@@ -328,6 +356,37 @@ impl Viewer {
         if let Some(opened) = &self.opened {
             self.scene = self.looks.switched(&self.scene, opened, mode);
         }
+    }
+
+    /// Shows a slice, by its axis and its voxel on that, or again what was shown before. Of one slice after the other camera and
+    /// colours stay.
+    pub(crate) fn set_slice(&mut self, wanted: Option<(usize, u64)>) {
+        let Some(opened) = self.opened.clone() else { return };
+        let last = self.slice.take();
+        let Some((axis, at)) = wanted else {
+            let (width, height) = (self.scene.image.width, self.scene.image.height);
+            self.scene = last.map_or_else(|| self.scene.clone(), |slice| slice.before);
+            (self.scene.image.width, self.scene.image.height) = (width, height);
+            return;
+        };
+        let is_same_axis = last.as_ref().is_some_and(|slice| slice.axis == axis);
+        let before = last.map_or_else(|| self.scene.clone(), |slice| slice.before);
+        let Some(mut scene) = edit::sliced(&before, &opened, axis, at) else {
+            self.message = Some(Message::Failure("the crop leaves nothing of this slice".into()));
+            self.slice = is_same_axis.then_some(Sliced { axis, at, before });
+            return;
+        };
+        scene.image = self.scene.image.clone();
+        if is_same_axis {
+            let Scene { transfer_function, samples_per_pixel, .. } = self.scene.clone();
+            (scene.transfer_function, scene.samples_per_pixel) = (transfer_function, samples_per_pixel);
+            scene.camera = match (self.scene.camera.take(), scene.camera.take()) {
+                (Some(now), Some(usual)) => Some(navigate::shifted_to(&now, &usual)),
+                (_, usual) => usual,
+            };
+        }
+        self.scene = scene;
+        self.slice = Some(Sliced { axis, at, before });
     }
 
     /// Tells the worker what has changed in this frame.

@@ -221,40 +221,6 @@ fn a_source_file_is_built_into_the_cache_once() {
     assert_eq!(built.flatten().filter(|e| e.path().extension().is_some_and(|e| e == "svol")).count(), 1);
 }
 
-/// Views, edits, crops and volumes in turn, in a budget that does not hold a volume: memory stays within it, nothing leaks from volume
-/// to volume, no brick fails, and what is shown in the end is right.
-#[test]
-fn a_long_session_stays_within_its_budget() {
-    const BUDGET: u64 = 64 << 20;
-    let mut session = Session::with_budget("vessels", BUDGET);
-    session.rest();
-    let other = support::container(session.folder.path(), "sphere", 48);
-    let first = session.folder.path().join("vessels.svol");
-    let mut resident = Vec::new();
-    for round in 0..16 {
-        session.harness.state_mut().open(if round % 2 == 0 { &other } else { &first });
-        let name = if round % 2 == 0 { "sphere.svol" } else { "vessels.svol" };
-        session.until("it is open", |s| s.viewer().opened().is_some_and(|o| o.source.ends_with(name)));
-        for key in [Key::ArrowRight, Key::Plus, Key::P, Key::Num5, Key::ArrowUp, Key::Minus, Key::Num0] {
-            session.press(Modifiers::NONE, key);
-            session.frames(3);
-        }
-        session.edit(|scene| scene.image.background = [0.04 * f64::from(round); 3]);
-        session.click("Max");
-        session.click("Volume");
-        session.rest();
-        let stats = session.viewer().picture().expect("a picture").stats.clone();
-        assert!(stats.host_cache_peak_bytes <= stats.host_cache_budget_bytes && stats.host_budget_bytes == BUDGET);
-        assert_eq!(stats.bricks_failed, 0);
-        // The harness keeps what it has not drawn.
-        session.screenshot("session");
-        resident.push(supervol_runtime::process::resident_bytes());
-    }
-    session.assert_is_as_rendered();
-    let growth = resident[15].saturating_sub(resident[9]);
-    assert!(growth < BUDGET / 2, "{growth} bytes more after six volumes: {resident:?}");
-}
-
 #[test]
 fn every_panel_fits_at_its_least_and_at_scale_2() {
     for (name, size, scale) in
@@ -282,6 +248,30 @@ fn every_panel_fits_at_its_least_and_at_scale_2() {
 }
 
 #[test]
+fn slices_are_shown_face_on_and_the_volume_comes_back() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let first = session.viewer().scene().clone();
+    session.click("across z");
+    session.rest();
+    let slice = session.viewer().scene().clone();
+    assert_eq!(slice.mode, Some(Mode::Mean));
+    assert_eq!(slice.clip.index_box, Some([[-0.5, -0.5, 31.95], [63.5, 63.5, 32.05]]));
+    session.assert_is_as_rendered();
+    session.press(Modifiers::NONE, Key::Plus);
+    session.set("Place of the slice", 10.0);
+    session.rest();
+    let other = session.viewer().scene().clone();
+    assert_eq!(other.clip.index_box.expect("a slice")[0][2], 9.95);
+    assert!(other.camera.expect("a camera").height < slice.camera.expect("a camera").height, "the zoom stays");
+    session.assert_is_as_rendered();
+    session.click("None");
+    session.rest();
+    assert_eq!(*session.viewer().scene(), first);
+    session.assert_is_as_rendered();
+}
+
+#[test]
 fn decorations_are_those_of_render() {
     let mut session = Session::of("sphere");
     session.rest();
@@ -306,7 +296,7 @@ fn decorations_are_those_of_render() {
 
 /// The way files may be replaced is the program's, not the viewer's own.
 #[test]
-fn an_export_replaces_no_container() {
+fn nothing_that_is_no_picture_is_replaced() {
     let mut session = Session::of("sphere");
     session.rest();
     let path = session.folder.path().join("sphere.png");
@@ -315,4 +305,13 @@ fn an_export_replaces_no_container() {
     session.export(supervol_viewer::worker::Export { scene, path: path.clone(), existing: Existing::ReplacePicture });
     session.until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(_))));
     assert_eq!(std::fs::read(&path).expect("a file")[1..5], *b"SVOL");
+
+    // Nor what is open, by whatever name.
+    session.press(Modifiers::COMMAND, Key::S);
+    let volume = session.folder.path().join("sphere.svol");
+    session.type_over("Scene file", &volume.display().to_string());
+    session.click("Replace the file that is there");
+    session.click("Save");
+    assert!(matches!(session.viewer().message(), Some(Message::Failure(m)) if m.contains("sphere.svol")));
+    assert_eq!(std::fs::read(&volume).expect("a file")[1..5], *b"SVOL");
 }

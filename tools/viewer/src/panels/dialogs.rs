@@ -1,16 +1,18 @@
 //! Windows over the picture: files to open, where to save and to export, and the keys.
 
-use std::fmt::Write;
+use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, DragValue, TextEdit, Ui};
-use supervol_preprocess::Existing;
+use supervol_preprocess::output::{OutputFile, check_distinct};
+use supervol_preprocess::{BuildError, Existing};
 use supervol_runtime::image::{GREY_LEVELS, ImageFormat};
 use supervol_runtime::scene::{RAY_LIMIT, Scene};
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::command::{BINDINGS, MOUSE};
-use crate::folders::Folders;
+use crate::folders::{self, Folders};
 use crate::viewer::Viewer;
 use crate::worker::{Decorations, Export, Message, Opened, Settings};
 
@@ -21,6 +23,8 @@ const VOLUMES: [&str; 16] = [
     "svol", "sgy", "segy", "seg", "seg-y", "nrrd", "nhdr", "nii", "gz", "hdr", "img", "mha", "mhd", "tif", "tiff",
     "npy",
 ];
+/// Scenes of commands that are kept.
+const SCENE_LIMIT: usize = 200;
 /// Most pixels of an exported picture along a side.
 const SIDE_LIMIT: u32 = 32_768;
 
@@ -242,13 +246,25 @@ fn save(viewer: &mut Viewer, ctx: &egui::Context) {
     });
     if is_saved {
         let path = PathBuf::from(dialog.path.trim());
-        viewer.message = Some(match std::fs::write(&path, scene_text(&viewer.scene)) {
+        let existing = if dialog.replace { Existing::Replace } else { Existing::Keep };
+        viewer.message = Some(match save_scene(viewer, &path, existing) {
             Ok(()) => Message::Done(format!("{} is written", path.display())),
-            Err(error) => Message::Failure(format!("{}: {error}", path.display())),
+            Err(error) => Message::Failure(error.to_string()),
         });
     } else if is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape)) {
         viewer.dialogs.save = Some(dialog);
     }
+}
+
+/// Writes the scene, by the rules of all commands: whole or not at all, and never over what is open.
+fn save_scene(viewer: &Viewer, path: &Path, existing: Existing) -> Result<(), BuildError> {
+    let read = viewer.opened.iter().flat_map(|opened| [opened.source.as_path(), opened.path.as_path()]);
+    check_distinct(path, read)?;
+    let output = OutputFile::begin(path, existing)?;
+    let written = output.file().write_all(scene_text(&viewer.scene).as_bytes());
+    written.map_err(|source| BuildError::Write { path: path.into(), source })?;
+    output.publish()?;
+    Ok(())
 }
 
 /// A scene file.
@@ -308,7 +324,8 @@ pub(crate) fn command_line(
     let file = folder.join("scenes").join(format!("{:016x}.json", xxh3_64(text.as_bytes())));
     let write = || {
         std::fs::create_dir_all(folder.join("scenes"))?;
-        std::fs::write(&file, &text)
+        std::fs::write(&file, &text)?;
+        folders::keep_newest(&folder.join("scenes"), SCENE_LIMIT)
     };
     write().map_err(|e: std::io::Error| format!("{}: {e}", file.display()))?;
     let path = std::path::absolute(&opened.path).unwrap_or_else(|_| opened.path.clone());

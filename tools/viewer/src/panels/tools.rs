@@ -8,7 +8,7 @@ use crate::command::{Command, keys_of};
 use crate::edit;
 use crate::remembered::Theme;
 use crate::viewer::{Viewer, set_theme};
-use crate::worker::Decorations;
+use crate::worker::{Decorations, Opened};
 
 /// Points of the panel across.
 const WIDTH: f32 = 200.0;
@@ -23,6 +23,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             let is_open = viewer.opened.is_some();
             ui.add_enabled_ui(is_open, |ui| {
                 view(viewer, ui);
+                slice(viewer, ui);
                 crop(viewer, ui);
             });
             heading(ui, "Window");
@@ -111,17 +112,51 @@ fn view(viewer: &mut Viewer, ui: &mut Ui) {
     }
 }
 
+/// What an axis of the grid is called.
+fn axis_name(opened: &Opened, axis: usize) -> String {
+    let name = &opened.container.manifest().axes[axis].name;
+    if name.is_empty() { ["i", "j", "k"][axis].into() } else { name.clone() }
+}
+
+fn slice(viewer: &mut Viewer, ui: &mut Ui) {
+    heading(ui, "Slice");
+    let Some(opened) = viewer.opened.clone() else { return };
+    let mut chosen = viewer.slice.as_ref().map(|slice| slice.axis);
+    ui.horizontal_wrapped(|ui| {
+        ui.selectable_value(&mut chosen, None, "None").on_hover_text("The whole volume, as it was before");
+        for axis in 0..3 {
+            let name = axis_name(&opened, axis);
+            let words = format!("One slice across {name}, face on (--slice)");
+            let _ = ui.selectable_value(&mut chosen, Some(axis), format!("across {name}")).on_hover_text(words);
+        }
+    });
+    if chosen != viewer.slice.as_ref().map(|slice| slice.axis) {
+        viewer.set_slice(chosen.map(|axis| (axis, opened.facts.dims.0[axis] / 2)));
+    }
+    if let Some((axis, mut at)) = viewer.slice.as_ref().map(|slice| (slice.axis, slice.at)) {
+        let last = opened.facts.dims.0[axis] - 1;
+        ui.spacing_mut().slider_width = (ui.available_width() - 70.0).max(40.0);
+        let words = format!("Voxel along {}, 0 to {last}", axis_name(&opened, axis));
+        let response = ui.add(Slider::new(&mut at, 0..=last).integer()).on_hover_text(words);
+        if response.accessible_name("Place of the slice").changed() {
+            viewer.set_slice(Some((axis, at)));
+        }
+    }
+}
+
 fn crop(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "Crop, voxels");
-    let Some(opened) = viewer.opened.clone() else { return };
+    let Some(opened) = viewer.opened.clone().filter(|_| viewer.slice.is_none()) else {
+        ui.weak("A slice is cropped as the volume was.");
+        return;
+    };
     let dims = opened.facts.dims.0;
     let before = edit::kept_voxels(&viewer.scene, &opened.facts);
     let mut kept = before;
     for axis in 0..3 {
-        let name = &opened.container.manifest().axes[axis].name;
-        let name = if name.is_empty() { ["i", "j", "k"][axis] } else { name.as_str() };
+        let name = axis_name(&opened, axis);
         let last = dims[axis] - 1;
-        ui.label(name).on_hover_text(format!("{name}: {} voxels, 0 to {last}", dims[axis]));
+        ui.label(&name).on_hover_text(format!("{name}: {} voxels, 0 to {last}", dims[axis]));
         for (end, what) in [(0, "first"), (1, "last")] {
             let slider = Slider::new(&mut kept[axis][end], 0..=last).integer();
             ui.spacing_mut().slider_width = (ui.available_width() - 70.0).max(40.0);

@@ -127,7 +127,8 @@ impl Easel {
             volume: view.volume,
             number: view.number,
             image,
-            stats: self.renderer.stats(),
+            // Of pictures that are on their way, nobody can read it: it would take as long as casting them.
+            stats: if is_converged { self.renderer.stats() } else { self.renderer.counts() },
             is_converged,
             spent_ms: self.began.elapsed().as_secs_f64() * 1e3,
         };

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use supervol_preprocess::Existing;
-use supervol_preprocess::output::OutputFile;
+use supervol_preprocess::output::{OutputFile, check_distinct};
 use supervol_runtime::image::ImageFormat;
 use supervol_runtime::scene::Scene;
 
@@ -26,6 +26,8 @@ impl Easel {
     pub(super) fn export(&mut self, desk: &Desk, export: &Export) -> Result<Message, String> {
         let format = ImageFormat::from_path(&export.path).map_err(|e| e.to_string())?;
         let scene = export.scene.resolve(&self.opened.facts).map_err(|e| e.to_string())?;
+        let read = [self.opened.source.as_path(), self.opened.path.as_path()];
+        check_distinct(&export.path, read).map_err(|e| e.to_string())?;
         let output = OutputFile::begin(&export.path, export.existing).map_err(|e| e.to_string())?;
         desk.tell(|news| news.busy = Some(Busy::Exporting(export.path.clone(), [0, scene.image_size[1]])));
         lock(&desk.wishes).export_canceller = Some(self.renderer.canceller());

@@ -1,5 +1,7 @@
 //! A viewer without a display, on small volumes in a folder of its own.
 
+#![allow(dead_code, reason = "each file of tests uses a part of it")]
+
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -203,6 +205,15 @@ impl Session {
             data: Some(ActionData::NumericValue(value)),
         }));
         self.frames(3);
+    }
+
+    /// Writes something else into a field.
+    pub fn type_over(&mut self, label: &str, text: &str) {
+        self.node(label).focus();
+        self.frames(2);
+        self.press(Modifiers::COMMAND, Key::A);
+        self.harness.event(Event::Text(text.into()));
+        self.frames(2);
     }
 
     /// Changes the scene and undoes nothing: an edit by hand.
