@@ -1,6 +1,6 @@
 //! The desktop application behind `supervol view`: a volume is turned, cut, coloured and exported by hand.
 //!
-//! It owns no algorithm. What it shows is a [`Scene`](supervol_runtime::scene::Scene) that it edits, drawn by the runtime's
+//! It owns no algorithm. What it shows is a [`Scene`] that it edits, drawn by the runtime's
 //! [`Renderer`](supervol_runtime::renderer::Renderer); a scene file and `supervol render` can do all that it can do.
 //!
 //! ```text

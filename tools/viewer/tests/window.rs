@@ -6,7 +6,7 @@ mod support;
 use eframe::egui::{Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2};
 use egui_kittest::kittest::Queryable;
 use supervol_preprocess::Existing;
-use supervol_runtime::scene::{Mode, Scene};
+use supervol_runtime::scene::{Mode, Scene, ShadingSpec};
 use supervol_viewer::command::{BINDINGS, Command};
 use supervol_viewer::worker::Message;
 
@@ -81,7 +81,7 @@ fn each_mode_is_drawn_as_render_draws_its_scene_and_is_kept_when_it_is_left() {
     session.rest();
     let first = session.viewer().scene().clone();
     for (label, mode) in
-        [("Max", Mode::Mip), ("Min", Mode::Minip), ("Mean", Mode::Mean), ("Surfaces", Mode::Iso), ("Volume", Mode::Dvr)]
+        [("Max", Mode::Mip), ("Min", Mode::Minip), ("Mean", Mode::Mean), ("Iso", Mode::Iso), ("Volume", Mode::Dvr)]
     {
         session.click(label);
         session.rest();
@@ -166,6 +166,11 @@ fn settings_change_how_pictures_are_made() {
     assert_eq!(stats.host_budget_bytes, 128 << 20);
     assert!((stats.max_error_requested * 255.0 - 8.0).abs() < 0.1, "{}", stats.max_error_requested);
     assert_eq!(session.viewer().settings().interaction_ms, 50);
+    // What is out of a control's range stays until somebody changes it.
+    session.click("Volume");
+    session.edit(|scene| scene.shading = Some(Some(ShadingSpec { specular: 5.0, ..ShadingSpec::default() })));
+    session.rest();
+    assert_eq!(session.viewer().scene().shading.as_ref().and_then(|s| s.as_ref()).map(|s| s.specular), Some(5.0));
     session.assert_is_as_rendered();
 }
 
@@ -252,7 +257,7 @@ fn slices_are_shown_face_on_and_the_volume_comes_back() {
     let mut session = Session::of("sphere");
     session.rest();
     let first = session.viewer().scene().clone();
-    session.click("across z");
+    session.click("z");
     session.rest();
     let slice = session.viewer().scene().clone();
     assert_eq!(slice.mode, Some(Mode::Mean));

@@ -284,11 +284,16 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
         ui.horizontal(|ui| {
             ui.label("Pixels");
             let [width, height] = &mut dialog.size;
-            if ui.add(DragValue::new(width).range(1..=SIDE_LIMIT)).accessible_name("Width, pixels").changed() {
+            if ui
+                .add(DragValue::new(width).range(1..=SIDE_LIMIT).clamp_existing_to_range(false))
+                .accessible_name("Width, pixels")
+                .changed()
+            {
                 *height = ((f64::from(*width) / dialog.aspect).round() as u32).clamp(1, SIDE_LIMIT);
             }
             ui.label("x");
-            ui.add(DragValue::new(height).range(1..=SIDE_LIMIT)).accessible_name("Height, pixels");
+            ui.add(DragValue::new(height).range(1..=SIDE_LIMIT).clamp_existing_to_range(false))
+                .accessible_name("Height, pixels");
         });
         let rays = dialog.size.map(u64::from).iter().product::<u64>() * samples;
         let format = ImageFormat::from_path(Path::new(dialog.path.trim()));

@@ -194,7 +194,7 @@ fn numbers(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
         ui.add(DragValue::new(&mut value).speed(speed).max_decimals(4))
             .on_hover_text(format!("Value {unit}"))
             .accessible_name("Value of the point");
-        ui.add(DragValue::new(&mut alpha).speed(0.002).range(0.0..=1.0).max_decimals(4))
+        ui.add(DragValue::new(&mut alpha).speed(0.002).range(0.0..=1.0).clamp_existing_to_range(false).max_decimals(4))
             .on_hover_text("Opacity over the unit distance, 0 to 1")
             .accessible_name("Opacity of the point");
         is_removed = ui.small_button("Remove").clicked();

@@ -1,9 +1,9 @@
 //! The right panel: what the volume is, how it looks, and with what pictures are made.
 
-use eframe::egui::{self, ComboBox, DragValue, Slider, Ui};
+use eframe::egui::{self, ComboBox, DragValue, Slider, SliderClamping, Ui};
 use supervol_runtime::facts::DataKind;
 use supervol_runtime::image::GREY_LEVELS;
-use supervol_runtime::preset::{colormap, looks};
+use supervol_runtime::preset::colormap;
 use supervol_runtime::raycast::cpu::MAX_ERROR_LIMITS;
 use supervol_runtime::scene::{ISO_LIMIT, LightSpec, Mode, ShadingSpec};
 
@@ -17,7 +17,7 @@ const WIDTH: f32 = 300.0;
 /// Modes with their names for people.
 const MODES: [(Mode, &str, &str); 5] = [
     (Mode::Dvr, "Volume", "Emission and absorption (dvr)"),
-    (Mode::Iso, "Surfaces", "Surfaces at values (iso)"),
+    (Mode::Iso, "Iso", "Surfaces at values (iso)"),
     (Mode::Mip, "Max", "The greatest value along each ray (mip)"),
     (Mode::Minip, "Min", "The least value along each ray (minip)"),
     (Mode::Mean, "Mean", "The mean value along each ray (mean)"),
@@ -146,7 +146,12 @@ fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     ui.horizontal(|ui| {
         ui.label("Clip");
         let percent = &mut viewer.looks.clip_percent;
-        let drag = DragValue::new(percent).speed(0.05).range(0.0..=49.0).suffix(" %").max_decimals(2);
+        let drag = DragValue::new(percent)
+            .speed(0.05)
+            .range(0.0..=49.0)
+            .clamp_existing_to_range(false)
+            .suffix(" %")
+            .max_decimals(2);
         let words = "Percentage of the voxels that the window leaves out at each end";
         if ui.add(drag).on_hover_text(words).accessible_name("Clip, percent").changed() {
             let percent = *percent;
@@ -166,7 +171,11 @@ fn density(viewer: &mut Viewer, ui: &mut Ui) {
     let mut density = first / unit;
     ui.horizontal(|ui| {
         ui.label("Density");
-        let slider = Slider::new(&mut density, DENSITIES).logarithmic(true).max_decimals(3).suffix(" x");
+        let slider = Slider::new(&mut density, DENSITIES)
+            .clamping(SliderClamping::Edits)
+            .logarithmic(true)
+            .max_decimals(3)
+            .suffix(" x");
         let words = "How many times as dense: opacities hold over a length that is so many times shorter";
         if ui.add(slider).on_hover_text(words).accessible_name("Density").changed() {
             spec.unit_distance = Some(first / density);
@@ -187,21 +196,24 @@ fn surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
                     iso.color = color.map(f64::from);
                 }
                 ui.spacing_mut().slider_width = (ui.available_width() - 110.0).max(40.0);
-                ui.add(Slider::new(&mut iso.value, range.min..=range.max).max_decimals(4))
-                    .on_hover_text(format!("Value at which the surface lies {}", opened.container.manifest().unit))
-                    .accessible_name("Value of the surface");
+                ui.add(
+                    Slider::new(&mut iso.value, range.min..=range.max).clamping(SliderClamping::Edits).max_decimals(4),
+                )
+                .on_hover_text(format!("Value at which the surface lies {}", opened.container.manifest().unit))
+                .accessible_name("Value of the surface");
                 if many && ui.small_button("x").on_hover_text("Take this surface away").clicked() {
                     removed = Some(i);
                 }
             });
-            ui.add(Slider::new(&mut iso.alpha, 0.0..=1.0).text("opacity")).accessible_name("Opacity of the surface");
+            ui.add(Slider::new(&mut iso.alpha, 0.0..=1.0).clamping(SliderClamping::Edits).text("opacity"))
+                .accessible_name("Opacity of the surface");
         });
     }
     if let Some(i) = removed {
         viewer.scene.iso.remove(i);
     }
     if ui.add_enabled(viewer.scene.iso.len() < ISO_LIMIT, egui::Button::new("Add a surface")).clicked() {
-        viewer.scene.iso.push(looks::default_surface(&opened.facts));
+        viewer.scene.iso.push(edit::surface(&opened.facts));
     }
 }
 
@@ -223,7 +235,8 @@ fn light(viewer: &mut Viewer, ui: &mut Ui) {
         (&mut shading.shininess, "shininess", 1.0..=200.0),
     ];
     for (factor, name, range) in factors {
-        ui.add(Slider::new(factor, range).text(name).max_decimals(2)).accessible_name(name);
+        ui.add(Slider::new(factor, range).clamping(SliderClamping::Edits).text(name).max_decimals(2))
+            .accessible_name(name);
     }
     let mut is_head_light = shading.lights.is_none();
     let words = "Light shines where the camera looks; else it stays where it is in the world";
@@ -237,7 +250,8 @@ fn light(viewer: &mut Viewer, ui: &mut Ui) {
     let angles = &mut viewer.looks.light;
     let mut changed = shading.lights.is_none();
     for (angle, name) in angles.iter_mut().zip(["from the right", "from above"]) {
-        let slider = Slider::new(angle, -90.0..=90.0).suffix("°").text(name).max_decimals(0);
+        let slider =
+            Slider::new(angle, -90.0..=90.0).clamping(SliderClamping::Edits).suffix("°").text(name).max_decimals(0);
         changed |= ui.add(slider).on_hover_text("Degrees, as the camera stands now").accessible_name(name).changed();
     }
     if changed {
@@ -250,7 +264,11 @@ fn quality(viewer: &mut Viewer, ui: &mut Ui) {
     let settings = &mut viewer.settings;
     let limits = MAX_ERROR_LIMITS.map(|share| share * GREY_LEVELS);
     let mut levels = settings.max_error * GREY_LEVELS;
-    let slider = Slider::new(&mut levels, limits[0]..=limits[1]).logarithmic(true).max_decimals(2).text("error");
+    let slider = Slider::new(&mut levels, limits[0]..=limits[1])
+        .clamping(SliderClamping::Edits)
+        .logarithmic(true)
+        .max_decimals(2)
+        .text("error");
     let words = "Largest error of a pixel that is aimed for, in grey levels of 255 (--max-error)";
     let response = ui.add(slider).on_hover_text(words).accessible_name("Error target");
     if response.changed() {
@@ -259,7 +277,8 @@ fn quality(viewer: &mut Viewer, ui: &mut Ui) {
     let mut mebibytes = settings.host_memory_bytes >> 20;
     ui.horizontal(|ui| {
         ui.label("Memory");
-        let drag = DragValue::new(&mut mebibytes).range(MEMORY_MIB).suffix(" MiB").speed(8.0);
+        let drag =
+            DragValue::new(&mut mebibytes).range(MEMORY_MIB).clamp_existing_to_range(false).suffix(" MiB").speed(8.0);
         let words = "Most memory for bricks, rays and pictures, beside the window itself (--host-memory)";
         if ui.add(drag).on_hover_text(words).accessible_name("Memory").changed() {
             settings.host_memory_bytes = mebibytes << 20;
@@ -267,7 +286,10 @@ fn quality(viewer: &mut Viewer, ui: &mut Ui) {
     });
     ui.horizontal(|ui| {
         ui.label("While moving");
-        let drag = DragValue::new(&mut settings.interaction_ms).range(INTERACTION_MS).suffix(" ms");
+        let drag = DragValue::new(&mut settings.interaction_ms)
+            .range(INTERACTION_MS)
+            .clamp_existing_to_range(false)
+            .suffix(" ms");
         let words = "Time after which a change shows a picture, if coarse at first";
         ui.add(drag).on_hover_text(words).accessible_name("Time for interaction");
     });

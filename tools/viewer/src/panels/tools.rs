@@ -1,6 +1,6 @@
 //! The left panel: files, where the picture is taken from, what is cut away.
 
-use eframe::egui::{self, Button, Slider, Ui};
+use eframe::egui::{self, Button, Slider, SliderClamping, Ui};
 use supervol_runtime::preset::view::Direction;
 
 use super::heading;
@@ -101,7 +101,11 @@ fn view(viewer: &mut Viewer, ui: &mut Ui) {
     }
     ui.label("Vertical exaggeration");
     let mut factor = viewer.exaggeration;
-    let slider = Slider::new(&mut factor, EXAGGERATIONS).logarithmic(true).max_decimals(2).suffix(" x");
+    let slider = Slider::new(&mut factor, EXAGGERATIONS)
+        .clamping(SliderClamping::Edits)
+        .logarithmic(true)
+        .max_decimals(2)
+        .suffix(" x");
     let response = ui.add(slider).on_hover_text("Heights or depths are drawn this many times as large");
     let response = response.accessible_name("Vertical exaggeration");
     // The volume is placed anew: not at every step of a drag.
@@ -127,7 +131,7 @@ fn slice(viewer: &mut Viewer, ui: &mut Ui) {
         for axis in 0..3 {
             let name = axis_name(&opened, axis);
             let words = format!("One slice across {name}, face on (--slice)");
-            let _ = ui.selectable_value(&mut chosen, Some(axis), format!("across {name}")).on_hover_text(words);
+            let _ = ui.selectable_value(&mut chosen, Some(axis), name).on_hover_text(words);
         }
     });
     if chosen != viewer.slice.as_ref().map(|slice| slice.axis) {
@@ -137,7 +141,8 @@ fn slice(viewer: &mut Viewer, ui: &mut Ui) {
         let last = opened.facts.dims.0[axis] - 1;
         ui.spacing_mut().slider_width = (ui.available_width() - 70.0).max(40.0);
         let words = format!("Voxel along {}, 0 to {last}", axis_name(&opened, axis));
-        let response = ui.add(Slider::new(&mut at, 0..=last).integer()).on_hover_text(words);
+        let response =
+            ui.add(Slider::new(&mut at, 0..=last).clamping(SliderClamping::Edits).integer()).on_hover_text(words);
         if response.accessible_name("Place of the slice").changed() {
             viewer.set_slice(Some((axis, at)));
         }
@@ -158,7 +163,7 @@ fn crop(viewer: &mut Viewer, ui: &mut Ui) {
         let last = dims[axis] - 1;
         ui.label(&name).on_hover_text(format!("{name}: {} voxels, 0 to {last}", dims[axis]));
         for (end, what) in [(0, "first"), (1, "last")] {
-            let slider = Slider::new(&mut kept[axis][end], 0..=last).integer();
+            let slider = Slider::new(&mut kept[axis][end], 0..=last).clamping(SliderClamping::Edits).integer();
             ui.spacing_mut().slider_width = (ui.available_width() - 70.0).max(40.0);
             ui.add(slider)
                 .on_hover_text(format!("The {what} voxel along {name} that is shown"))

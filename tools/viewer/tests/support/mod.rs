@@ -258,6 +258,7 @@ impl Session {
     }
 
     /// Draws the window, and writes it where somebody asks for it; without a graphics adapter, says so.
+    #[allow(clippy::print_stderr, reason = "what is skipped is said")]
     pub fn screenshot(&mut self, name: &str) {
         match self.harness.render() {
             Ok(image) => {
