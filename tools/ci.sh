@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # Everything that must hold before a change is taken, in one command: formatting, lints, documents, tests (shader
-# validation and GPU tests among them, on a software adapter where there is no other), fuzzing, the demo, a soak.
+# validation and GPU tests among them, on a software adapter where there is no other), fuzzing, the demo, the
+# viewer in a real window, a soak.
 #
 #   tools/ci.sh            all steps
-#   tools/ci.sh tests      only the steps named: format clippy documents tests audit fuzz demo soak
+#   tools/ci.sh tests      only the steps named: format clippy documents tests audit fuzz demo window soak
 #
 # Works on a fresh Debian 12 with Rust 1.95; installs what is missing by apt. Environment:
 #   FUZZ_SECONDS (8)       seconds per fuzz target
@@ -15,7 +16,7 @@ set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-readonly ALL_STEPS=(format clippy documents tests audit fuzz demo soak)
+readonly ALL_STEPS=(format clippy documents tests audit fuzz demo window soak)
 readonly MIN_FREE_GB=10
 readonly FUZZ_SECONDS="${FUZZ_SECONDS:-8}"
 readonly FUZZ_SEED=1
@@ -181,6 +182,24 @@ demo() {
     cargo run --quiet --locked -p supervol --bin supervol -- verify "$work/demo/seismic.svol"
 }
 
+# The viewer in a real window, and the program without it.
+window() {
+    local tool
+    for tool in Xvfb xdotool import; do
+        if ! command -v "$tool" >/dev/null; then
+            install "a display without a screen, a mouse without a hand" xvfb xdotool imagemagick
+            break
+        fi
+    done
+    has_library libxkbcommon-x11.so || install "what windows need" libxkbcommon-x11-0 libxcursor1 libxi6 libxrandr2
+    cargo build --quiet --locked -p supervol --bin supervol
+    tools/window.sh "${CARGO_TARGET_DIR:-target}/debug/supervol" "$logs/window"
+    if cargo tree --locked -p supervol --no-default-features -e normal | grep -E "eframe|winit"; then
+        fail "the program without the viewer needs windowing libraries"
+    fi
+    cargo check --quiet --locked -p supervol --no-default-features
+}
+
 wanted() {
     local name
     for name in "${steps[@]}"; do
@@ -218,6 +237,7 @@ main() {
         step "fuzz run" fuzz_run
     fi
     if wanted demo; then step "demo" demo; fi
+    if wanted window; then step "window" window; fi
     if wanted soak; then step "soak" tools/soak.sh "$SOAK_MINUTES"; fi
 
     say ""

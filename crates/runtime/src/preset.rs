@@ -4,13 +4,16 @@
 //! like the same volume sampled at 256^3. This choice is part of the preset and ends up as an explicit unit distance;
 //! the ray casters know nothing of volume sizes.
 //!
-//! `looks` says what each kind of data looks like, `ramps` with which transfer functions, `view` where cameras stand, and
-//! `overview` what a coarse level tells of what can be seen. What they choose is a [`crate::scene::Scene`] written out.
+//! `looks` says what each kind of data looks like, `ramps` with which transfer functions, `view` where cameras stand, `section`
+//! shows a slice face on, `placing` says where the volume lies, and `overview` what a coarse level tells of what can be seen.
+//! What they choose is a [`crate::scene::Scene`] written out.
 
 pub mod colormap;
 pub mod looks;
 pub mod overview;
+pub mod placing;
 pub mod ramps;
+pub mod section;
 pub mod view;
 
 use glam::DVec3;

@@ -135,6 +135,16 @@ impl Renderer {
         self.canceller.clone()
     }
 
+    /// From now on pictures are made like this, the present one anew; what is loaded stays, as far as the budgets let it. The
+    /// number of threads stays what it was.
+    pub fn set_options(&mut self, options: RenderOptions) {
+        if options.backend != self.options.backend {
+            self.engine = Engine::Undecided;
+        }
+        self.options = RenderOptions { threads: self.options.threads, ..options };
+        self.begin_anew();
+    }
+
     /// From now on this is drawn. Where it is what has been drawn all along, the picture stays.
     pub fn set_scene(&mut self, scene: ResolvedScene) {
         if self.scene.as_ref() != Some(&scene) {
@@ -314,14 +324,21 @@ impl Renderer {
     /// What the picture has cost since it was begun, and how far it has come.
     #[must_use]
     pub fn stats(&self) -> FrameStats {
+        let mut stats = self.counts();
+        if let Work::InSteps(drawing) = &self.work {
+            stats.error_stated = drawing.error_stated();
+        }
+        stats
+    }
+
+    /// The same without the stated error, for which every pixel is looked at.
+    #[must_use]
+    pub fn counts(&self) -> FrameStats {
         let stats = self.scene.as_ref().map_or_else(FrameStats::default, |scene| self.work.stats(scene));
         let mut stats = stats.since(&self.before).with_failures(self.volume.facts().value_range);
         if let Some(scene) = &self.scene {
             [stats.image_width, stats.image_height] = scene.image_size;
             stats.mode = mode_name(scene.mode);
-        }
-        if let Work::InSteps(drawing) = &self.work {
-            stats.error_stated = drawing.error_stated();
         }
         if let Engine::Cpu { no_gpu_because } = &self.engine {
             stats.no_gpu_because.clone_from(no_gpu_because);

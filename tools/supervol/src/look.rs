@@ -11,8 +11,9 @@ use clap::{Args, ValueEnum};
 use supervol_format::Container;
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::preset::overview::Overview;
+use supervol_runtime::preset::section::Slice;
 use supervol_runtime::preset::view::{View, upright};
-use supervol_runtime::preset::{colormap, looks, ramps};
+use supervol_runtime::preset::{colormap, looks, placing, ramps};
 use supervol_runtime::scene::{
     CameraSpec, ImageSpec, IsoSpec, Mode, PlaneSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec,
 };
@@ -117,12 +118,6 @@ impl From<ModeName> for Mode {
     }
 }
 
-/// How many times as long as wide a single line of voxels is drawn at most.
-const LINE_LENGTHS: f64 = 10.0;
-/// Share of a voxel across a slice without a slab: a slice is where it is said to be, and not beside it.
-const SLICE_VOXELS: f64 = 0.1;
-/// Rays along each edge of a pixel of a slice.
-const SLICE_SUPERSAMPLING: u32 = 4;
 /// Opacity of all surfaces but the last.
 const CLEAR_SURFACE: f64 = 0.35;
 /// Their colours, from the first on.
@@ -132,18 +127,7 @@ impl LookArguments {
     /// The container with heights drawn as they are wanted, and a single line of voxels so wide that it can be seen.
     pub fn placed(&self, container: Container) -> Container {
         let facts = self.facts(&container);
-        let mut geometry = facts.geometry;
-        if let Some(axis) = facts.line_axis() {
-            let least = geometry.spacing[axis] * facts.dims.0[axis] as f64 / LINE_LENGTHS;
-            (1..3).for_each(|step| {
-                let across = &mut geometry.spacing[(axis + step) % 3];
-                *across = across.max(least);
-            });
-        }
-        if let Some(factor) = self.vertical_exaggeration {
-            geometry.spacing[places::upright_axis(&facts)] *= factor;
-        }
-        container.placed(geometry)
+        placing::placed(container, &facts, self.vertical_exaggeration.unwrap_or(1.0))
     }
 
     /// Facts of the container, of the kind that is given or recognised.
@@ -252,25 +236,11 @@ impl LookArguments {
         facts: &VolumeFacts,
     ) -> Result<(), Failure> {
         let (axis, at) = place.on_grid(container, facts)?;
-        let half = 0.5 * self.slab.unwrap_or(SLICE_VOXELS);
-        let [mut low, mut high] = scene.clip.index_box.unwrap_or_else(|| supervol_runtime::preset::domain(facts));
-        (low[axis], high[axis]) = (low[axis].max(at - half), high[axis].min(at + half));
-        if low[axis] >= high[axis] {
-            return Err(Failure::Command(format!("--slice {place}: outside what --crop leaves")));
-        }
-        scene.clip.index_box = Some([low, high]);
-        scene.mode = Some(Mode::Mean);
-        scene.iso.clear();
-        scene.shading = Some(None);
-        if scene.transfer_function.is_none() {
-            let is_painted = self.window.is_some() || self.clip_percent.is_some() || self.colormap.is_some();
-            let points = if is_painted { ramps::plain_slice(facts) } else { ramps::of_slice(facts) };
-            scene.transfer_function =
-                Some(TransferFunctionSpec::Points(PointsSpec::of(&points, facts.geometry.smallest_spacing())));
-        }
-        scene.samples_per_pixel.get_or_insert(SLICE_SUPERSAMPLING * SLICE_SUPERSAMPLING);
-        let view = View { zoom: self.zoom.unwrap_or(1.0), ..View::section(facts, axis) };
-        scene.camera = Some(view.camera(&scene.framed(facts, None), [scene.image.width, scene.image.height]));
+        let is_painted = self.window.is_some() || self.clip_percent.is_some() || self.colormap.is_some();
+        let colors = if is_painted { ramps::plain_slice(facts) } else { ramps::of_slice(facts) };
+        let slice = Slice { axis, at, slab: self.slab, zoom: self.zoom.unwrap_or(1.0) };
+        let outside = || Failure::Command(format!("--slice {place}: outside what --crop leaves"));
+        *scene = slice.of(scene, facts, &colors).ok_or_else(outside)?;
         Ok(())
     }
 

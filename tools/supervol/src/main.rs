@@ -9,7 +9,6 @@ mod bench;
 mod build;
 mod chart;
 mod completions;
-mod decorate;
 mod demo;
 mod extract;
 mod failure;
@@ -28,6 +27,8 @@ mod signals;
 mod synth;
 mod terminal;
 mod verify;
+#[cfg(feature = "viewer")]
+mod view;
 
 use std::process::ExitCode;
 
@@ -63,6 +64,9 @@ enum Command {
     Mesh(mesh::Arguments),
     /// Make a picture of a container
     Render(Box<render::Arguments>),
+    /// Look at a volume in a window: turn, cut and colour it, save the scene, export pictures
+    #[cfg(feature = "viewer")]
+    View(view::Arguments),
     /// Measure pictures: cost, distance from the reference, and the same by other programs
     Bench(Box<bench::Arguments>),
     /// Build and render a real and a synthetic volume, to see that everything works
@@ -95,6 +99,8 @@ fn main() -> ExitCode {
         Command::Extract(arguments) => extract::run(&arguments),
         Command::Mesh(arguments) => mesh::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
+        #[cfg(feature = "viewer")]
+        Command::View(arguments) => view::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Chart(arguments) => chart::run(&arguments),

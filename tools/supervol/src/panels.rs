@@ -11,7 +11,6 @@ use supervol_runtime::image::Image;
 use supervol_runtime::renderer::render;
 use supervol_runtime::scene::Scene;
 
-use crate::decorate;
 use crate::failure::Failure;
 use crate::look::LookArguments;
 use crate::output::PictureFile;
@@ -81,7 +80,7 @@ impl Panels<'_> {
             let resolved = scene.resolve(self.facts).map_err(Failure::command)?;
             let (mut panel, stats) = render(self.container, &resolved, options).map_err(with_render)?;
             if self.decorate {
-                decorate::decorate(&mut panel, self.container, self.facts, &resolved);
+                supervol_decorations::decorate(&mut panel, self.container, self.facts, &resolved);
             }
             self.grid.put(&mut picture, number, &panel);
             background = resolved.background;

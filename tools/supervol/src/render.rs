@@ -26,7 +26,6 @@ use supervol_runtime::scene::{CameraSpec, ResolvedScene, Scene};
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::loader::READERS;
 
-use crate::decorate;
 use crate::failure::{Failure, with_container, with_output};
 use crate::look::{LookArguments, empty};
 use crate::output::{Force, PictureFile, RenderOutputs};
@@ -336,7 +335,8 @@ fn overview(container: &Container) -> Option<Overview> {
     Overview::read(container).ok().flatten()
 }
 
-fn read_scene(file: &Path) -> Result<Scene, Failure> {
+/// The scene of a scene file.
+pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
     let text = crate::input::read_text(file, "a scene")?;
     Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())))
 }
@@ -413,7 +413,7 @@ pub fn write_picture(
         return output.write(image, resolved.background);
     }
     let mut decorated = image.clone();
-    decorate::decorate(&mut decorated, subject.container, subject.facts, resolved);
+    supervol_decorations::decorate(&mut decorated, subject.container, subject.facts, resolved);
     output.write(&decorated, resolved.background)
 }
 

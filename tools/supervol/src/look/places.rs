@@ -5,6 +5,7 @@ use supervol_format::Container;
 use supervol_preprocess::source::Survey;
 use supervol_runtime::facts::{Frame, VolumeFacts};
 use supervol_runtime::preset;
+use supervol_runtime::preset::placing::axis_along;
 
 use crate::failure::Failure;
 use crate::quantity::{self, WrittenBox};
@@ -159,13 +160,11 @@ impl Scale {
     /// The grid axis that runs along a world axis most of all, counted by that coordinate on the line through the middle.
     fn world(world: usize, facts: &VolumeFacts) -> Self {
         let linear = facts.geometry.linear();
-        let columns = [linear.x_axis, linear.y_axis, linear.z_axis];
-        let along = |a: &usize| columns[*a].normalize_or_zero()[world].abs();
-        let axis = (0..3).max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(world);
+        let axis = axis_along(world, facts);
         let mut middle = DVec3::from_array(facts.dims.0.map(|n| 0.5 * (n as f64 - 1.0)));
         middle[axis] = 0.0;
         let first = facts.geometry.world_from_index().transform_point3(middle)[world];
-        Self { axis, first, step: columns[axis][world] }
+        Self { axis, first, step: linear.col(axis)[world] }
     }
 
     fn index(&self, place: f64) -> f64 {
@@ -194,11 +193,6 @@ fn names(container: &Container, facts: &VolumeFacts) -> String {
         frame if frame.is_patient() => "sagittal, coronal, axial, i, j, k, x, y or z".into(),
         _ => "i, j, k, x, y or z".into(),
     }
-}
-
-/// The grid's axis that stands most upright.
-pub fn upright_axis(facts: &VolumeFacts) -> usize {
-    if facts.frame == Frame::Survey { 2 } else { Scale::world(2, facts).axis }
 }
 
 #[cfg(test)]

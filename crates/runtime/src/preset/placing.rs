@@ -1,0 +1,39 @@
+//! Where a volume is drawn: as it lies in the world, but for heights that somebody wants larger, and for single lines of voxels,
+//! which nobody would see.
+
+use supervol_format::Container;
+
+use crate::facts::{Frame, VolumeFacts};
+
+/// How many times as long as wide a single line of voxels is drawn at most.
+const LINE_LENGTHS: f64 = 10.0;
+
+/// The container as it is drawn: heights or depths `exaggeration` times as large, a single line of voxels so wide that it can be
+/// seen. `facts` are the container's own.
+#[must_use]
+pub fn placed(container: Container, facts: &VolumeFacts, exaggeration: f64) -> Container {
+    let mut geometry = facts.geometry;
+    if let Some(axis) = facts.line_axis() {
+        let least = geometry.spacing[axis] * facts.dims.0[axis] as f64 / LINE_LENGTHS;
+        (1..3).for_each(|step| {
+            let across = &mut geometry.spacing[(axis + step) % 3];
+            *across = across.max(least);
+        });
+    }
+    geometry.spacing[upright_axis(facts)] *= exaggeration;
+    container.placed(geometry)
+}
+
+/// The grid's axis that stands most upright.
+#[must_use]
+pub fn upright_axis(facts: &VolumeFacts) -> usize {
+    if facts.frame == Frame::Survey { 2 } else { axis_along(2, facts) }
+}
+
+/// The grid's axis that runs along a world axis most of all.
+#[must_use]
+pub fn axis_along(world: usize, facts: &VolumeFacts) -> usize {
+    let linear = facts.geometry.linear();
+    let along = |a: &usize| linear.col(*a).normalize_or_zero()[world].abs();
+    (0..3).max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(world)
+}

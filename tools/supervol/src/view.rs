@@ -1,0 +1,49 @@
+//! `supervol view`: a window on a volume.
+
+use std::num::NonZero;
+use std::path::PathBuf;
+
+use clap::Args;
+use supervol_viewer::folders::Folders;
+use supervol_viewer::worker::Settings;
+use supervol_viewer::{Launch, ViewerError};
+
+use crate::failure::Failure;
+use crate::{quantity, render};
+
+/// What to show first, and within what memory.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Container, or a volume file, which is built into the cache folder first; without it, the window asks for one
+    file: Option<PathBuf>,
+    /// Scene file (JSON) to begin with
+    #[arg(long, value_name = "SCENE.json")]
+    scene: Option<PathBuf>,
+    /// Most host memory to use for bricks, rays and pictures, beside the window itself
+    #[arg(long, default_value = "512MiB", value_parser = quantity::bytes)]
+    host_memory: u64,
+    /// Largest error of any channel of any pixel that is aimed for, as for `render`
+    #[arg(long, value_name = "E", default_value = "0.5/255", value_parser = quantity::picture_error)]
+    max_error: f64,
+    /// Time after which a change shows a picture, if coarse at first
+    #[arg(long, value_name = "MS", default_value = "33", value_parser = quantity::milliseconds)]
+    time_budget: u64,
+    /// Threads; all processors by default
+    #[arg(long, value_parser = quantity::threads)]
+    threads: Option<NonZero<usize>>,
+}
+
+/// Runs the command, until the window is closed.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let scene = arguments.scene.as_deref().map(render::read_scene).transpose()?.unwrap_or_default();
+    let settings = Settings {
+        host_memory_bytes: arguments.host_memory,
+        max_error: arguments.max_error,
+        interaction_ms: arguments.time_budget,
+        threads: arguments.threads.map(NonZero::get),
+        ..Settings::default()
+    };
+    let folders = Folders::of_system();
+    supervol_viewer::run(Launch { file: arguments.file.clone(), scene, settings, folders })
+        .map_err(|error @ (ViewerError::Window(_) | ViewerError::Graphics(_))| Failure::Machine(error.to_string()))
+}

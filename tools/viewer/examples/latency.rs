@@ -1,0 +1,131 @@
+//! How long the viewer takes from an input to the first picture that shows it: its worker and a scripted hand, no window.
+//!
+//!     cargo run --release -p supervol-viewer --example latency -- VOLUME.svol [WIDTHxHEIGHT] [HOST_MEMORY_MIB] [THREADS]
+//!
+//! A drag turns the volume by two degrees as soon as a picture has come; then, from pictures at rest, single steps do. The time that
+//! putting a picture on the screen takes comes on top.
+
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use supervol_runtime::scene::Scene;
+use supervol_viewer::folders::Folders;
+use supervol_viewer::worker::{Frame, Message, News, Open, Opened, Settings, View, Worker};
+use supervol_viewer::{edit, navigate};
+
+const DRAG_STEPS: usize = 180;
+const SINGLE_STEPS: usize = 10;
+const PATIENCE: Duration = Duration::from_secs(600);
+
+struct Hand {
+    worker: Worker,
+    rung: crossbeam_channel::Receiver<()>,
+    number: u64,
+    /// The last picture that was taken.
+    last: Option<Frame>,
+}
+
+impl Hand {
+    /// Waits for news that hold something.
+    fn wait<T>(&self, mut take: impl FnMut(News) -> Option<T>) -> Result<T, String> {
+        let start = Instant::now();
+        loop {
+            // The bell may have rung for older news: nothing is missed, since it is rung after they are told.
+            let _ = self.rung.recv_timeout(Duration::from_secs(1));
+            let mut news = self.worker.news();
+            if let Some(Message::Failure(message)) = news.message.take() {
+                return Err(message);
+            }
+            if let Some(found) = take(news) {
+                return Ok(found);
+            }
+            if start.elapsed() > PATIENCE {
+                return Err("the worker tells nothing".into());
+            }
+        }
+    }
+
+    /// Wishes for a scene; milliseconds to the first picture of it.
+    fn wish(&mut self, opened: &Opened, scene: &Scene) -> Result<f64, String> {
+        self.number += 1;
+        let (start, number) = (Instant::now(), self.number);
+        self.worker.view(View { number, volume: opened.number, scene: scene.clone() });
+        self.last = Some(self.wait(|news| news.frame.filter(|frame| frame.number == number))?);
+        Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
+    /// Waits until the picture has converged; milliseconds that it took.
+    fn rest(&mut self) -> Result<f64, String> {
+        let last = match self.last.take() {
+            Some(frame) if frame.is_converged => frame,
+            _ => self.wait(|news| news.frame.filter(|frame| frame.is_converged))?,
+        };
+        Ok(self.last.insert(last).spent_ms)
+    }
+}
+
+fn quantile(times: &mut [f64], share: f64) -> f64 {
+    times.sort_by(f64::total_cmp);
+    times[((times.len() - 1) as f64 * share).round() as usize]
+}
+
+#[allow(clippy::print_stdout, reason = "it is what this program is for")]
+fn run() -> Result<(), String> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let path = arguments.first().ok_or("expected: VOLUME.svol [WIDTHxHEIGHT] [HOST_MEMORY_MIB] [THREADS]")?;
+    let size = arguments.get(1).map_or("760x760", String::as_str);
+    let size: Vec<u32> = size.split('x').filter_map(|n| n.parse().ok()).collect();
+    let &[width, height] = size.as_slice() else { return Err("expected WIDTHxHEIGHT".into()) };
+    let number = |i: usize| arguments.get(i).and_then(|n| n.parse::<u64>().ok());
+    let mut settings = Settings { threads: number(3).map(|n| n as usize), ..Settings::default() };
+    settings.host_memory_bytes = number(2).map_or(settings.host_memory_bytes, |mebibytes| mebibytes << 20);
+
+    let start = Instant::now();
+    let (ring, rung) = crossbeam_channel::bounded(1);
+    let worker = Worker::start(settings, Folders::default(), move || {
+        // A bell that rings already need not ring twice.
+        let _ = ring.try_send(());
+    })
+    .map_err(|e| e.to_string())?;
+    let mut hand = Hand { worker, rung, number: 0, last: None };
+    hand.worker.open(Open { path: path.into(), exaggeration: 1.0, scene: Scene::default() });
+    let opened = hand.wait(|news| news.opened)?;
+    let mut scene = opened.scene.clone();
+    (scene.image.width, scene.image.height) = (width, height);
+    hand.wish(&opened, &scene)?;
+    println!("first picture: {:.0} ms after the start", start.elapsed().as_secs_f64() * 1e3);
+
+    let stage = edit::stage(&opened.facts);
+    let turn = |scene: &mut Scene| {
+        scene.camera = scene.camera.as_ref().map(|camera| navigate::orbit(camera, &stage, [2.0, 0.0]));
+    };
+    let mut dragged = Vec::new();
+    for _ in 0..DRAG_STEPS {
+        turn(&mut scene);
+        dragged.push(hand.wish(&opened, &scene)?);
+    }
+    let mut single = Vec::new();
+    let mut converged = Vec::new();
+    for _ in 0..SINGLE_STEPS {
+        hand.rest()?;
+        turn(&mut scene);
+        single.push(hand.wish(&opened, &scene)?);
+        converged.push(hand.rest()?);
+    }
+    for (name, times) in [("dragged", &mut dragged), ("from rest", &mut single), ("to convergence", &mut converged)] {
+        let [median, p95] = [0.5, 0.95].map(|share| quantile(times, share));
+        println!("{name}: median {median:.0} ms, 95th percentile {p95:.0} ms, {} steps", times.len());
+    }
+    Ok(())
+}
+
+#[allow(clippy::print_stderr, reason = "why it failed")]
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("latency: {message}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! What a key does: the one list that keys are read from and that the window of keys shows.
+
+use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
+use supervol_runtime::preset::view::Direction;
+
+/// Something that a key, a button or both do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// The window of keys.
+    Help,
+    /// The window to open a file.
+    Open,
+    /// The window to save the scene.
+    SaveScene,
+    /// The window to export a picture.
+    Export,
+    /// The command line of this picture, to the clipboard.
+    CopyCommand,
+    /// Back by one edit.
+    Undo,
+    /// Forward again.
+    Redo,
+    /// A camera that frames what can be seen, from the side that suits the data.
+    DefaultView,
+    /// The same, from this side.
+    ViewFrom(Direction),
+    /// Perspective or parallel rays.
+    Projection,
+    /// Turn by so many steps: to the right, up.
+    Turn([i8; 2]),
+    /// Move the picture by so many steps: to the right, up.
+    Move([i8; 2]),
+    /// So many steps nearer, negative away.
+    Nearer(i8),
+    /// So many steps forward, negative back, with the target.
+    Fly(i8),
+    /// Panels beside the picture.
+    Panels,
+    /// Full screen.
+    FullScreen,
+}
+
+/// A command with its keys and its words.
+pub struct Binding {
+    /// What is done.
+    pub command: Command,
+    /// By which keys; the first is the one that is shown on buttons.
+    pub keys: &'static [KeyboardShortcut],
+    /// In words.
+    pub words: &'static str,
+}
+
+const fn plain(key: Key) -> KeyboardShortcut {
+    KeyboardShortcut::new(Modifiers::NONE, key)
+}
+
+const fn with_shift(key: Key) -> KeyboardShortcut {
+    KeyboardShortcut::new(Modifiers::SHIFT, key)
+}
+
+const fn with_command(key: Key) -> KeyboardShortcut {
+    KeyboardShortcut::new(Modifiers::COMMAND, key)
+}
+
+const fn with_command_and_shift(key: Key) -> KeyboardShortcut {
+    KeyboardShortcut::new(Modifiers::COMMAND.plus(Modifiers::SHIFT), key)
+}
+
+const fn binding(command: Command, keys: &'static [KeyboardShortcut], words: &'static str) -> Binding {
+    Binding { command, keys, words }
+}
+
+/// All of them. Those with more modifiers come first: a shortcut is matched by the least that it asks for.
+pub const BINDINGS: &[Binding] = &[
+    binding(Command::Redo, &[with_command_and_shift(Key::Z), with_command(Key::Y)], "Redo"),
+    binding(Command::CopyCommand, &[with_command_and_shift(Key::C)], "Copy the command that draws this picture"),
+    binding(Command::Undo, &[with_command(Key::Z)], "Undo"),
+    binding(Command::Open, &[with_command(Key::O)], "Open a file"),
+    binding(Command::SaveScene, &[with_command(Key::S)], "Save the scene"),
+    binding(Command::Export, &[with_command(Key::E)], "Export a picture"),
+    binding(Command::Move([-1, 0]), &[with_shift(Key::ArrowLeft)], "Move the picture to the left"),
+    binding(Command::Move([1, 0]), &[with_shift(Key::ArrowRight)], "Move the picture to the right"),
+    binding(Command::Move([0, 1]), &[with_shift(Key::ArrowUp)], "Move the picture up"),
+    binding(Command::Move([0, -1]), &[with_shift(Key::ArrowDown)], "Move the picture down"),
+    binding(Command::Turn([-1, 0]), &[plain(Key::ArrowLeft)], "Turn to the left"),
+    binding(Command::Turn([1, 0]), &[plain(Key::ArrowRight)], "Turn to the right"),
+    binding(Command::Turn([0, 1]), &[plain(Key::ArrowUp)], "Turn up"),
+    binding(Command::Turn([0, -1]), &[plain(Key::ArrowDown)], "Turn down"),
+    binding(Command::Nearer(1), &[plain(Key::Plus), plain(Key::Equals)], "Nearer"),
+    binding(Command::Nearer(-1), &[plain(Key::Minus)], "Away"),
+    binding(Command::Fly(1), &[plain(Key::W)], "Fly forward"),
+    binding(Command::Fly(-1), &[plain(Key::S)], "Fly back"),
+    binding(Command::DefaultView, &[plain(Key::Num0), plain(Key::Home)], "Default view"),
+    binding(Command::ViewFrom(Direction::Front), &[plain(Key::Num1)], "From the front"),
+    binding(Command::ViewFrom(Direction::Back), &[plain(Key::Num2)], "From behind"),
+    binding(Command::ViewFrom(Direction::Left), &[plain(Key::Num3)], "From the left"),
+    binding(Command::ViewFrom(Direction::Right), &[plain(Key::Num4)], "From the right"),
+    binding(Command::ViewFrom(Direction::Top), &[plain(Key::Num5)], "From above"),
+    binding(Command::ViewFrom(Direction::Bottom), &[plain(Key::Num6)], "From below"),
+    binding(Command::Projection, &[plain(Key::P)], "Perspective or parallel rays"),
+    binding(Command::Panels, &[plain(Key::H)], "Hide or show the panels"),
+    binding(Command::FullScreen, &[plain(Key::F11)], "Full screen"),
+    binding(Command::Help, &[plain(Key::Questionmark), plain(Key::F1), with_shift(Key::Slash)], "Keys and mouse"),
+];
+
+/// What the mouse does, in words.
+pub const MOUSE: &[(&str, &str)] = &[
+    ("Drag", "Turn"),
+    ("Right or middle drag, or Shift and drag", "Move the picture"),
+    ("Wheel, two fingers, pinch", "Nearer or away, towards the cursor"),
+    ("Double click", "The point under the cursor comes to the middle, nearer"),
+    ("Drop a file on the window", "Open it"),
+];
+
+/// The keys of a command, for people.
+#[must_use]
+pub fn keys_of(ctx: &egui::Context, command: Command) -> String {
+    let binding = BINDINGS.iter().find(|b| b.command == command);
+    binding.and_then(|b| b.keys.first()).map_or(String::new(), |key| ctx.format_shortcut(key))
+}
+
+/// The commands whose keys have been pressed since the last frame. None while somebody types.
+pub fn pressed(ctx: &egui::Context) -> Vec<Command> {
+    if ctx.egui_wants_keyboard_input() {
+        return Vec::new();
+    }
+    ctx.input_mut(|input| {
+        let is_pressed = |binding: &&Binding| binding.keys.iter().any(|key| input.consume_shortcut(key));
+        BINDINGS.iter().filter(is_pressed).map(|binding| binding.command).collect()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A shortcut with fewer modifiers would swallow the keys of a later one with more.
+    #[test]
+    fn no_binding_hides_another() {
+        let all: Vec<_> = BINDINGS.iter().flat_map(|b| b.keys.iter().map(move |key| (b.words, key))).collect();
+        for (i, (words, key)) in all.iter().enumerate() {
+            for (later_words, later) in &all[i + 1..] {
+                let hides = later.logical_key == key.logical_key && later.modifiers.matches_logically(key.modifiers);
+                assert!(!hides, "{words} hides {later_words}");
+            }
+        }
+    }
+}

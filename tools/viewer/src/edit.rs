@@ -1,0 +1,293 @@
+//! What the panels do to a scene: each edit is one that a person could write into the scene file.
+
+use glam::DVec3;
+use supervol_runtime::facts::{DataKind, VolumeFacts};
+use supervol_runtime::preset::section::Slice;
+use supervol_runtime::preset::view::{Direction, View};
+use supervol_runtime::preset::{colormap, domain, domain_corners, looks, ramps};
+use supervol_runtime::scene::{
+    CameraSpec, IsoSpec, Mode, PointSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec,
+};
+
+use crate::navigate::Stage;
+use crate::worker::Opened;
+
+/// Most control points that can be dragged: a function of more is a table.
+pub const POINT_LIMIT: usize = 256;
+
+/// What cameras move around.
+#[must_use]
+pub fn stage(facts: &VolumeFacts) -> Stage {
+    let [first, .., last] = domain_corners(facts);
+    let up = View::from(facts, Direction::Front).up;
+    Stage { up, diagonal: (last - first).length().max(f64::MIN_POSITIVE) }
+}
+
+/// The camera that frames what can be seen from a side, or from the one that suits the data. `None` where the world is too coarse for
+/// cameras: such a scene leaves its camera open.
+#[must_use]
+pub fn camera_from(scene: &Scene, opened: &Opened, direction: Option<Direction>) -> Option<CameraSpec> {
+    scene.camera.as_ref()?;
+    let facts = &opened.facts;
+    let view = direction.map_or_else(|| View::of(facts), |direction| View::from(facts, direction));
+    let size = [scene.image.width, scene.image.height];
+    Some(view.camera(&scene.framed(facts, opened.overview.as_ref()), size))
+}
+
+/// Control points of the scene that is drawn, and the world length over which they hold.
+#[must_use]
+pub fn points(scene: &Scene) -> Option<&PointsSpec> {
+    match &scene.transfer_function {
+        Some(TransferFunctionSpec::Points(spec)) => Some(spec),
+        _ => None,
+    }
+}
+
+/// The same, to be changed.
+pub fn points_mut(scene: &mut Scene) -> Option<&mut PointsSpec> {
+    match &mut scene.transfer_function {
+        Some(TransferFunctionSpec::Points(spec)) => Some(spec),
+        _ => None,
+    }
+}
+
+/// Writes the points of a named preset out, so that they can be edited.
+pub fn write_out(scene: &mut Scene, facts: &VolumeFacts) {
+    if let Some(TransferFunctionSpec::Preset(name)) = &scene.transfer_function
+        && let Ok(function) = supervol_runtime::preset::transfer_function(name, facts)
+    {
+        let spec = PointsSpec::of(function.points(), function.unit_distance());
+        scene.transfer_function = Some(TransferFunctionSpec::Points(spec));
+    }
+}
+
+/// The picture of a kind of data, from where the camera stands.
+#[must_use]
+pub fn with_kind(scene: &Scene, opened: &Opened, kind: DataKind) -> Scene {
+    let facts = VolumeFacts { kind, ..opened.facts.clone() };
+    let open = Scene {
+        camera: scene.camera.clone(),
+        image: scene.image.clone(),
+        clip: scene.clip.clone(),
+        ..Scene::default()
+    };
+    open.complete(&facts, opened.overview.as_ref())
+}
+
+/// The usual picture of a mode, as `render --mode` makes it: light for what is solid, a surface for `iso`.
+#[must_use]
+pub fn with_mode(scene: &Scene, opened: &Opened, mode: Mode) -> Scene {
+    let (facts, overview) = (&opened.facts, opened.overview.as_ref());
+    let usual = with_kind(scene, opened, facts.kind);
+    if usual.mode == Some(mode) {
+        return usual;
+    }
+    let open = Scene {
+        mode: Some(mode),
+        transfer_function: None,
+        shading: (mode == Mode::Dvr).then(|| (!facts.kind.is_seismic()).then(ShadingSpec::default)),
+        iso: if mode == Mode::Iso { vec![surface(facts)] } else { Vec::new() },
+        samples_per_pixel: None,
+        ..scene.clone()
+    };
+    open.complete(facts, overview)
+}
+
+/// A surface that the values reach: by the histogram where the usual value of the kind, in Hounsfield units, does not occur.
+#[must_use]
+pub fn surface(facts: &VolumeFacts) -> IsoSpec {
+    let usual = looks::default_surface(facts);
+    let range = facts.value_range;
+    if (range.min..=range.max).contains(&usual.value) {
+        return usual;
+    }
+    looks::default_surface(&VolumeFacts { kind: DataKind::Generic, ..facts.clone() })
+}
+
+/// Least and greatest value that colours and opacities span.
+#[must_use]
+pub fn window(scene: &Scene) -> Option<[f64; 2]> {
+    let points = &points(scene)?.points;
+    Some([points.first()?.value, points.last()?.value])
+}
+
+/// Moves colours and opacities to another window.
+pub fn set_window(scene: &mut Scene, [low, high]: [f64; 2]) {
+    if low.is_finite() && high.is_finite() && low < high {
+        repaint(scene, Some([low, high]), None);
+    }
+}
+
+/// The window that leaves out this percentage of the voxels at each end.
+pub fn clip_percent(scene: &mut Scene, facts: &VolumeFacts, percent: f64) {
+    repaint(scene, Some(ramps::clipped_window(facts, percent)), None);
+}
+
+/// Paints with a colour map by its name.
+pub fn set_colors(scene: &mut Scene, name: &str) {
+    if let Some(colors) = colormap::by_name(name) {
+        repaint(scene, None, Some(&colors));
+    }
+}
+
+fn repaint(scene: &mut Scene, window: Option<[f64; 2]>, colors: Option<&[(f64, [f64; 3])]>) {
+    if let Some(spec) = points_mut(scene) {
+        let points = ramps::repainted(&spec.control_points(), window, colors);
+        *spec = PointsSpec { unit_distance: spec.unit_distance, ..PointsSpec::of(&points, 1.0) };
+    }
+}
+
+/// Moves a control point, between its neighbours.
+pub fn move_point(points: &mut [PointSpec], i: usize, value: f64, alpha: f64) {
+    let low = i.checked_sub(1).map_or(f64::NEG_INFINITY, |before| points[before].value);
+    let high = points.get(i + 1).map_or(f64::INFINITY, |after| after.value);
+    if let Some(point) = points.get_mut(i).filter(|_| value.is_finite() && alpha.is_finite()) {
+        (point.value, point.alpha) = (value.clamp(low, high), alpha.clamp(0.0, 1.0));
+    }
+}
+
+/// A new control point, of the colour that is there; its place in the list. `None` where there are too many.
+pub fn add_point(points: &mut Vec<PointSpec>, value: f64, alpha: f64) -> Option<usize> {
+    if points.len() >= POINT_LIMIT || !value.is_finite() {
+        return None;
+    }
+    let place = points.partition_point(|p| p.value <= value);
+    let color = match (place.checked_sub(1).map(|i| points[i]), points.get(place)) {
+        (Some(a), Some(b)) if b.value > a.value => {
+            let share = (value - a.value) / (b.value - a.value);
+            std::array::from_fn(|c| a.color[c] + share * (b.color[c] - a.color[c]))
+        }
+        (Some(p), _) => p.color,
+        (None, p) => p.map_or([1.0; 3], |p| p.color),
+    };
+    points.insert(place, PointSpec { value, color, alpha: alpha.clamp(0.0, 1.0) });
+    Some(place)
+}
+
+/// Takes a control point away; the last one stays.
+pub fn remove_point(points: &mut Vec<PointSpec>, i: usize) {
+    if points.len() > 1 && i < points.len() {
+        points.remove(i);
+    }
+}
+
+/// One slice of what the scene's clip box leaves, face on, as `render --slice` shows it. `None` where nothing is left of it.
+#[must_use]
+pub fn sliced(scene: &Scene, opened: &Opened, axis: usize, at: u64) -> Option<Scene> {
+    let facts = &opened.facts;
+    let open = Scene { image: scene.image.clone(), clip: scene.clip.clone(), ..Scene::default() };
+    let slice = Slice { axis, at: at as f64, slab: None, zoom: 1.0 };
+    slice.of(&open, facts, &ramps::of_slice(facts))
+}
+
+/// The clip box in voxels: first and last voxel that are kept, along each axis.
+#[must_use]
+pub fn kept_voxels(scene: &Scene, facts: &VolumeFacts) -> [[u64; 2]; 3] {
+    let [low, high] = scene.clip.index_box.unwrap_or_else(|| domain(facts));
+    std::array::from_fn(|a| {
+        let most = facts.dims.0[a] - 1;
+        // A face at i - 1/2 begins voxel i.
+        [(low[a] + 0.5).round().clamp(0.0, most as f64) as u64, (high[a] - 0.5).round().clamp(0.0, most as f64) as u64]
+    })
+}
+
+/// Keeps these voxels; no box where these are all.
+pub fn keep_voxels(scene: &mut Scene, facts: &VolumeFacts, kept: [[u64; 2]; 3]) {
+    let whole = kept.iter().zip(facts.dims.0).all(|(&[first, last], n)| first == 0 && last == n - 1);
+    let ends = |end: usize, half: f64| kept.map(|ends| ends[end] as f64 + half);
+    scene.clip.index_box = (!whole).then(|| [ends(0, -0.5), ends(1, 0.5)]);
+}
+
+/// The direction in which light travels, from where it comes: degrees to the right of and above the viewer, as the camera stands.
+#[must_use]
+pub fn light_from(camera: &CameraSpec, [right, above]: [f64; 2]) -> [f64; 3] {
+    let forward = (DVec3::from_array(camera.target) - DVec3::from_array(camera.eye)).normalize_or(DVec3::X);
+    let to_right = forward.cross(camera.up.into()).normalize_or(forward.any_orthonormal_vector());
+    let up = to_right.cross(forward);
+    let ([sin_r, cos_r], [sin_a, cos_a]) =
+        ([right.to_radians().sin(), right.to_radians().cos()], [above.to_radians().sin(), above.to_radians().cos()]);
+    let towards_light = cos_a * (cos_r * -forward + sin_r * to_right) + sin_a * up;
+    (-towards_light).to_array()
+}
+
+#[cfg(test)]
+mod tests {
+    use supervol_format::{Dims, Geometry, ValueRange};
+    use supervol_runtime::facts::Frame;
+
+    use super::*;
+
+    fn facts() -> VolumeFacts {
+        VolumeFacts {
+            dims: Dims([10, 20, 1]),
+            geometry: Geometry::IDENTITY,
+            frame: Frame::Unknown,
+            value_range: ValueRange { min: 0.0, max: 100.0 },
+            percentiles: Vec::new(),
+            histogram: Vec::new(),
+            kind: DataKind::Generic,
+            has_zero_centre: false,
+        }
+    }
+
+    fn point(value: f64, grey: f64) -> PointSpec {
+        PointSpec { value, color: [grey; 3], alpha: 0.5 }
+    }
+
+    #[test]
+    fn points_stay_sorted_and_in_range() {
+        let mut points = vec![point(0.0, 0.0), point(10.0, 1.0), point(20.0, 0.0)];
+        move_point(&mut points, 1, 90.0, 3.0);
+        assert_eq!((points[1].value, points[1].alpha), (20.0, 1.0));
+        move_point(&mut points, 1, f64::NAN, 0.1);
+        assert_eq!(points[1].value, 20.0);
+        move_point(&mut points, 1, 8.0, 0.1);
+        assert_eq!(add_point(&mut points, 2.0, 0.2), Some(1));
+        assert_eq!(points[1].color, [0.25; 3]);
+        assert_eq!(add_point(&mut points, -5.0, 0.2), Some(0));
+        assert!(points.is_sorted_by(|a, b| a.value <= b.value));
+        while add_point(&mut points, 50.0, 0.0).is_some() {}
+        assert_eq!(points.len(), POINT_LIMIT);
+        (0..POINT_LIMIT + 5).for_each(|_| remove_point(&mut points, 0));
+        assert_eq!(points.len(), 1, "the last point stays");
+    }
+
+    #[test]
+    fn surfaces_lie_where_values_are() {
+        let range = ValueRange { min: 0.0, max: 254.0 };
+        let mut histogram = vec![0; 254];
+        (histogram[5], histogram[150]) = (1000, 500);
+        let bytes = VolumeFacts { kind: DataKind::Ct, value_range: range, histogram, ..facts() };
+        assert!((6.0..150.0).contains(&surface(&bytes).value), "{}", surface(&bytes).value);
+        let hounsfield = VolumeFacts { value_range: ValueRange { min: -1000.0, max: 2000.0 }, ..bytes };
+        assert_eq!(surface(&hounsfield), looks::default_surface(&hounsfield));
+    }
+
+    #[test]
+    fn boxes_are_told_in_voxels() {
+        let (mut scene, facts) = (Scene::default(), facts());
+        let whole = [[0, 9], [0, 19], [0, 0]];
+        assert_eq!(kept_voxels(&scene, &facts), whole);
+        let kept = [[2, 5], [0, 19], [0, 0]];
+        keep_voxels(&mut scene, &facts, kept);
+        assert_eq!(scene.clip.index_box, Some([[1.5, -0.5, -0.5], [5.5, 19.5, 0.5]]));
+        assert_eq!(kept_voxels(&scene, &facts), kept);
+        keep_voxels(&mut scene, &facts, whole);
+        assert_eq!(scene.clip.index_box, None);
+    }
+
+    #[test]
+    fn light_straight_from_the_viewer_travels_forward() {
+        let camera = CameraSpec {
+            eye: [0.0, -5.0, 0.0],
+            target: [0.0; 3],
+            up: [0.0, 0.0, 1.0],
+            fov_y: Some(30.0),
+            height: None,
+        };
+        let near = |a: [f64; 3], b: [f64; 3]| (DVec3::from(a) - DVec3::from(b)).length() < 1e-12;
+        assert!(near(light_from(&camera, [0.0, 0.0]), [0.0, 1.0, 0.0]));
+        assert!(near(light_from(&camera, [90.0, 0.0]), [-1.0, 0.0, 0.0]), "from the right it travels to the left");
+        assert!(near(light_from(&camera, [0.0, 90.0]), [0.0, 0.0, -1.0]), "from above it travels down");
+    }
+}

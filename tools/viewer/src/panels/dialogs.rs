@@ -1,0 +1,371 @@
+//! Windows over the picture: files to open, where to save and to export, and the keys.
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use eframe::egui::{self, DragValue, TextEdit, Ui};
+use supervol_preprocess::output::{OutputFile, check_distinct};
+use supervol_preprocess::{BuildError, Existing};
+use supervol_runtime::image::{GREY_LEVELS, ImageFormat};
+use supervol_runtime::scene::{RAY_LIMIT, Scene};
+use xxhash_rust::xxh3::xxh3_64;
+
+use crate::command::{BINDINGS, MOUSE};
+use crate::folders::{self, Folders};
+use crate::viewer::Viewer;
+use crate::worker::{Decorations, Export, Message, Opened, Settings};
+
+/// Files of a folder that are listed at most.
+const LIST_LIMIT: usize = 2000;
+/// Names that end so may be volumes; others are listed where all files are asked for.
+const VOLUMES: [&str; 16] = [
+    "svol", "sgy", "segy", "seg", "seg-y", "nrrd", "nhdr", "nii", "gz", "hdr", "img", "mha", "mhd", "tif", "tiff",
+    "npy",
+];
+/// Scenes of commands that are kept.
+const SCENE_LIMIT: usize = 200;
+/// Most pixels of an exported picture along a side.
+const SIDE_LIMIT: u32 = 32_768;
+
+/// Which windows are open, and what is in them.
+#[derive(Default)]
+pub(crate) struct Dialogs {
+    /// The window of keys.
+    pub(crate) keys: bool,
+    open: Option<OpenDialog>,
+    save: Option<SaveDialog>,
+    export: Option<ExportDialog>,
+}
+
+struct OpenDialog {
+    /// What stands in the field.
+    path: String,
+    folder: PathBuf,
+    /// Folders first; names with whether they are folders.
+    entries: Vec<(String, bool)>,
+    /// Why it cannot be listed.
+    trouble: Option<String>,
+    all_files: bool,
+}
+
+struct SaveDialog {
+    path: String,
+    replace: bool,
+}
+
+struct ExportDialog {
+    path: String,
+    replace: bool,
+    size: [u32; 2],
+    /// Width over height of the picture on the screen.
+    aspect: f64,
+}
+
+/// A file beside the volume.
+fn beside(opened: Option<&Opened>, ending: &str) -> String {
+    let path = opened.map(|opened| opened.source.with_extension(ending)).unwrap_or_default();
+    std::path::absolute(&path).unwrap_or(path).display().to_string()
+}
+
+impl OpenDialog {
+    fn at(folder: PathBuf) -> Self {
+        let mut dialog =
+            Self { path: folder.display().to_string(), folder, entries: Vec::new(), trouble: None, all_files: false };
+        dialog.list();
+        dialog
+    }
+
+    fn list(&mut self) {
+        self.entries.clear();
+        self.trouble = None;
+        let listed = match std::fs::read_dir(&self.folder) {
+            Ok(listed) => listed,
+            Err(error) => {
+                self.trouble = Some(format!("{}: {error}", self.folder.display()));
+                return;
+            }
+        };
+        for entry in listed.flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            // Links are followed.
+            let is_folder = entry.path().is_dir();
+            let ending = Path::new(&name).extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+            let is_shown = self.all_files || is_folder || VOLUMES.contains(&ending.as_str());
+            if is_shown && !name.starts_with('.') {
+                self.entries.push((name, is_folder));
+            }
+        }
+        self.entries.sort_by(|a, b| b.1.cmp(&a.1).then_with(|| a.0.to_lowercase().cmp(&b.0.to_lowercase())));
+        if self.entries.len() > LIST_LIMIT {
+            self.trouble = Some(format!("{} of {} names are listed", LIST_LIMIT, self.entries.len()));
+            self.entries.truncate(LIST_LIMIT);
+        }
+    }
+
+    fn go(&mut self, folder: PathBuf) {
+        let all_files = self.all_files;
+        *self = Self { all_files, ..Self::at(folder) };
+        self.list();
+    }
+}
+
+impl Dialogs {
+    /// A window to open a file, with the folder of the present one.
+    pub(crate) fn begin_open(&mut self, opened: Option<&Opened>) {
+        let folder =
+            opened.and_then(|opened| std::path::absolute(&opened.source).ok()?.parent().map(Path::to_path_buf));
+        let folder = folder.or_else(|| std::env::current_dir().ok()).unwrap_or_default();
+        self.open = Some(OpenDialog::at(folder));
+    }
+
+    /// A window to save the scene.
+    pub(crate) fn begin_save(&mut self, opened: Option<&Opened>) {
+        self.save = Some(SaveDialog { path: beside(opened, "scene.json"), replace: false });
+    }
+
+    /// A window to export a picture, of the size of the one on the screen.
+    pub(crate) fn begin_export(&mut self, opened: Option<&Opened>, scene: &Scene) {
+        let size = [scene.image.width, scene.image.height];
+        let aspect = f64::from(size[0]) / f64::from(size[1]);
+        self.export = Some(ExportDialog { path: beside(opened, "png"), replace: false, size, aspect });
+    }
+}
+
+/// Shows those that are open.
+pub(crate) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
+    keys(viewer, ctx);
+    open(viewer, ctx);
+    save(viewer, ctx);
+    export(viewer, ctx);
+}
+
+fn window<'a>(title: &'static str, is_open: &'a mut bool) -> egui::Window<'a> {
+    egui::Window::new(title).open(is_open).collapsible(false).pivot(egui::Align2::CENTER_CENTER).default_width(460.0)
+}
+
+fn keys(viewer: &mut Viewer, ctx: &egui::Context) {
+    let mut is_open = viewer.dialogs.keys;
+    let middle = ctx.content_rect().center();
+    window("Keys and mouse", &mut is_open).default_pos(middle).vscroll(true).show(ctx, |ui| {
+        egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
+            for (what, words) in MOUSE {
+                ui.label(*what);
+                ui.label(*words);
+                ui.end_row();
+            }
+            for binding in BINDINGS {
+                let keys: Vec<String> = binding.keys.iter().map(|key| ctx.format_shortcut(key)).collect();
+                ui.monospace(keys.join(", "));
+                ui.label(binding.words);
+                ui.end_row();
+            }
+        });
+    });
+    viewer.dialogs.keys = is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape));
+}
+
+fn open(viewer: &mut Viewer, ctx: &egui::Context) {
+    let Some(mut dialog) = viewer.dialogs.open.take() else { return };
+    let (mut is_open, mut chosen) = (true, None);
+    let middle = ctx.content_rect().center();
+    window("Open", &mut is_open).default_pos(middle).show(ctx, |ui| {
+        path_field(ui, &mut dialog.path, "File to open");
+        ui.horizontal(|ui| {
+            if ui.button("Open").clicked() || ui.input(|input| input.key_pressed(egui::Key::Enter)) {
+                let path = PathBuf::from(dialog.path.trim());
+                if path.is_dir() { dialog.go(path) } else { chosen = Some(path) }
+            }
+            if ui.button("Folder above").clicked()
+                && let Some(above) = dialog.folder.parent().map(Path::to_path_buf)
+            {
+                dialog.go(above);
+            }
+            if ui.checkbox(&mut dialog.all_files, "All files").changed() {
+                dialog.list();
+            }
+        });
+        if let Some(trouble) = &dialog.trouble {
+            ui.colored_label(ui.visuals().warn_fg_color, trouble);
+        }
+        if let Some(path) = entries(ui, &mut dialog) {
+            chosen = Some(path);
+        }
+    });
+    match chosen {
+        Some(path) => viewer.open(&path),
+        None if is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape)) => {
+            viewer.dialogs.open = Some(dialog)
+        }
+        None => {}
+    }
+}
+
+/// The folder's files; the one that was chosen.
+fn entries(ui: &mut Ui, dialog: &mut OpenDialog) -> Option<PathBuf> {
+    let (mut chosen, mut folder) = (None, None);
+    let row = ui.text_style_height(&egui::TextStyle::Body);
+    let count = dialog.entries.len();
+    egui::ScrollArea::vertical().max_height(300.0).auto_shrink([false, true]).show_rows(ui, row, count, |ui, rows| {
+        for (name, is_folder) in &dialog.entries[rows] {
+            let path = dialog.folder.join(name);
+            let label = if *is_folder { format!("{name}/") } else { name.clone() };
+            if ui.selectable_label(false, label).clicked() {
+                if *is_folder { folder = Some(path) } else { chosen = Some(path) }
+            }
+        }
+    });
+    if let Some(folder) = folder {
+        dialog.go(folder);
+    }
+    chosen
+}
+
+fn path_field(ui: &mut Ui, path: &mut String, name: &str) {
+    ui.add(TextEdit::singleline(path).desired_width(f32::INFINITY)).accessible_name(name);
+}
+
+/// A box to tick where something is in the way; whether a file may be written.
+fn may_write(ui: &mut Ui, path: &str, replace: &mut bool) -> bool {
+    let exists = Path::new(path).exists();
+    if exists {
+        ui.checkbox(replace, "Replace the file that is there");
+    }
+    !path.trim().is_empty() && (!exists || *replace)
+}
+
+fn save(viewer: &mut Viewer, ctx: &egui::Context) {
+    let Some(mut dialog) = viewer.dialogs.save.take() else { return };
+    let (mut is_open, mut is_saved) = (true, false);
+    let middle = ctx.content_rect().center();
+    window("Save scene", &mut is_open).default_pos(middle).show(ctx, |ui| {
+        ui.label("All of this picture, as `supervol render --scene` takes it:");
+        path_field(ui, &mut dialog.path, "Scene file");
+        let may = may_write(ui, &dialog.path, &mut dialog.replace);
+        is_saved = ui.add_enabled(may, egui::Button::new("Save")).clicked();
+    });
+    if is_saved {
+        let path = PathBuf::from(dialog.path.trim());
+        let existing = if dialog.replace { Existing::Replace } else { Existing::Keep };
+        viewer.message = Some(match save_scene(viewer, &path, existing) {
+            Ok(()) => Message::Done(format!("{} is written", path.display())),
+            Err(error) => Message::Failure(error.to_string()),
+        });
+    } else if is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape)) {
+        viewer.dialogs.save = Some(dialog);
+    }
+}
+
+/// Writes the scene, by the rules of all commands: whole or not at all, and never over what is open.
+fn save_scene(viewer: &Viewer, path: &Path, existing: Existing) -> Result<(), BuildError> {
+    let read = viewer.opened.iter().flat_map(|opened| [opened.source.as_path(), opened.path.as_path()]);
+    check_distinct(path, read)?;
+    let output = OutputFile::begin(path, existing)?;
+    let written = output.file().write_all(scene_text(&viewer.scene).as_bytes());
+    written.map_err(|source| BuildError::Write { path: path.into(), source })?;
+    output.publish()?;
+    Ok(())
+}
+
+/// A scene file.
+fn scene_text(scene: &Scene) -> String {
+    serde_json::to_string_pretty(scene).expect("a scene has no keys that are no text, and no number that JSON lacks")
+        + "\n"
+}
+
+fn export(viewer: &mut Viewer, ctx: &egui::Context) {
+    let Some(mut dialog) = viewer.dialogs.export.take() else { return };
+    let (mut is_open, mut is_begun) = (true, false);
+    let middle = ctx.content_rect().center();
+    let samples = u64::from(viewer.scene.samples_per_pixel.unwrap_or(1));
+    window("Export picture", &mut is_open).default_pos(middle).show(ctx, |ui| {
+        ui.label("PNG, EXR or NumPy (.npy), by the name's ending; written when it has converged:");
+        path_field(ui, &mut dialog.path, "Picture file");
+        ui.horizontal(|ui| {
+            ui.label("Pixels");
+            let [width, height] = &mut dialog.size;
+            if ui
+                .add(DragValue::new(width).range(1..=SIDE_LIMIT).clamp_existing_to_range(false))
+                .accessible_name("Width, pixels")
+                .changed()
+            {
+                *height = ((f64::from(*width) / dialog.aspect).round() as u32).clamp(1, SIDE_LIMIT);
+            }
+            ui.label("x");
+            ui.add(DragValue::new(height).range(1..=SIDE_LIMIT).clamp_existing_to_range(false))
+                .accessible_name("Height, pixels");
+        });
+        let rays = dialog.size.map(u64::from).iter().product::<u64>() * samples;
+        let format = ImageFormat::from_path(Path::new(dialog.path.trim()));
+        if rays > RAY_LIMIT {
+            ui.colored_label(ui.visuals().error_fg_color, format!("at most {RAY_LIMIT} rays; these would be {rays}"));
+        }
+        if let Err(error) = &format {
+            ui.colored_label(ui.visuals().error_fg_color, error.to_string());
+        }
+        let may = may_write(ui, &dialog.path, &mut dialog.replace) && rays <= RAY_LIMIT && format.is_ok();
+        is_begun = ui.add_enabled(may, egui::Button::new("Export")).clicked();
+    });
+    if is_begun {
+        let mut scene = viewer.scene.clone();
+        [scene.image.width, scene.image.height] = dialog.size;
+        let existing = if dialog.replace { Existing::ReplacePicture } else { Existing::Keep };
+        viewer.export(Export { scene, path: PathBuf::from(dialog.path.trim()), existing });
+    } else if is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape)) {
+        viewer.dialogs.export = Some(dialog);
+    }
+}
+
+/// The command that draws this picture. Its scene goes to a file in the cache folder, by its contents.
+pub(crate) fn command_line(
+    opened: &Opened,
+    scene: &Scene,
+    settings: &Settings,
+    folders: &Folders,
+) -> Result<String, String> {
+    let folder =
+        folders.cache.as_ref().ok_or("there is no folder for the scene of the command; save the scene instead")?;
+    let text = scene_text(scene);
+    let file = folder.join("scenes").join(format!("{:016x}.json", xxh3_64(text.as_bytes())));
+    let write = || {
+        std::fs::create_dir_all(folder.join("scenes"))?;
+        std::fs::write(&file, &text)?;
+        folders::keep_newest(&folder.join("scenes"), SCENE_LIMIT)
+    };
+    write().map_err(|e: std::io::Error| format!("{}: {e}", file.display()))?;
+    let path = std::path::absolute(&opened.path).unwrap_or_else(|_| opened.path.clone());
+    let mut line = format!("supervol render {} --scene {} -o picture.png", quoted(&path), quoted(&file));
+    let default = Settings::default();
+    // Writing to a string does not fail.
+    if opened.exaggeration != 1.0 {
+        let _ = write!(line, " --vertical-exaggeration {}", opened.exaggeration);
+    }
+    if settings.decorations == Decorations::On {
+        line += " --decorate";
+    }
+    if settings.max_error != default.max_error {
+        let _ = write!(line, " --max-error {}/255", settings.max_error * GREY_LEVELS);
+    }
+    if settings.host_memory_bytes != default.host_memory_bytes {
+        let _ = write!(line, " --host-memory {}MiB", settings.host_memory_bytes >> 20);
+    }
+    Ok(line)
+}
+
+/// A path as a shell takes it.
+fn quoted(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = text.chars().all(|c| c.is_ascii_alphanumeric() || "/._-+,:@%".contains(c));
+    if is_plain && !text.is_empty() { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_are_quoted_for_shells() {
+        assert_eq!(quoted(Path::new("/a/b-1.svol")), "/a/b-1.svol");
+        assert_eq!(quoted(Path::new("/a b/it's")), r"'/a b/it'\''s'");
+    }
+}

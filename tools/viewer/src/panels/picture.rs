@@ -1,0 +1,115 @@
+//! The picture, and what the mouse does in it.
+
+use eframe::egui::{self, Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Ui, Vec2};
+use supervol_runtime::scene::{ImageSpec, RAY_LIMIT};
+
+use crate::edit;
+use crate::navigate;
+use crate::viewer::Viewer;
+use crate::worker::Busy;
+
+/// Degrees of turning for a point of dragging.
+const TURN_PER_POINT: f64 = 0.4;
+/// Points of scrolling that bring the target nearer by a factor of e.
+const SCROLL_POINTS: f64 = 300.0;
+/// Factor of a double click.
+const DOUBLE_CLICK: f64 = 0.5;
+/// Most pixels of the picture along a side, whatever the screen can show.
+const SIDE_LIMIT: u32 = 16_384;
+
+/// Shows the picture in all the room that is left.
+pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
+    let frame = egui::Frame::NONE.fill(color(viewer.scene.image.background));
+    egui::CentralPanel::default().frame(frame).show(ui, |ui| {
+        let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
+        let response = response.accessible_name("Picture");
+        fit(viewer, ui, rect);
+        move_camera(viewer, ui, &response);
+        paint(viewer, ui, rect);
+        if viewer.opened.is_none() {
+            invite(viewer, ui, rect);
+        }
+        super::status::show_over(viewer, ui, rect);
+    });
+}
+
+fn color(rgb: [f64; 3]) -> Color32 {
+    let [r, g, b] = rgb.map(|c| (255.0 * c.clamp(0.0, 1.0)).round() as u8);
+    Color32::from_rgb(r, g, b)
+}
+
+/// The picture has as many pixels as the screen has there.
+fn fit(viewer: &mut Viewer, ui: &Ui, rect: Rect) {
+    let most = ui.input(|input| u32::try_from(input.max_texture_side).unwrap_or(SIDE_LIMIT)).min(SIDE_LIMIT);
+    let [width, height] =
+        [rect.width(), rect.height()].map(|points| ((points * ui.pixels_per_point()).round() as u32).clamp(1, most));
+    let samples = u64::from(viewer.scene.samples_per_pixel.unwrap_or(1));
+    if u64::from(width) * u64::from(height) * samples <= RAY_LIMIT {
+        viewer.scene.image = ImageSpec { width, height, ..viewer.scene.image };
+    }
+}
+
+/// Where a point of the window is in the picture: normalised, y up.
+fn place(rect: Rect, at: Pos2) -> [f64; 2] {
+    let share = (at - rect.min) / rect.size().max(Vec2::splat(1.0));
+    [2.0 * f64::from(share.x) - 1.0, 1.0 - 2.0 * f64::from(share.y)]
+}
+
+fn move_camera(viewer: &mut Viewer, ui: &Ui, response: &Response) {
+    let (Some(opened), Some(camera)) = (&viewer.opened, &viewer.scene.camera) else { return };
+    let (stage, rect) = (edit::stage(&opened.facts), response.rect);
+    let aspect = f64::from(rect.width() / rect.height().max(1.0));
+    let delta = response.drag_delta();
+    let mut moved = None;
+    if delta != Vec2::ZERO {
+        let moves = !response.dragged_by(PointerButton::Primary) || ui.input(|input| input.modifiers.shift);
+        moved = Some(if moves {
+            let height = f64::from(rect.height().max(1.0));
+            navigate::pan(camera, [f64::from(delta.x) / height, -f64::from(delta.y) / height])
+        } else {
+            // What is seen follows the mouse: the camera goes the other way.
+            navigate::orbit(camera, &stage, [-TURN_PER_POINT * f64::from(delta.x), TURN_PER_POINT * f64::from(delta.y)])
+        });
+    }
+    let at = response.hover_pos().map(|at| place(rect, at));
+    if let Some(cursor) = at.filter(|_| response.contains_pointer()) {
+        let (scroll, zoom) =
+            ui.input(|input| (f64::from(input.smooth_scroll_delta().y), f64::from(input.zoom_delta())));
+        let factor = (-scroll / SCROLL_POINTS).exp() / zoom;
+        if factor != 1.0 {
+            moved = Some(navigate::dolly(moved.as_ref().unwrap_or(camera), &stage, factor, cursor, aspect));
+        }
+        if response.double_clicked() {
+            let centred = navigate::pan(camera, [-0.5 * cursor[0] * aspect, -0.5 * cursor[1]]);
+            moved = Some(navigate::dolly(&centred, &stage, DOUBLE_CLICK, [0.0; 2], aspect));
+        }
+    }
+    if moved.is_some() {
+        viewer.scene.camera = moved;
+    }
+}
+
+/// The picture over the rectangle; one of another size as high as it is.
+fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
+    let Some(picture) = &viewer.picture else { return };
+    let [width, height] = picture.texture.size().map(|n| n as f32);
+    let pixels = rect.size() * ui.pixels_per_point();
+    let fits = (pixels.x - width).abs() < 1.0 && (pixels.y - height).abs() < 1.0;
+    let size = if fits {
+        Vec2::new(width, height) / ui.pixels_per_point()
+    } else {
+        rect.height() * Vec2::new(width / height, 1.0)
+    };
+    let place = if fits { Rect::from_min_size(rect.min, size) } else { Rect::from_center_size(rect.center(), size) };
+    let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
+    ui.painter().with_clip_rect(rect).image(picture.texture.id(), place, whole, Color32::WHITE);
+}
+
+/// What to do where nothing is open.
+fn invite(viewer: &Viewer, ui: &Ui, rect: Rect) {
+    let words = match &viewer.busy {
+        Some(Busy::Opening(_) | Busy::Building(..)) => "Opening ...",
+        _ => "Drop a volume here, or open one: Ctrl+O\n.svol, SEG-Y, NRRD, NIfTI, MetaImage, TIFF, npy",
+    };
+    ui.painter().text(rect.center(), Align2::CENTER_CENTER, words, FontId::proportional(16.0), Color32::GRAY);
+}

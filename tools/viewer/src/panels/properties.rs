@@ -1,0 +1,296 @@
+//! The right panel: what the volume is, how it looks, and with what pictures are made.
+
+use eframe::egui::{self, ComboBox, DragValue, Slider, SliderClamping, Ui};
+use supervol_runtime::facts::DataKind;
+use supervol_runtime::image::GREY_LEVELS;
+use supervol_runtime::preset::colormap;
+use supervol_runtime::raycast::cpu::MAX_ERROR_LIMITS;
+use supervol_runtime::scene::{ISO_LIMIT, LightSpec, Mode, ShadingSpec};
+
+use super::{editor, heading};
+use crate::edit;
+use crate::viewer::Viewer;
+use crate::worker::Opened;
+
+/// Points of the panel across.
+const WIDTH: f32 = 300.0;
+/// Modes with their names for people.
+const MODES: [(Mode, &str, &str); 5] = [
+    (Mode::Dvr, "Volume", "Emission and absorption (dvr)"),
+    (Mode::Iso, "Iso", "Surfaces at values (iso)"),
+    (Mode::Mip, "Max", "The greatest value along each ray (mip)"),
+    (Mode::Minip, "Min", "The least value along each ray (minip)"),
+    (Mode::Mean, "Mean", "The mean value along each ray (mean)"),
+];
+/// Least and greatest density: how many times as dense as the picture the volume began with.
+const DENSITIES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
+/// Least and greatest memory that can be chosen, MiB.
+const MEMORY_MIB: std::ops::RangeInclusive<u64> = 64..=65_536;
+/// Least and greatest time for interaction that can be chosen, ms.
+const INTERACTION_MS: std::ops::RangeInclusive<u64> = 10..=1000;
+/// Samples of a pixel that can be chosen.
+const SAMPLES: [u32; 4] = [1, 4, 9, 16];
+
+/// Shows the panel.
+pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
+    egui::Panel::right("properties").default_size(WIDTH).size_range(220.0..=600.0).show(ui, |ui| {
+        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+            let Some(opened) = viewer.opened.clone() else {
+                ui.weak("Nothing is open.");
+                return;
+            };
+            volume(&opened, ui);
+            look(viewer, &opened, ui);
+            if viewer.scene.mode == Some(Mode::Iso) {
+                surfaces(viewer, &opened, ui);
+            } else {
+                colors(viewer, &opened, ui);
+            }
+            light(viewer, ui);
+            quality(viewer, ui);
+        });
+    });
+}
+
+fn volume(opened: &Opened, ui: &mut Ui) {
+    heading(ui, "Volume");
+    let (facts, manifest) = (&opened.facts, opened.container.manifest());
+    let [x, y, z] = facts.dims.0;
+    let name = opened.source.file_name().unwrap_or_default().to_string_lossy();
+    ui.label(name).on_hover_text(opened.path.display().to_string());
+    let unit = &manifest.unit;
+    ui.label(format!("{x} x {y} x {z} voxels, {}", opened.container.descriptor().voxel_type.name()));
+    ui.label(format!("values {} to {} {unit}", short(facts.value_range.min), short(facts.value_range.max)));
+}
+
+/// A number in few digits.
+pub(super) fn short(value: f64) -> String {
+    if value != 0.0 && !(1e-3..1e6).contains(&value.abs()) {
+        format!("{value:.3e}")
+    } else {
+        format!("{}", (value * 1e4).round() / 1e4)
+    }
+}
+
+fn look(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+    heading(ui, "Look");
+    ui.horizontal(|ui| {
+        ui.label("Preset");
+        let box_ = ComboBox::from_id_salt("preset").selected_text(opened.facts.kind.name()).show_ui(ui, |ui| {
+            DataKind::ALL
+                .into_iter()
+                .find(|kind| ui.selectable_label(*kind == opened.facts.kind, kind.name()).clicked())
+        });
+        box_.response
+            .on_hover_text("The picture that suits a kind of data; `info` says which this is")
+            .accessible_name("Preset");
+        if let Some(kind) = box_.inner.flatten() {
+            viewer.scene = edit::with_kind(&viewer.scene, opened, kind);
+            viewer.looks = super::Looks::of(&viewer.scene);
+        }
+    });
+    ui.horizontal_wrapped(|ui| {
+        for (mode, name, words) in MODES {
+            let is_shown = viewer.scene.mode == Some(mode);
+            if ui.selectable_label(is_shown, name).on_hover_text(words).clicked() && !is_shown {
+                viewer.set_mode(mode);
+            }
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.label("Background");
+        let mut color = viewer.scene.image.background.map(|c| c as f32);
+        if ui.color_edit_button_rgb(&mut color).accessible_name("Background").changed() {
+            viewer.scene.image.background = color.map(f64::from);
+        }
+        ui.label("Rays a pixel");
+        let samples = viewer.scene.samples_per_pixel.unwrap_or(1);
+        let box_ = ComboBox::from_id_salt("samples").width(40.0).selected_text(samples.to_string()).show_ui(ui, |ui| {
+            SAMPLES.into_iter().find(|n| ui.selectable_label(*n == samples, n.to_string()).clicked())
+        });
+        box_.response.accessible_name("Rays a pixel").on_hover_text("Rays of each pixel: more for fine lines");
+        if let Some(samples) = box_.inner.flatten() {
+            viewer.scene.samples_per_pixel = Some(samples);
+        }
+    });
+}
+
+fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+    heading(ui, "Colours and opacity");
+    let facts = &opened.facts;
+    editor::show(viewer, opened, ui);
+    ui.horizontal(|ui| {
+        ui.label("Colours");
+        let box_ = ComboBox::from_id_salt("colormap")
+            .selected_text("choose")
+            .show_ui(ui, |ui| colormap::NAMES.into_iter().find(|name| ui.selectable_label(false, *name).clicked()));
+        box_.response.accessible_name("Colour map").on_hover_text("Paint the opacities with a colour map");
+        if let Some(name) = box_.inner.flatten() {
+            edit::set_colors(&mut viewer.scene, name);
+            viewer.looks.chosen = None;
+        }
+    });
+    if let Some([low, high]) = edit::window(&viewer.scene) {
+        let speed = (facts.value_range.width() / 500.0).max(f64::MIN_POSITIVE);
+        let mut window = [low, high];
+        ui.horizontal(|ui| {
+            ui.label("Window");
+            for (end, name) in window.iter_mut().zip(["Window, least value", "Window, greatest value"]) {
+                ui.add(DragValue::new(end).speed(speed).max_decimals(4)).on_hover_text(name).accessible_name(name);
+            }
+        });
+        if window != [low, high] {
+            edit::set_window(&mut viewer.scene, window);
+        }
+    }
+    ui.horizontal(|ui| {
+        ui.label("Clip");
+        let percent = &mut viewer.looks.clip_percent;
+        let drag = DragValue::new(percent)
+            .speed(0.05)
+            .range(0.0..=49.0)
+            .clamp_existing_to_range(false)
+            .suffix(" %")
+            .max_decimals(2);
+        let words = "Percentage of the voxels that the window leaves out at each end";
+        if ui.add(drag).on_hover_text(words).accessible_name("Clip, percent").changed() {
+            let percent = *percent;
+            edit::clip_percent(&mut viewer.scene, facts, percent);
+        }
+    });
+    if viewer.scene.mode == Some(Mode::Dvr) {
+        density(viewer, ui);
+    }
+}
+
+/// How dense: the inverse of the unit distance, over that of the picture the volume began with.
+fn density(viewer: &mut Viewer, ui: &mut Ui) {
+    let Some(first) = viewer.looks.unit_distance else { return };
+    let Some(spec) = edit::points_mut(&mut viewer.scene) else { return };
+    let Some(unit) = spec.unit_distance.filter(|unit| *unit > 0.0) else { return };
+    let mut density = first / unit;
+    ui.horizontal(|ui| {
+        ui.label("Density");
+        let slider = Slider::new(&mut density, DENSITIES)
+            .clamping(SliderClamping::Edits)
+            .logarithmic(true)
+            .max_decimals(3)
+            .suffix(" x");
+        let words = "How many times as dense: opacities hold over a length that is so many times shorter";
+        if ui.add(slider).on_hover_text(words).accessible_name("Density").changed() {
+            spec.unit_distance = Some(first / density);
+        }
+    });
+}
+
+fn surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+    heading(ui, "Surfaces");
+    let range = opened.facts.value_range;
+    let mut removed = None;
+    let many = viewer.scene.iso.len() > 1;
+    for (i, iso) in viewer.scene.iso.iter_mut().enumerate() {
+        ui.push_id(i, |ui| {
+            ui.horizontal(|ui| {
+                let mut color = iso.color.map(|c| c as f32);
+                if ui.color_edit_button_rgb(&mut color).accessible_name("Colour of the surface").changed() {
+                    iso.color = color.map(f64::from);
+                }
+                ui.spacing_mut().slider_width = (ui.available_width() - 110.0).max(40.0);
+                ui.add(
+                    Slider::new(&mut iso.value, range.min..=range.max).clamping(SliderClamping::Edits).max_decimals(4),
+                )
+                .on_hover_text(format!("Value at which the surface lies {}", opened.container.manifest().unit))
+                .accessible_name("Value of the surface");
+                if many && ui.small_button("x").on_hover_text("Take this surface away").clicked() {
+                    removed = Some(i);
+                }
+            });
+            ui.add(Slider::new(&mut iso.alpha, 0.0..=1.0).clamping(SliderClamping::Edits).text("opacity"))
+                .accessible_name("Opacity of the surface");
+        });
+    }
+    if let Some(i) = removed {
+        viewer.scene.iso.remove(i);
+    }
+    if ui.add_enabled(viewer.scene.iso.len() < ISO_LIMIT, egui::Button::new("Add a surface")).clicked() {
+        viewer.scene.iso.push(edit::surface(&opened.facts));
+    }
+}
+
+fn light(viewer: &mut Viewer, ui: &mut Ui) {
+    heading(ui, "Light");
+    if !matches!(viewer.scene.mode, Some(Mode::Dvr | Mode::Iso)) {
+        ui.weak("Projections are not lit.");
+        return;
+    }
+    let mut is_lit = matches!(viewer.scene.shading, Some(Some(_)));
+    if ui.checkbox(&mut is_lit, "Lit").on_hover_text("Surfaces and gradients scatter light").changed() {
+        viewer.scene.shading = Some(is_lit.then(ShadingSpec::default));
+    }
+    let Some(Some(shading)) = &mut viewer.scene.shading else { return };
+    let factors = [
+        (&mut shading.ambient, "ambient", 0.0..=1.0),
+        (&mut shading.diffuse, "diffuse", 0.0..=1.5),
+        (&mut shading.specular, "highlights", 0.0..=1.5),
+        (&mut shading.shininess, "shininess", 1.0..=200.0),
+    ];
+    for (factor, name, range) in factors {
+        ui.add(Slider::new(factor, range).clamping(SliderClamping::Edits).text(name).max_decimals(2))
+            .accessible_name(name);
+    }
+    let mut is_head_light = shading.lights.is_none();
+    let words = "Light shines where the camera looks; else it stays where it is in the world";
+    if ui.checkbox(&mut is_head_light, "From the camera").on_hover_text(words).changed() && is_head_light {
+        shading.lights = None;
+    }
+    if is_head_light {
+        return;
+    }
+    let Some(camera) = &viewer.scene.camera else { return };
+    let angles = &mut viewer.looks.light;
+    let mut changed = shading.lights.is_none();
+    for (angle, name) in angles.iter_mut().zip(["from the right", "from above"]) {
+        let slider =
+            Slider::new(angle, -90.0..=90.0).clamping(SliderClamping::Edits).suffix("°").text(name).max_decimals(0);
+        changed |= ui.add(slider).on_hover_text("Degrees, as the camera stands now").accessible_name(name).changed();
+    }
+    if changed {
+        shading.lights = Some(vec![LightSpec { direction: edit::light_from(camera, *angles), intensity: 1.0 }]);
+    }
+}
+
+fn quality(viewer: &mut Viewer, ui: &mut Ui) {
+    heading(ui, "Quality and memory");
+    let settings = &mut viewer.settings;
+    let limits = MAX_ERROR_LIMITS.map(|share| share * GREY_LEVELS);
+    let mut levels = settings.max_error * GREY_LEVELS;
+    let slider = Slider::new(&mut levels, limits[0]..=limits[1])
+        .clamping(SliderClamping::Edits)
+        .logarithmic(true)
+        .max_decimals(2)
+        .text("error");
+    let words = "Largest error of a pixel that is aimed for, in grey levels of 255 (--max-error)";
+    let response = ui.add(slider).on_hover_text(words).accessible_name("Error target");
+    if response.changed() {
+        settings.max_error = (levels / GREY_LEVELS).clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
+    }
+    let mut mebibytes = settings.host_memory_bytes >> 20;
+    ui.horizontal(|ui| {
+        ui.label("Memory");
+        let drag =
+            DragValue::new(&mut mebibytes).range(MEMORY_MIB).clamp_existing_to_range(false).suffix(" MiB").speed(8.0);
+        let words = "Most memory for bricks, rays and pictures, beside the window itself (--host-memory)";
+        if ui.add(drag).on_hover_text(words).accessible_name("Memory").changed() {
+            settings.host_memory_bytes = mebibytes << 20;
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.label("While moving");
+        let drag = DragValue::new(&mut settings.interaction_ms)
+            .range(INTERACTION_MS)
+            .clamp_existing_to_range(false)
+            .suffix(" ms");
+        let words = "Time after which a change shows a picture, if coarse at first";
+        ui.add(drag).on_hover_text(words).accessible_name("Time for interaction");
+    });
+}

@@ -1,0 +1,148 @@
+//! The line below the picture: what is going on, how far the picture is, and what it costs.
+
+use eframe::egui::{self, ProgressBar, Ui};
+use supervol_runtime::stats::FrameStats;
+
+use crate::viewer::{Picture, Viewer};
+use crate::worker::{Busy, Message};
+
+/// Points between what is told over the picture and its border.
+const MARGIN: f32 = 10.0;
+
+/// Shows the line.
+pub(crate) fn show(viewer: &Viewer, ui: &mut Ui) {
+    egui::Panel::bottom("status").show(ui, |ui| {
+        ui.horizontal_wrapped(|ui| match &viewer.picture {
+            Some(picture) => numbers(viewer, ui, picture),
+            None => {
+                ui.label("no picture yet");
+            }
+        });
+    });
+}
+
+/// What is going on and what has been told, over the lower left of the picture: in a panel, it would change the picture's size.
+pub(crate) fn show_over(viewer: &mut Viewer, ui: &Ui, picture: egui::Rect) {
+    if viewer.busy.is_none() && viewer.message.is_none() {
+        return;
+    }
+    let corner = picture.left_bottom() + egui::vec2(MARGIN, -MARGIN);
+    let area = egui::Area::new(egui::Id::unique("told")).fixed_pos(corner).pivot(egui::Align2::LEFT_BOTTOM);
+    area.show(ui.ctx(), |ui| {
+        egui::Frame::popup(ui.style()).show(ui, |ui| {
+            ui.set_max_width((picture.width() - 4.0 * MARGIN).max(100.0));
+            busy(viewer, ui);
+            message(viewer, ui);
+        });
+    });
+}
+
+fn busy(viewer: &Viewer, ui: &mut Ui) {
+    let Some(busy) = &viewer.busy else { return };
+    ui.horizontal(|ui| {
+        let (share, words) = match busy {
+            Busy::Opening(path) => (None, format!("opening {}", path.display())),
+            Busy::Building(path, progress) => {
+                let share = progress.bytes_done as f32 / progress.bytes_total.max(1) as f32;
+                let [level, levels] = [progress.level + 1, progress.levels];
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                (
+                    Some(share),
+                    format!("building {name} into the cache: level {level} of {levels}, {:.0} %", 100.0 * share),
+                )
+            }
+            Busy::Exporting(path, [done, rows]) => {
+                let share = *done as f32 / (*rows).max(1) as f32;
+                (Some(share), format!("exporting {}: {done} of {rows} rows", path.display()))
+            }
+        };
+        match share {
+            Some(share) => ui.add(ProgressBar::new(share).desired_width(200.0)),
+            None => ui.spinner(),
+        };
+        ui.label(words);
+        if matches!(busy, Busy::Exporting(..)) && ui.button("Give up").clicked() {
+            viewer.worker.iter().for_each(crate::worker::Worker::cancel_export);
+        }
+        if matches!(busy, Busy::Building(..)) {
+            ui.weak("closing the window stops it; it goes on when the file is opened again");
+        }
+    });
+}
+
+fn message(viewer: &mut Viewer, ui: &mut Ui) {
+    let Some(message) = &viewer.message else { return };
+    let mut is_read = false;
+    ui.horizontal_wrapped(|ui| {
+        match message {
+            Message::Failure(text) => ui.colored_label(ui.visuals().error_fg_color, text),
+            Message::Done(text) => ui.label(text),
+        };
+        is_read = ui.small_button("OK").clicked();
+    });
+    if is_read {
+        viewer.message = None;
+    }
+}
+
+/// A number with its words as a tooltip.
+fn number(ui: &mut Ui, text: String, tip: &str) {
+    ui.label(text).on_hover_text(tip);
+    ui.separator();
+}
+
+fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
+    let stats = &picture.stats;
+    if picture.is_converged {
+        ui.strong("converged").on_hover_text("Every pixel is finished as the error target asks");
+    } else {
+        let pixels = u64::from(stats.image_width) * u64::from(stats.image_height);
+        let share = 100.0 * (1.0 - stats.pixels_unfinished as f64 / pixels.max(1) as f64);
+        let edge = stats.coarsest_pixel;
+        ui.strong(format!("refining {share:.0} %"))
+            .on_hover_text(format!("The other pixels are taken from a picture whose pixels are {edge} times as large"));
+    }
+    ui.separator();
+    number(ui, format!("{:.0} ms", picture.spent_ms), "Time of drawing this picture so far");
+    if let Some(latency) = viewer.latencies_ms.back() {
+        number(ui, format!("{latency:.0} ms to first"), "Time from the last change to the first picture of it");
+    }
+    number(ui, levels(stats), "Levels of detail in memory; 0 is the finest");
+    number(ui, bricks(stats), "Bricks in memory, wanted and not there yet, and failed to read");
+    let [cache, budget] = [stats.host_cache_bytes, stats.host_budget_bytes].map(mebibytes);
+    number(ui, format!("{cache} of {budget} MiB"), "Bricks in memory, and the memory for bricks, rays and pictures");
+    number(ui, format!("{} MiB read", mebibytes(stats.bytes_read)), "Read from the file for this picture");
+    if let Some(stated) = &stats.error_stated {
+        let words = format!("off by at most {:.2} of 255", stated.largest_grey_levels);
+        number(
+            ui,
+            words,
+            "Stated error: how far any pixel may be from the exact picture of the finest level, in grey levels",
+        );
+    }
+    if let Some(failure) = stats.failures.first() {
+        let words = format!("{}: {}. Coarser bricks stand in for it", failure.brick, failure.reason);
+        ui.colored_label(ui.visuals().error_fg_color, words);
+    }
+    ui.label(format!("CPU, {} threads", stats.threads)).on_hover_text("Who casts the rays");
+}
+
+fn mebibytes(bytes: u64) -> u64 {
+    bytes.div_ceil(1 << 20)
+}
+
+fn levels(stats: &FrameStats) -> String {
+    let there = stats.bricks_by_level.iter().filter(|level| level.resident + level.uniform > 0);
+    let numbers: Vec<usize> = there.map(|level| level.level).collect();
+    match (numbers.first(), numbers.last()) {
+        (Some(first), Some(last)) if first < last => format!("levels {first} to {last}"),
+        (Some(only), _) => format!("level {only}"),
+        (None, _) => "no level".into(),
+    }
+}
+
+fn bricks(stats: &FrameStats) -> String {
+    let count = |names: &[&str]| names.iter().filter_map(|name| stats.bricks_by_state.get(name)).sum::<u64>();
+    let [there, wanted] = [count(&["in_host", "uniform"]), count(&["queued", "reading", "decoding"])];
+    format!("{there} bricks, {wanted} wanted, {} failed", stats.bricks_failed)
+}

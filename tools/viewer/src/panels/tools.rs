@@ -1,0 +1,198 @@
+//! The left panel: files, where the picture is taken from, what is cut away.
+
+use eframe::egui::{self, Button, Slider, SliderClamping, Ui};
+use supervol_runtime::preset::view::Direction;
+
+use super::heading;
+use crate::command::{Command, keys_of};
+use crate::edit;
+use crate::remembered::Theme;
+use crate::viewer::{Viewer, set_theme};
+use crate::worker::{Decorations, Opened};
+
+/// Points of the panel across.
+const WIDTH: f32 = 200.0;
+/// Least and greatest vertical exaggeration.
+const EXAGGERATIONS: std::ops::RangeInclusive<f64> = 0.1..=50.0;
+
+/// Shows the panel.
+pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
+    egui::Panel::left("tools").default_size(WIDTH).size_range(150.0..=400.0).show(ui, |ui| {
+        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+            files(viewer, ui);
+            let is_open = viewer.opened.is_some();
+            ui.add_enabled_ui(is_open, |ui| {
+                view(viewer, ui);
+                slice(viewer, ui);
+                crop(viewer, ui);
+            });
+            heading(ui, "Window");
+            theme(viewer, ui);
+            command(viewer, ui, Command::Help, "Keys and mouse");
+        });
+    });
+}
+
+/// A button of a command, with its words and keys as a tooltip.
+fn command(viewer: &mut Viewer, ui: &mut Ui, command: Command, label: &str) {
+    let words = crate::command::BINDINGS.iter().find(|b| b.command == command).map_or("", |b| b.words);
+    let tip = format!("{words} ({})", keys_of(ui.ctx(), command));
+    let width = ui.available_width();
+    if ui.add(Button::new(label).min_size(egui::vec2(width, 0.0))).on_hover_text(tip).clicked() {
+        let ctx = ui.ctx().clone();
+        viewer.run(&ctx, command);
+    }
+}
+
+fn files(viewer: &mut Viewer, ui: &mut Ui) {
+    heading(ui, "File");
+    command(viewer, ui, Command::Open, "Open ...");
+    let recent = viewer.remembered.recent.clone();
+    ui.add_enabled_ui(!recent.is_empty(), |ui| {
+        ui.menu_button("Recent files", |ui| {
+            for path in &recent {
+                let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+                if ui.button(name).on_hover_text(path.display().to_string()).clicked() {
+                    viewer.open(path);
+                    ui.close();
+                }
+            }
+        });
+    });
+    let is_open = viewer.opened.is_some();
+    ui.add_enabled_ui(is_open, |ui| {
+        command(viewer, ui, Command::SaveScene, "Save scene ...");
+        command(viewer, ui, Command::CopyCommand, "Copy command");
+        command(viewer, ui, Command::Export, "Export picture ...");
+        let can = viewer.history.can();
+        ui.columns(2, |columns| {
+            for (i, (what, label)) in [(Command::Undo, "Undo"), (Command::Redo, "Redo")].into_iter().enumerate() {
+                columns[i].add_enabled_ui(can[i], |ui| command(viewer, ui, what, label));
+            }
+        });
+    });
+}
+
+fn view(viewer: &mut Viewer, ui: &mut Ui) {
+    heading(ui, "View");
+    command(viewer, ui, Command::DefaultView, "Default view");
+    let sides = [
+        [(Direction::Front, "Front"), (Direction::Back, "Back")],
+        [(Direction::Left, "Left"), (Direction::Right, "Right")],
+        [(Direction::Top, "Top"), (Direction::Bottom, "Bottom")],
+    ];
+    for pair in sides {
+        ui.columns(2, |columns| {
+            for (column, (direction, label)) in columns.iter_mut().zip(pair) {
+                command(viewer, column, Command::ViewFrom(direction), label);
+            }
+        });
+    }
+    let is_parallel = viewer.scene.camera.as_ref().is_some_and(|camera| camera.height.is_some());
+    command(viewer, ui, Command::Projection, if is_parallel { "Parallel rays" } else { "Perspective" });
+    let mut are_on = viewer.settings.decorations == Decorations::On;
+    let words = "Box with the ends of its axes, orientation, scale, what the colours mean, name (--decorate)";
+    if ui.checkbox(&mut are_on, "Box, scale, colours").on_hover_text(words).changed() {
+        viewer.settings.decorations = if are_on { Decorations::On } else { Decorations::Off };
+        viewer.remembered.decorations = viewer.settings.decorations;
+    }
+    if viewer.opened.is_some() && viewer.scene.camera.is_none() {
+        ui.small("This volume lies where the world's coordinates are too coarse for a camera: it is seen from its default side.");
+    }
+    ui.label("Vertical exaggeration");
+    let mut factor = viewer.exaggeration;
+    let slider = Slider::new(&mut factor, EXAGGERATIONS)
+        .clamping(SliderClamping::Edits)
+        .logarithmic(true)
+        .max_decimals(2)
+        .suffix(" x");
+    let response = ui.add(slider).on_hover_text("Heights or depths are drawn this many times as large");
+    let response = response.accessible_name("Vertical exaggeration");
+    // The volume is placed anew: not at every step of a drag.
+    if response.changed() && !response.dragged() || response.drag_stopped() {
+        viewer.exaggerate(factor);
+    } else {
+        viewer.exaggeration = factor;
+    }
+}
+
+/// What an axis of the grid is called.
+fn axis_name(opened: &Opened, axis: usize) -> String {
+    let name = &opened.container.manifest().axes[axis].name;
+    if name.is_empty() { ["i", "j", "k"][axis].into() } else { name.clone() }
+}
+
+fn slice(viewer: &mut Viewer, ui: &mut Ui) {
+    heading(ui, "Slice");
+    let Some(opened) = viewer.opened.clone() else { return };
+    let mut chosen = viewer.slice.as_ref().map(|slice| slice.axis);
+    ui.horizontal_wrapped(|ui| {
+        ui.selectable_value(&mut chosen, None, "None").on_hover_text("The whole volume, as it was before");
+        for axis in 0..3 {
+            let name = axis_name(&opened, axis);
+            let words = format!("One slice across {name}, face on (--slice)");
+            let _ = ui.selectable_value(&mut chosen, Some(axis), name).on_hover_text(words);
+        }
+    });
+    if chosen != viewer.slice.as_ref().map(|slice| slice.axis) {
+        viewer.set_slice(chosen.map(|axis| (axis, opened.facts.dims.0[axis] / 2)));
+    }
+    if let Some((axis, mut at)) = viewer.slice.as_ref().map(|slice| (slice.axis, slice.at)) {
+        let last = opened.facts.dims.0[axis] - 1;
+        ui.spacing_mut().slider_width = (ui.available_width() - 70.0).max(40.0);
+        let words = format!("Voxel along {}, 0 to {last}", axis_name(&opened, axis));
+        let response =
+            ui.add(Slider::new(&mut at, 0..=last).clamping(SliderClamping::Edits).integer()).on_hover_text(words);
+        if response.accessible_name("Place of the slice").changed() {
+            viewer.set_slice(Some((axis, at)));
+        }
+    }
+}
+
+fn crop(viewer: &mut Viewer, ui: &mut Ui) {
+    heading(ui, "Crop, voxels");
+    let Some(opened) = viewer.opened.clone().filter(|_| viewer.slice.is_none()) else {
+        ui.weak("A slice is cropped as the volume was.");
+        return;
+    };
+    let dims = opened.facts.dims.0;
+    let before = edit::kept_voxels(&viewer.scene, &opened.facts);
+    let mut kept = before;
+    for axis in 0..3 {
+        let name = axis_name(&opened, axis);
+        let last = dims[axis] - 1;
+        ui.label(&name).on_hover_text(format!("{name}: {} voxels, 0 to {last}", dims[axis]));
+        for (end, what) in [(0, "first"), (1, "last")] {
+            let slider = Slider::new(&mut kept[axis][end], 0..=last).clamping(SliderClamping::Edits).integer();
+            ui.spacing_mut().slider_width = (ui.available_width() - 70.0).max(40.0);
+            ui.add(slider)
+                .on_hover_text(format!("The {what} voxel along {name} that is shown"))
+                .accessible_name(format!("{name}, {what} voxel"));
+        }
+        let [first, end] = kept[axis];
+        // The end that was moved takes the other one with it.
+        kept[axis] = if first <= end {
+            kept[axis]
+        } else if kept[axis][0] != before[axis][0] {
+            [first, first]
+        } else {
+            [end, end]
+        };
+    }
+    if kept != before {
+        edit::keep_voxels(&mut viewer.scene, &opened.facts, kept);
+    }
+    if ui.add_enabled(viewer.scene.clip.index_box.is_some(), Button::new("Show all")).clicked() {
+        viewer.scene.clip.index_box = None;
+    }
+}
+
+fn theme(viewer: &mut Viewer, ui: &mut Ui) {
+    ui.horizontal(|ui| {
+        for (theme, label) in [(Theme::System, "System"), (Theme::Light, "Light"), (Theme::Dark, "Dark")] {
+            if ui.selectable_value(&mut viewer.remembered.theme, theme, label).changed() {
+                set_theme(ui.ctx(), theme);
+            }
+        }
+    });
+}

@@ -1,0 +1,107 @@
+//! What is remembered from one time to the next: files that were opened, the window, the theme. One small JSON file; one that
+//! cannot be read or written is as good as none.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::folders::Folders;
+use crate::worker::Decorations;
+
+/// Most files that are remembered.
+const RECENT_LIMIT: usize = 12;
+/// Most bytes of the file.
+const BYTES_LIMIT: u64 = 1 << 20;
+
+/// Light or dark.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[serde(rename_all = "lowercase")]
+pub enum Theme {
+    /// As the desktop is.
+    #[default]
+    System,
+    /// Dark on light.
+    Light,
+    /// Light on dark.
+    Dark,
+}
+
+/// See the module.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
+#[serde(default)]
+pub struct Remembered {
+    /// Files that were opened, the last one first.
+    pub recent: Vec<PathBuf>,
+    /// Light or dark.
+    pub theme: Theme,
+    /// Points of the window, across and high.
+    pub window: Option<[f32; 2]>,
+    /// What stands beside the volume.
+    pub decorations: Decorations,
+    /// Panels are hidden.
+    pub panels_hidden: bool,
+}
+
+fn file(folders: &Folders) -> Option<PathBuf> {
+    folders.settings.as_ref().map(|folder| folder.join("viewer.json"))
+}
+
+impl Remembered {
+    /// What was remembered.
+    #[must_use]
+    pub fn read(folders: &Folders) -> Self {
+        let read = |file: PathBuf| {
+            let is_small = std::fs::metadata(&file).ok()?.len() <= BYTES_LIMIT;
+            let text = is_small.then(|| std::fs::read_to_string(&file).ok())??;
+            serde_json::from_str(&text).ok()
+        };
+        file(folders).and_then(read).unwrap_or_default()
+    }
+
+    /// Remembers it.
+    pub fn write(&self, folders: &Folders) {
+        let Some(file) = file(folders) else { return };
+        let write = || {
+            let folder = file.parent().unwrap_or(Path::new("."));
+            std::fs::create_dir_all(folder)?;
+            // Under another name first: a file that is read meanwhile is whole.
+            let unfinished = folder.join(format!(".viewer-{}.json", std::process::id()));
+            std::fs::write(&unfinished, serde_json::to_string_pretty(self)?)?;
+            std::fs::rename(unfinished, &file)
+        };
+        // A viewer that remembers nothing still works.
+        let _: std::io::Result<()> = write();
+    }
+
+    /// A file has been opened.
+    pub fn add(&mut self, path: &Path) {
+        let path = std::path::absolute(path).unwrap_or_else(|_| path.into());
+        self.recent.retain(|known| *known != path);
+        self.recent.insert(0, path);
+        self.recent.truncate(RECENT_LIMIT);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_files_are_remembered_once() {
+        let mut remembered = Remembered::default();
+        for i in 0..3 * RECENT_LIMIT {
+            remembered.add(Path::new(&format!("/volumes/{}.svol", i % (2 * RECENT_LIMIT))));
+        }
+        remembered.add(Path::new("/volumes/5.svol"));
+        assert_eq!(remembered.recent.len(), RECENT_LIMIT);
+        assert_eq!(remembered.recent[0], Path::new("/volumes/5.svol"));
+        assert_eq!(remembered.recent.iter().filter(|p| p.ends_with("5.svol")).count(), 1);
+        let folder = tempfile::tempdir().unwrap();
+        let folders = Folders { settings: Some(folder.path().join("supervol")), cache: None };
+        assert_eq!(Remembered::read(&folders), Remembered::default());
+        remembered.write(&folders);
+        assert_eq!(Remembered::read(&folders), remembered);
+        std::fs::write(file(&folders).unwrap(), "{").unwrap();
+        assert_eq!(Remembered::read(&folders), Remembered::default(), "what cannot be read is as good as nothing");
+    }
+}

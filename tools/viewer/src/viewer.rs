@@ -1,0 +1,451 @@
+//! One frame of the window: news of the worker, keys, panels, the picture, and at its end what has changed goes to the worker.
+//!
+//! Nothing here waits, opens a volume or casts a ray. There need be no window: tests drive the same frames.
+
+use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use eframe::egui::{self, ColorImage, TextureHandle, TextureOptions};
+use supervol_runtime::scene::{Mode, Scene};
+use supervol_runtime::stats::FrameStats;
+
+use crate::Launch;
+use crate::command::{self, Command};
+use crate::edit;
+use crate::folders::Folders;
+use crate::history::History;
+use crate::navigate;
+use crate::panels::{self, Dialogs, Looks};
+use crate::remembered::{Remembered, Theme};
+use crate::worker::{Busy, Export, Frame, Message, Open, Opened, Settings, View, Worker};
+
+/// Degrees of one step of turning, share of the picture's height of one of moving, factor of one nearer, share of the way to the
+/// target of one of flying: by keys.
+const TURN: f64 = 5.0;
+const MOVE: f64 = 0.05;
+const NEARER: f64 = 0.85;
+const FLY: f64 = 0.1;
+
+/// Most latencies that are kept.
+const LATENCY_LIMIT: usize = 512;
+
+/// The picture on the screen.
+pub struct Picture {
+    /// Its pixels.
+    pub image: Arc<ColorImage>,
+    /// The same, where the window draws from.
+    pub texture: TextureHandle,
+    /// The wish that it answers.
+    pub number: u64,
+    /// What it cost, and how far it has come.
+    pub stats: FrameStats,
+    /// Nothing is left to do.
+    pub is_converged: bool,
+    /// Wall time of drawing it so far, milliseconds.
+    pub spent_ms: f64,
+}
+
+/// A slice that is shown instead of the volume.
+pub(crate) struct Sliced {
+    /// The grid's axis across it.
+    pub(crate) axis: usize,
+    /// Which voxel on it.
+    pub(crate) at: u64,
+    /// What was shown before, and is again.
+    before: Scene,
+}
+
+/// The application.
+pub struct Viewer {
+    pub(crate) worker: Option<Worker>,
+    pub(crate) opened: Option<Arc<Opened>>,
+    pub(crate) scene: Scene,
+    pub(crate) history: History,
+    pub(crate) settings: Settings,
+    pub(crate) exaggeration: f64,
+    pub(crate) picture: Option<Picture>,
+    pub(crate) busy: Option<Busy>,
+    pub(crate) message: Option<Message>,
+    pub(crate) dialogs: Dialogs,
+    pub(crate) looks: Looks,
+    pub(crate) slice: Option<Sliced>,
+    pub(crate) remembered: Remembered,
+    pub(crate) folders: Folders,
+    /// Milliseconds from wishes to the first pictures that answered them, the last ones last.
+    pub(crate) latencies_ms: VecDeque<f64>,
+    launch: Option<Launch>,
+    sent: Option<(u64, Scene)>,
+    sent_settings: Settings,
+    wishes: u64,
+    /// Wishes that nothing has answered yet, and when they were made.
+    unanswered: VecDeque<(u64, Instant)>,
+}
+
+impl Viewer {
+    /// A viewer that will open what is said; the worker starts with the first frame.
+    #[must_use]
+    pub fn new(launch: Launch, remembered: Remembered) -> Self {
+        let settings = Settings { decorations: remembered.decorations, ..launch.settings };
+        Self {
+            worker: None,
+            opened: None,
+            scene: Scene::default(),
+            history: History::default(),
+            settings,
+            exaggeration: 1.0,
+            picture: None,
+            busy: None,
+            message: None,
+            dialogs: Dialogs::default(),
+            looks: Looks::default(),
+            slice: None,
+            remembered,
+            folders: launch.folders.clone(),
+            latencies_ms: VecDeque::new(),
+            sent: None,
+            sent_settings: settings,
+            launch: Some(launch),
+            wishes: 0,
+            unanswered: VecDeque::new(),
+        }
+    }
+
+    /// The scene that is shown.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Shows another scene of the present volume.
+    pub fn set_scene(&mut self, scene: Scene) {
+        self.scene = scene;
+    }
+
+    /// Draws a picture until it has converged, and writes it to a file.
+    pub fn export(&mut self, export: Export) {
+        if let Some(worker) = &self.worker {
+            worker.export(export);
+        }
+    }
+
+    /// The volume that is open.
+    #[must_use]
+    pub fn opened(&self) -> Option<&Arc<Opened>> {
+        self.opened.as_ref()
+    }
+
+    /// The picture on the screen.
+    #[must_use]
+    pub fn picture(&self) -> Option<&Picture> {
+        self.picture.as_ref()
+    }
+
+    /// What went wrong or well last.
+    #[must_use]
+    pub fn message(&self) -> Option<&Message> {
+        self.message.as_ref()
+    }
+
+    /// With what pictures are made.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Whether nothing is to be expected: the picture on the screen is the one that is wanted, and it has converged.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        let is_drawn = self.picture.as_ref().is_some_and(|p| p.number == self.wishes && p.is_converged);
+        self.busy.is_none() && (self.opened.is_none() || is_drawn)
+    }
+
+    /// One frame.
+    pub fn ui(&mut self, ui: &mut egui::Ui) {
+        let ctx = ui.ctx().clone();
+        self.start(&ctx);
+        self.receive(&ctx);
+        for path in panels::dropped_files(&ctx) {
+            self.open(&path);
+        }
+        for command in command::pressed(&ctx) {
+            self.run(&ctx, command);
+        }
+        panels::status::show(self, ui);
+        if !self.remembered.panels_hidden {
+            panels::tools::show(self, ui);
+            panels::properties::show(self, ui);
+        }
+        panels::picture::show(self, ui);
+        panels::dialogs::show(self, &ctx);
+        self.note_window(&ctx);
+        self.send(&ctx);
+    }
+
+    /// The window's size, to be remembered.
+    fn note_window(&mut self, ctx: &egui::Context) {
+        let (rect, is_full) = ctx.input(|i| (i.viewport().inner_rect, i.viewport().fullscreen.unwrap_or(false)));
+        if let Some(rect) = rect.filter(|rect| !is_full && rect.is_finite()) {
+            self.remembered.window = Some(rect.size().into());
+        }
+    }
+
+    fn start(&mut self, ctx: &egui::Context) {
+        let Some(launch) = self.launch.take() else { return };
+        set_theme(ctx, self.remembered.theme);
+        let waker = ctx.clone();
+        match Worker::start(self.settings, self.folders.clone(), move || waker.request_repaint()) {
+            Ok(worker) => self.worker = Some(worker),
+            Err(error) => self.message = Some(Message::Failure(format!("no thread can be started: {error}"))),
+        }
+        if let Some(file) = &launch.file {
+            self.open_with(file, launch.scene);
+        }
+    }
+
+    /// Opens a file, in the picture that suits it.
+    pub fn open(&mut self, path: &Path) {
+        self.exaggeration = 1.0;
+        self.open_with(path, Scene::default());
+    }
+
+    fn open_with(&mut self, path: &Path, scene: Scene) {
+        self.message = None;
+        if let Some(worker) = &self.worker {
+            worker.open(Open { path: path.into(), exaggeration: self.exaggeration, scene });
+        }
+    }
+
+    /// Opens the present volume again with heights or depths so many times as large. The look stays, the camera frames it anew.
+    pub fn exaggerate(&mut self, factor: f64) {
+        let Some(opened) = self.opened.clone() else { return };
+        self.set_slice(None);
+        self.exaggeration = factor;
+        self.open_with(&opened.source, Scene { camera: None, ..self.scene.clone() });
+    }
+
+    fn receive(&mut self, ctx: &egui::Context) {
+        let Some(worker) = &self.worker else { return };
+        let is_dead = worker.is_dead();
+        let news = worker.news();
+        self.busy = if is_dead { None } else { news.busy };
+        if let Some(message) = news.message {
+            self.message = Some(message);
+        }
+        if is_dead {
+            let what = "a mistake of supervol ended the thread that draws; what it said is on standard error. Save the scene and \
+                        start again";
+            self.message = Some(Message::Failure(what.into()));
+        }
+        if let Some(opened) = news.opened {
+            self.take_up(ctx, opened);
+        }
+        if let Some(frame) = news.frame {
+            self.show(ctx, frame);
+        }
+    }
+
+    /// A volume has been opened: its scene is shown.
+    fn take_up(&mut self, ctx: &egui::Context, opened: Arc<Opened>) {
+        let is_same = self.opened.as_ref().is_some_and(|before| before.source == opened.source);
+        let mut scene = opened.scene.clone();
+        // The window decides how large the picture is, and with that what a camera frames that nobody has asked for.
+        (scene.image.width, scene.image.height) = (self.scene.image.width, self.scene.image.height);
+        if !opened.is_camera_asked {
+            scene.camera = edit::camera_from(&scene, &opened, None);
+        }
+        edit::write_out(&mut scene, &opened.facts);
+        if is_same {
+            self.history.commit(&scene);
+        } else {
+            self.history = History::new(&scene);
+            self.looks = Looks::of(&scene);
+            self.picture = None;
+            self.remembered.add(&opened.source);
+            self.remembered.write(&self.folders);
+        }
+        let name = opened.source.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        ctx.send_viewport_cmd(egui::ViewportCommand::Title(format!("{name} - Supervol")));
+        self.slice = None;
+        self.scene = scene;
+        self.opened = Some(opened);
+    }
+
+    fn show(&mut self, ctx: &egui::Context, frame: Frame) {
+        if self.opened.as_ref().is_none_or(|opened| opened.number != frame.volume) {
+            return;
+        }
+        self.note_latency(frame.number);
+        let Frame { number, image, stats, is_converged, spent_ms, .. } = frame;
+        let texture = match self.picture.take() {
+            Some(mut picture) => {
+                picture.texture.set(image.clone(), TextureOptions::NEAREST);
+                picture.texture
+            }
+            None => ctx.load_texture("picture", image.clone(), TextureOptions::NEAREST),
+        };
+        self.picture = Some(Picture { image, texture, number, stats, is_converged, spent_ms });
+    }
+
+    /// Does what a key or a button says.
+    pub fn run(&mut self, ctx: &egui::Context, command: Command) {
+        match command {
+            Command::Help => self.dialogs.keys = !self.dialogs.keys,
+            Command::Open => self.dialogs.begin_open(self.opened.as_deref()),
+            Command::Panels => self.remembered.panels_hidden = !self.remembered.panels_hidden,
+            Command::FullScreen => {
+                let is_full = ctx.input(|input| input.viewport().fullscreen.unwrap_or(false));
+                ctx.send_viewport_cmd(egui::ViewportCommand::Fullscreen(!is_full));
+            }
+            _ if self.opened.is_none() => {}
+            Command::SaveScene => self.dialogs.begin_save(self.opened.as_deref()),
+            Command::Export => self.dialogs.begin_export(self.opened.as_deref(), &self.scene),
+            Command::CopyCommand => self.copy_command(ctx),
+            Command::Undo => {
+                let before = self.history.undo(&self.scene);
+                self.go_to(before);
+            }
+            Command::Redo => {
+                let after = self.history.redo(&self.scene);
+                self.go_to(after);
+            }
+            view => self.run_view(view),
+        }
+    }
+
+    /// Goes to another place in the history.
+    fn go_to(&mut self, scene: Option<Scene>) {
+        if let Some(scene) = scene {
+            // What the history holds says itself what it shows.
+            (self.scene, self.slice) = (scene, None);
+        }
+    }
+
+    fn run_view(&mut self, command: Command) {
+        let (Some(opened), Some(camera)) = (&self.opened, &self.scene.camera) else { return };
+        let stage = edit::stage(&opened.facts);
+        let steps = |[right, up]: [i8; 2], length: f64| [f64::from(right) * length, f64::from(up) * length];
+        let camera = match command {
+            Command::DefaultView => edit::camera_from(&self.scene, opened, None),
+            Command::ViewFrom(direction) => edit::camera_from(&self.scene, opened, Some(direction)),
+            Command::Projection => Some(navigate::other_projection(camera)),
+            Command::Turn(by) => Some(navigate::orbit(camera, &stage, steps(by, TURN))),
+            Command::Move(by) => Some(navigate::pan(camera, steps(by, MOVE))),
+            Command::Nearer(by) => Some(navigate::dolly(camera, &stage, NEARER.powi(i32::from(by)), [0.0; 2], 1.0)),
+            Command::Fly(by) => Some(navigate::fly(camera, f64::from(by) * FLY)),
+            _ => return,
+        };
+        self.scene.camera = camera;
+    }
+
+    fn copy_command(&mut self, ctx: &egui::Context) {
+        let Some(opened) = &self.opened else { return };
+        self.message = Some(match panels::dialogs::command_line(opened, &self.scene, &self.settings, &self.folders) {
+            Ok(line) => {
+                let message = Message::Done(format!("copied: {line}"));
+                ctx.copy_text(line);
+                message
+            }
+            Err(error) => Message::Failure(error),
+        });
+    }
+
+    /// Switches to another mode; one that was left before is as it was left.
+    pub(crate) fn set_mode(&mut self, mode: Mode) {
+        if let Some(opened) = &self.opened {
+            self.scene = self.looks.switched(&self.scene, opened, mode);
+        }
+    }
+
+    /// Shows a slice, by its axis and its voxel on that, or again what was shown before. Of one slice after the other camera and
+    /// colours stay.
+    pub(crate) fn set_slice(&mut self, wanted: Option<(usize, u64)>) {
+        let Some(opened) = self.opened.clone() else { return };
+        let last = self.slice.take();
+        let Some((axis, at)) = wanted else {
+            let (width, height) = (self.scene.image.width, self.scene.image.height);
+            self.scene = last.map_or_else(|| self.scene.clone(), |slice| slice.before);
+            (self.scene.image.width, self.scene.image.height) = (width, height);
+            return;
+        };
+        let is_same_axis = last.as_ref().is_some_and(|slice| slice.axis == axis);
+        let before = last.map_or_else(|| self.scene.clone(), |slice| slice.before);
+        let Some(mut scene) = edit::sliced(&before, &opened, axis, at) else {
+            self.message = Some(Message::Failure("the crop leaves nothing of this slice".into()));
+            self.slice = is_same_axis.then_some(Sliced { axis, at, before });
+            return;
+        };
+        scene.image = self.scene.image.clone();
+        if is_same_axis {
+            let Scene { transfer_function, samples_per_pixel, .. } = self.scene.clone();
+            (scene.transfer_function, scene.samples_per_pixel) = (transfer_function, samples_per_pixel);
+            scene.camera = match (self.scene.camera.take(), scene.camera.take()) {
+                (Some(now), Some(usual)) => Some(navigate::shifted_to(&now, &usual)),
+                (_, usual) => usual,
+            };
+        }
+        self.scene = scene;
+        self.slice = Some(Sliced { axis, at, before });
+    }
+
+    /// Tells the worker what has changed in this frame.
+    fn send(&mut self, ctx: &egui::Context) {
+        let Some(worker) = &self.worker else { return };
+        // What is dragged is one edit.
+        if !ctx.input(|input| input.pointer.any_down()) {
+            self.history.commit(&self.scene);
+        }
+        let are_set = self.settings == self.sent_settings;
+        if !are_set {
+            worker.set(self.settings);
+            self.sent_settings = self.settings;
+        }
+        let Some(opened) = &self.opened else { return };
+        let is_sent = |(volume, scene): &(u64, Scene)| *volume == opened.number && *scene == self.scene;
+        if !are_set || !self.sent.as_ref().is_some_and(is_sent) {
+            self.wishes += 1;
+            worker.view(View { number: self.wishes, volume: opened.number, scene: self.scene.clone() });
+            self.sent = Some((opened.number, self.scene.clone()));
+            push_bounded(&mut self.unanswered, (self.wishes, Instant::now()));
+        }
+    }
+
+    /// A picture answers this wish; older wishes will have none.
+    fn note_latency(&mut self, number: u64) {
+        while let Some(&(wish, since)) = self.unanswered.front().filter(|(wish, _)| *wish <= number) {
+            self.unanswered.pop_front();
+            if wish == number {
+                push_bounded(&mut self.latencies_ms, since.elapsed().as_secs_f64() * 1e3);
+            }
+        }
+    }
+
+    /// Milliseconds from wishes to the first pictures that answered them, of the last few hundred.
+    #[must_use]
+    pub fn latencies_ms(&self) -> &VecDeque<f64> {
+        &self.latencies_ms
+    }
+
+    /// Keeps what is to be remembered.
+    pub fn remember(&self) {
+        self.remembered.write(&self.folders);
+    }
+}
+
+/// Adds to a list that keeps the last few hundred.
+fn push_bounded<T>(list: &mut VecDeque<T>, value: T) {
+    if list.len() == LATENCY_LIMIT {
+        list.pop_front();
+    }
+    list.push_back(value);
+}
+
+/// Light, dark, or as the desktop is.
+pub(crate) fn set_theme(ctx: &egui::Context, theme: Theme) {
+    ctx.set_theme(match theme {
+        Theme::System => egui::ThemePreference::System,
+        Theme::Light => egui::ThemePreference::Light,
+        Theme::Dark => egui::ThemePreference::Dark,
+    });
+}

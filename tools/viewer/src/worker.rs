@@ -1,0 +1,384 @@
+//! The thread that opens volumes and draws pictures, so that the window never waits.
+//!
+//! ```text
+//! window --wishes (the newest of each kind)--> worker --news (the newest of each kind)--> window
+//! ```
+//!
+//! 1. Whoever wishes something puts it on the desk; what was wished before and not begun is forgotten.
+//! 2. The worker takes, in this order: an end, a volume to open, settings, a picture to export, a view. With nothing to take it
+//!    goes on with the picture that it has begun, until that has converged.
+//! 3. A new view gets a picture within the time for interaction ([`Settings::interaction_ms`]). Only what comes after that is cut
+//!    short by the next wish: otherwise a view that changes all the time would never be seen.
+//! 4. News replace older news of their kind; the window is woken for each.
+//!
+//! Both directions hold at most one of each kind: nothing queues.
+
+mod easel;
+mod export;
+mod open;
+
+use std::path::PathBuf;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+
+use eframe::egui::ColorImage;
+use serde::{Deserialize, Serialize};
+use supervol_format::Container;
+use supervol_preprocess::report::Progress as BuildProgress;
+use supervol_runtime::facts::VolumeFacts;
+use supervol_runtime::preset::overview::Overview;
+use supervol_runtime::scene::Scene;
+use supervol_runtime::stats::FrameStats;
+use supervol_runtime::stop::Canceller;
+
+use self::easel::Easel;
+pub use self::export::Export;
+use crate::folders::Folders;
+
+/// With what pictures are made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Bytes for bricks, rays and pictures; the window's own memory is not among them.
+    pub host_memory_bytes: u64,
+    /// Error that is aimed for, a share of full scale.
+    pub max_error: f64,
+    /// Milliseconds after which a view that has changed shows a picture.
+    pub interaction_ms: u64,
+    /// Threads that cast and decode; `None`: one per processor. Read when a volume is opened.
+    pub threads: Option<usize>,
+    /// Whether box, orientation, scale and colours are drawn beside the volume.
+    pub decorations: Decorations,
+}
+
+/// Whether something stands beside the volume.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum Decorations {
+    /// Nothing.
+    #[default]
+    Off,
+    /// As `render --decorate` draws them.
+    On,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            host_memory_bytes: 512 << 20,
+            max_error: 0.5 / 255.0,
+            interaction_ms: 33,
+            threads: None,
+            decorations: Decorations::Off,
+        }
+    }
+}
+
+/// A volume to open.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Open {
+    /// Container, or a source file, which is built into the cache folder first.
+    pub path: PathBuf,
+    /// How many times as large heights or depths are drawn.
+    pub exaggeration: f64,
+    /// What the scene says; the rest is chosen to suit the data.
+    pub scene: Scene,
+}
+
+/// A picture to draw.
+#[derive(Debug, Clone, PartialEq)]
+pub struct View {
+    /// Counts wishes.
+    pub number: u64,
+    /// Of which volume: [`Opened::number`].
+    pub volume: u64,
+    /// What is wanted, with the size of the picture.
+    pub scene: Scene,
+}
+
+/// A volume that is open. Clones of what it holds are shared.
+#[derive(Debug)]
+pub struct Opened {
+    /// Counts volumes.
+    pub number: u64,
+    /// The file that was asked for.
+    pub source: PathBuf,
+    /// Its container: the same, or one in the cache folder.
+    pub path: PathBuf,
+    /// The container, placed as it is drawn.
+    pub container: Arc<Container>,
+    /// What its header says.
+    pub facts: VolumeFacts,
+    /// What a coarse level tells, where one is small enough.
+    pub overview: Option<Overview>,
+    /// How many times as large heights or depths are drawn.
+    pub exaggeration: f64,
+    /// The scene that was asked for, with everything written out.
+    pub scene: Scene,
+    /// Whether its camera was asked for, too.
+    pub is_camera_asked: bool,
+}
+
+/// A picture that was drawn.
+pub struct Frame {
+    /// Of which volume.
+    pub volume: u64,
+    /// Of which wish.
+    pub number: u64,
+    /// 8 bits, background added.
+    pub image: Arc<ColorImage>,
+    /// What it cost, and how far it has come.
+    pub stats: FrameStats,
+    /// Nothing is left to do.
+    pub is_converged: bool,
+    /// Wall time of drawing it so far, milliseconds.
+    pub spent_ms: f64,
+}
+
+/// What takes long, and how far it is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Busy {
+    /// A file is opened.
+    Opening(PathBuf),
+    /// A container is built from it.
+    Building(PathBuf, BuildProgress),
+    /// A picture is exported: rows that are finished, and all.
+    Exporting(PathBuf, [u32; 2]),
+}
+
+/// Something went wrong, or well.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Message {
+    /// In words for people, with what to do.
+    Failure(String),
+    /// What was done.
+    Done(String),
+}
+
+/// All that the worker has to tell; reading takes it away, but for `busy`.
+#[derive(Default)]
+pub struct News {
+    /// A volume has been opened.
+    pub opened: Option<Arc<Opened>>,
+    /// A picture has been drawn.
+    pub frame: Option<Frame>,
+    /// What is going on.
+    pub busy: Option<Busy>,
+    /// What was done or went wrong.
+    pub message: Option<Message>,
+}
+
+/// What is wanted and not begun.
+#[derive(Default)]
+struct Wishes {
+    quit: bool,
+    open: Option<Open>,
+    settings: Option<Settings>,
+    export: Option<Export>,
+    view: Option<View>,
+    /// Stops what the worker does, while that may be cut short.
+    cut: Option<Canceller>,
+    /// Stops an export.
+    export_canceller: Option<Canceller>,
+}
+
+/// What lies between window and worker.
+struct Desk {
+    wishes: Mutex<Wishes>,
+    rung: Condvar,
+    news: Mutex<News>,
+    wake: Box<dyn Fn() + Send + Sync>,
+    folders: Folders,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Desk {
+    /// Puts a wish down, and cuts short what may be.
+    fn wish(&self, put: impl FnOnce(&mut Wishes)) {
+        let mut wishes = lock(&self.wishes);
+        put(&mut wishes);
+        if let Some(canceller) = wishes.cut.take() {
+            canceller.cancel();
+        }
+        self.rung.notify_one();
+    }
+
+    fn tell(&self, put: impl FnOnce(&mut News)) {
+        put(&mut lock(&self.news));
+        (self.wake)();
+    }
+
+    fn fail(&self, message: impl std::fmt::Display) {
+        self.tell(|news| news.message = Some(Message::Failure(message.to_string())));
+    }
+}
+
+/// What to do next.
+enum Work {
+    Quit,
+    Open(Open),
+    Settings(Settings),
+    Export(Export),
+    View(View),
+    Refine,
+}
+
+impl Desk {
+    /// The next piece of work; waits where there is none. What refines may be cut short by the next wish.
+    fn next(&self, refine: Option<Canceller>) -> Work {
+        let mut wishes = lock(&self.wishes);
+        loop {
+            wishes.cut = None;
+            if wishes.quit {
+                return Work::Quit;
+            }
+            let work = (wishes.open.take().map(Work::Open))
+                .or_else(|| wishes.settings.take().map(Work::Settings))
+                .or_else(|| wishes.export.take().map(Work::Export))
+                .or_else(|| wishes.view.take().map(Work::View));
+            if let Some(work) = work {
+                return work;
+            }
+            if refine.is_some() {
+                wishes.cut = refine;
+                return Work::Refine;
+            }
+            wishes = self.rung.wait(wishes).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+/// The window's end of the desk. The thread ends with it.
+pub struct Worker {
+    desk: Arc<Desk>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Worker {
+    /// Starts the thread; `wake` is called from it whenever there are news.
+    ///
+    /// # Errors
+    /// If the system starts no thread.
+    pub fn start(
+        settings: Settings,
+        folders: Folders,
+        wake: impl Fn() + Send + Sync + 'static,
+    ) -> std::io::Result<Self> {
+        let desk = Arc::new(Desk {
+            wishes: Mutex::default(),
+            rung: Condvar::new(),
+            news: Mutex::default(),
+            wake: Box::new(wake),
+            folders,
+        });
+        let of_thread = desk.clone();
+        let thread =
+            std::thread::Builder::new().name("supervol-worker".into()).spawn(move || work(&of_thread, settings))?;
+        Ok(Self { desk, thread: Some(thread) })
+    }
+
+    /// Opens a volume, instead of the one that is open.
+    pub fn open(&self, open: Open) {
+        self.desk.wish(|wishes| (wishes.open, wishes.view) = (Some(open), None));
+    }
+
+    /// Draws a picture.
+    pub fn view(&self, view: View) {
+        self.desk.wish(|wishes| wishes.view = Some(view));
+    }
+
+    /// From now on pictures are made like this.
+    pub fn set(&self, settings: Settings) {
+        self.desk.wish(|wishes| wishes.settings = Some(settings));
+    }
+
+    /// Draws a picture until it has converged, and writes it to a file.
+    pub fn export(&self, export: Export) {
+        self.desk.wish(|wishes| wishes.export = Some(export));
+    }
+
+    /// Gives an export up.
+    pub fn cancel_export(&self) {
+        self.desk.wish(|wishes| {
+            wishes.export = None;
+            if let Some(canceller) = wishes.export_canceller.take() {
+                canceller.cancel();
+            }
+        });
+    }
+
+    /// What has happened since this was asked last.
+    pub fn news(&self) -> News {
+        let mut news = lock(&self.desk.news);
+        News {
+            opened: news.opened.take(),
+            frame: news.frame.take(),
+            busy: news.busy.clone(),
+            message: news.message.take(),
+        }
+    }
+
+    /// Whether the thread has ended although nobody asked it to: a mistake of ours.
+    pub fn is_dead(&self) -> bool {
+        self.thread.as_ref().is_some_and(JoinHandle::is_finished)
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        self.cancel_export();
+        self.desk.wish(|wishes| wishes.quit = true);
+        // A build cannot be stopped; the process ends it, and the next one goes on with it.
+        let is_building = matches!(lock(&self.desk.news).busy, Some(Busy::Opening(_) | Busy::Building(..)));
+        if let Some(thread) = self.thread.take().filter(|_| !is_building) {
+            // What it panicked with is on standard error already.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// What the thread does.
+fn work(desk: &Arc<Desk>, mut settings: Settings) {
+    let mut easel: Option<Easel> = None;
+    let mut volumes = 0;
+    loop {
+        let refine = easel.as_ref().and_then(Easel::unfinished);
+        match desk.next(refine) {
+            Work::Quit => return,
+            Work::Open(wish) => {
+                volumes += 1;
+                // What is open goes on being shown where the new one cannot be opened.
+                match open::open(desk, wish, volumes, &settings).and_then(|opened| Easel::new(desk, opened, &settings))
+                {
+                    Ok(opened) => easel = Some(opened),
+                    Err(message) => desk.fail(message),
+                }
+                desk.tell(|news| news.busy = None);
+            }
+            Work::Settings(new) => {
+                settings = new;
+                if let Some(easel) = &mut easel {
+                    easel.set(desk, &settings);
+                }
+            }
+            Work::Export(wish) => {
+                if let Some(easel) = &mut easel {
+                    let message = easel.export(desk, &wish).unwrap_or_else(Message::Failure);
+                    lock(&desk.wishes).export_canceller = None;
+                    desk.tell(|news| (news.busy, news.message) = (None, Some(message)));
+                }
+            }
+            Work::View(view) => {
+                if let Some(easel) = &mut easel {
+                    easel.begin(desk, view, &settings);
+                }
+            }
+            Work::Refine => {
+                if let Some(easel) = &mut easel {
+                    easel.refine(desk);
+                }
+            }
+        }
+    }
+}

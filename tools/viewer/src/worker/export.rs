@@ -1,0 +1,53 @@
+//! Pictures for a file: drawn to the end by the renderer that draws for the screen, so that they share its bricks and its budget.
+
+use std::path::PathBuf;
+
+use supervol_preprocess::Existing;
+use supervol_preprocess::output::{OutputFile, check_distinct};
+use supervol_runtime::image::ImageFormat;
+use supervol_runtime::scene::Scene;
+
+use super::easel::Easel;
+use super::{Busy, Desk, Message, lock};
+
+/// A picture for a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Export {
+    /// What is wanted, with the size of the picture.
+    pub scene: Scene,
+    /// PNG, EXR or npy, by its name.
+    pub path: PathBuf,
+    /// Whether a picture may be replaced.
+    pub existing: Existing,
+}
+
+impl Easel {
+    /// Draws the picture until it has converged or somebody cancels, and writes it.
+    pub(super) fn export(&mut self, desk: &Desk, export: &Export) -> Result<Message, String> {
+        let format = ImageFormat::from_path(&export.path).map_err(|e| e.to_string())?;
+        let scene = export.scene.resolve(&self.opened.facts).map_err(|e| e.to_string())?;
+        let read = [self.opened.source.as_path(), self.opened.path.as_path()];
+        check_distinct(&export.path, read).map_err(|e| e.to_string())?;
+        let output = OutputFile::begin(&export.path, export.existing).map_err(|e| e.to_string())?;
+        desk.tell(|news| news.busy = Some(Busy::Exporting(export.path.clone(), [0, scene.image_size[1]])));
+        lock(&desk.wishes).export_canceller = Some(self.renderer.canceller());
+        self.renderer.set_scene(scene.clone());
+        let step = self.renderer.advance(None);
+        let written = step.map_err(|e| e.to_string()).and_then(|step| {
+            let Some(picture) = self.renderer.picture().filter(|_| step.is_converged) else {
+                return Ok(Message::Done("export given up; no file was written".into()));
+            };
+            let mut file = output.file();
+            self.decorated(picture, &scene).encode(format, scene.background, &mut file).map_err(|e| e.to_string())?;
+            output.publish().map_err(|e| e.to_string())?;
+            let failed = self.renderer.stats().bricks_failed;
+            let path = export.path.display();
+            Ok(match failed {
+                0 => Message::Done(format!("{path} is written")),
+                _ => Message::Failure(format!("{path} is written, but {failed} bricks could not be read")),
+            })
+        });
+        self.resume();
+        written
+    }
+}

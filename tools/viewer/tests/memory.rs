@@ -1,0 +1,87 @@
+//! A long session holds no more memory than its budget allows, and nothing leaks from volume to volume: counted by an allocator, since
+//! what the system says of a process depends on what else it does.
+
+mod support;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use eframe::egui::{Key, Modifiers};
+use support::Session;
+
+/// Bytes that are allocated now, and that were at most.
+static NOW: AtomicUsize = AtomicUsize::new(0);
+static PEAK: AtomicUsize = AtomicUsize::new(0);
+
+struct Counting;
+
+fn count(bytes: usize) {
+    let now = NOW.fetch_add(bytes, Ordering::Relaxed) + bytes;
+    PEAK.fetch_max(now, Ordering::Relaxed);
+}
+
+// SAFETY: every call goes to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count(layout.size());
+        // SAFETY: the caller's promises are the system allocator's conditions.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
+        NOW.fetch_sub(layout.size(), Ordering::Relaxed);
+        // SAFETY: as above.
+        unsafe { System.dealloc(block, layout) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+const BUDGET: usize = 64 << 20;
+/// Pictures on their way to the screen and on it, the window, its fonts.
+const WINDOW: usize = 48 << 20;
+/// What volumes may leave behind one after the other: history, what is remembered, tables that have grown.
+const SLACK: usize = 2 << 20;
+const ROUNDS: u32 = 10;
+
+/// Views, edits, modes and volumes in turn, in a budget that holds few bricks: memory stays within it, nothing leaks, no brick fails,
+/// and what is shown in the end is right.
+#[test]
+fn a_long_session_stays_within_its_budget() {
+    let mut session = Session::with_budget("vessels", BUDGET as u64);
+    session.rest();
+    let other = support::container(session.folder.path(), "sphere", 48);
+    let first = session.folder.path().join("vessels.svol");
+    let mut at_rest = Vec::new();
+    for round in 0..ROUNDS {
+        let (file, name) = if round % 2 == 0 { (&other, "sphere.svol") } else { (&first, "vessels.svol") };
+        session.harness.state_mut().open(file);
+        session.until("it is open", |s| s.viewer().opened().is_some_and(|o| o.source.ends_with(name)));
+        if round == 2 {
+            PEAK.store(NOW.load(Ordering::Relaxed), Ordering::Relaxed);
+        }
+        for key in [Key::ArrowRight, Key::Plus, Key::P, Key::Num5, Key::ArrowUp, Key::Minus, Key::Num0] {
+            session.press(Modifiers::NONE, key);
+            session.frames(3);
+        }
+        session.edit(|scene| scene.image.background = [0.05 * f64::from(round); 3]);
+        session.click("Max");
+        session.click("Volume");
+        session.rest();
+        let stats = session.viewer().picture().expect("a picture").stats.clone();
+        assert!(
+            stats.host_cache_peak_bytes <= stats.host_cache_budget_bytes && stats.host_budget_bytes == BUDGET as u64
+        );
+        assert_eq!(stats.bricks_failed, 0);
+        // The harness keeps what it has not drawn.
+        session.screenshot("session");
+        at_rest.push(NOW.load(Ordering::Relaxed));
+    }
+    let peak = PEAK.load(Ordering::Relaxed);
+    assert!(peak <= BUDGET + WINDOW, "{peak} bytes at the peak; at rest {at_rest:?}");
+    // The same volume, four times later.
+    let growth = at_rest[9].saturating_sub(at_rest[1]);
+    assert!(growth <= SLACK, "{growth} bytes more after eight volumes: {at_rest:?}");
+    session.assert_is_as_rendered();
+}

@@ -1,0 +1,274 @@
+//! A viewer without a display, on small volumes in a folder of its own.
+
+#![allow(dead_code, reason = "each file of tests uses a part of it")]
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use eframe::egui::accesskit::{Action, ActionData, ActionRequest, Role, TreeId};
+use eframe::egui::{Color32, Event, Key, Modifiers, PointerButton, Pos2, Vec2};
+use egui_kittest::kittest::{NodeT, Queryable};
+use egui_kittest::{Harness, Node};
+use supervol_format::Dims;
+use supervol_format::container::manifest::Source;
+use supervol_preprocess::source::synthetic::Synthetic;
+use supervol_preprocess::{BuildOptions, build};
+use supervol_runtime::frame::{Backend, RenderOptions};
+use supervol_runtime::image::Image;
+use supervol_runtime::renderer::render;
+use supervol_runtime::scene::Scene;
+use supervol_viewer::Launch;
+use supervol_viewer::folders::Folders;
+use supervol_viewer::remembered::Remembered;
+use supervol_viewer::viewer::Viewer;
+use supervol_viewer::worker::{Export, Settings};
+
+/// Longer than anything takes here, on a machine that does much else.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// Environment variable that names a folder for screenshots.
+const SCREENSHOTS: &str = "SUPERVOL_SCREENSHOTS";
+
+/// A container of a synthetic volume of `edge`^3 voxels in bricks of 32.
+pub fn container(folder: &Path, name: &str, edge: u64) -> PathBuf {
+    let path = folder.join(format!("{name}.svol"));
+    let source = Synthetic::new(name, Dims([edge; 3]), None, 1).expect("a synthetic volume");
+    let layout = supervol_format::BrickLayout::new(32).expect("a size of bricks");
+    let options = BuildOptions { layout, threads: 2, ..BuildOptions::default() };
+    build(&source, Source::computed(name), &path, &options, &|_| {}).expect("it is built");
+    path
+}
+
+/// A NumPy file with a ramp.
+pub fn npy(folder: &Path) -> PathBuf {
+    let path = folder.join("ramp.npy");
+    let mut header = String::from("{'descr': '|u1', 'fortran_order': False, 'shape': (20, 30, 40), }");
+    while !(10 + header.len() + 1).is_multiple_of(64) {
+        header.push(' ');
+    }
+    header.push('\n');
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend((0..20 * 30 * 40u32).map(|i| (6 * (i % 40)) as u8));
+    std::fs::write(&path, bytes).expect("a file");
+    path
+}
+
+/// What `render` draws of a scene, and the background.
+pub fn headless(viewer: &Viewer, scene: &Scene) -> (Image, [f64; 3]) {
+    let opened = viewer.opened().expect("a volume is open");
+    let options = RenderOptions {
+        backend: Backend::Cpu,
+        max_error: viewer.settings().max_error,
+        predict_error: true,
+        ..RenderOptions::default()
+    };
+    let scene = scene.resolve(&opened.facts).expect("a scene");
+    let (image, stats) = render(&opened.container, &scene, &options).expect("a picture");
+    assert!(stats.converged);
+    (image, scene.background)
+}
+
+/// Somebody at the viewer.
+pub struct Session {
+    pub harness: Harness<'static, Viewer>,
+    pub folder: tempfile::TempDir,
+    first: Scene,
+    /// What the window was told since the last key.
+    told: Vec<String>,
+}
+
+impl Session {
+    /// A synthetic volume in a window of 1280 x 800.
+    pub fn of(name: &str) -> Self {
+        Self::new(name, [1280.0, 800.0], 1.0, Settings::default())
+    }
+
+    /// The same within so many bytes.
+    pub fn with_budget(name: &str, host_memory_bytes: u64) -> Self {
+        Self::new(name, [1280.0, 800.0], 1.0, Settings { host_memory_bytes, ..Settings::default() })
+    }
+
+    /// The same in a window of another size.
+    pub fn sized(name: &str, size: [f32; 2], scale: f32) -> Self {
+        Self::new(name, size, scale, Settings::default())
+    }
+
+    fn new(name: &str, size: [f32; 2], scale: f32, settings: Settings) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = Some(container(folder.path(), name, 64));
+        let [cache, kept] = ["cache", "settings"].map(|below| Some(folder.path().join(below)));
+        let folders = Folders { cache, settings: kept };
+        let settings = Settings { threads: Some(2), ..settings };
+        let launch = Launch { file, scene: Scene::default(), settings, folders };
+        let harness = Harness::builder()
+            .with_size(size)
+            .with_pixels_per_point(scale)
+            .with_step_dt(1.0 / 30.0)
+            .with_render_cursor(false)
+            .wgpu()
+            .build_ui_state(|ui, viewer: &mut Viewer| viewer.ui(ui), Viewer::new(launch, Remembered::default()));
+        Self { harness, folder, first: Scene::default(), told: Vec::new() }
+    }
+
+    pub fn viewer(&self) -> &Viewer {
+        self.harness.state()
+    }
+
+    pub fn cache(&self) -> PathBuf {
+        self.folder.path().join("cache")
+    }
+
+    pub fn frames(&mut self, count: usize) {
+        for _ in 0..count {
+            self.harness.step();
+            let outputs = self.harness.output().viewport_output.values();
+            self.told.extend(outputs.flat_map(|output| output.commands.iter().map(|command| format!("{command:?}"))));
+        }
+    }
+
+    /// Runs frames until something holds.
+    pub fn until(&mut self, what: &str, mut holds: impl FnMut(&Self) -> bool) {
+        let start = Instant::now();
+        loop {
+            self.frames(1);
+            if holds(self) {
+                return;
+            }
+            let told = self.viewer().message();
+            assert!(start.elapsed() < PATIENCE, "waited in vain until {what}; told: {told:?}");
+            std::thread::sleep(Duration::from_millis(3));
+        }
+    }
+
+    /// Runs frames until the picture is the one that is wanted.
+    pub fn rest(&mut self) {
+        self.frames(3);
+        self.until("the picture has converged", |session| {
+            session.viewer().is_at_rest() && session.viewer().opened().is_some()
+        });
+        self.frames(2);
+        if self.first == Scene::default() {
+            self.first = self.viewer().scene().clone();
+        }
+    }
+
+    /// The widget of this name: what can be used, where a mere word has the same.
+    pub fn node<'a>(&'a self, label: &'a str) -> Node<'a> {
+        let is_word = |node: &Node<'_>| matches!(node.accesskit_node().role(), Role::Label | Role::TextRun);
+        let found: Vec<_> = self.harness.query_all_by_label(label).collect();
+        let usable = found.iter().position(|node| !is_word(node));
+        let names =
+            || self.harness.query_all_by(|_| true).filter_map(|n| n.accesskit_node().label()).collect::<Vec<_>>();
+        match found.into_iter().nth(usable.unwrap_or(0)) {
+            Some(node) => node,
+            None => panic!("no widget is called '{label}' among {:?}", names()),
+        }
+    }
+
+    pub fn click(&mut self, label: &str) {
+        self.node(label).click();
+        self.frames(3);
+    }
+
+    pub fn press(&mut self, modifiers: Modifiers, key: Key) {
+        self.told.clear();
+        for pressed in [true, false] {
+            let event = Event::Key { key, physical_key: None, pressed, repeat: false, modifiers };
+            self.harness.input_mut().events.push(event);
+            self.frames(1);
+        }
+    }
+
+    /// A drag with the mouse, in a few steps.
+    pub fn drag(&mut self, from: Pos2, by: Vec2, button: PointerButton) {
+        let pressed = |pos, pressed| Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
+        self.harness.hover_at(from);
+        self.frames(1);
+        self.harness.event(pressed(from, true));
+        self.frames(1);
+        for step in 1..=4 {
+            self.harness.hover_at(from + by * (step as f32 / 4.0));
+            self.frames(1);
+        }
+        self.harness.event(pressed(from + by, false));
+        self.frames(2);
+    }
+
+    /// Gives a slider or a number another value, as a screen reader would.
+    pub fn set(&mut self, label: &str, value: f64) {
+        let target_node = self.node(label).accesskit_node().locate().0;
+        self.harness.event(Event::AccessKitActionRequest(ActionRequest {
+            action: Action::SetValue,
+            target_tree: TreeId::ROOT,
+            target_node,
+            data: Some(ActionData::NumericValue(value)),
+        }));
+        self.frames(3);
+    }
+
+    /// Writes something else into a field.
+    pub fn type_over(&mut self, label: &str, text: &str) {
+        self.node(label).focus();
+        self.frames(2);
+        self.press(Modifiers::COMMAND, Key::A);
+        self.harness.event(Event::Text(text.into()));
+        self.frames(2);
+    }
+
+    /// Changes the scene and undoes nothing: an edit by hand.
+    pub fn edit(&mut self, change: impl FnOnce(&mut Scene)) {
+        let mut scene = self.viewer().scene().clone();
+        change(&mut scene);
+        self.harness.state_mut().set_scene(scene);
+        self.frames(2);
+    }
+
+    /// The first scene again, no window open.
+    pub fn begin_anew(&mut self) {
+        let scene = self.first.clone();
+        self.press(Modifiers::NONE, Key::Escape);
+        self.harness.state_mut().set_scene(scene);
+        self.frames(2);
+    }
+
+    pub fn export(&mut self, export: Export) {
+        self.harness.state_mut().export(export);
+    }
+
+    /// What keys may change: the scene, what was told, windows and panels.
+    pub fn fingerprint(&mut self) -> String {
+        let nodes = self.harness.get_all_by(|_| true).count();
+        format!("{:?} {:?} {nodes} {:?}", self.viewer().scene(), self.viewer().message(), self.told)
+    }
+
+    pub fn pixels(&self) -> Vec<Color32> {
+        self.viewer().picture().expect("a picture").image.pixels.clone()
+    }
+
+    /// The picture on the screen is what `render` draws of the scene that is shown, bit for bit.
+    pub fn assert_is_as_rendered(&mut self) {
+        let picture = self.viewer().picture().expect("a picture");
+        let (expected, background) = headless(self.viewer(), self.viewer().scene());
+        assert_eq!(picture.image.size, [expected.width, expected.height].map(|n| n as usize));
+        let expected = expected.to_rgb8(background);
+        let shown: Vec<u8> = picture.image.pixels.iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();
+        let most = shown.iter().zip(&expected).map(|(a, b)| a.abs_diff(*b)).max();
+        assert_eq!(most, Some(0), "grey levels between what is shown and what is rendered");
+    }
+
+    /// Draws the window, and writes it where somebody asks for it; without a graphics adapter, says so.
+    #[allow(clippy::print_stderr, reason = "what is skipped is said")]
+    pub fn screenshot(&mut self, name: &str) {
+        match self.harness.render() {
+            Ok(image) => {
+                assert!(image.pixels().any(|p| p.0[0] > 100), "{name}: the window is dark");
+                if let Some(folder) = std::env::var_os(SCREENSHOTS) {
+                    let path = PathBuf::from(folder).join(format!("{name}.png"));
+                    image.save(path).expect("a file");
+                }
+            }
+            Err(error) => eprintln!("SKIPPED: no GPU adapter draws the window: {error}"),
+        }
+    }
+}

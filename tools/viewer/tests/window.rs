@@ -1,0 +1,322 @@
+//! The viewer as a person uses it, without a display: frames are run one by one, keys and mouse are events, and what is on the screen
+//! is held against `render` of the scene that is shown.
+
+mod support;
+
+use eframe::egui::{Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2};
+use egui_kittest::kittest::Queryable;
+use supervol_preprocess::Existing;
+use supervol_runtime::scene::{Mode, Scene, ShadingSpec};
+use supervol_viewer::command::{BINDINGS, Command};
+use supervol_viewer::worker::Message;
+
+use support::{Session, headless};
+
+#[test]
+fn a_container_is_shown_as_render_draws_it() {
+    let mut session = Session::of("vessels");
+    session.rest();
+    session.assert_is_as_rendered();
+    let viewer = session.viewer();
+    let image = &viewer.scene().image;
+    assert!(image.width > 600 && image.height > 600, "the picture takes the room that is left: {image:?}");
+    assert!(viewer.picture().is_some_and(|p| p.stats.error_stated.is_some()), "the error is stated");
+}
+
+#[test]
+fn dragging_turns_and_moves_and_the_wheel_brings_nearer() {
+    let mut session = Session::of("vessels");
+    session.rest();
+    let first = session.viewer().scene().camera.clone().expect("a camera");
+    let middle = session.node("Picture").rect().center();
+
+    session.drag(middle, Vec2::new(60.0, 20.0), PointerButton::Primary);
+    let turned = session.viewer().scene().camera.clone().expect("a camera");
+    assert_eq!(turned.target, first.target, "turning keeps the target");
+    assert_ne!(turned.eye, first.eye);
+    session.drag(middle, Vec2::new(60.0, 20.0), PointerButton::Secondary);
+    let moved = session.viewer().scene().camera.clone().expect("a camera");
+    assert_ne!(moved.target, turned.target, "moving moves the target");
+    session.harness.hover_at(middle + Vec2::new(40.0, 0.0));
+    session.harness.event(Event::MouseWheel {
+        unit: MouseWheelUnit::Line,
+        delta: Vec2::new(0.0, 3.0),
+        phase: TouchPhase::Move,
+        source: MouseWheelSource::Wheel,
+        modifiers: Modifiers::NONE,
+    });
+    session.rest();
+    let nearer = session.viewer().scene().camera.clone().expect("a camera");
+    // This volume is seen by parallel rays.
+    assert!(nearer.height.expect("parallel rays") < 0.95 * moved.height.expect("parallel rays"));
+    session.assert_is_as_rendered();
+    assert!(!session.viewer().latencies_ms().is_empty());
+}
+
+/// Every key of the list does something, and none is forgotten.
+#[test]
+fn every_key_does_what_the_list_says() {
+    let mut session = Session::of("vessels");
+    session.rest();
+    for binding in BINDINGS {
+        for key in binding.keys {
+            session.begin_anew();
+            if matches!(binding.command, Command::DefaultView | Command::Undo | Command::Redo) {
+                session.press(Modifiers::NONE, Key::Num4);
+                session.edit(|scene| scene.image.background = [0.25; 3]);
+            }
+            if binding.command == Command::Redo {
+                session.press(Modifiers::COMMAND, Key::Z);
+            }
+            let before = session.fingerprint();
+            session.press(key.modifiers, key.logical_key);
+            assert_ne!(session.fingerprint(), before, "{} by {key:?}", binding.words);
+        }
+    }
+}
+
+#[test]
+fn each_mode_is_drawn_as_render_draws_its_scene_and_is_kept_when_it_is_left() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let first = session.viewer().scene().clone();
+    for (label, mode) in
+        [("Max", Mode::Mip), ("Min", Mode::Minip), ("Mean", Mode::Mean), ("Iso", Mode::Iso), ("Volume", Mode::Dvr)]
+    {
+        session.click(label);
+        session.rest();
+        assert_eq!(session.viewer().scene().mode, Some(mode));
+        session.assert_is_as_rendered();
+    }
+    assert_eq!(*session.viewer().scene(), first, "back where it was");
+}
+
+#[test]
+fn a_point_that_is_dragged_changes_the_picture_and_undo_takes_it_back() {
+    let mut session = Session::of("vessels");
+    session.rest();
+    let first = session.viewer().scene().clone();
+    let before = session.pixels();
+    let editor = session.node("Transfer function").rect();
+    // Points lie where the editor draws them; the last one of the preset is at the right.
+    let grid = (0..40).flat_map(|x| (0..20).map(move |y| (x, y)));
+    for (x, y) in grid {
+        let at = editor.min + Vec2::new((x as f32 + 0.5) / 40.0, (y as f32 + 0.5) / 20.0) * editor.size();
+        session.drag(at, Vec2::new(0.0, 30.0), PointerButton::Primary);
+        if *session.viewer().scene() != first {
+            break;
+        }
+    }
+    session.rest();
+    assert_ne!(session.viewer().scene().transfer_function, first.transfer_function, "no point could be dragged");
+    assert_ne!(session.pixels(), before);
+    session.assert_is_as_rendered();
+    session.press(Modifiers::COMMAND, Key::Z);
+    session.rest();
+    assert_eq!(*session.viewer().scene(), first);
+    assert_eq!(session.pixels(), before, "the same picture, bit for bit");
+}
+
+#[test]
+fn a_saved_scene_and_the_copied_command_mean_the_picture() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    session.press(Modifiers::NONE, Key::ArrowRight);
+    session.press(Modifiers::COMMAND, Key::S);
+    session.click("Save");
+    let written = session.folder.path().join("sphere.scene.json");
+    let saved = Scene::from_json(&std::fs::read_to_string(written).expect("a scene file")).expect("a scene");
+    assert_eq!(saved, *session.viewer().scene());
+    session.press(Modifiers::COMMAND, Key::S);
+    assert!(session.harness.query_by_label("Replace the file that is there").is_some());
+    session.press(Modifiers::NONE, Key::Escape);
+
+    session.press(Modifiers::COMMAND | Modifiers::SHIFT, Key::C);
+    let Some(Message::Done(line)) = session.viewer().message() else { panic!("nothing was copied") };
+    let scene = line.split_whitespace().skip_while(|word| *word != "--scene").nth(1).expect("a scene file");
+    let named = Scene::from_json(&std::fs::read_to_string(scene).expect("it is there")).expect("a scene");
+    assert_eq!(named, saved);
+    assert!(line.contains("supervol render") && line.contains("sphere.svol"), "{line}");
+}
+
+#[test]
+fn an_exported_picture_is_the_one_that_render_writes() {
+    let mut session = Session::of("vessels");
+    session.rest();
+    session.press(Modifiers::COMMAND, Key::E);
+    session.click("Export");
+    let written = session.folder.path().join("vessels.png");
+    session.until("the file is written", |session| written.exists() && session.viewer().is_at_rest());
+    let expected = session.folder.path().join("expected.png");
+    let (image, background) = headless(session.viewer(), session.viewer().scene());
+    image.write(&expected, background).expect("a file");
+    assert!(std::fs::read(&written).expect("a file") == std::fs::read(&expected).expect("a file"), "other bytes");
+    session.assert_is_as_rendered();
+}
+
+#[test]
+fn settings_change_how_pictures_are_made() {
+    let mut session = Session::of("vessels");
+    session.rest();
+    session.set("Error target", 8.0);
+    session.set("Memory", 128.0);
+    session.set("Time for interaction", 50.0);
+    session.rest();
+    let stats = &session.viewer().picture().expect("a picture").stats;
+    assert_eq!(stats.host_budget_bytes, 128 << 20);
+    assert!((stats.max_error_requested * 255.0 - 8.0).abs() < 0.1, "{}", stats.max_error_requested);
+    assert_eq!(session.viewer().settings().interaction_ms, 50);
+    // What is out of a control's range stays until somebody changes it.
+    session.click("Volume");
+    session.edit(|scene| scene.shading = Some(Some(ShadingSpec { specular: 5.0, ..ShadingSpec::default() })));
+    session.rest();
+    assert_eq!(session.viewer().scene().shading.as_ref().and_then(|s| s.as_ref()).map(|s| s.specular), Some(5.0));
+    session.assert_is_as_rendered();
+}
+
+#[test]
+fn crops_and_exaggerations_are_those_of_the_scene_and_the_command() {
+    let mut session = Session::of("vessels");
+    session.rest();
+    session.set("x, first voxel", 20.0);
+    session.set("y, last voxel", 30.0);
+    session.rest();
+    assert_eq!(session.viewer().scene().clip.index_box, Some([[19.5, -0.5, -0.5], [63.5, 30.5, 63.5]]));
+    session.assert_is_as_rendered();
+    session.set("Vertical exaggeration", 3.0);
+    session.until("the volume is placed anew", |s| s.viewer().opened().is_some_and(|o| o.exaggeration == 3.0));
+    session.rest();
+    assert_eq!(session.viewer().opened().expect("open").facts.geometry.spacing[2], 3.0);
+    assert!(session.viewer().scene().clip.index_box.is_some(), "the crop stays");
+    session.assert_is_as_rendered();
+}
+
+#[test]
+fn what_is_no_volume_is_refused_in_words_and_the_open_one_stays() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let text = session.folder.path().join("notes.txt");
+    std::fs::write(&text, "no volume").expect("a file");
+    for (path, words) in [
+        (text, "expected SEG-Y"),
+        (session.folder.path().join("missing.svol"), "missing.svol"),
+        (session.folder.path().to_path_buf(), "folder"),
+    ] {
+        session.harness.state_mut().open(&path);
+        session
+            .until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(m)) if m.contains(words)));
+    }
+    session.press(Modifiers::NONE, Key::ArrowRight);
+    session.rest();
+    session.assert_is_as_rendered();
+}
+
+#[test]
+fn a_source_file_is_built_into_the_cache_once() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let source = support::npy(session.folder.path());
+    for _ in 0..2 {
+        session.harness.state_mut().open(&source);
+        session.until("it is open", |s| s.viewer().opened().is_some_and(|o| o.source == source));
+        session.rest();
+        session.assert_is_as_rendered();
+    }
+    let built = std::fs::read_dir(session.cache()).expect("a cache folder");
+    assert_eq!(built.flatten().filter(|e| e.path().extension().is_some_and(|e| e == "svol")).count(), 1);
+}
+
+#[test]
+fn every_panel_fits_at_its_least_and_at_scale_2() {
+    for (name, size, scale) in
+        [("1280x800", [1280.0, 800.0], 1.0), ("scale2", [1280.0, 800.0], 2.0), ("small", [800.0, 500.0], 1.0)]
+    {
+        let mut session = Session::sized("vessels", size, scale);
+        session.rest();
+        let window = eframe::egui::Rect::from_min_size(Pos2::ZERO, size.into());
+        for label in ["Open ...", "Default view", "Picture", "Transfer function", "Preset", "converged"] {
+            let rect = session.node(label).rect();
+            assert!(window.expand(0.5).contains_rect(rect), "{name}: {label} lies at {rect:?}");
+        }
+        let picture = session.node("Picture").rect();
+        assert!(picture.width() >= 200.0 && picture.height() >= 300.0, "{name}: {picture:?}");
+        assert_eq!(session.viewer().scene().image.width, (picture.width() * scale).round() as u32);
+        session.screenshot(name);
+        for (key, what) in [(Key::Questionmark, "keys"), (Key::O, "open"), (Key::E, "export")] {
+            let modifiers = if key == Key::Questionmark { Modifiers::NONE } else { Modifiers::COMMAND };
+            session.press(modifiers, key);
+            session.frames(8);
+            session.screenshot(&format!("{name}-{what}"));
+            session.press(Modifiers::NONE, Key::Escape);
+        }
+    }
+}
+
+#[test]
+fn slices_are_shown_face_on_and_the_volume_comes_back() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let first = session.viewer().scene().clone();
+    session.click("z");
+    session.rest();
+    let slice = session.viewer().scene().clone();
+    assert_eq!(slice.mode, Some(Mode::Mean));
+    assert_eq!(slice.clip.index_box, Some([[-0.5, -0.5, 31.95], [63.5, 63.5, 32.05]]));
+    session.assert_is_as_rendered();
+    session.press(Modifiers::NONE, Key::Plus);
+    session.set("Place of the slice", 10.0);
+    session.rest();
+    let other = session.viewer().scene().clone();
+    assert_eq!(other.clip.index_box.expect("a slice")[0][2], 9.95);
+    assert!(other.camera.expect("a camera").height < slice.camera.expect("a camera").height, "the zoom stays");
+    session.assert_is_as_rendered();
+    session.click("None");
+    session.rest();
+    assert_eq!(*session.viewer().scene(), first);
+    session.assert_is_as_rendered();
+}
+
+#[test]
+fn decorations_are_those_of_render() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let plain = session.pixels();
+    session.click("Box, scale, colours");
+    session.rest();
+    let viewer = session.viewer();
+    let opened = viewer.opened().expect("open");
+    let (mut image, background) = headless(viewer, viewer.scene());
+    supervol_decorations::decorate(
+        &mut image,
+        &opened.container,
+        &opened.facts,
+        &viewer.scene().resolve(&opened.facts).expect("a scene"),
+    );
+    let expected = image.to_rgb8(background);
+    let shown: Vec<u8> = session.pixels().iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();
+    assert!(shown == expected && session.pixels() != plain);
+    session.press(Modifiers::COMMAND | Modifiers::SHIFT, Key::C);
+    assert!(matches!(session.viewer().message(), Some(Message::Done(line)) if line.contains("--decorate")));
+}
+
+/// The way files may be replaced is the program's, not the viewer's own.
+#[test]
+fn nothing_that_is_no_picture_is_replaced() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let path = session.folder.path().join("sphere.png");
+    std::fs::copy(session.folder.path().join("sphere.svol"), &path).expect("a file");
+    let scene = session.viewer().scene().clone();
+    session.export(supervol_viewer::worker::Export { scene, path: path.clone(), existing: Existing::ReplacePicture });
+    session.until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(_))));
+    assert_eq!(std::fs::read(&path).expect("a file")[1..5], *b"SVOL");
+
+    // Nor what is open, by whatever name.
+    session.press(Modifiers::COMMAND, Key::S);
+    let volume = session.folder.path().join("sphere.svol");
+    session.type_over("Scene file", &volume.display().to_string());
+    session.click("Replace the file that is there");
+    session.click("Save");
+    assert!(matches!(session.viewer().message(), Some(Message::Failure(m)) if m.contains("sphere.svol")));
+    assert_eq!(std::fs::read(&volume).expect("a file")[1..5], *b"SVOL");
+}
