@@ -86,10 +86,17 @@ fn points(c0: u64, c1: u64, factor: u32) -> Vec<f64> {
 
 /// The bound of a brick: what its children may be off from level 0, and this level from them; but no more than the two
 /// can be apart at all, given the range of the brick itself and that of everything beneath it. Never less than a
-/// child's, so that refining never raises the bound.
+/// child's, so that refining never raises the bound. Source voxels are as far outside the range beneath as they were moved:
+/// by `voxel_error` at most.
 #[must_use]
-pub fn brick_error(children_error: f64, step_error: f64, own: ValueRange, beneath: ValueRange) -> f64 {
-    let apart = (own.max - beneath.min).max(beneath.max - own.min).next_up();
+pub fn brick_error(
+    children_error: f64,
+    step_error: f64,
+    own: ValueRange,
+    beneath: ValueRange,
+    voxel_error: f64,
+) -> f64 {
+    let apart = ((own.max - beneath.min).max(beneath.max - own.min) + voxel_error).next_up();
     children_error.max((children_error + step_error).min(apart))
 }
 

@@ -4,7 +4,8 @@
 //! 2. The records tile the file: nothing overlaps, nothing is unreachable.
 //! 3. Each brick keeps [`check_brick`]'s rules: checksum, flags, exact ranges, macro cells, range beneath.
 //! 4. Aprons repeat the neighbours' voxels (and beyond the grid the nearest ones).
-//! 5. Coarser voxels are what stands for those of the finer level, by what the manifest says (mean, max, majority).
+//! 5. Coarser voxels are what stands for those of the finer level, by what the manifest says (mean, max, majority), moved to
+//!    the multiples of the container's step if it has one; voxels of level 0 are such multiples.
 //! 6. Each error bound is the largest of its children's plus this level's own greatest difference, or what the value
 //!    ranges allow where that is less ([`brick_error`]): not less, not more.
 //! 7. What the manifest says of the values (range, percentiles, histogram, count, errors of levels) is what the voxels say.
@@ -16,6 +17,7 @@ use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
+use supervol_format::codec::quantize::Quantizer;
 use supervol_format::container::validate::{check_brick, check_coverage};
 use supervol_format::{BrickKey, Container, Level, Lod, ValueRange};
 
@@ -214,7 +216,15 @@ fn check(
     if let Some(at) = expected.iter().zip(&stored).position(|(e, s)| e != s) {
         return Err(broken("apron", format!("{} at byte {at}", expected[at]), stored[at].to_string()));
     }
-    let Some(finer) = finer else { return Ok(()) };
+    let Some(finer) = finer else {
+        return match descriptor.quantizer.map(|quantizer| quantizer.snap(voxel_type, absence, &mut voxels)) {
+            Some(moved) if moved > 0.0 => {
+                let step = descriptor.quantizer.map_or(0.0, Quantizer::step);
+                Err(broken("voxels", format!("multiples of {step}"), format!("one that is {moved} off")))
+            }
+            _ => Ok(()),
+        };
+    };
 
     // Rule 5: what stands for the finer voxels.
     let finer_dims = pyramid.level_at(Lod(key.lod().0 - 1)).dims;
@@ -228,6 +238,9 @@ fn check(
         broken("manifest, parameter reduce", format!("one of {names}"), found)
     })?;
     downsample(reduce, voxel_type, absence, level.factors, fine, around, &mut reduced);
+    if let Some(quantizer) = descriptor.quantizer {
+        quantizer.snap(voxel_type, absence, &mut reduced);
+    }
     if let Some(at) = reduced.iter().zip(&voxels).position(|(a, v)| a != v) {
         return Err(broken(
             &format!("{} of the finer level", reduce.name()),
@@ -244,7 +257,7 @@ fn check(
         children_error = children_error.max(child.error);
     }
     let step = step_error(voxel_type, absence, level.factors, fine, block, core);
-    let expected = brick_error(children_error, step, entry.range, beneath);
+    let expected = brick_error(children_error, step, entry.range, beneath, descriptor.voxel_error());
     if entry.error != expected {
         return Err(broken("error bound", expected.to_string(), entry.error.to_string()));
     }

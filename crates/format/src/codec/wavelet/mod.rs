@@ -1,0 +1,448 @@
+//! Voxels as whole multiples of a step ([`super::quantize`]), transformed within the brick, in tokens, compressed by
+//! Zstandard. Lossless: whatever bounds the error of a container has moved the voxels before.
+//!
+//! Each brick stands alone: no parent, no neighbour is needed to decode it (docs/decisions/016-wavelets-within-bricks.md).
+//!
+//! Payload, all numbers little endian:
+//!
+//! | offset | size | meaning |
+//! |---|---|---|
+//! | 0 | 1 | transform: 0 differences, 1 lifting ([`transform`]) |
+//! | 1 | 1 | bits 0 to 5: the two layers of apron at the low end of x, its high end, that of y, ... repeat the voxels before them and are not coded; bit 6: there are holes |
+//! | 2 | 8 | f64: the step |
+//! | 10 | 8 | only with holes: the bits of the voxel that stands in each of them |
+//! | | | only with holes: chunks of the mask (1 in a hole, else 0), its differences |
+//! | | | chunks of the indices' transform; a hole has the index of the voxel before it |
+//!
+//! Coefficients come band by band, coarsest first, x fastest inside a band; differences are one band. A chunk holds whole
+//! bands, as few as have [`CHUNK_COEFFICIENTS`] together, so that unlike bands have tables of their own:
+//!
+//! | size | meaning |
+//! |---|---|
+//! | 4 | u32: number of [`tokens`] |
+//! | 4 | u32: bytes of the Zstandard frame that holds them |
+//! | 4 | u32: bytes of the bits beside them |
+//! | | frame, bits |
+
+mod tokens;
+mod transform;
+
+use tokens::{BITS_PADDING, Tokens};
+use transform::{Band, bands};
+
+use super::quantize::{Quantizer, common_step};
+use super::{BrickShape, CodecError};
+use crate::brick::APRON;
+use crate::voxel_type::{Absence, Voxel};
+use crate::with_voxel;
+
+/// Bands are gathered until they have so many coefficients.
+const CHUNK_COEFFICIENTS: usize = 4096;
+/// Level of Zstandard: the tokens are left to its Huffman coder, higher levels find little more.
+const LEVEL: i32 = 1;
+const HEAD_BYTES: usize = 10;
+const FLAG_HOLES: u8 = 1 << 6;
+
+/// How indices are turned into coefficients.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+enum Transform {
+    Differences = 0,
+    Lifting = 1,
+}
+
+impl Transform {
+    fn apply(self, samples: &mut [i32], extent: [usize; 3]) {
+        match self {
+            Self::Differences => transform::difference(samples, extent),
+            Self::Lifting => transform::lift(samples, extent),
+        }
+    }
+
+    fn undo(self, samples: &mut [i32], extent: [usize; 3]) {
+        match self {
+            Self::Differences => transform::undo_difference(samples, extent),
+            Self::Lifting => transform::unlift(samples, extent),
+        }
+    }
+
+    /// Bands in the order in which they are coded.
+    fn bands(self, extent: [usize; 3]) -> Vec<Band> {
+        match self {
+            Self::Differences => vec![Band { start: [0; 3], end: extent }],
+            Self::Lifting => bands(extent),
+        }
+    }
+
+    /// The same, chunk by chunk.
+    fn chunks(self, extent: [usize; 3]) -> Vec<Vec<Band>> {
+        let mut chunks: Vec<Vec<Band>> = Vec::new();
+        let mut filled = CHUNK_COEFFICIENTS;
+        for band in self.bands(extent) {
+            if filled >= CHUNK_COEFFICIENTS {
+                chunks.push(Vec::new());
+                filled = 0;
+            }
+            filled += band.samples();
+            chunks.last_mut().expect("one has been pushed").push(band);
+        }
+        chunks
+    }
+}
+
+/// Which layers of apron repeat the voxels before them: low and high end of each axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Repeats([[bool; 2]; 3]);
+
+impl Repeats {
+    fn of<T: PartialEq>(voxels: &[T], extent: [usize; 3]) -> Self {
+        Self(std::array::from_fn(|axis| {
+            let n = extent[axis];
+            if n <= 2 * APRON {
+                return [false; 2];
+            }
+            let repeats =
+                |from: usize, layers: [usize; APRON]| layers.iter().all(|&l| are_equal(voxels, extent, axis, from, l));
+            [repeats(APRON, std::array::from_fn(|l| l)), repeats(n - 1 - APRON, std::array::from_fn(|l| n - 1 - l))]
+        }))
+    }
+
+    fn bits(self) -> u8 {
+        self.0.as_flattened().iter().enumerate().map(|(i, &set)| u8::from(set) << i).sum()
+    }
+
+    /// None where a brick of this extent has no such layers.
+    fn from_bits(bits: u8, extent: [usize; 3]) -> Option<Self> {
+        let repeats = Self(std::array::from_fn(|axis| [0, 1].map(|end| bits >> (2 * axis + end) & 1 == 1)));
+        (0..3).all(|a| extent[a] > 2 * APRON || repeats.0[a] == [false; 2]).then_some(repeats)
+    }
+
+    /// First voxel that is coded, and how many are.
+    fn coded(self, extent: [usize; 3]) -> ([usize; 3], [usize; 3]) {
+        let layers = |axis: usize, end: usize| if self.0[axis][end] { APRON } else { 0 };
+        (std::array::from_fn(|a| layers(a, 0)), std::array::from_fn(|a| extent[a] - layers(a, 0) - layers(a, 1)))
+    }
+}
+
+/// Whether two layers across an axis hold the same voxels.
+fn are_equal<T: PartialEq>(voxels: &[T], extent: [usize; 3], axis: usize, one: usize, other: usize) -> bool {
+    let [nx, ny, nz] = extent;
+    let row = |y: usize, z: usize| &voxels[(z * ny + y) * nx..][..nx];
+    match axis {
+        0 => voxels.chunks_exact(nx).all(|row| row[one] == row[other]),
+        1 => (0..nz).all(|z| row(one, z) == row(other, z)),
+        _ => (0..ny).all(|y| row(y, one) == row(y, other)),
+    }
+}
+
+/// Encodes the voxels of a brick as multiples of `step`, or of the longest step that they all are multiples of. None where
+/// some are not, where holes are not all alike, or where the payload is not smaller than `limit` bytes.
+///
+/// # Errors
+/// If Zstandard cannot get memory.
+pub fn encode_if_smaller(
+    shape: BrickShape,
+    voxels: &[u8],
+    absence: Absence,
+    step: Option<Quantizer>,
+    limit: usize,
+) -> Result<Option<Vec<u8>>, CodecError> {
+    with_voxel!(shape.voxel_type, V => {
+        let voxels: Vec<V> = voxels.chunks_exact(size_of::<V>()).map(V::read_le).collect();
+        encode_typed(shape.extent, &voxels, absence, step, limit)
+    })
+}
+
+fn encode_typed<V: Voxel>(
+    extent: [usize; 3],
+    voxels: &[V],
+    absence: Absence,
+    step: Option<Quantizer>,
+    limit: usize,
+) -> Result<Option<Vec<u8>>, CodecError> {
+    let Some(quantizer) = step.or_else(|| common_step(voxels, absence)) else { return Ok(None) };
+    let Some(Indices { mut samples, holes }) = Indices::of(voxels, quantizer, absence) else { return Ok(None) };
+    let mask = holes.as_ref().map(|holes| &holes.1);
+    let of_mask = |mask: &Vec<i32>| Repeats::of(mask, extent).0;
+    let mut repeats = Repeats::of(&samples, extent);
+    if let Some(of_mask) = mask.map(of_mask) {
+        repeats.0.as_flattened_mut().iter_mut().zip(of_mask.as_flattened()).for_each(|(a, b)| *a &= b);
+    }
+    let (from, coded) = repeats.coded(extent);
+    samples = cut(&samples, extent, Band { start: from, end: std::array::from_fn(|a| from[a] + coded[a]) });
+    let (transform, coefficients) = better(samples, coded);
+
+    let mut payload = vec![transform as u8, repeats.bits()];
+    payload.extend(quantizer.step().to_le_bytes());
+    let mut writer = ChunkWriter { payload, limit };
+    if let Some((fill, mask)) = holes {
+        writer.payload[1] |= FLAG_HOLES;
+        writer.payload.extend(fill.to_le_bytes());
+        let mut mask = cut(&mask, extent, Band { start: from, end: std::array::from_fn(|a| from[a] + coded[a]) });
+        Transform::Differences.apply(&mut mask, coded);
+        if !writer.push_all(Transform::Differences, &mask, coded)? {
+            return Ok(None);
+        }
+    }
+    Ok(writer.push_all(transform, &coefficients, coded)?.then_some(writer.payload))
+}
+
+/// Indices of voxels.
+struct Indices {
+    samples: Vec<i32>,
+    /// The bits of the voxel in every hole, and 1 where one is.
+    holes: Option<(u64, Vec<i32>)>,
+}
+
+impl Indices {
+    /// None where a voxel is no multiple of the step, or holes differ.
+    fn of<V: Voxel>(voxels: &[V], quantizer: Quantizer, absence: Absence) -> Option<Self> {
+        let bits = |v: &V| {
+            let mut bytes = [0; 8];
+            v.write_le(&mut bytes[..size_of::<V>()]);
+            u64::from_le_bytes(bytes)
+        };
+        let is_hole = |v: &V| absence.possible(V::TYPE) && absence.is_absent(v.to_f64());
+        let mut samples = Vec::with_capacity(voxels.len());
+        let mut fill = None;
+        let mut before = 0;
+        for voxel in voxels {
+            if is_hole(voxel) {
+                if *fill.get_or_insert(bits(voxel)) != bits(voxel) {
+                    return None;
+                }
+            } else {
+                before = quantizer.exact_index(*voxel)?;
+            }
+            samples.push(before);
+        }
+        let mask = || voxels.iter().map(|v| i32::from(is_hole(v))).collect();
+        Some(Self { samples, holes: fill.map(|fill| (fill, mask())) })
+    }
+}
+
+/// Part of a box.
+fn cut(samples: &[i32], extent: [usize; 3], part: Band) -> Vec<i32> {
+    let mut out = Vec::with_capacity(part.samples());
+    rows_of(part, extent).for_each(|row| out.extend_from_slice(&samples[row]));
+    out
+}
+
+/// The rows of a part in its box.
+fn rows_of(part: Band, extent: [usize; 3]) -> impl Iterator<Item = std::ops::Range<usize>> {
+    let Band { start, end } = part;
+    (start[2]..end[2]).flat_map(move |z| {
+        (start[1]..end[1]).map(move |y| {
+            let row = (z * extent[1] + y) * extent[0];
+            row + start[0]..row + end[0]
+        })
+    })
+}
+
+/// The transform whose coefficients take less room, as far as their mean sizes tell.
+fn better(samples: Vec<i32>, extent: [usize; 3]) -> (Transform, Vec<i32>) {
+    let mut differences = samples.clone();
+    Transform::Differences.apply(&mut differences, extent);
+    let mut lifted = samples;
+    Transform::Lifting.apply(&mut lifted, extent);
+    if estimate(Transform::Lifting, &lifted, extent) < estimate(Transform::Differences, &differences, extent) {
+        (Transform::Lifting, lifted)
+    } else {
+        (Transform::Differences, differences)
+    }
+}
+
+/// Bits that the coefficients take if those of a row are spread geometrically about its mean.
+fn estimate(transform: Transform, coefficients: &[i32], extent: [usize; 3]) -> f64 {
+    let of_row = |row: &[i32]| {
+        let sum: u64 = row.iter().map(|c| 2 * u64::from(c.unsigned_abs())).sum();
+        let mean = sum as f64 / row.len() as f64;
+        if mean == 0.0 { 0.0 } else { row.len() as f64 * ((mean + 1.0) * (mean + 1.0).log2() - mean * mean.log2()) }
+    };
+    let of_band = |band: Band| rows_of(band, extent).map(|row| of_row(&coefficients[row])).sum::<f64>();
+    transform.bands(extent).into_iter().map(of_band).sum()
+}
+
+struct ChunkWriter {
+    payload: Vec<u8>,
+    limit: usize,
+}
+
+impl ChunkWriter {
+    /// Writes all coefficients; false as soon as the payload is not smaller than the limit.
+    fn push_all(&mut self, transform: Transform, coefficients: &[i32], extent: [usize; 3]) -> Result<bool, CodecError> {
+        let mut gathered = Vec::new();
+        for chunk in transform.chunks(extent) {
+            gathered.clear();
+            for band in chunk {
+                rows_of(band, extent).for_each(|row| gathered.extend_from_slice(&coefficients[row]));
+            }
+            let Tokens { tokens, bits } = Tokens::of(&gathered);
+            let frame =
+                ::zstd::bulk::compress(&tokens, LEVEL).map_err(|e| CodecError::Zstd { reason: e.to_string() })?;
+            for length in [tokens.len(), frame.len(), bits.len()] {
+                let length = u32::try_from(length).expect("a brick has fewer than 2^32 voxels");
+                self.payload.extend(length.to_le_bytes());
+            }
+            self.payload.extend(frame);
+            self.payload.extend(bits);
+            if self.payload.len() >= self.limit {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// Decodes into a buffer of exactly the brick's bytes.
+///
+/// # Errors
+/// If the payload is none that [`encode_if_smaller`] makes for this shape.
+pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
+    let wrong = |reason: String| CodecError::Wavelet { reason };
+    let Some((&[tag, flags, ref step @ ..], mut rest)) = payload.split_first_chunk::<HEAD_BYTES>() else {
+        return Err(wrong(format!("{} bytes; expected at least {HEAD_BYTES}", payload.len())));
+    };
+    let transform = [Transform::Differences, Transform::Lifting]
+        .into_iter()
+        .find(|t| *t as u8 == tag)
+        .ok_or_else(|| wrong(format!("transform {tag}; expected 0 or 1")))?;
+    let step = f64::from_le_bytes(*step);
+    let quantizer = Quantizer::new(shape.voxel_type, step)
+        .ok_or_else(|| wrong(format!("step {step}; expected a positive one of {}", shape.voxel_type)))?;
+    let repeats = Repeats::from_bits(flags & !FLAG_HOLES, shape.extent)
+        .filter(|_| flags >> 7 == 0)
+        .ok_or_else(|| wrong(format!("flags {flags:#010b}; expected those of {:?} voxels", shape.extent)))?;
+    let (from, coded) = repeats.coded(shape.extent);
+    let mut scratch = Scratch::default();
+    let holes = if flags & FLAG_HOLES == 0 {
+        None
+    } else {
+        let (fill, behind) = rest.split_first_chunk::<8>().ok_or_else(|| wrong("no voxel for its holes".into()))?;
+        rest = behind;
+        Some((*fill, scratch.take_all(&mut rest, Transform::Differences, coded)?))
+    };
+    let samples = scratch.take_all(&mut rest, transform, coded)?;
+    if !rest.is_empty() {
+        return Err(wrong(format!("{} bytes behind the last chunk; expected none", rest.len())));
+    }
+    let places = Places { from, coded, extent: shape.extent };
+    with_voxel!(shape.voxel_type, V => {
+        // Apart, so that the compiler sees the common case without the step.
+        if quantizer == Quantizer::WHOLE {
+            places.write(&samples, out, |index| Quantizer::WHOLE.voxel::<V>(index));
+        } else {
+            places.write(&samples, out, |index| quantizer.voxel::<V>(index));
+        }
+        if let Some((fill, mask)) = holes {
+            places.fill_holes(&mask, &fill[..size_of::<V>()], out);
+        }
+    });
+    Ok(())
+}
+
+/// Buffers that are kept from chunk to chunk.
+#[derive(Default)]
+struct Scratch {
+    tokens: Vec<u8>,
+    bits: Vec<u8>,
+    gathered: Vec<i32>,
+}
+
+impl Scratch {
+    /// Reads and undoes a transform; moves `payload` behind it.
+    fn take_all(
+        &mut self,
+        payload: &mut &[u8],
+        transform: Transform,
+        extent: [usize; 3],
+    ) -> Result<Vec<i32>, CodecError> {
+        let mut samples = vec![0; extent.iter().product()];
+        for chunk in transform.chunks(extent) {
+            let coefficients = chunk.iter().map(|band| band.samples()).sum();
+            let gathered = self.take_chunk(payload, coefficients)?;
+            let mut at = 0;
+            for row in chunk.into_iter().flat_map(|band| rows_of(band, extent)) {
+                let length = row.len();
+                samples[row].copy_from_slice(&gathered[at..at + length]);
+                at += length;
+            }
+        }
+        transform.undo(&mut samples, extent);
+        Ok(samples)
+    }
+
+    fn take_chunk(&mut self, payload: &mut &[u8], coefficients: usize) -> Result<&[i32], CodecError> {
+        let wrong = |reason: String| CodecError::Wavelet { reason };
+        let cut_short = || wrong("a chunk is cut short".into());
+        let (head, rest) = payload.split_first_chunk::<12>().ok_or_else(cut_short)?;
+        let length = |i: usize| u32::from_le_bytes([0, 1, 2, 3].map(|b| head[4 * i + b])) as usize;
+        let [tokens, frame_bytes, bits_bytes] = [0, 1, 2].map(length);
+        // Each token stands for one coefficient at least: no more room is asked for than the brick's own.
+        if tokens > coefficients {
+            return Err(wrong(format!("{tokens} tokens for {coefficients} coefficients")));
+        }
+        let (frame, rest) = rest.split_at_checked(frame_bytes).ok_or_else(cut_short)?;
+        let (bits, rest) = rest.split_at_checked(bits_bytes).ok_or_else(cut_short)?;
+        *payload = rest;
+        self.tokens.clear();
+        self.tokens.resize(tokens, 0);
+        let found = ::zstd::bulk::decompress_to_buffer(frame, &mut self.tokens).map_err(|e| wrong(e.to_string()))?;
+        self.bits.clear();
+        self.bits.extend_from_slice(bits);
+        self.bits.extend([0; BITS_PADDING]);
+        self.gathered.clear();
+        self.gathered.resize(coefficients, 0);
+        if found == tokens && tokens::decode(&self.tokens, &self.bits, &mut self.gathered) {
+            Ok(&self.gathered)
+        } else {
+            Err(wrong(format!(
+                "{found} tokens and {bits_bytes} bytes of bits that are not {coefficients} coefficients"
+            )))
+        }
+    }
+}
+
+/// Where coded voxels stand among all of the brick's.
+struct Places {
+    from: [usize; 3],
+    coded: [usize; 3],
+    extent: [usize; 3],
+}
+
+impl Places {
+    /// The coded place on an axis that a stored one repeats.
+    fn source(&self, axis: usize, stored: usize) -> usize {
+        stored.saturating_sub(self.from[axis]).min(self.coded[axis] - 1)
+    }
+
+    /// Rows of the brick: number of the first coded voxel of each, in the order of the brick.
+    fn rows(&self) -> impl Iterator<Item = usize> {
+        (0..self.extent[2]).flat_map(move |z| {
+            (0..self.extent[1]).map(move |y| (self.source(2, z) * self.coded[1] + self.source(1, y)) * self.coded[0])
+        })
+    }
+
+    fn write<V: Voxel>(&self, samples: &[i32], out: &mut [u8], voxel: impl Fn(i32) -> V) {
+        let size = size_of::<V>();
+        let [low, n] = [self.from[0], self.coded[0]];
+        for (row, first) in out.chunks_exact_mut(self.extent[0] * size).zip(self.rows()) {
+            let coded = row[low * size..(low + n) * size].chunks_exact_mut(size);
+            coded.zip(&samples[first..first + n]).for_each(|(bytes, &index)| voxel(index).write_le(bytes));
+            for x in (0..low).chain(low + n..self.extent[0]) {
+                let from = (low + self.source(0, x)) * size;
+                row.copy_within(from..from + size, x * size);
+            }
+        }
+    }
+
+    fn fill_holes(&self, mask: &[i32], fill: &[u8], out: &mut [u8]) {
+        for (row, first) in out.chunks_exact_mut(self.extent[0] * fill.len()).zip(self.rows()) {
+            for (x, voxel) in row.chunks_exact_mut(fill.len()).enumerate() {
+                if mask[first + self.source(0, x)] != 0 {
+                    voxel.copy_from_slice(fill);
+                }
+            }
+        }
+    }
+}
