@@ -90,6 +90,20 @@ impl Quantizer {
         }
     }
 
+    /// As [`Self::voxel`], for many of them.
+    pub(crate) fn voxels<V: Voxel>(self) -> impl Fn(i32) -> V + Copy {
+        // No step of a small integer is longer than this; and what is cut off here is beyond its limits in any case.
+        let step = self.step as i32;
+        let limit = i32::MAX / step.max(1);
+        move |index| {
+            if V::TYPE.is_float() || V::TYPE.bytes() == 4 {
+                self.voxel(index)
+            } else {
+                V::from_whole(i64::from(index.clamp(-limit, limit) * step))
+            }
+        }
+    }
+
     /// The index of a voxel that is exactly what its index stands for.
     #[inline]
     pub(crate) fn exact_index<V: Voxel>(self, voxel: V) -> Option<i32> {
@@ -178,6 +192,8 @@ mod tests {
             let quantizer = Quantizer::within(VoxelType::I8, f64::from(error)).expect("an error of 1 and more");
             for voxel in i8::MIN..=i8::MAX {
                 let (moved, by) = snap_one(quantizer, voxel, NO_HOLES);
+                let index = quantizer.index(voxel) * 1_000_000;
+                assert_eq!(quantizer.voxels::<i8>()(index), quantizer.voxel::<i8>(index));
                 assert_eq!((i32::from(moved) - i32::from(voxel)).abs(), by as i32);
                 assert!(by <= f64::from(error), "{voxel} became {moved} within {error}");
                 assert_eq!(snap_one(quantizer, moved, NO_HOLES), (moved, 0.0), "twice is once");

@@ -202,7 +202,14 @@ impl Indices {
             v.write_le(&mut bytes[..size_of::<V>()]);
             u64::from_le_bytes(bytes)
         };
-        let is_hole = |v: &V| absence.possible(V::TYPE) && absence.is_absent(v.to_f64());
+        let holes_possible = absence.possible(V::TYPE);
+        if !V::TYPE.is_float() && quantizer == Quantizer::WHOLE && !holes_possible {
+            // Integers are their own indices, up to the limit.
+            let samples: Vec<i32> = voxels.iter().map(|v| v.to_f64() as i32).collect();
+            let fits = V::TYPE.bytes() < 4 || voxels.iter().all(|&v| quantizer.exact_index(v).is_some());
+            return fits.then_some(Self { samples, holes: None });
+        }
+        let is_hole = |v: &V| holes_possible && absence.is_absent(v.to_f64());
         let mut samples = Vec::with_capacity(voxels.len());
         let mut fill = None;
         let mut before = 0;
@@ -252,14 +259,19 @@ fn better(samples: Vec<i32>, extent: [usize; 3]) -> (Transform, Vec<i32>) {
     }
 }
 
-/// Bits that the coefficients take if those of a row are spread geometrically about its mean.
+/// Bits that the coefficients take if those of each slice of a band have a geometric distribution.
 fn estimate(transform: Transform, coefficients: &[i32], extent: [usize; 3]) -> f64 {
-    let of_row = |row: &[i32]| {
-        let sum: u64 = row.iter().map(|c| 2 * u64::from(c.unsigned_abs())).sum();
-        let mean = sum as f64 / row.len() as f64;
-        if mean == 0.0 { 0.0 } else { row.len() as f64 * ((mean + 1.0) * (mean + 1.0).log2() - mean * mean.log2()) }
+    let of_slice = |slice: Band| {
+        let of_row = |row: std::ops::Range<usize>| {
+            coefficients[row].iter().map(|c: &i32| 2 * u64::from(c.unsigned_abs())).sum::<u64>()
+        };
+        let mean = rows_of(slice, extent).map(of_row).sum::<u64>() as f64 / slice.samples() as f64;
+        let bits = if mean == 0.0 { 0.0 } else { (mean + 1.0) * (mean + 1.0).log2() - mean * mean.log2() };
+        slice.samples() as f64 * bits
     };
-    let of_band = |band: Band| rows_of(band, extent).map(|row| of_row(&coefficients[row])).sum::<f64>();
+    let slice_of =
+        |band: Band, z| Band { start: [band.start[0], band.start[1], z], end: [band.end[0], band.end[1], z + 1] };
+    let of_band = |band: Band| (band.start[2]..band.end[2]).map(|z| of_slice(slice_of(band, z))).sum::<f64>();
     transform.bands(extent).into_iter().map(of_band).sum()
 }
 
@@ -330,9 +342,9 @@ pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<
     with_voxel!(shape.voxel_type, V => {
         // Apart, so that the compiler sees the common case without the step.
         if quantizer == Quantizer::WHOLE {
-            places.write(&samples, out, |index| Quantizer::WHOLE.voxel::<V>(index));
+            places.write(&samples, out, Quantizer::WHOLE.voxels::<V>());
         } else {
-            places.write(&samples, out, |index| quantizer.voxel::<V>(index));
+            places.write(&samples, out, quantizer.voxels::<V>());
         }
         if let Some((fill, mask)) = holes {
             places.fill_holes(&mask, &fill[..size_of::<V>()], out);

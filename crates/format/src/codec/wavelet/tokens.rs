@@ -10,9 +10,9 @@
 //! |---|---|---|
 //! | 0 to 3 | 1 to 4 zeros | |
 //! | 4 to 63 | a longer run | 1 |
-//! | 64 to 95 | zigzag numbers 1 to 32 | |
-//! | 96 to 203 | greater ones | 2 |
-//! | 204 to 255 | nothing: refused | |
+//! | 64 to 127 | zigzag numbers 1 to 64 | |
+//! | 128 to 231 | greater ones | 2 |
+//! | 232 to 255 | nothing: refused | |
 
 /// Tokens of one kind of number.
 #[derive(Clone, Copy)]
@@ -25,7 +25,7 @@ struct Numbers {
 }
 
 const RUNS: Numbers = Numbers { first: 0, direct_bits: 2, kept_bits: 1 };
-const VALUES: Numbers = Numbers { first: 64, direct_bits: 5, kept_bits: 2 };
+const VALUES: Numbers = Numbers { first: 64, direct_bits: 6, kept_bits: 2 };
 /// One past the last token.
 const END: u8 = VALUES.token_of(u32::MAX).0 + 1;
 
@@ -79,6 +79,35 @@ const MEANINGS: [Meaning; 256] = {
     all
 };
 
+/// What a token without bits does: the coefficient it writes, and how many it moves on.
+#[derive(Clone, Copy)]
+struct Direct {
+    coefficient: i32,
+    /// 1 to [`LONGEST_DIRECT_RUN`]; more in tokens that have bits.
+    count: u32,
+}
+
+const LONGEST_DIRECT_RUN: usize = 1 << RUNS.direct_bits;
+/// What stands in the table for tokens that have bits, or mean nothing.
+const NOT_DIRECT: Direct = Direct { coefficient: 0, count: 1 << 8 };
+
+const DIRECT: [Direct; 256] = {
+    let mut all = [NOT_DIRECT; 256];
+    let mut token = 0;
+    while token < END as usize {
+        let Meaning { least, bits, is_value } = MEANINGS[token];
+        if bits == 0 {
+            let coefficient = if is_value == 0 { 0 } else { unzigzag(least + 1) };
+            all[token] = Direct { coefficient, count: if is_value == 0 { least + 1 } else { 1 } };
+        }
+        token += 1;
+    }
+    all
+};
+
+/// Tokens that are looked at together: where none of them has bits, they are decoded without looking for any.
+const GROUP: usize = 8;
+
 /// Tokens and bits of some coefficients.
 #[derive(Debug, Default)]
 pub struct Tokens {
@@ -121,7 +150,7 @@ fn zigzag(v: i32) -> u32 {
     ((v << 1) ^ (v >> 31)) as u32
 }
 
-fn unzigzag(z: u32) -> i32 {
+const fn unzigzag(z: u32) -> i32 {
     (z >> 1) as i32 ^ -((z & 1) as i32)
 }
 
@@ -158,19 +187,49 @@ pub const BITS_PADDING: usize = 8;
 pub fn decode(tokens: &[u8], bits: &[u8], out: &mut [i32]) -> bool {
     let Some(bits_bytes) = bits.len().checked_sub(BITS_PADDING) else { return false };
     let (mut place, mut bit) = (0usize, 0usize);
-    for &token in tokens {
-        let Meaning { least, bits: count, is_value } = MEANINGS[usize::from(token)];
-        let Some(word) = bits.get(bit / 8..).and_then(<[u8]>::first_chunk::<8>) else { return false };
-        let rest = (u64::from_le_bytes(*word) >> (bit % 8)) as u32 & ((1 << count) - 1);
-        bit += usize::from(count);
-        let u = least + rest;
-        let Some(target) = out.get_mut(place) else { return false };
-        // Zero for a run, which begins with one.
-        *target = unzigzag(u.wrapping_add(1) & is_value);
-        place += 1 + (u & !is_value) as usize;
+    let (groups, rest) = tokens.as_chunks::<GROUP>();
+    for group in groups {
+        match out.get_mut(place..place + GROUP * LONGEST_DIRECT_RUN).and_then(|room| decode_direct(group, room)) {
+            Some(count) => place += count,
+            None if decode_each(group, bits, &mut bit, out, &mut place) => {}
+            None => return false,
+        }
     }
     // A run beyond the end is noticed here; less than a byte of padding may be left of the bits.
-    place == out.len() && bit.div_ceil(8) == bits_bytes
+    decode_each(rest, bits, &mut bit, out, &mut place) && place == out.len() && bit.div_ceil(8) == bits_bytes
+}
+
+/// Decodes tokens if none of them has bits: the number of coefficients.
+#[inline]
+fn decode_direct(group: &[u8; GROUP], room: &mut [i32]) -> Option<usize> {
+    let direct = group.map(|token| DIRECT[usize::from(token)]);
+    if direct.iter().any(|d| d.count == NOT_DIRECT.count) {
+        return None;
+    }
+    let mut place = 0;
+    for Direct { coefficient, count } in direct {
+        // Below the room's length, since no token moves on by more than the longest direct run.
+        *room.get_mut(place)? = coefficient;
+        place += count as usize;
+    }
+    Some(place)
+}
+
+/// Decodes tokens one by one; false where they do not fit.
+#[inline]
+fn decode_each(tokens: &[u8], bits: &[u8], bit: &mut usize, out: &mut [i32], place: &mut usize) -> bool {
+    for &token in tokens {
+        let Meaning { least, bits: count, is_value } = MEANINGS[usize::from(token)];
+        let Some(word) = bits.get(*bit / 8..).and_then(<[u8]>::first_chunk::<8>) else { return false };
+        let rest = (u64::from_le_bytes(*word) >> (*bit % 8)) as u32 & ((1 << count) - 1);
+        *bit += usize::from(count);
+        let u = least + rest;
+        let Some(target) = out.get_mut(*place) else { return false };
+        // Zero for a run, which begins with one.
+        *target = unzigzag(u.wrapping_add(1) & is_value);
+        *place += 1 + (u & !is_value) as usize;
+    }
+    true
 }
 
 #[cfg(test)]
@@ -196,7 +255,7 @@ mod tests {
                 assert_eq!((least + bits, counted), (u, count), "{u}");
             }
         }
-        assert_eq!((RUNS.token_of(u32::MAX).0, VALUES.token_of(31).0, VALUES.token_of(32).0, END), (63, 95, 96, 204));
+        assert_eq!((RUNS.token_of(u32::MAX).0, VALUES.token_of(63).0, VALUES.token_of(64).0, END), (63, 127, 128, 232));
     }
 
     #[test]

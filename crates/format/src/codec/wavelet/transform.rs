@@ -184,48 +184,60 @@ fn unlift_row(row: &mut [i32], scratch: &mut Vec<i32>) {
     }
 }
 
-/// Rows, `length` samples each, of which the one at the index is changed by what two others say.
-fn change_row(changed: &mut [i32], before: &[i32], after: &[i32], by: impl Fn(i32, i32, i32) -> i32) {
-    for ((x, &b), &a) in changed.iter_mut().zip(before).zip(after) {
-        *x = by(*x, b, a);
+/// Appends a row, changed by what two others say.
+fn push_row(out: &mut Vec<i32>, row: &[i32], before: &[i32], after: &[i32], by: impl Fn(i32, i32, i32) -> i32) {
+    out.extend(row.iter().zip(before).zip(after).map(|((&x, &b), &a)| by(x, b, a)));
+}
+
+/// Writes a row, changed by what two others say, to the place of another one, which does not lie behind it.
+fn move_row(
+    samples: &mut [i32],
+    from: std::ops::Range<usize>,
+    to: std::ops::Range<usize>,
+    before: &[i32],
+    after: &[i32],
+    by: impl Fn(i32, i32, i32) -> i32,
+) {
+    let changes = before.iter().zip(after);
+    if from == to {
+        samples[to].iter_mut().zip(changes).for_each(|(x, (&b, &a))| *x = by(*x, b, a));
+    } else {
+        let (head, tail) = samples.split_at_mut(from.start);
+        let moved = head[to].iter_mut().zip(&*tail);
+        moved.zip(changes).for_each(|((target, &x), (&b, &a))| *target = by(x, b, a));
     }
 }
 
 fn lift_rows(samples: &mut [i32], rows: Rows, scratch: &mut Vec<i32>) {
-    let (halves, n) = (rows.count.div_ceil(2), rows.length);
+    let (halves, n, last) = (rows.count.div_ceil(2), rows.length, rows.count / 2 - 1);
     scratch.clear();
-    (0..rows.count).step_by(2).for_each(|i| scratch.extend_from_slice(&samples[rows.row(i)]));
-    (1..rows.count).step_by(2).for_each(|i| scratch.extend_from_slice(&samples[rows.row(i)]));
-    let (even, odd) = scratch.split_at_mut(halves * n);
-    let last = rows.count / 2 - 1;
     for i in 0..=last {
-        let [before, after] = [i, (i + 1).min(halves - 1)].map(|j| &even[j * n..(j + 1) * n]);
-        change_row(&mut odd[i * n..(i + 1) * n], before, after, |x, b, a| x.wrapping_sub(predicted(b, a)));
+        let [own, before, after] = [2 * i + 1, 2 * i, 2 * (i + 1).min(halves - 1)].map(|row| &samples[rows.row(row)]);
+        push_row(scratch, own, before, after, |x, b, a| x.wrapping_sub(predicted(b, a)));
     }
     for i in 0..halves {
-        let [before, after] = [i.saturating_sub(1), i.min(last)].map(|j| &odd[j * n..(j + 1) * n]);
-        change_row(&mut even[i * n..(i + 1) * n], before, after, |x, b, a| x.wrapping_add(updated(b, a)));
+        // From the first row on: what is written over has been taken before.
+        let [before, after] = [i.saturating_sub(1), i.min(last)].map(|d| &scratch[d * n..(d + 1) * n]);
+        move_row(samples, rows.row(2 * i), rows.row(i), before, after, |x, b, a| x.wrapping_add(updated(b, a)));
     }
-    scratch.chunks_exact(n).enumerate().for_each(|(i, row)| samples[rows.row(i)].copy_from_slice(row));
+    scratch.chunks_exact(n).enumerate().for_each(|(i, row)| samples[rows.row(halves + i)].copy_from_slice(row));
 }
 
 fn unlift_rows(samples: &mut [i32], rows: Rows, scratch: &mut Vec<i32>) {
-    let (halves, n) = (rows.count.div_ceil(2), rows.length);
+    let (halves, n, last) = (rows.count.div_ceil(2), rows.length, rows.count / 2 - 1);
     scratch.clear();
-    (0..rows.count).for_each(|i| scratch.extend_from_slice(&samples[rows.row(i)]));
-    let (even, odd) = scratch.split_at_mut(halves * n);
-    let last = rows.count / 2 - 1;
     for i in 0..halves {
-        let [before, after] = [i.saturating_sub(1), i.min(last)].map(|j| &odd[j * n..(j + 1) * n]);
-        change_row(&mut even[i * n..(i + 1) * n], before, after, |x, b, a| x.wrapping_sub(updated(b, a)));
-        samples[rows.row(2 * i)].copy_from_slice(&even[i * n..(i + 1) * n]);
+        let [own, before, after] =
+            [i, halves + i.saturating_sub(1), halves + i.min(last)].map(|row| &samples[rows.row(row)]);
+        push_row(scratch, own, before, after, |x, b, a| x.wrapping_sub(updated(b, a)));
     }
     for i in 0..=last {
-        let [before, after] = [i, (i + 1).min(halves - 1)].map(|j| &even[j * n..(j + 1) * n]);
-        let own = &mut odd[i * n..(i + 1) * n];
-        change_row(own, before, after, |x, b, a| x.wrapping_add(predicted(b, a)));
-        samples[rows.row(2 * i + 1)].copy_from_slice(own);
+        // From the first row on, here, too.
+        let [before, after] = [i, (i + 1).min(halves - 1)].map(|s| &scratch[s * n..(s + 1) * n]);
+        let (own, target) = (rows.row(halves + i), rows.row(2 * i + 1));
+        move_row(samples, own, target, before, after, |x, b, a| x.wrapping_add(predicted(b, a)));
     }
+    scratch.chunks_exact(n).enumerate().for_each(|(i, row)| samples[rows.row(2 * i)].copy_from_slice(row));
 }
 
 /// Differences along x, y and z.
