@@ -20,7 +20,7 @@ readonly MIN_FREE_GB=10
 readonly FUZZ_SECONDS="${FUZZ_SECONDS:-8}"
 readonly FUZZ_SEED=1
 readonly SOAK_MINUTES="${SOAK_MINUTES:-3}"
-readonly FUZZ_TARGETS=(container codec_raw codec_rle codec_zstd segy nrrd metaimage nifti npy)
+readonly FUZZ_TARGETS=(container codec_raw codec_rle codec_zstd codec_wavelet segy nrrd metaimage nifti npy)
 
 started=$SECONDS
 work="$(mktemp -d)"

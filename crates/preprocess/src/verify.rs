@@ -18,6 +18,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
 use supervol_format::codec::quantize::Quantizer;
+use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
 use supervol_format::container::validate::{check_brick, check_coverage};
 use supervol_format::{BrickKey, Container, Level, Lod, ValueRange};
 
@@ -101,7 +102,8 @@ impl Plan {
         let brick = largest_brick_bytes(pyramid, voxel_type);
         let of_finer = |level: &Level| level.factors.iter().map(|&f| u64::from(f)).product::<u64>();
         let finer = pyramid.levels().iter().skip(1).map(of_finer).max().unwrap_or(0);
-        let per_thread = (BRICKS_AT_HAND + finer) * brick + HISTOGRAM_BYTES;
+        let wavelets = DECODING_BYTES_PER_VOXEL as u64 * brick / voxel_type.bytes() as u64;
+        let per_thread = (BRICKS_AT_HAND + finer) * brick + wavelets + HISTOGRAM_BYTES;
         let fixed = |threads: usize| threads as u64 * per_thread + HISTOGRAM_BYTES;
         let needed = fixed(1).max(pyramid.brick_count() * COVERAGE_BYTES);
         if memory_bytes < needed {

@@ -109,7 +109,7 @@ impl Quantizer {
     pub(crate) fn exact_index<V: Voxel>(self, voxel: V) -> Option<i32> {
         let index = self.index(voxel);
         let same = bytemuck::bytes_of(&self.voxel::<V>(index)) == bytemuck::bytes_of(&voxel);
-        (same && index.abs() <= INDEX_LIMIT).then_some(index)
+        (same && index.unsigned_abs() <= INDEX_LIMIT as u32).then_some(index)
     }
 
     fn snapped<V: Voxel>(self, voxel: V, absence: Absence) -> V {
@@ -200,6 +200,13 @@ mod tests {
                 assert_eq!(quantizer.exact_index(moved).map(|i| quantizer.voxel(i)), Some(moved));
             }
         }
+    }
+
+    #[test]
+    fn what_is_too_large_has_no_index() {
+        let [least, greatest] = [i32::MIN, i32::MAX].map(|v| Quantizer::WHOLE.exact_index(v));
+        assert_eq!([least, greatest, Quantizer::WHOLE.exact_index(u32::MAX)], [None; 3]);
+        assert_eq!(Quantizer::WHOLE.exact_index(-INDEX_LIMIT), Some(-INDEX_LIMIT));
     }
 
     #[test]

@@ -107,13 +107,13 @@ impl Classifier {
         }
     }
 
-    /// Whether drawing the brick keeps the picture within the error asked for, by a bound: always for level 0, never for
-    /// a level that was asked for, nor for a brick that a rule of thumb lets pass or that stands in for a child.
+    /// Whether drawing the brick keeps the picture within the error asked for, by a bound: for level 0 where its voxels are
+    /// the source's, never for a level that was asked for, nor for a brick that a rule of thumb lets pass or that stands in for a child.
     #[must_use]
     pub fn has_bound(&self, key: BrickKey, entry: &BrickEntry, may_have_holes: impl FnOnce() -> bool) -> bool {
         let verdict = self.levels.as_ref().map(|levels| levels.bounded_verdict(key, entry));
         match verdict {
-            _ if key.lod() == Lod::FINEST => true,
+            _ if key.lod() == Lod::FINEST => entry.error == 0.0,
             None | Some(Verdict::TooCoarse) => false,
             Some(Verdict::Fine) => true,
             Some(Verdict::FineWithoutHoles) => !may_have_holes(),
@@ -244,6 +244,7 @@ mod tests {
                 scale: -1.0,
                 offset: 255.0,
                 value_range: VALUES,
+                voxel_error: 0.0,
             };
             let lod = LodRule::new(LodChoice::Auto { voxel_pixels: 1.0 }, &scene.camera, &Geometry::IDENTITY);
             let levels = LevelsByError::new(&scene, &data, lod, 0.5 / 255.0);

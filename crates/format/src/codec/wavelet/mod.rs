@@ -36,6 +36,12 @@ use crate::brick::APRON;
 use crate::voxel_type::{Absence, Voxel};
 use crate::with_voxel;
 
+/// Most bytes that encoding takes for each voxel, whatever its type, beside the voxels and the payload: holes, coefficients of
+/// either transform, those of a chunk, tokens and bits.
+pub const ENCODING_BYTES_PER_VOXEL: usize = 4 + 2 * 4 + 4 + 1 + 4;
+/// The same of decoding: holes, coefficients, those of a chunk, tokens and bits.
+pub const DECODING_BYTES_PER_VOXEL: usize = 4 + 4 + 4 + 1 + 4;
+
 /// Bands are gathered until they have so many coefficients.
 const CHUNK_COEFFICIENTS: usize = 4096;
 /// Level of Zstandard: the tokens are left to its Huffman coder, higher levels find little more.
