@@ -86,7 +86,7 @@ impl Quantizer {
         } else if self.step == 1.0 {
             V::from_whole(i64::from(index))
         } else {
-            V::from_whole(i64::from(index) * self.step as i64)
+            V::from_whole(i64::from(index).saturating_mul(self.step as i64))
         }
     }
 
@@ -200,6 +200,16 @@ mod tests {
                 assert_eq!(quantizer.exact_index(moved).map(|i| quantizer.voxel(i)), Some(moved));
             }
         }
+    }
+
+    #[test]
+    fn the_longest_step_and_the_greatest_index_stay_within_the_type() {
+        let quantizer = Quantizer::within(VoxelType::U32, f64::MAX).expect("a positive error");
+        assert_eq!([i32::MIN, 0, i32::MAX].map(|i| quantizer.voxel::<u32>(i)), [0, 0, u32::MAX]);
+        let longer = quantizer.step() + 2.0;
+        let refused =
+            [(VoxelType::U32, longer), (VoxelType::U8, 1.5), (VoxelType::F32, 0.0), (VoxelType::F64, f64::NAN)];
+        assert!(refused.into_iter().all(|(voxel_type, step)| Quantizer::new(voxel_type, step).is_none()));
     }
 
     #[test]

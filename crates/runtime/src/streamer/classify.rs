@@ -257,7 +257,8 @@ mod tests {
             assert_eq!(automatic.classify_drawn(&wrong), Class::Load, "where it stands in for a child");
             let exact = BrickEntry { error: 0.0, ..wrong };
             let has_bound = |lod, entry: &BrickEntry| automatic.has_bound(key(lod), entry, || false);
-            assert!(has_bound(fine, &wrong) && has_bound(coarse, &exact) && !has_bound(coarse, &wrong));
+            assert!(has_bound(fine, &exact) && has_bound(coarse, &exact) && !has_bound(coarse, &wrong));
+            assert!(!has_bound(fine, &wrong), "its voxels were moved");
             assert_eq!([true, false].map(|holes| class(coarse, &exact, holes)), [Class::TooCoarse, Class::Load]);
             // Stored values above 55 are invisible, and so are those beneath: neither errors nor holes matter.
             let clear = BrickEntry { error: 190.0, ..entry(60.0, 250.0) };

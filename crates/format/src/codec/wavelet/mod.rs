@@ -36,14 +36,16 @@ use crate::brick::APRON;
 use crate::voxel_type::{Absence, Voxel};
 use crate::with_voxel;
 
-/// Most bytes that encoding takes for each voxel, whatever its type, beside the voxels and the payload: holes, coefficients of
-/// either transform, those of a chunk, tokens and bits.
+/// Most bytes that encoding takes for each voxel, whatever its type, beside the voxels and the payload: holes, coefficients with
+/// and without layers that repeat, those of a chunk, tokens and bits.
 pub const ENCODING_BYTES_PER_VOXEL: usize = 4 + 2 * 4 + 4 + 1 + 4;
 /// The same of decoding: holes, coefficients, those of a chunk, tokens and bits.
 pub const DECODING_BYTES_PER_VOXEL: usize = 4 + 4 + 4 + 1 + 4;
 
 /// Bands are gathered until they have so many coefficients.
 const CHUNK_COEFFICIENTS: usize = 4096;
+/// Voxels along each axis of the part that decides between transforms.
+const PROBED: usize = 32;
 /// Level of Zstandard: the tokens are left to its Huffman coder, higher levels find little more.
 const LEVEL: i32 = 1;
 const HEAD_BYTES: usize = 10;
@@ -113,6 +115,10 @@ impl Repeats {
         }))
     }
 
+    fn and(self, other: Self) -> Self {
+        Self(std::array::from_fn(|axis| [0, 1].map(|end| self.0[axis][end] && other.0[axis][end])))
+    }
+
     fn bits(self) -> u8 {
         self.0.as_flattened().iter().enumerate().map(|(i, &set)| u8::from(set) << i).sum()
     }
@@ -167,16 +173,14 @@ fn encode_typed<V: Voxel>(
     limit: usize,
 ) -> Result<Option<Vec<u8>>, CodecError> {
     let Some(quantizer) = step.or_else(|| common_step(voxels, absence)) else { return Ok(None) };
-    let Some(Indices { mut samples, holes }) = Indices::of(voxels, quantizer, absence) else { return Ok(None) };
-    let mask = holes.as_ref().map(|holes| &holes.1);
-    let of_mask = |mask: &Vec<i32>| Repeats::of(mask, extent).0;
-    let mut repeats = Repeats::of(&samples, extent);
-    if let Some(of_mask) = mask.map(of_mask) {
-        repeats.0.as_flattened_mut().iter_mut().zip(of_mask.as_flattened()).for_each(|(a, b)| *a &= b);
-    }
-    let (from, coded) = repeats.coded(extent);
-    samples = cut(&samples, extent, Band { start: from, end: std::array::from_fn(|a| from[a] + coded[a]) });
-    let (transform, coefficients) = better(samples, coded);
+    let Some(Indices { samples, holes }) = Indices::of(voxels, quantizer, absence) else { return Ok(None) };
+    let of_samples = Repeats::of(&samples, extent);
+    let repeats = holes.iter().fold(of_samples, |repeats, (_, mask)| repeats.and(Repeats::of(mask, extent)));
+    let (start, coded) = repeats.coded(extent);
+    let part = Band { start, end: std::array::from_fn(|a| start[a] + coded[a]) };
+    let mut samples = cut(&samples, extent, part);
+    let transform = choose(&samples, coded);
+    transform.apply(&mut samples, coded);
 
     let mut payload = vec![transform as u8, repeats.bits()];
     payload.extend(quantizer.step().to_le_bytes());
@@ -184,13 +188,13 @@ fn encode_typed<V: Voxel>(
     if let Some((fill, mask)) = holes {
         writer.payload[1] |= FLAG_HOLES;
         writer.payload.extend(fill.to_le_bytes());
-        let mut mask = cut(&mask, extent, Band { start: from, end: std::array::from_fn(|a| from[a] + coded[a]) });
+        let mut mask = cut(&mask, extent, part);
         Transform::Differences.apply(&mut mask, coded);
         if !writer.push_all(Transform::Differences, &mask, coded)? {
             return Ok(None);
         }
     }
-    Ok(writer.push_all(transform, &coefficients, coded)?.then_some(writer.payload))
+    Ok(writer.push_all(transform, &samples, coded)?.then_some(writer.payload))
 }
 
 /// Indices of voxels.
@@ -252,17 +256,17 @@ fn rows_of(part: Band, extent: [usize; 3]) -> impl Iterator<Item = std::ops::Ran
     })
 }
 
-/// The transform whose coefficients take less room, as far as their mean sizes tell.
-fn better(samples: Vec<i32>, extent: [usize; 3]) -> (Transform, Vec<i32>) {
-    let mut differences = samples.clone();
-    Transform::Differences.apply(&mut differences, extent);
-    let mut lifted = samples;
-    Transform::Lifting.apply(&mut lifted, extent);
-    if estimate(Transform::Lifting, &lifted, extent) < estimate(Transform::Differences, &differences, extent) {
-        (Transform::Lifting, lifted)
-    } else {
-        (Transform::Differences, differences)
-    }
+/// The transform whose coefficients take less room, as far as their mean sizes in the middle of the box tell.
+fn choose(samples: &[i32], extent: [usize; 3]) -> Transform {
+    let start = extent.map(|n| n.saturating_sub(PROBED) / 2);
+    let middle = Band { start, end: std::array::from_fn(|a| start[a] + extent[a].min(PROBED)) };
+    let probe = cut(samples, extent, middle);
+    let bits = |transform: Transform| {
+        let mut coefficients = probe.clone();
+        transform.apply(&mut coefficients, middle.extent());
+        estimate(transform, &coefficients, middle.extent())
+    };
+    if bits(Transform::Lifting) < bits(Transform::Differences) { Transform::Lifting } else { Transform::Differences }
 }
 
 /// Bits that the coefficients take if those of each slice of a band have a geometric distribution.
@@ -462,5 +466,119 @@ impl Places {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::VoxelType;
+
+    const NODATA: Absence = Absence { nodata: Some(-999.0) };
+
+    fn shape(extent: [usize; 3]) -> BrickShape {
+        BrickShape { voxel_type: VoxelType::F32, extent }
+    }
+
+    /// A brick of floats by their places.
+    fn brick(extent: [usize; 3], value: impl Fn([usize; 3]) -> f32) -> Vec<u8> {
+        let places = (0..extent.iter().product())
+            .map(|i: usize| [i % extent[0], i / extent[0] % extent[1], i / (extent[0] * extent[1])]);
+        places.flat_map(|p| value(p).to_le_bytes()).collect()
+    }
+
+    fn encode(extent: [usize; 3], voxels: &[u8], step: Option<Quantizer>) -> Option<Vec<u8>> {
+        encode_if_smaller(shape(extent), voxels, NODATA, step, usize::MAX).expect("encoding needs only memory")
+    }
+
+    fn round_trip(extent: [usize; 3], voxels: &[u8], step: Option<Quantizer>) -> Vec<u8> {
+        let payload = encode(extent, voxels, step).expect("voxels are multiples of a step");
+        let mut out = vec![0xa5; voxels.len()];
+        decode_into(shape(extent), &payload, &mut out).expect("what was encoded decodes");
+        assert!(out == voxels, "{extent:?}");
+        payload
+    }
+
+    /// Whole numbers, none of which is a hole or -0.
+    fn wave([x, y, z]: [usize; 3]) -> f32 {
+        (1000.0 * ((0.3 * x as f32).sin() + (0.2 * y as f32).cos() + 0.1 * z as f32)).round() + 5000.0
+    }
+
+    #[test]
+    fn layers_that_repeat_cost_nothing() {
+        let section = |n: usize| brick([40, n, 40], |[x, _, z]| wave([x, 0, z]));
+        let [one, five] = [1, 5].map(|n| round_trip([40, n, 40], &section(n), None).len());
+        assert!(five <= one, "one layer takes {one} bytes, five that are the same {five}");
+        // At one end only, and where only some layers of the apron repeat.
+        let clamped = |low: usize, high: usize| brick([20, 21, 22], move |[x, y, z]| wave([x.clamp(low, high), y, z]));
+        let repeats = |payload: Vec<u8>| payload[1];
+        assert_eq!(repeats(round_trip([20, 21, 22], &clamped(2, 99), None)), 0b01);
+        assert_eq!(repeats(round_trip([20, 21, 22], &clamped(0, 17), None)), 0b10);
+        assert_eq!(repeats(round_trip([20, 21, 22], &clamped(1, 18), None)), 0);
+    }
+
+    #[test]
+    fn holes_come_back_if_they_are_all_alike() {
+        let extent = [20, 20, 20];
+        let with = |hole: fn(usize) -> f32| {
+            brick(extent, move |p| if p[0] < 7 || p[1] * p[2] % 11 == 3 { hole(p[2]) } else { wave(p) })
+        };
+        for hole in [(|_| f32::NAN) as fn(usize) -> f32, |_| -999.0, |_| f32::NEG_INFINITY] {
+            round_trip(extent, &with(hole), None);
+        }
+        assert_eq!(encode(extent, &with(|z| if z < 9 { f32::NAN } else { -999.0 }), None), None);
+    }
+
+    #[test]
+    fn what_is_no_multiple_is_not_coded() {
+        let extent = [8, 8, 8];
+        assert_eq!(encode(extent, &brick(extent, |[x, y, z]| 0.1f32.powi((x + y * z) as i32)), None), None);
+        let halves = brick(extent, |p| wave(p) + 0.5);
+        assert_eq!(encode(extent, &halves, Some(Quantizer::WHOLE)), None);
+        let step = round_trip(extent, &halves, None)[2..10].try_into().expect("eight bytes");
+        assert_eq!(f64::from_le_bytes(step), 0.5);
+        assert_eq!(encode(extent, &brick(extent, |p| if p == [3, 3, 3] { -0.0 } else { wave(p) }), None), None);
+    }
+
+    #[test]
+    fn stored_bytes_stay_as_they_are() {
+        let shape = BrickShape { voxel_type: VoxelType::U8, extent: [4, 1, 1] };
+        let payload = encode_if_smaller(shape, &[105, 105, 105, 104], Absence::NON_FINITE_ONLY, None, usize::MAX);
+        let payload = payload.expect("encoding needs only memory").expect("integers are whole numbers");
+        let mut out = [0; 4];
+        decode_into(shape, &payload, &mut out).expect("what was encoded decodes");
+        assert_eq!(out, [105, 105, 105, 104]);
+        // Differences 105, 0, 0, -1: zigzag 210, of which the lowest five bits are beside; a run of 2; zigzag 1.
+        let (head, chunk) = payload.split_at(HEAD_BYTES);
+        assert_eq!(head, [0, 0, 0, 0, 0, 0, 0, 0, 0xf0, 0x3f]);
+        let frame_bytes = usize::from(chunk[4]);
+        assert_eq!((chunk[0], chunk[8], chunk.len()), (3, 1, 12 + frame_bytes + 1));
+        let tokens = ::zstd::bulk::decompress(&chunk[12..12 + frame_bytes], 3).expect("a frame");
+        assert_eq!(tokens, [128 + 4 + 2, 1, 64]);
+        assert_eq!(chunk[12 + frame_bytes..], [17]);
+    }
+
+    #[test]
+    fn wrong_heads_and_lengths_are_refused_by_name() {
+        let extent = [9, 9, 9];
+        let good = round_trip(extent, &brick(extent, wave), None);
+        let said = |change: &dyn Fn(&mut Vec<u8>)| {
+            let mut payload = good.clone();
+            change(&mut payload);
+            let refused = decode_into(shape(extent), &payload, &mut vec![0; 9 * 9 * 9 * 4]);
+            refused.expect_err("it is none that is written").to_string()
+        };
+        assert!(said(&|p| p.truncate(9)).contains("at least 10"));
+        assert!(said(&|p| p[0] = 2).contains("transform 2"));
+        assert!(said(&|p| p[1] |= 0x80).contains("flags"));
+        assert!(!said(&|p| p[1] |= FLAG_HOLES).is_empty());
+        assert!(said(&|p| p[2..10].copy_from_slice(&(-1.0f64).to_le_bytes())).contains("step -1"));
+        assert!(said(&|p| p[10..14].fill(0xff)).contains("coefficients"));
+        assert!(said(&|p| p.push(0)).contains("behind the last chunk"));
+        assert!(said(&|p| p.truncate(p.len() - 1)).contains("cut short"));
+        // A line has no layers of apron.
+        let line = BrickShape { voxel_type: VoxelType::F32, extent: [4, 1, 1] };
+        let flags = decode_into(line, &[&[0, 1][..], &1f64.to_le_bytes()].concat(), &mut [0; 16]);
+        assert!(flags.is_err_and(|e| e.to_string().contains("flags")));
     }
 }
