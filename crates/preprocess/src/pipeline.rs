@@ -89,6 +89,9 @@ impl Default for BuildOptions {
 /// Receives progress; may be called from any thread, many times a second.
 pub type OnProgress<'a> = &'a (dyn Fn(Progress) + Sync);
 
+/// Reads a box of the source's voxels.
+type ReadSource<'a> = &'a (dyn Fn(VoxelBox, &mut [u8]) -> Result<(), BuildError> + Sync);
+
 /// Builds a container from a source.
 ///
 /// `origin` names the source in the manifest.
@@ -308,11 +311,7 @@ impl Build<'_> {
         self.writer.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn write_finest(
-        &self,
-        tiles: &[Tile],
-        read_source: &(dyn Fn(VoxelBox, &mut [u8]) -> Result<(), BuildError> + Sync),
-    ) -> Result<LevelReport, BuildError> {
+    fn write_finest(&self, tiles: &[Tile], read_source: ReadSource<'_>) -> Result<LevelReport, BuildError> {
         let level = *self.descriptor.pyramid.level_at(Lod::FINEST);
         let read = |tile: &Tile| {
             let voxels = tile.voxels(self.options.layout.core(), level.dims, MARGIN);

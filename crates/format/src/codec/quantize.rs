@@ -13,7 +13,7 @@ use crate::voxel_type::{Absence, Voxel};
 use crate::{VoxelType, with_voxel};
 
 /// Significant bits of a float's step; the step is less than a sixteenth shorter than twice the error that is allowed.
-const STEP_BITS: u32 = 5;
+pub const STEP_BITS: u32 = 5;
 /// Greatest index of a single: its product with a step has the 24 bits that singles have.
 const SINGLE_INDEX_LIMIT: i32 = 1 << 19;
 /// Greatest index of all other types: sums of a few in 32 bits do not overflow.

@@ -7,7 +7,7 @@
 //!
 //! | offset | size | meaning |
 //! |---|---|---|
-//! | 0 | 1 | transform: 0 differences, 1 lifting ([`transform`]) |
+//! | 0 | 1 | transform: 0 differences, 1 lifting (`transform.rs`) |
 //! | 1 | 1 | bits 0 to 5: the two layers of apron at the low end of x, its high end, that of y, ... repeat the voxels before them and are not coded; bit 6: there are holes |
 //! | 2 | 8 | f64: the step |
 //! | 10 | 8 | only with holes: the bits of the voxel that stands in each of them |
@@ -19,7 +19,7 @@
 //!
 //! | size | meaning |
 //! |---|---|
-//! | 4 | u32: number of [`tokens`] |
+//! | 4 | u32: number of tokens (`tokens.rs`) |
 //! | 4 | u32: bytes of the Zstandard frame that holds them |
 //! | 4 | u32: bytes of the bits beside them |
 //! | | frame, bits |
@@ -43,7 +43,7 @@ pub const ENCODING_BYTES_PER_VOXEL: usize = 4 + 2 * 4 + 4 + 1 + 4;
 pub const DECODING_BYTES_PER_VOXEL: usize = 4 + 4 + 4 + 1 + 4;
 
 /// Bands are gathered until they have so many coefficients.
-const CHUNK_COEFFICIENTS: usize = 4096;
+pub const CHUNK_COEFFICIENTS: usize = 4096;
 /// Voxels along each axis of the part that decides between transforms.
 const PROBED: usize = 32;
 /// Level of Zstandard: the tokens are left to its Huffman coder, higher levels find little more.

@@ -357,7 +357,7 @@ mod tests {
     #[test]
     fn ramps_leave_no_details() {
         let extent = [17, 17, 17];
-        let ramp: Vec<i32> = (0..17 * 17 * 17).map(|i| (i % 17) as i32 * 2 + (i / 17 % 17) as i32 * 4).collect();
+        let ramp: Vec<i32> = (0..17 * 17 * 17).map(|i| i % 17 * 2 + i / 17 % 17 * 4).collect();
         let mut lifted = ramp.clone();
         lift(&mut lifted, extent);
         let details = lifted.iter().enumerate().filter(|(i, v)| **v != 0 && i % 17 > 8).count();
