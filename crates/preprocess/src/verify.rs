@@ -7,7 +7,8 @@
 //! 5. Coarser voxels are what stands for those of the finer level, by what the manifest says (mean, max, majority), moved to
 //!    the multiples of the container's step if it has one; voxels of level 0 are such multiples.
 //! 6. Each error bound is the largest of its children's plus this level's own greatest difference, or what the value
-//!    ranges allow where that is less ([`brick_error`]): not less, not more.
+//!    ranges allow where that is less ([`brick_error`]): not less, not more. At level 0 it is at most what voxels may have been
+//!    moved by; how far they were, only the source could tell.
 //! 7. What the manifest says of the values (range, percentiles, histogram, count, errors of levels) is what the voxels say.
 //!
 //! Memory: at most `memory_bytes`: for each thread some bricks and those that its coarser brick averages, half a MiB of counts; the

@@ -36,9 +36,9 @@ use crate::brick::APRON;
 use crate::voxel_type::{Absence, Voxel};
 use crate::with_voxel;
 
-/// Most bytes that encoding takes for each voxel, whatever its type, beside the voxels and the payload: holes, coefficients with
-/// and without layers that repeat, those of a chunk, tokens and bits.
-pub const ENCODING_BYTES_PER_VOXEL: usize = 4 + 2 * 4 + 4 + 1 + 4;
+/// Most bytes that encoding takes for each voxel, whatever its type, beside two copies of the voxels and the payload: holes,
+/// coefficients, and then either these without layers that repeat, or tokens and bits.
+pub const ENCODING_BYTES_PER_VOXEL: usize = 4 + 4 + (1 + 4);
 /// The same of decoding: holes, coefficients, those of a chunk, tokens and bits.
 pub const DECODING_BYTES_PER_VOXEL: usize = 4 + 4 + 4 + 1 + 4;
 
@@ -178,7 +178,7 @@ fn encode_typed<V: Voxel>(
     let repeats = holes.iter().fold(of_samples, |repeats, (_, mask)| repeats.and(Repeats::of(mask, extent)));
     let (start, coded) = repeats.coded(extent);
     let part = Band { start, end: std::array::from_fn(|a| start[a] + coded[a]) };
-    let mut samples = cut(&samples, extent, part);
+    let mut samples = cut_off(samples, extent, part);
     let transform = choose(&samples, coded);
     transform.apply(&mut samples, coded);
 
@@ -188,7 +188,7 @@ fn encode_typed<V: Voxel>(
     if let Some((fill, mask)) = holes {
         writer.payload[1] |= FLAG_HOLES;
         writer.payload.extend(fill.to_le_bytes());
-        let mut mask = cut(&mask, extent, part);
+        let mut mask = cut_off(mask, extent, part);
         Transform::Differences.apply(&mut mask, coded);
         if !writer.push_all(Transform::Differences, &mask, coded)? {
             return Ok(None);
@@ -245,6 +245,11 @@ fn cut(samples: &[i32], extent: [usize; 3], part: Band) -> Vec<i32> {
     out
 }
 
+/// Part of a box of which nothing else is needed.
+fn cut_off(samples: Vec<i32>, extent: [usize; 3], part: Band) -> Vec<i32> {
+    if part.extent() == extent { samples } else { cut(&samples, extent, part) }
+}
+
 /// The rows of a part in its box.
 fn rows_of(part: Band, extent: [usize; 3]) -> impl Iterator<Item = std::ops::Range<usize>> {
     let Band { start, end } = part;
@@ -296,10 +301,11 @@ impl ChunkWriter {
         let mut gathered = Vec::new();
         for chunk in transform.chunks(extent) {
             gathered.clear();
-            for band in chunk {
+            let is_whole_box = chunk.iter().any(|band| band.extent() == extent);
+            for band in chunk.into_iter().filter(|_| !is_whole_box) {
                 rows_of(band, extent).for_each(|row| gathered.extend_from_slice(&coefficients[row]));
             }
-            let Tokens { tokens, bits } = Tokens::of(&gathered);
+            let Tokens { tokens, bits } = Tokens::of(if is_whole_box { coefficients } else { &gathered });
             let frame =
                 ::zstd::bulk::compress(&tokens, LEVEL).map_err(|e| CodecError::Zstd { reason: e.to_string() })?;
             for length in [tokens.len(), frame.len(), bits.len()] {
