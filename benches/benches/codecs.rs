@@ -11,7 +11,7 @@ use supervol_preprocess::source::synthetic::Synthetic;
 
 const EXTENT: u64 = 68;
 const TYPES: [VoxelType; 3] = [VoxelType::U8, VoxelType::I16, VoxelType::F32];
-const CODECS: [Codec; 3] = [Codec::Raw, Codec::Rle, Codec::Zstd];
+const CODECS: [Codec; 4] = [Codec::Raw, Codec::Rle, Codec::Zstd, Codec::Wavelet];
 
 fn brick(voxel_type: VoxelType) -> (BrickShape, Vec<u8>) {
     let dims = Dims([EXTENT; 3]);
@@ -22,7 +22,7 @@ fn brick(voxel_type: VoxelType) -> (BrickShape, Vec<u8>) {
     (shape, voxels)
 }
 
-#[divan::bench(args = TYPES, consts = [0, 1, 2])]
+#[divan::bench(args = TYPES, consts = [0, 1, 2, 3])]
 fn decode<const CODEC: usize>(bencher: Bencher<'_, '_>, voxel_type: &VoxelType) {
     let (shape, voxels) = brick(*voxel_type);
     let (codec, payload) =

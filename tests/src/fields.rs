@@ -10,7 +10,7 @@ use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::source::computed::Computed;
 use supervol_preprocess::source::{SourceError, SourceInfo, VolumeSource};
-use supervol_preprocess::{BuildError, BuildOptions, Existing, build};
+use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError, build};
 
 use crate::mix;
 
@@ -143,6 +143,7 @@ pub fn options(core: u32) -> BuildOptions {
     BuildOptions {
         layout: BrickLayout::new(core).expect("tests use one of the core sizes"),
         codec: CodecChoice::Smallest,
+        max_error: MaxError::Exact,
         lod_axes: LodAxes::Xyz,
         reduce: Some(Reduce::Mean),
         memory_bytes: 1 << 30,

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use supervol_format::codec::{BrickShape, Codec, CodecChoice};
+use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::checksum;
 use supervol_format::container::header::{self, Sections};
 use supervol_format::container::manifest::Manifest;
@@ -87,15 +87,13 @@ impl Forge {
         let old = self.entry(key);
         assert_eq!(old.codec, Codec::Raw, "only raw bricks keep their length");
         let descriptor = self.original.descriptor();
-        let shape = BrickShape { voxel_type: descriptor.voxel_type, extent: descriptor.pyramid.stored_extent(key) };
         let beneath = self
             .original
             .pyramid()
             .children(key)
             .fold(ValueRange::EMPTY, |range, child| range.union(self.entry(child).range_beneath));
         let raw = CodecChoice::Only(Codec::Raw);
-        let sealed =
-            seal_brick(key, shape, voxels, descriptor.absence, raw, beneath, old.error).expect("raw needs nothing");
+        let sealed = seal_brick(descriptor, key, voxels, raw, beneath, old.error).expect("raw needs nothing");
         let start = old.offset as usize;
         self.bytes[start..start + sealed.record.len()].copy_from_slice(&sealed.record);
         let entry = BrickEntry { offset: old.offset, checksum: checksum(&sealed.record), ..sealed.entry };

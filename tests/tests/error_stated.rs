@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use supervol_format::{Lod, VoxelType};
 use supervol_preprocess::source::VolumeSource;
+use supervol_preprocess::{BuildOptions, MaxError};
 use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::image::{GREY_LEVELS, Image, greatest};
 use supervol_runtime::renderer::Renderer;
@@ -145,4 +146,42 @@ fn unfinished_pictures_state_what_they_do_not_know() {
     let (_, _, whole) = stated(&subject, &scene, LevelChoice::Auto, Some(Duration::from_secs(60)));
     let whole = whole.error_stated.unwrap();
     assert!(whole.pixels_unknown == 0 && whole.largest_grey_levels < 4.0, "{whole:?}");
+}
+
+/// Voxels that were moved to make the container smaller count: what is stated is held against the source's own.
+#[test]
+fn moved_voxels_are_part_of_what_is_stated() {
+    let field = waves();
+    let exact = Subject::new("waves", &field as &dyn VolumeSource, &options(16));
+    let bounded = BuildOptions { max_error: MaxError::Percent(2.0), ..options(16) };
+    let moved = Subject::new("moved", &field as &dyn VolumeSource, &bounded);
+    let bound = moved.container.descriptor().voxel_error();
+    assert!(bound > 0.0 && exact.container.descriptor().voxel_error() == 0.0);
+    let mut random = Random::new(11);
+    let mut largest_of_all = 0.0f64;
+    for mode in [
+        r#""mode": "dvr""#,
+        r#""mode": "dvr", "shading": {}"#,
+        r#""mode": "mip""#,
+        r#""mode": "minip""#,
+        r#""mode": "mean""#,
+    ] {
+        for _ in 0..6 {
+            let function = random_function(&mut random, &exact);
+            let scene = exact.scene(&[&exact.outside(), SIZE, &function, mode]);
+            let reference = exact.finest(&scene, Backend::Reference);
+            for level in [LevelChoice::Auto, LevelChoice::Fixed(Lod(0)), LevelChoice::Fixed(Lod(1))] {
+                let (picture, errors, stats) = stated(&moved, &scene, level, None);
+                let (beyond, largest) = beyond(&picture, &reference, &errors);
+                let said = stats.error_stated.expect("packets state their error");
+                assert!(beyond <= REFERENCE, "{mode}, {level:?}: {beyond} above, {said:?}; {function}");
+                assert!(!said.presence_may_change, "{said:?}");
+                if level == LevelChoice::Fixed(Lod(0)) {
+                    largest_of_all = largest_of_all.max(largest);
+                    assert!(stats.error_bound > 0.0 && stats.error_bound <= bound, "{}", stats.error_bound);
+                }
+            }
+        }
+    }
+    assert!(largest_of_all > 4.0, "pictures of moved voxels are off by at most {largest_of_all}: nothing is tested");
 }

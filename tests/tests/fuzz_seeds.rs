@@ -53,6 +53,11 @@ fn codec_zstd() {
 }
 
 #[test]
+fn codec_wavelet() {
+    run("codec_wavelet");
+}
+
+#[test]
 fn segy() {
     run("segy");
 }

@@ -43,6 +43,7 @@ fn all_codecs_decode_to_the_same_voxels() {
         CodecChoice::Only(Codec::Raw),
         CodecChoice::Only(Codec::Rle),
         CodecChoice::Only(Codec::Zstd),
+        CodecChoice::Only(Codec::Wavelet),
     ];
     for content in [Content::Noise, Content::Shells, Content::Holes] {
         for voxel_type in VoxelType::ALL {

@@ -58,6 +58,12 @@ impl ValueRange {
         Self { min: ends[0].min(ends[1]), max: ends[0].max(ends[1]) }
     }
 
+    /// Wider by this on either side; nothing stays nothing.
+    #[must_use]
+    pub fn widened(self, by: f64) -> Self {
+        if self.is_empty() { self } else { Self { min: self.min - by, max: self.max + by } }
+    }
+
     /// `max - min`, or 0 where nothing is present.
     #[must_use]
     pub fn width(self) -> f64 {

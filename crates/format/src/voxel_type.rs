@@ -107,6 +107,8 @@ pub trait Voxel: bytemuck::Pod + PartialEq + PartialOrd + Send + Sync + 'static 
     fn to_f64(self) -> f64;
     /// The nearest value of this type (ties to even, saturating); NaN becomes 0 for integers.
     fn from_f64(value: f64) -> Self;
+    /// The nearest value of this type to a whole number (saturating; floats: ties to even).
+    fn from_whole(value: i64) -> Self;
     /// Reads one voxel from exactly `size_of::<Self>()` little-endian bytes.
     fn read_le(bytes: &[u8]) -> Self;
     /// Writes the voxel as little-endian bytes.
@@ -114,7 +116,7 @@ pub trait Voxel: bytemuck::Pod + PartialEq + PartialOrd + Send + Sync + 'static 
 }
 
 macro_rules! voxel {
-    ($t:ty, $tag:ident, |$v:ident| $from:expr) => {
+    ($t:ty, $tag:ident, |$v:ident| $from:expr, |$w:ident| $from_whole:expr) => {
         impl Voxel for $t {
             const TYPE: VoxelType = VoxelType::$tag;
             #[inline]
@@ -124,6 +126,10 @@ macro_rules! voxel {
             #[inline]
             fn from_f64($v: f64) -> Self {
                 $from
+            }
+            #[inline]
+            fn from_whole($w: i64) -> Self {
+                $from_whole
             }
             #[inline]
             fn read_le(bytes: &[u8]) -> Self {
@@ -137,14 +143,14 @@ macro_rules! voxel {
     };
 }
 // `as` from float to integer saturates and maps NaN to 0, which is what the contract above says.
-voxel!(u8, U8, |v| v.round_ties_even() as u8);
-voxel!(i8, I8, |v| v.round_ties_even() as i8);
-voxel!(u16, U16, |v| v.round_ties_even() as u16);
-voxel!(i16, I16, |v| v.round_ties_even() as i16);
-voxel!(u32, U32, |v| v.round_ties_even() as u32);
-voxel!(i32, I32, |v| v.round_ties_even() as i32);
-voxel!(f32, F32, |v| v as f32);
-voxel!(f64, F64, |v| v);
+voxel!(u8, U8, |v| v.round_ties_even() as u8, |w| w.clamp(i64::from(u8::MIN), i64::from(u8::MAX)) as u8);
+voxel!(i8, I8, |v| v.round_ties_even() as i8, |w| w.clamp(i64::from(i8::MIN), i64::from(i8::MAX)) as i8);
+voxel!(u16, U16, |v| v.round_ties_even() as u16, |w| w.clamp(i64::from(u16::MIN), i64::from(u16::MAX)) as u16);
+voxel!(i16, I16, |v| v.round_ties_even() as i16, |w| w.clamp(i64::from(i16::MIN), i64::from(i16::MAX)) as i16);
+voxel!(u32, U32, |v| v.round_ties_even() as u32, |w| w.clamp(i64::from(u32::MIN), i64::from(u32::MAX)) as u32);
+voxel!(i32, I32, |v| v.round_ties_even() as i32, |w| w.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32);
+voxel!(f32, F32, |v| v as f32, |w| w as f32);
+voxel!(f64, F64, |v| v, |w| w as f64);
 
 /// Calls a generic function once for the Rust type behind a [`VoxelType`]: `with_voxel!(t, V => f::<V>(x))`.
 #[macro_export]

@@ -86,10 +86,17 @@ fn points(c0: u64, c1: u64, factor: u32) -> Vec<f64> {
 
 /// The bound of a brick: what its children may be off from level 0, and this level from them; but no more than the two
 /// can be apart at all, given the range of the brick itself and that of everything beneath it. Never less than a
-/// child's, so that refining never raises the bound.
+/// child's, so that refining never raises the bound. Source voxels are as far outside the range beneath as they were moved:
+/// by `voxel_error` at most.
 #[must_use]
-pub fn brick_error(children_error: f64, step_error: f64, own: ValueRange, beneath: ValueRange) -> f64 {
-    let apart = (own.max - beneath.min).max(beneath.max - own.min).next_up();
+pub fn brick_error(
+    children_error: f64,
+    step_error: f64,
+    own: ValueRange,
+    beneath: ValueRange,
+    voxel_error: f64,
+) -> f64 {
+    let apart = ((own.max - beneath.min).max(beneath.max - own.min) + voxel_error).next_up();
     children_error.max((children_error + step_error).min(apart))
 }
 
@@ -348,12 +355,15 @@ mod tests {
     #[test]
     fn a_brick_s_bound_is_the_sum_of_steps_but_no_more_than_ranges_allow() {
         let range = |min, max| ValueRange { min, max };
-        assert_eq!(brick_error(3.0, 2.0, range(0.0, 10.0), range(0.0, 10.0)), 5.0);
-        let capped = brick_error(90.0, 80.0, range(20.0, 70.0), range(0.0, 100.0));
+        assert_eq!(brick_error(3.0, 2.0, range(0.0, 10.0), range(0.0, 10.0), 0.0), 5.0);
+        let capped = brick_error(90.0, 80.0, range(20.0, 70.0), range(0.0, 100.0), 0.0);
         assert!((90.0..90.0 + 1e-9).contains(&capped), "{capped}");
-        let capped = brick_error(10.0, 80.0, range(20.0, 70.0), range(0.0, 100.0));
+        let capped = brick_error(10.0, 80.0, range(20.0, 70.0), range(0.0, 100.0), 0.0);
         assert!((80.0..80.0 + 1e-9).contains(&capped), "{capped}");
-        assert_eq!(brick_error(1.0, 0.0, ValueRange::EMPTY, ValueRange::EMPTY), 1.0);
+        // The source's voxels are farther out, by as much as they were moved.
+        let moved = brick_error(10.0, 80.0, range(20.0, 70.0), range(0.0, 100.0), 5.0);
+        assert!((85.0..85.001).contains(&moved), "{moved}");
+        assert_eq!(brick_error(1.0, 0.0, ValueRange::EMPTY, ValueRange::EMPTY, 0.0), 1.0);
     }
 
     #[test]

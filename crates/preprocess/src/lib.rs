@@ -7,6 +7,7 @@
 //! Nothing here touches a GPU. Memory is a number of bytes given by the caller ([`memory`]). The same input and options
 //! give the same bytes, whatever the number of threads.
 
+pub mod bounded;
 pub mod bricker;
 pub mod downsample;
 pub mod error;
@@ -28,6 +29,7 @@ pub mod source;
 pub mod statistics;
 pub mod verify;
 
+pub use bounded::MaxError;
 pub use error::BuildError;
 pub use output::Existing;
 pub use pipeline::{BuildOptions, build};

@@ -3,7 +3,7 @@
 //! | part | bytes |
 //! |---|---|
 //! | tables | 80 per brick, until the container is finished, and what the source needs |
-//! | workspaces | a quarter of the rest: per thread `WORKSPACE_COPIES` stored bricks (cut, predicted, byte planes, encoded, ...) |
+//! | workspaces | a quarter of the rest: per thread `WORKSPACE_COPIES` stored bricks (cut, predicted, byte planes, encoded, ...), or what making wavelets takes if that is more |
 //! | statistics | per thread one histogram of 64 Ki counters, 512 Ki for doubles, and one |
 //! | brick cache | a sixteenth of the whole: decoded bricks of the finer level |
 //! | tiles | the rest: what is read for a tile and made of it ([`tile_bytes`]) |
@@ -12,6 +12,7 @@
 //! which order bricks are written. Where the workspaces do not suffice for all threads, fewer are started.
 
 use supervol_format::brick::APRON;
+use supervol_format::codec::wavelet::ENCODING_BYTES_PER_VOXEL;
 use supervol_format::container::toc::ENTRY_BYTES;
 use supervol_format::readable::Mib;
 use supervol_format::{Level, Pyramid, VoxelType};
@@ -21,6 +22,8 @@ use crate::statistics::Statistics;
 
 /// Stored bricks of scratch memory that one thread may need at once.
 const WORKSPACE_COPIES: u64 = 6;
+/// The same while wavelets are made: cut, as voxels, and two payloads.
+const WAVELET_COPIES: u64 = 4;
 /// What is read for a tile is in memory so many times: while it is read, while the one before is encoded, and the coarser
 /// voxels that are made of it.
 const TILES_IN_FLIGHT: f64 = 2.6;
@@ -57,7 +60,9 @@ impl MemoryPlan {
         let brick = largest_brick_bytes(pyramid, voxel_type);
         let histogram = Statistics::bytes(voxel_type);
         let table = pyramid.brick_count() * ENTRY_BYTES as u64 + source_bytes;
-        let per_thread = WORKSPACE_COPIES * brick + histogram;
+        let voxels = brick / voxel_type.bytes() as u64;
+        let wavelets = WAVELET_COPIES * brick + ENCODING_BYTES_PER_VOXEL as u64 * voxels;
+        let per_thread = wavelets.max(WORKSPACE_COPIES * brick) + histogram;
         let cache_bytes = budget_bytes / 16;
         let smallest = pyramid.levels().iter().enumerate().map(|(lod, level)| {
             let finer = if lod == 0 { [1; 3] } else { level.factors };

@@ -25,6 +25,7 @@ use supervol_format::container::writer::{ContainerWriter, EncodedBrick};
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, ByteSource, Level, Lod, Pyramid, ValueRange, VoxelBox};
 
+use crate::bounded::{MaxError, range_of};
 use crate::bricker::{Tile, cut_brick, key_of, tiles};
 use crate::downsample::{Reduce, VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
@@ -54,6 +55,8 @@ pub struct BuildOptions {
     pub layout: BrickLayout,
     /// Codecs that may be used.
     pub codec: CodecChoice,
+    /// How far voxels may be from the source's; labels are kept as they are.
+    pub max_error: MaxError,
     /// Which axes coarser levels halve.
     pub lod_axes: LodAxes,
     /// What stands for several voxels in coarser levels; `None`: the majority of labels ([`crate::labels`]), the mean of all
@@ -67,12 +70,13 @@ pub struct BuildOptions {
     pub existing: Existing,
 }
 
-/// Bricks of 64, the smallest codec, levels by measurement, 1 GiB, all processors, nothing overwritten.
+/// Bricks of 64, the smallest codec, no error, levels by measurement, 1 GiB, all processors, nothing overwritten.
 impl Default for BuildOptions {
     fn default() -> Self {
         Self {
             layout: BrickLayout::DEFAULT,
             codec: CodecChoice::Smallest,
+            max_error: MaxError::Exact,
             lod_axes: LodAxes::Auto,
             reduce: None,
             memory_bytes: 1 << 30,
@@ -84,6 +88,9 @@ impl Default for BuildOptions {
 
 /// Receives progress; may be called from any thread, many times a second.
 pub type OnProgress<'a> = &'a (dyn Fn(Progress) + Sync);
+
+/// Reads a box of the source's voxels.
+type ReadSource<'a> = &'a (dyn Fn(VoxelBox, &mut [u8]) -> Result<(), BuildError> + Sync);
 
 /// Builds a container from a source.
 ///
@@ -102,23 +109,29 @@ pub fn build(
     // Before the source is sampled; the file itself is begun only once the memory is known to suffice.
     check_free(output, options.existing)?;
     check_distinct(output, source.info().files.iter().map(SourceFile::path))?;
-    let descriptor = describe(source, options)?;
+    let mut descriptor = describe(source, options)?;
     let by_kind = || Ok::<_, BuildError>(if are_labels(source)? { Reduce::Majority } else { Reduce::Mean });
     let reduce = options.reduce.map_or_else(by_kind, Ok)?;
     let source_bytes = source.info().memory_bytes;
-    let (pyramid, voxel_type) = (&descriptor.pyramid, descriptor.voxel_type);
-    let plan = MemoryPlan::new(options.memory_bytes, options.threads, source_bytes, pyramid, voxel_type)?;
+    let voxel_type = descriptor.voxel_type;
+    let plan = MemoryPlan::new(options.memory_bytes, options.threads, source_bytes, &descriptor.pyramid, voxel_type)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(plan.threads)
         .build()
         .map_err(|source| BuildError::Threads { threads: plan.threads, source })?;
+    let order = source.info().access_order;
+    let tiles = tiles_of(&descriptor, plan, order, 0);
+    let read = |voxels, bytes: &mut [u8]| read_source(source, plan, &pool, voxels, bytes);
+    if reduce != Reduce::Majority {
+        descriptor.quantizer = options.max_error.quantizer(&descriptor, || range_of(&descriptor, &tiles, read))?;
+    }
 
     let begun = Begun::new(&Plan {
         output,
         descriptor: &descriptor,
         options,
         identity: identity_of(&descriptor, (source, &origin), (options, reduce), plan),
-        tiles: &|lod| tiles_of(&descriptor, plan, source.info().access_order, lod),
+        tiles: &|lod| tiles_of(&descriptor, plan, order, lod),
         pool: &pool,
     })?;
     let restored: u64 = begun.levels.iter().map(|level| level.report.bricks).sum();
@@ -138,7 +151,7 @@ pub fn build(
         statistics: Mutex::new(begun.statistics),
         counter,
     };
-    let mut levels = vec![build.write_finest(source)?];
+    let mut levels = vec![build.write_finest(&tiles, &read)?];
     check_unchanged(source, &origin)?;
     for lod in 1..descriptor.pyramid.levels().len() {
         levels.push(build.write_coarser(lod)?);
@@ -150,7 +163,7 @@ pub fn build(
     writer.finish(&manifest).map_err(|e| BuildError::write(output, e))?;
     let container_bytes = begun.container.publish()?;
 
-    let mut notes = notes_of(source, (options, reduce), plan);
+    let mut notes = notes_of(source, (options, reduce), plan, &descriptor);
     if restored > 0 {
         let total = descriptor.pyramid.brick_count();
         notes.push(format!("went on with a build that was interrupted: {restored} of {total} bricks were there"));
@@ -172,10 +185,26 @@ pub fn build(
 }
 
 /// What people should know of a build.
-fn notes_of(source: &dyn VolumeSource, (options, reduce): (&BuildOptions, Reduce), plan: MemoryPlan) -> Vec<String> {
+fn notes_of(
+    source: &dyn VolumeSource,
+    (options, reduce): (&BuildOptions, Reduce),
+    plan: MemoryPlan,
+    descriptor: &Descriptor,
+) -> Vec<String> {
     let mut notes = bounded_notes(&source.info().notes);
     if options.reduce.is_none() && reduce == Reduce::Majority {
         notes.push("these are labels: coarser levels hold the most frequent one, not the mean (--reduce)".into());
+    }
+    if descriptor.quantizer.is_some() {
+        let error = descriptor.voxel_error() * descriptor.scale.abs();
+        notes.push(format!("voxels are within {error} of the source's (--max-error)"));
+    } else if options.max_error != MaxError::Exact {
+        let why = if reduce == Reduce::Majority {
+            "labels are kept as they are"
+        } else {
+            "voxels cannot be moved by so little"
+        };
+        notes.push(format!("{why}: --max-error is not applied"));
     }
     if plan.threads < options.threads {
         notes.push(format!("--memory suffices for {} of {} threads", plan.threads, options.threads));
@@ -197,9 +226,33 @@ fn identity_of(
     let page = header::encode(descriptor, Sections::default());
     // The order of bricks follows the tiles, and those the memory.
     let files = &source.info().files;
-    let (codec, memory, tile) = (options.codec, options.memory_bytes, plan.tile_bytes);
-    let choices = format!("{origin:?} {files:?} {codec:?} {reduce:?} {memory} {tile}");
+    let (codec, error, memory, tile) = (options.codec, options.max_error, options.memory_bytes, plan.tile_bytes);
+    let choices = format!("{origin:?} {files:?} {codec:?} {error:?} {reduce:?} {memory} {tile}");
     Some(journal::identity(&[env!("CARGO_PKG_VERSION").as_bytes(), &page[..], choices.as_bytes()]))
+}
+
+/// Reads a tile from the source; in parallel slabs where slabs are what the file stores one behind the other.
+fn read_source(
+    source: &dyn VolumeSource,
+    plan: MemoryPlan,
+    pool: &rayon::ThreadPool,
+    voxels: VoxelBox,
+    bytes: &mut [u8],
+) -> Result<(), BuildError> {
+    let [nx, ny, nz] = voxels.extent();
+    if source.info().access_order.0[0] != 2 {
+        return Ok(source.read_box(voxels, bytes)?);
+    }
+    let slab = nz.div_ceil(plan.threads);
+    let slab_bytes = slab * nx * ny * source.info().voxel_type.bytes();
+    pool.install(|| {
+        bytes.par_chunks_mut(slab_bytes).enumerate().try_for_each(|(i, part)| {
+            let mut slab_box = voxels;
+            slab_box.start[2] += (i * slab) as u64;
+            slab_box.end[2] = (slab_box.start[2] + slab as u64).min(voxels.end[2]);
+            Ok(source.read_box(slab_box, part)?)
+        })
+    })
 }
 
 /// The tiles of a level, in the order in which they are read and written.
@@ -225,6 +278,7 @@ fn describe(source: &dyn VolumeSource, options: &BuildOptions) -> Result<Descrip
         scale: info.scale,
         offset: info.offset,
         absence: Absence::declared(info.nodata, info.voxel_type),
+        quantizer: None,
     })
 }
 
@@ -257,36 +311,32 @@ impl Build<'_> {
         self.writer.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn write_finest(&self, source: &dyn VolumeSource) -> Result<LevelReport, BuildError> {
+    fn write_finest(&self, tiles: &[Tile], read_source: ReadSource<'_>) -> Result<LevelReport, BuildError> {
         let level = *self.descriptor.pyramid.level_at(Lod::FINEST);
-        let order = source.info().access_order;
         let read = |tile: &Tile| {
             let voxels = tile.voxels(self.options.layout.core(), level.dims, MARGIN);
             let mut bytes = vec![0; voxels.voxels() * self.descriptor.voxel_type.bytes()];
-            self.read_source(source, voxels, &mut bytes)?;
+            read_source(voxels, &mut bytes)?;
             Ok((voxels, bytes))
         };
-        self.write_level(0, &tiles_of(self.descriptor, self.plan, order, 0), &read, &|tile, voxels, bytes| {
-            self.encode_tile(0, tile, VoxelBlock { voxels, bytes }, None)
+        self.write_level(0, tiles, &read, &|tile, voxels, mut bytes| {
+            // Each brick moves its own voxels, to know how far; what is counted is what is stored.
+            let bricks = self.encode_tile(0, tile, VoxelBlock { voxels, bytes: &bytes }, None)?;
+            self.move_voxels(&mut bytes);
+            self.pool.install(|| self.count_voxels(tile, VoxelBlock { voxels, bytes: &bytes }));
+            Ok(bricks)
         })
     }
 
-    /// Reads a tile from the source; in parallel slabs where slabs are what the file stores one behind the other.
-    fn read_source(&self, source: &dyn VolumeSource, voxels: VoxelBox, bytes: &mut [u8]) -> Result<(), BuildError> {
-        let [nx, ny, nz] = voxels.extent();
-        if source.info().access_order.0[0] != 2 {
-            return Ok(source.read_box(voxels, bytes)?);
-        }
-        let slab = nz.div_ceil(self.plan.threads);
-        let slab_bytes = slab * nx * ny * self.descriptor.voxel_type.bytes();
+    /// Moves voxels to multiples of the container's step, if it has one.
+    fn move_voxels(&self, bytes: &mut [u8]) {
+        let Descriptor { voxel_type, absence, quantizer: Some(quantizer), .. } = *self.descriptor else { return };
+        let part = bytes.len() / voxel_type.bytes() / self.plan.threads + 1;
         self.pool.install(|| {
-            bytes.par_chunks_mut(slab_bytes).enumerate().try_for_each(|(i, part)| {
-                let mut slab_box = voxels;
-                slab_box.start[2] += (i * slab) as u64;
-                slab_box.end[2] = (slab_box.start[2] + slab as u64).min(voxels.end[2]);
-                Ok(source.read_box(slab_box, part)?)
-            })
-        })
+            bytes.par_chunks_mut(part * voxel_type.bytes()).for_each(|part| {
+                quantizer.snap(voxel_type, absence, part);
+            });
+        });
     }
 
     fn write_coarser(&self, lod: usize) -> Result<LevelReport, BuildError> {
@@ -311,13 +361,14 @@ impl Build<'_> {
             &tiles_of(self.descriptor, self.plan, AccessOrder::X_FASTEST, lod),
             &read,
             &|tile, fine, bytes| {
-                let block = VoxelBlock { voxels: fine, bytes };
+                let block = VoxelBlock { voxels: fine, bytes: &bytes };
                 let coarse = coarse_box(&tile);
                 let mut voxels = vec![0; coarse.voxels() * voxel_bytes];
                 let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
                 self.pool.install(|| {
                     downsample(self.reduce, voxel_type, absence, level.factors, block, coarse, &mut voxels)
                 });
+                self.move_voxels(&mut voxels);
                 let finer = FinerTile { factors: level.factors, block };
                 self.encode_tile(lod, tile, VoxelBlock { voxels: coarse, bytes: &voxels }, Some(&finer))
             },
@@ -331,7 +382,7 @@ impl Build<'_> {
         lod: usize,
         tiles: &[Tile],
         read: &(dyn Fn(&Tile) -> Result<(VoxelBox, Vec<u8>), BuildError> + Sync),
-        encode: &dyn Fn(Tile, VoxelBox, &[u8]) -> Result<Vec<EncodedBrick>, BuildError>,
+        encode: &dyn Fn(Tile, VoxelBox, Vec<u8>) -> Result<Vec<EncodedBrick>, BuildError>,
     ) -> Result<LevelReport, BuildError> {
         let level = *self.descriptor.pyramid.level_at(Lod(lod as u8));
         let new = LevelReport { factors: level.factors, dims: level.dims.0, ..LevelReport::default() };
@@ -353,10 +404,11 @@ impl Build<'_> {
             reader.map_err(BuildError::Thread)?;
             for (tile, result) in receive {
                 let (voxels, bytes) = result?;
-                let bricks = encode(tile, voxels, &bytes)?;
+                let read_bytes = bytes.len() as u64;
+                let bricks = encode(tile, voxels, bytes)?;
                 let count = bricks.len() as u64;
                 self.append(lod, bricks, &mut report).map_err(|e| BuildError::write(self.output, e))?;
-                self.counter.add(lod, count, bytes.len() as u64);
+                self.counter.add(lod, count, read_bytes);
             }
             Ok(report)
         })
@@ -386,12 +438,8 @@ impl Build<'_> {
         finer: Option<&FinerTile<'_>>,
     ) -> Result<Vec<EncodedBrick>, BuildError> {
         let bricks = tile.bricks();
-        self.pool.install(|| {
-            if lod == 0 {
-                self.count_voxels(tile, block);
-            }
-            bricks.par_iter().map(|&brick| self.encode_brick(key_of(lod, brick), block, finer)).collect()
-        })
+        self.pool
+            .install(|| bricks.par_iter().map(|&brick| self.encode_brick(key_of(lod, brick), block, finer)).collect())
     }
 
     /// Adds the tile's own voxels to the statistics, one z-slab per task.
@@ -423,8 +471,7 @@ impl Build<'_> {
     ) -> Result<EncodedBrick, BuildError> {
         let pyramid = &self.descriptor.pyramid;
         let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
-        let shape = BrickShape { voxel_type, extent: pyramid.stored_extent(key) };
-        let voxels = cut_brick(pyramid, key, voxel_type.bytes(), block);
+        let mut voxels = cut_brick(pyramid, key, voxel_type.bytes(), block);
         let (mut beneath, mut children_error, mut step) = (ValueRange::EMPTY, 0.0f64, 0.0);
         if let Some(finer) = finer {
             for child in pyramid.children(key) {
@@ -434,16 +481,20 @@ impl Build<'_> {
             }
             step = step_error(voxel_type, absence, finer.factors, finer.block, block, pyramid.core_box(key));
         }
-        let mut sealed = seal_brick(key, shape, &voxels, absence, self.options.codec, beneath, 0.0).map_err(|e| {
-            BuildError::Broken {
-                path: self.output.into(),
-                rule: format!("encoding of {key}"),
-                expected: "a payload".into(),
-                found: e.to_string(),
-            }
-        })?;
+        let moved = self.descriptor.quantizer.filter(|_| finer.is_none());
+        let moved = moved.map_or(0.0, |quantizer| quantizer.snap(voxel_type, absence, &mut voxels));
+        let mut sealed =
+            seal_brick(self.descriptor, key, &voxels, self.options.codec, beneath, moved).map_err(|e| {
+                BuildError::Broken {
+                    path: self.output.into(),
+                    rule: format!("encoding of {key}"),
+                    expected: "a payload".into(),
+                    found: e.to_string(),
+                }
+            })?;
         if finer.is_some() {
-            sealed.entry.error = brick_error(children_error, step, sealed.entry.range, beneath);
+            let own = sealed.entry.range;
+            sealed.entry.error = brick_error(children_error, step, own, beneath, self.descriptor.voxel_error());
         }
         Ok(sealed)
     }
@@ -479,6 +530,7 @@ pub(crate) fn tally(report: &mut LevelReport, entry: &BrickEntry, scale: f64) {
     report.raw_bricks += u64::from(entry.codec == Codec::Raw);
     report.rle_bricks += u64::from(entry.codec == Codec::Rle);
     report.zstd_bricks += u64::from(entry.codec == Codec::Zstd);
+    report.wavelet_bricks += u64::from(entry.codec == Codec::Wavelet);
     report.bytes += entry.record_bytes();
     report.error = report.error.max(entry.error * scale.abs());
 }

@@ -9,6 +9,7 @@ use supervol_format::codec::CodecChoice;
 use supervol_format::container::header::Descriptor;
 use supervol_format::container::manifest::{AxisName, Json, Manifest, Source};
 
+use crate::bounded::MaxError;
 use crate::downsample::Reduce;
 use crate::error::BuildError;
 use crate::pipeline::BuildOptions;
@@ -51,6 +52,8 @@ pub(crate) fn manifest(
         CodecChoice::Smallest => "auto",
         CodecChoice::Only(codec) => codec.name(),
     };
+    // Where nothing is moved, manifests are what they were before anything could be.
+    let max_error = (options.max_error != MaxError::Exact).then(|| ("max_error", options.max_error.describe()));
     let parameters = [
         ("brick", options.layout.core().to_string()),
         ("codec", codec.to_string()),
@@ -60,7 +63,7 @@ pub(crate) fn manifest(
     ];
     Manifest {
         tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
-        parameters: parameters.into_iter().map(|(k, v)| (k.to_string(), v)).collect(),
+        parameters: parameters.into_iter().chain(max_error).map(|(k, v)| (k.to_string(), v)).collect(),
         source: origin,
         space: info.space.name().into(),
         axes: info.axes.clone().map(|a| AxisName { name: label(&a.name), unit: label(&a.unit) }),

@@ -32,12 +32,14 @@ pub struct LevelReport {
     pub uniform_bricks: u64,
     /// Bricks without data.
     pub absent_bricks: u64,
-    /// Bricks by codec: raw, rle, zstd.
+    /// Bricks by codec: raw, rle, zstd, wavelet.
     pub raw_bricks: u64,
     /// See `raw_bricks`.
     pub rle_bricks: u64,
     /// See `raw_bricks`.
     pub zstd_bricks: u64,
+    /// See `raw_bricks`.
+    pub wavelet_bricks: u64,
     /// Bytes of payloads and macro cells.
     pub bytes: u64,
     /// Largest error bound, data units.

@@ -4,9 +4,11 @@
 //! 2. The records tile the file: nothing overlaps, nothing is unreachable.
 //! 3. Each brick keeps [`check_brick`]'s rules: checksum, flags, exact ranges, macro cells, range beneath.
 //! 4. Aprons repeat the neighbours' voxels (and beyond the grid the nearest ones).
-//! 5. Coarser voxels are what stands for those of the finer level, by what the manifest says (mean, max, majority).
+//! 5. Coarser voxels are what stands for those of the finer level, by what the manifest says (mean, max, majority), moved to
+//!    the multiples of the container's step if it has one; voxels of level 0 are such multiples.
 //! 6. Each error bound is the largest of its children's plus this level's own greatest difference, or what the value
-//!    ranges allow where that is less ([`brick_error`]): not less, not more.
+//!    ranges allow where that is less ([`brick_error`]): not less, not more. At level 0 it is at most what voxels may have been
+//!    moved by; how far they were, only the source could tell.
 //! 7. What the manifest says of the values (range, percentiles, histogram, count, errors of levels) is what the voxels say.
 //!
 //! Memory: at most `memory_bytes`: for each thread some bricks and those that its coarser brick averages, counts of values; the
@@ -16,6 +18,8 @@ use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
+use supervol_format::codec::quantize::Quantizer;
+use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
 use supervol_format::container::validate::{check_brick, check_coverage};
 use supervol_format::{BrickKey, Container, Level, Lod, ValueRange};
 
@@ -98,7 +102,8 @@ impl Plan {
         let of_finer = |level: &Level| level.factors.iter().map(|&f| u64::from(f)).product::<u64>();
         let finer = pyramid.levels().iter().skip(1).map(of_finer).max().unwrap_or(0);
         let counts = Statistics::bytes(voxel_type);
-        let per_thread = (BRICKS_AT_HAND + finer) * brick + counts;
+        let wavelets = DECODING_BYTES_PER_VOXEL as u64 * brick / voxel_type.bytes() as u64;
+        let per_thread = (BRICKS_AT_HAND + finer) * brick + wavelets + counts;
         let fixed = |threads: usize| threads as u64 * per_thread + counts;
         let needed = fixed(1).max(pyramid.brick_count() * COVERAGE_BYTES);
         if memory_bytes < needed {
@@ -213,7 +218,15 @@ fn check(
     if let Some(at) = expected.iter().zip(&stored).position(|(e, s)| e != s) {
         return Err(broken("apron", format!("{} at byte {at}", expected[at]), stored[at].to_string()));
     }
-    let Some(finer) = finer else { return Ok(()) };
+    let Some(finer) = finer else {
+        return match descriptor.quantizer.map(|quantizer| quantizer.snap(voxel_type, absence, &mut voxels)) {
+            Some(moved) if moved > 0.0 => {
+                let step = descriptor.quantizer.map_or(0.0, Quantizer::step);
+                Err(broken("voxels", format!("multiples of {step}"), format!("one that is {moved} off")))
+            }
+            _ => Ok(()),
+        };
+    };
 
     // Rule 5: what stands for the finer voxels.
     let finer_dims = pyramid.level_at(Lod(key.lod().0 - 1)).dims;
@@ -227,6 +240,9 @@ fn check(
         broken("manifest, parameter reduce", format!("one of {names}"), found)
     })?;
     downsample(reduce, voxel_type, absence, level.factors, fine, around, &mut reduced);
+    if let Some(quantizer) = descriptor.quantizer {
+        quantizer.snap(voxel_type, absence, &mut reduced);
+    }
     if let Some(at) = reduced.iter().zip(&voxels).position(|(a, v)| a != v) {
         return Err(broken(
             &format!("{} of the finer level", reduce.name()),
@@ -243,7 +259,7 @@ fn check(
         children_error = children_error.max(child.error);
     }
     let step = step_error(voxel_type, absence, level.factors, fine, block, core);
-    let expected = brick_error(children_error, step, entry.range, beneath);
+    let expected = brick_error(children_error, step, entry.range, beneath, descriptor.voxel_error());
     if entry.error != expected {
         return Err(broken("error bound", expected.to_string(), entry.error.to_string()));
     }

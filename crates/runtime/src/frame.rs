@@ -265,7 +265,8 @@ pub(crate) fn caster_of(options: &RenderOptions) -> Caster {
 /// What comes of what the rules of levels must know of a container.
 fn with_data_scale<T>(container: &Container, make: impl FnOnce(&DataScale<'_>) -> T) -> T {
     let InUnits { geometry, scale, offset, value_range } = InUnits::of(container);
-    make(&DataScale { pyramid: container.pyramid(), geometry: &geometry, scale, offset, value_range })
+    let voxel_error = container.descriptor().voxel_error() * scale.abs();
+    make(&DataScale { pyramid: container.pyramid(), geometry: &geometry, scale, offset, value_range, voxel_error })
 }
 
 /// A streamer with an empty cache for frames of this scene.

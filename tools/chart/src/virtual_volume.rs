@@ -105,6 +105,7 @@ impl BrickId {
             scale: 1.0,
             offset: 0.0,
             absence: Absence { nodata: None },
+            quantizer: None,
         };
         let cells = (layout.core() / MACRO_CELL).pow(3) * MACRO_CELL_BYTES;
         let stride = (layout.stored().pow(3) + cells) as u64;
@@ -265,12 +266,10 @@ impl BrickId {
             return Ok(sealed.clone());
         }
         let pyramid = &self.descriptor.pyramid;
-        let shape =
-            supervol_format::codec::BrickShape { voxel_type: VoxelType::U8, extent: pyramid.stored_extent(key) };
         let children = pyramid.children(key).map(|child| self.range_beneath(child));
         let children = children.fold(ValueRange::EMPTY, ValueRange::union);
         let raw = CodecChoice::Only(Codec::Raw);
-        let brick = seal_brick(key, shape, &self.voxels(key), self.descriptor.absence, raw, children, self.error(key))
+        let brick = seal_brick(&self.descriptor, key, &self.voxels(key), raw, children, self.error(key))
             .map_err(io::Error::other)?;
         let mut entry = brick.entry;
         if entry.codec != Codec::Uniform {

@@ -21,7 +21,7 @@ use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::segy::SegyOptions;
 use supervol_preprocess::source::selection::Selection;
 use supervol_preprocess::source::spool::SpoolFolder;
-use supervol_preprocess::{BuildOptions, Existing};
+use supervol_preprocess::{BuildOptions, Existing, MaxError};
 
 use crate::failure::{Failure, with_output};
 use crate::progress::Reporter;
@@ -66,8 +66,8 @@ pub struct OutputArguments {
     /// How bricks are coded; auto takes what is smallest, brick by brick
     #[arg(long, default_value = "auto", value_enum)]
     codec: CodecName,
-    /// Largest error of a voxel: only 0, which always holds, since every codec of this version is lossless
-    #[arg(long, value_name = "E|P%", value_parser = lossless)]
+    /// Largest error of a voxel, in the data's units or in percent of their range; labels are kept as they are [default: 0]
+    #[arg(long, value_name = "E|P%", value_parser = quantity::error_bound)]
     max_error: Option<ErrorBound>,
     /// Axes that coarser levels halve
     #[arg(long, default_value = "auto", value_enum)]
@@ -209,18 +209,6 @@ fn brick_layout(text: &str) -> Result<BrickLayout, String> {
     text.parse().ok().and_then(BrickLayout::new).ok_or_else(|| format!("'{text}': expected 16, 32, 64 or 128"))
 }
 
-/// An error of 0. No codec trades accuracy for size: a bound above 0 would promise a smaller file and change nothing.
-fn lossless(text: &str) -> Result<ErrorBound, String> {
-    match quantity::error_bound(text)? {
-        exact @ (ErrorBound::Absolute(0.0) | ErrorBound::Percent(0.0)) => Ok(exact),
-        _ => Err(
-            "every codec of this version (raw, rle, zstd) is lossless, so that an error would not make the container \
-                  smaller; leave --max-error out, or give 0"
-                .into(),
-        ),
-    }
-}
-
 impl OutputArguments {
     /// What `--force` says about an output that exists.
     pub fn existing(&self) -> Existing {
@@ -232,16 +220,18 @@ impl OutputArguments {
         self.memory
     }
 
-    fn build_options(&self) -> Result<BuildOptions, Failure> {
+    fn build_options(&self) -> BuildOptions {
         let codec = match self.codec {
             CodecName::Auto => CodecChoice::Smallest,
             CodecName::Raw => CodecChoice::Only(Codec::Raw),
             CodecName::Rle => CodecChoice::Only(Codec::Rle),
             CodecName::Zstd => CodecChoice::Only(Codec::Zstd),
-            CodecName::Wavelet => {
-                let message = "--codec wavelet: this version has no wavelet codec; expected auto, raw, rle or zstd";
-                return Err(Failure::command(message));
-            }
+            CodecName::Wavelet => CodecChoice::Only(Codec::Wavelet),
+        };
+        let max_error = match self.max_error {
+            None | Some(ErrorBound::Absolute(0.0) | ErrorBound::Percent(0.0)) => MaxError::Exact,
+            Some(ErrorBound::Absolute(error)) => MaxError::Value(error),
+            Some(ErrorBound::Percent(percent)) => MaxError::Percent(percent),
         };
         let lod_axes = match self.lod_axes {
             LodAxesName::Auto => LodAxes::Auto,
@@ -249,9 +239,10 @@ impl OutputArguments {
             LodAxesName::Xy => LodAxes::Xy,
         };
         let default = BuildOptions::default();
-        Ok(BuildOptions {
+        BuildOptions {
             layout: self.brick,
             codec,
+            max_error,
             lod_axes,
             reduce: match self.reduce {
                 ReduceName::Auto => None,
@@ -262,12 +253,12 @@ impl OutputArguments {
             memory_bytes: self.memory,
             threads: self.threads.map_or(default.threads, NonZero::get),
             existing: self.existing(),
-        })
+        }
     }
 
     /// Builds a container from an open source, with progress and a report.
     pub fn build(&self, source: &dyn VolumeSource, origin: Source) -> Result<(), Failure> {
-        let options = self.build_options()?;
+        let options = self.build_options();
         let reporter = Reporter::over_bytes(self.json);
         let result =
             supervol_preprocess::build(source, origin, &self.output, &options, &|progress| reporter.show(progress));

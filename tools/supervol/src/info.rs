@@ -49,6 +49,7 @@ struct Info<'a> {
     bricks: u64,
     levels: Vec<LevelInfo>,
     nodata: Option<f64>,
+    max_error: f64,
     present_voxels: u64,
     percentiles: &'a [[f64; 2]],
     histogram: &'a [u64],
@@ -182,6 +183,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
         bricks: pyramid.brick_count(),
         levels,
         nodata: descriptor.absence.nodata.map(|v| descriptor.value(v)),
+        max_error: descriptor.voxel_error() * descriptor.scale.abs(),
         present_voxels: manifest.present_voxels,
         percentiles: &manifest.percentiles,
         histogram: &manifest.histogram,
@@ -191,7 +193,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
         survey: manifest.survey.as_ref().map(Json::value),
         notes: &manifest.notes,
         container_bytes: container.file_bytes(),
-        format_version: supervol_format::container::header::VERSION,
+        format_version: descriptor.version(),
     })
 }
 
@@ -210,6 +212,9 @@ fn print(info: &Info<'_>, survey: Option<Survey>, out: &mut impl Write) -> std::
     }
     if let Some(nodata) = info.nodata {
         writeln!(out, "no data    {nodata}")?;
+    }
+    if info.max_error > 0.0 {
+        writeln!(out, "accuracy   voxels within {} of the source's", info.max_error)?;
     }
     let total = nx * ny * nz;
     writeln!(out, "present    {} of {total} voxels", info.present_voxels)?;

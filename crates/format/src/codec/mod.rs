@@ -2,7 +2,8 @@
 //!
 //! A codec sees the stored voxels of one brick (core and apron), little endian, x fastest, and nothing else. Decoders
 //! write into a caller's buffer of exactly the decoded size, trust nothing, and fail instead of overrunning. All codecs
-//! here are lossless: the decoded bytes are the encoded ones, bit for bit.
+//! here are lossless: the decoded bytes are the encoded ones, bit for bit. Containers with a bounded error are made by
+//! moving voxels to multiples of a step before they are coded ([`quantize`]).
 //!
 //! | tag | codec | payload | when it wins |
 //! |---|---|---|---|
@@ -10,13 +11,17 @@
 //! | 1 | [`raw`] | the voxels as they are | noise |
 //! | 2 | [`rle`] | runs of equal voxels | labels, masks, sparse data |
 //! | 3 | [`zstd`] | predicted differences, byte planes, Zstandard | nearly everything else |
-//! | 4 | wavelet | reserved; refused by this version | |
+//! | 4 | [`wavelet`] | multiples of a step, lifted or predicted, in tokens | whatever is measured: integers, floats that are few numbers of steps |
 
+pub mod quantize;
 pub mod raw;
 pub mod rle;
+pub mod wavelet;
 pub mod zstd;
 
 use crate::VoxelType;
+use crate::voxel_type::Absence;
+use quantize::Quantizer;
 
 /// How a brick's payload is coded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -30,16 +35,18 @@ pub enum Codec {
     Rle = 2,
     /// Predicted differences in byte planes, compressed by Zstandard.
     Zstd = 3,
+    /// Multiples of a step, transformed, in tokens, compressed by Zstandard.
+    Wavelet = 4,
 }
 
 impl Codec {
-    /// The tag reserved for wavelet bricks.
-    pub const WAVELET_TAG: u8 = 4;
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Uniform, Self::Raw, Self::Rle, Self::Zstd, Self::Wavelet];
 
     /// The codec of a tag, if this version knows it.
     #[must_use]
     pub fn from_tag(tag: u8) -> Option<Self> {
-        [Self::Uniform, Self::Raw, Self::Rle, Self::Zstd].into_iter().find(|c| *c as u8 == tag)
+        Self::ALL.into_iter().find(|c| *c as u8 == tag)
     }
 
     /// Name as written on the command line and in reports.
@@ -50,6 +57,7 @@ impl Codec {
             Self::Raw => "raw",
             Self::Rle => "rle",
             Self::Zstd => "zstd",
+            Self::Wavelet => "wavelet",
         }
     }
 }
@@ -89,6 +97,8 @@ pub enum CodecError {
     Overrun { codec: &'static str, voxels: usize, at: usize },
     #[error("zstd payload: {reason}")]
     Zstd { reason: String },
+    #[error("wavelet payload: {reason}")]
+    Wavelet { reason: String },
     #[error("codec {codec} has no payload to decode")]
     NoPayload { codec: &'static str },
 }
@@ -98,8 +108,27 @@ pub enum CodecError {
 pub enum CodecChoice {
     /// Whatever is smallest, brick by brick.
     Smallest,
-    /// This codec for every brick that is not uniform; raw where it would make a brick larger.
+    /// This codec for every brick that is not uniform; raw where it would make a brick larger. In place of wavelets, zstd
+    /// where voxels are no multiples of a step.
     Only(Codec),
+}
+
+/// What an encoder may do, and what it knows of the voxels beside their bytes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Coding {
+    /// Codecs that may be used.
+    pub choice: CodecChoice,
+    /// Which voxels are holes.
+    pub absence: Absence,
+    /// What present voxels are multiples of; none if nobody has moved them.
+    pub quantizer: Option<Quantizer>,
+}
+
+/// Of voxels of which nothing else is known.
+impl From<CodecChoice> for Coding {
+    fn from(choice: CodecChoice) -> Self {
+        Self { choice, absence: Absence::NON_FINITE_ONLY, quantizer: None }
+    }
 }
 
 /// Encodes the stored voxels of one brick.
@@ -109,21 +138,30 @@ pub enum CodecChoice {
 ///
 /// # Panics
 /// If `voxels` is not as long as `shape` says, or the choice is [`Codec::Uniform`], which has no payload.
-pub fn encode(choice: CodecChoice, shape: BrickShape, voxels: &[u8]) -> Result<(Codec, Vec<u8>), CodecError> {
+pub fn encode(coding: impl Into<Coding>, shape: BrickShape, voxels: &[u8]) -> Result<(Codec, Vec<u8>), CodecError> {
     assert_eq!(voxels.len(), shape.bytes(), "a brick of {:?} {} has other bytes", shape.extent, shape.voxel_type);
+    let Coding { choice, absence, quantizer } = coding.into();
+    let wavelet = |limit| wavelet::encode_if_smaller(shape, voxels, absence, quantizer, limit);
     match choice {
         CodecChoice::Only(Codec::Uniform) => panic!("a uniform brick has no payload to encode"),
         CodecChoice::Only(Codec::Raw) => Ok((Codec::Raw, voxels.to_vec())),
         CodecChoice::Only(Codec::Rle) => Ok(unless_larger(Codec::Rle, rle::encode(shape, voxels), voxels)),
         CodecChoice::Only(Codec::Zstd) => Ok(unless_larger(Codec::Zstd, zstd::encode(shape, voxels)?, voxels)),
+        CodecChoice::Only(Codec::Wavelet) => match wavelet(voxels.len())? {
+            Some(payload) => Ok((Codec::Wavelet, payload)),
+            None => Ok(unless_larger(Codec::Zstd, zstd::encode(shape, voxels)?, voxels)),
+        },
         CodecChoice::Smallest => {
-            // Ties go to the codec that decodes faster: raw before rle before zstd.
+            // Ties go to the codec that decodes faster: raw before rle before zstd before wavelets.
             let mut best = (Codec::Zstd, zstd::encode(shape, voxels)?);
             if let Some(payload) = rle::encode_if_smaller(shape, voxels, best.1.len()) {
                 best = (Codec::Rle, payload);
             }
             if voxels.len() <= best.1.len() {
                 best = (Codec::Raw, voxels.to_vec());
+            }
+            if let Some(payload) = wavelet(best.1.len())? {
+                best = (Codec::Wavelet, payload);
             }
             Ok(best)
         }
@@ -149,6 +187,7 @@ pub fn decode_into(codec: Codec, shape: BrickShape, payload: &[u8], out: &mut [u
         Codec::Raw => raw::decode_into(payload, out),
         Codec::Rle => rle::decode_into(shape, payload, out),
         Codec::Zstd => zstd::decode_into(shape, payload, out),
+        Codec::Wavelet => wavelet::decode_into(shape, payload, out),
     }
 }
 
@@ -158,7 +197,7 @@ mod tests {
     use crate::with_voxel;
     use proptest::prelude::*;
 
-    const CODECS: [Codec; 3] = [Codec::Raw, Codec::Rle, Codec::Zstd];
+    const CODECS: [Codec; 4] = [Codec::Raw, Codec::Rle, Codec::Zstd, Codec::Wavelet];
 
     fn round_trip(shape: BrickShape, voxels: &[u8]) {
         let choices = CODECS.map(CodecChoice::Only).into_iter().chain([CodecChoice::Smallest]);
@@ -202,10 +241,10 @@ mod tests {
         #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
 
         #[test]
-        fn decoders_survive_any_bytes(tag in 1u8..4, payload in proptest::collection::vec(any::<u8>(), 0..400), t in 0usize..8) {
+        fn decoders_survive_any_bytes(tag in 1u8..5, payload in proptest::collection::vec(any::<u8>(), 0..400), t in 0usize..8) {
             let shape = BrickShape { voxel_type: VoxelType::ALL[t], extent: [6, 5, 7] };
             let mut out = vec![0; shape.bytes()];
-            let codec = Codec::from_tag(tag).expect("tags 1 to 3 are known");
+            let codec = Codec::from_tag(tag).expect("tags 1 to 4 are known");
             // Whatever the answer, it must be an answer: no panic, no overrun.
             let _ = decode_into(codec, shape, &payload, &mut out);
         }

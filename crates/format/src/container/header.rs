@@ -2,20 +2,27 @@
 
 use super::{ContainerError, checksum};
 use crate::brick::{APRON, MACRO_CELL};
+use crate::codec::quantize::Quantizer;
 use crate::voxel_type::Absence;
 use crate::{BrickLayout, Dims, Geometry, Lod, Pyramid, VoxelType};
 
 /// First bytes of every container. The high bit and the line ends catch transfers in text mode.
 pub const MAGIC: [u8; 8] = *b"\x89SVOL\r\n\x1a";
-/// The version this program writes and reads.
-pub const VERSION: u32 = 1;
+/// The versions that this program reads; it writes the least that says all there is to say.
+pub const VERSIONS: std::ops::RangeInclusive<u32> = 1..=2;
+/// The version of containers whose voxels are the source's own, bit for bit.
+const VERSION_EXACT: u32 = 1;
+/// The version of containers whose voxels have been moved ([`Descriptor::quantizer`]): readers of version 1 would take
+/// them for exact.
+const VERSION_QUANTIZED: u32 = 2;
 /// Bytes of the header page and of the footer page.
 pub const PAGE_BYTES: usize = 4096;
 
 const FLAG_NODATA: u32 = 1;
 const FACTORS_AT: usize = 208;
 const SECTIONS_AT: usize = 400;
-const RESERVED_AT: usize = 440;
+const STEP_AT: usize = 440;
+const RESERVED_AT: usize = 448;
 const CHECKSUM_AT: usize = PAGE_BYTES - 8;
 
 /// What a container holds: all that is needed to find, decode and place its bricks.
@@ -33,6 +40,8 @@ pub struct Descriptor {
     pub offset: f64,
     /// Which stored values are holes.
     pub absence: Absence,
+    /// What the voxels of all levels were moved to multiples of; none where those of level 0 are the source's own.
+    pub quantizer: Option<Quantizer>,
 }
 
 impl Descriptor {
@@ -40,6 +49,19 @@ impl Descriptor {
     #[must_use]
     pub fn dims(&self) -> Dims {
         self.pyramid.level_at(Lod::FINEST).dims
+    }
+
+    /// The version of a container that holds it.
+    #[must_use]
+    pub fn version(&self) -> u32 {
+        if self.quantizer.is_some() { VERSION_QUANTIZED } else { VERSION_EXACT }
+    }
+
+    /// Most by which a voxel of level 0 is off its source's, and one of a coarser level off what it stands for; stored
+    /// units.
+    #[must_use]
+    pub fn voxel_error(&self) -> f64 {
+        self.quantizer.map_or(0.0, |quantizer| quantizer.bound(self.voxel_type))
     }
 
     /// Data value of a stored value.
@@ -98,7 +120,7 @@ pub fn encode(descriptor: &Descriptor, sections: Sections) -> Vec<u8> {
     put(&mut page, 0, &MAGIC);
     let flags = if descriptor.absence.nodata.is_some() { FLAG_NODATA } else { 0 };
     let words = [
-        VERSION,
+        descriptor.version(),
         PAGE_BYTES as u32,
         descriptor.voxel_type as u32,
         pyramid.layout().core() as u32,
@@ -131,6 +153,7 @@ pub fn encode(descriptor: &Descriptor, sections: Sections) -> Vec<u8> {
     for (i, number) in numbers.iter().enumerate() {
         put(&mut page, SECTIONS_AT + 8 * i, &number.to_le_bytes());
     }
+    put_f64s(&mut page, STEP_AT, &[descriptor.quantizer.map_or(0.0, Quantizer::step)]);
     let sum = checksum(&page[..CHECKSUM_AT]);
     put(&mut page, CHECKSUM_AT, &sum.to_le_bytes());
     page
@@ -148,8 +171,9 @@ pub fn decode(page: &[u8; PAGE_BYTES], what: &str, offset: u64) -> Result<(Descr
         let found = format!("{:02x?}", &page[..8]);
         return Err(ContainerError::Magic { what: what.into(), offset, expected: format!("{MAGIC:02x?}"), found });
     }
-    if u32_at(page, 8) != VERSION {
-        return Err(ContainerError::Version { found: u32_at(page, 8), known: VERSION });
+    let version = u32_at(page, 8);
+    if !VERSIONS.contains(&version) {
+        return Err(ContainerError::Version { found: version, known: *VERSIONS.end() });
     }
     let sum = checksum(&page[..CHECKSUM_AT]);
     if u64_at(page, CHECKSUM_AT) != sum {
@@ -187,10 +211,20 @@ pub fn decode(page: &[u8; PAGE_BYTES], what: &str, offset: u64) -> Result<(Descr
         return Err(invalid(88, "geometry", &"positive spacing, invertible direction", &defect));
     }
     let absence = Absence { nodata: (flags & FLAG_NODATA != 0).then_some(nodata) };
-    let descriptor = Descriptor { voxel_type, pyramid, geometry, scale, offset: value_offset, absence };
+    let quantizer = quantizer_at(page, version, voxel_type)
+        .map_err(|expected| invalid(STEP_AT, "step of the voxels", &expected, &f64_at(page, STEP_AT)))?;
+    let descriptor = Descriptor { voxel_type, pyramid, geometry, scale, offset: value_offset, absence, quantizer };
     let [toc_offset, toc_bytes, manifest_offset, manifest_bytes, manifest_checksum] =
         std::array::from_fn(|i| u64_at(page, SECTIONS_AT + 8 * i));
     Ok((descriptor, Sections { toc_offset, toc_bytes, manifest_offset, manifest_bytes, manifest_checksum }))
+}
+
+/// What voxels are multiples of; an error says what was expected.
+fn quantizer_at(page: &[u8], version: u32, voxel_type: VoxelType) -> Result<Option<Quantizer>, &'static str> {
+    if version == VERSION_EXACT {
+        return if u64_at(page, STEP_AT) == 0 { Ok(None) } else { Err("0 in version 1") };
+    }
+    Quantizer::new(voxel_type, f64_at(page, STEP_AT)).map(Some).ok_or("a positive step of its type in version 2")
 }
 
 /// The factors of levels 1 and up; an error names the offset and the bytes that are wrong.
@@ -219,7 +253,12 @@ mod tests {
             scale: -0.5,
             offset: 1024.0,
             absence: Absence { nodata: Some(-999.0) },
+            quantizer: None,
         }
+    }
+
+    fn quantized() -> Descriptor {
+        Descriptor { quantizer: Quantizer::within(VoxelType::I16, 3.0), ..descriptor() }
     }
 
     #[test]
@@ -229,6 +268,30 @@ mod tests {
         let page = encode(&descriptor(), sections);
         let page: &[u8; PAGE_BYTES] = page.as_slice().try_into().expect("a page has its size");
         assert_eq!(decode(page, "footer", 0).expect("a written page reads"), (descriptor(), sections));
+        let page = encode(&quantized(), sections);
+        let page: &[u8; PAGE_BYTES] = page.as_slice().try_into().expect("a page has its size");
+        assert_eq!(decode(page, "footer", 0).expect("a written page reads"), (quantized(), sections));
+    }
+
+    #[test]
+    fn moved_voxels_and_version_2_go_together() {
+        let with = |descriptor: &Descriptor, version: u32, step: f64| {
+            let mut page: [u8; PAGE_BYTES] = encode(descriptor, Sections::default()).try_into().expect("a page's size");
+            page[8..12].copy_from_slice(&version.to_le_bytes());
+            page[440..448].copy_from_slice(&step.to_le_bytes());
+            let sum = checksum(&page[..CHECKSUM_AT]).to_le_bytes();
+            page[CHECKSUM_AT..].copy_from_slice(&sum);
+            decode(&page, "header", 0).map(|(descriptor, _)| descriptor.voxel_error())
+        };
+        assert!(matches!(with(&descriptor(), 1, 0.0), Ok(0.0)));
+        assert!(matches!(with(&quantized(), 2, 7.0), Ok(3.0)));
+        for (version, step) in [(1, 7.0), (2, 0.0), (2, -7.0), (2, f64::NAN), (2, f64::INFINITY)] {
+            assert!(
+                matches!(with(&quantized(), version, step), Err(ContainerError::Invalid { .. })),
+                "{version} {step}"
+            );
+        }
+        assert!(matches!(with(&quantized(), 3, 7.0), Err(ContainerError::Version { found: 3, known: 2 })));
     }
 
     /// The table in the module head is the specification: every field must stand where it says.
@@ -250,6 +313,9 @@ mod tests {
         assert_eq!(page[208..214], [2, 2, 1, 0, 0, 0]);
         assert_eq!([400, 408, 416, 424, 432].map(|at| u64_at(&page, at)), [11, 12, 13, 14, 15]);
         assert!(page[440..4088].iter().all(|b| *b == 0));
+        let quantized = encode(&quantized(), Sections::default());
+        assert_eq!((u32_at(&quantized, 8), f64_at(&quantized, 440)), (2, 7.0));
+        assert!(quantized[448..4088].iter().all(|b| *b == 0));
         assert_eq!(u64_at(&page, 4088), checksum(&page[..4088]));
     }
 

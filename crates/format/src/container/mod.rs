@@ -1,4 +1,4 @@
-//! The `.svol` file, byte by byte. Format version 1.
+//! The `.svol` file, byte by byte. Format versions 1 and 2, which differ in one field: what the voxels were moved to.
 //!
 //! ```text
 //! +-------------+-----------------------------+-----------+----------+-------------+
@@ -18,7 +18,7 @@
 //! | offset | size | type | unit | meaning |
 //! |---|---|---|---|---|
 //! | 0 | 8 | bytes | | magic `89 53 56 4f 4c 0d 0a 1a` (`\x89SVOL\r\n\x1a`) |
-//! | 8 | 4 | u32 | | format version: 1 |
+//! | 8 | 4 | u32 | | format version: 1, or 2 where the step below is not 0 |
 //! | 12 | 4 | u32 | bytes | size of this page: 4096 |
 //! | 16 | 4 | u32 | | voxel type: 1 u8, 2 i8, 3 u16, 4 i16, 5 u32, 6 i32, 7 f32, 8 f64 |
 //! | 20 | 4 | u32 | voxels | core of a brick: 16, 32, 64 or 128 |
@@ -39,7 +39,8 @@
 //! | 416 | 8 | u64 | bytes | offset of the manifest (header: 0) |
 //! | 424 | 8 | u64 | bytes | length of the manifest (header: 0) |
 //! | 432 | 8 | u64 | | XXH3-64 of the manifest (header: 0) |
-//! | 440 | 3648 | | | reserved, zero |
+//! | 440 | 8 | f64 | stored | version 2: the step that voxels of all levels were moved to multiples of ([`crate::codec::quantize`]); version 1: 0, the voxels of level 0 are the source's own |
+//! | 448 | 3640 | | | reserved, zero |
 //! | 4088 | 8 | u64 | | XXH3-64 of bytes 0 to 4087 of this page |
 //!
 //! # Brick record
@@ -64,7 +65,7 @@
 //! | 0 | 8 | u64 | bytes | offset of the record |
 //! | 8 | 4 | u32 | bytes | length of the payload |
 //! | 12 | 4 | u32 | bytes | length of the macro cells |
-//! | 16 | 1 | u8 | | codec: 0 uniform, 1 raw, 2 rle, 3 zstd (4 wavelet, reserved) |
+//! | 16 | 1 | u8 | | codec: 0 uniform, 1 raw, 2 rle, 3 zstd, 4 wavelet |
 //! | 17 | 1 | u8 | | flags: bit 0 absent (no voxel of the core is present), bit 1 uniform, bit 2 has holes |
 //! | 18 | 1 | u8 | | stored scale: log2 of the coarsening the brick is stored at; 0 in this version |
 //! | 19 | 5 | | | reserved, zero |
@@ -74,7 +75,7 @@
 //! | 48 | 8 | f64 | stored | greatest value (-inf if nothing is present) |
 //! | 56 | 8 | f64 | stored | least value of this brick and of all finer bricks under it |
 //! | 64 | 8 | f64 | stored | greatest value of the same |
-//! | 72 | 8 | f64 | stored | error: bound on the distance between this level's and level 0's trilinear interpolation at every point of the brick's region where both are present, and all levels between them |
+//! | 72 | 8 | f64 | stored | error: bound on the distance between this level's trilinear interpolation and that of the source at every point of the brick's region where both are present, and all levels between them; at level 0 the greatest distance that a stored voxel was moved |
 //!
 //! # Manifest
 //! UTF-8 JSON of at most 256 KiB ([`manifest::BYTES_LIMIT`]), see [`manifest::Manifest`]: what the data is and where it came from. Nothing in it is needed to decode. Fields that a reader does not know are kept and ignored.
@@ -110,7 +111,7 @@ pub enum ContainerError {
     Invalid { what: String, offset: u64, expected: String, found: String },
     /// A container, but of a version this program does not know.
     #[error(
-        "container format version {found}; this program reads version {known}. Use a newer supervol, or build the container anew"
+        "container format version {found}; this program reads versions up to {known}. Use a newer supervol, or build the container anew"
     )]
     Version { found: u32, known: u32 },
     /// The levels make no pyramid.

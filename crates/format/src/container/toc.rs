@@ -42,8 +42,9 @@ pub struct BrickEntry {
     pub range: ValueRange,
     /// The same together with all finer bricks beneath.
     pub range_beneath: ValueRange,
-    /// Bound on |trilinear(this level) - trilinear(level 0)| in the brick's region, where both are present and all levels
-    /// between them are, too: beside a hole a level in between may have none where both ends have one.
+    /// Bound on |trilinear(this level) - trilinear(source)| in the brick's region, where both are present and all levels
+    /// between them are, too: beside a hole a level in between may have none where both ends have one. At level 0 not 0
+    /// only where voxels were moved ([`super::header::Descriptor::quantizer`]).
     pub error: f64,
 }
 
@@ -89,9 +90,8 @@ impl BrickEntry {
         let invalid = |at: u64, field: &str, expected: &str, found: String| {
             ContainerError::invalid(format!("TOC entry of {key}: {field}"), offset + at, expected, found)
         };
-        let codec = Codec::from_tag(bytes[16]).ok_or_else(|| {
-            invalid(16, "codec", "0 to 3 (4, wavelet, needs a newer supervol)", bytes[16].to_string())
-        })?;
+        let codec = Codec::from_tag(bytes[16])
+            .ok_or_else(|| invalid(16, "codec", "0 to 4 (others need a newer supervol)", bytes[16].to_string()))?;
         let flags = bytes[17];
         if flags & !(FLAG_ABSENT | FLAG_UNIFORM | FLAG_HOLES) != 0 {
             return Err(invalid(17, "flags", "bits 0 to 2", format!("{flags:#010b}")));

@@ -4,9 +4,11 @@
 //! are checked by the preprocessor's `verify`, which calls the ones here first.
 
 use super::ContainerError;
-use super::reader::{Container, RECORDS_START};
+use super::header::Descriptor;
+use super::reader::{Container, RECORDS_START, shape_of};
 use super::toc::BrickEntry;
-use crate::codec::{BrickShape, Codec};
+use super::writer::EncodedBrick;
+use crate::codec::{self, Codec, CodecChoice, CodecError, Coding};
 use crate::macro_cells;
 use crate::{BrickKey, Lod, ValueRange};
 
@@ -14,7 +16,8 @@ use crate::{BrickKey, Lod, ValueRange};
 ///
 /// Rules: the record's checksum fits and the payload decodes; flags say what the voxels are; the range is exactly that
 /// of the voxels interpolation reaches, macro cells are exactly what [`macro_cells::quantize`] makes of theirs; the
-/// range beneath is the union with the children's; level 0 has no error, and no brick less than its children.
+/// range beneath is the union with the children's; level 0 has no error but that of moved voxels
+/// ([`Descriptor::quantizer`]), and no brick less than its children.
 ///
 /// # Errors
 /// The first rule that is broken, with the brick, what was expected and what was found.
@@ -60,8 +63,13 @@ pub fn check_brick(container: &Container, key: BrickKey) -> Result<(BrickEntry, 
     if entry.range_beneath != beneath {
         return broken("range beneath", format!("{beneath:?}"), format!("{:?}", entry.range_beneath));
     }
-    if entry.error < children_error || (key.lod() == Lod::FINEST && entry.error != 0.0) {
-        return broken("error", format!("at least {children_error}, 0 at level 0"), entry.error.to_string());
+    let moved = container.descriptor().voxel_error();
+    if entry.error < children_error || (key.lod() == Lod::FINEST && entry.error > moved) {
+        return broken(
+            "error",
+            format!("at least {children_error}, at most {moved} at level 0"),
+            entry.error.to_string(),
+        );
     }
     Ok((entry, voxels))
 }
@@ -114,20 +122,24 @@ pub fn check_coverage(container: &Container) -> Result<(), ContainerError> {
 ///
 /// # Errors
 /// If a codec fails, which means that it could not get memory.
+///
+/// # Panics
+/// If `voxels` are not as many as the brick stores.
 pub fn seal_brick(
+    descriptor: &Descriptor,
     key: BrickKey,
-    shape: BrickShape,
     voxels: &[u8],
-    absence: crate::voxel_type::Absence,
-    choice: crate::codec::CodecChoice,
+    choice: CodecChoice,
     children: ValueRange,
     error: f64,
-) -> Result<super::writer::EncodedBrick, crate::codec::CodecError> {
-    let measured = macro_cells::measure(shape, voxels, absence);
+) -> Result<EncodedBrick, CodecError> {
+    let shape = shape_of(descriptor, key);
+    let measured = macro_cells::measure(shape, voxels, descriptor.absence);
     let (codec, mut record, fill) = match measured.fill {
         Some(fill) => (Codec::Uniform, Vec::new(), fill),
         None => {
-            let (codec, payload) = crate::codec::encode(choice, shape, voxels)?;
+            let coding = Coding { choice, absence: descriptor.absence, quantizer: descriptor.quantizer };
+            let (codec, payload) = codec::encode(coding, shape, voxels)?;
             (codec, payload, 0)
         }
     };
@@ -149,5 +161,5 @@ pub fn seal_brick(
         range_beneath: measured.range.union(children),
         error,
     };
-    Ok(super::writer::EncodedBrick { key, entry, record })
+    Ok(EncodedBrick { key, entry, record })
 }

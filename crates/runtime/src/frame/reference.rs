@@ -25,7 +25,7 @@ pub fn reference_bytes(container: &Container, lod: Lod, scene: &ResolvedScene) -
     let voxels = container.pyramid().level_at(lod).dims.voxels().unwrap_or(u64::MAX);
     let rays = u64::from(scene.camera.width) * u64::from(scene.camera.height);
     let brick = BrickBytes::of(container);
-    voxels.saturating_mul(VOXEL_BYTES).saturating_add(2 * rays * 16 + brick.stored + brick.record)
+    voxels.saturating_mul(VOXEL_BYTES).saturating_add(2 * rays * 16 + brick.decoding + brick.record)
 }
 
 /// One level of a container, wholly in memory.

@@ -1,7 +1,7 @@
-//! The stated error of a frame: how far each pixel may be from the exact picture of the finest level, for all reasons.
+//! The stated error of a frame: how far each pixel may be from the exact picture of the source's own voxels, for all reasons.
 //!
 //! Per pixel, the mean over its rays of what [`super::predict`] lists, along that very ray: the errors of its cells, what lies
-//! behind its end, the fit of the transfer function, rounding, and what coarser levels do ([`crate::lod::deviation`]). Pixels
+//! behind its end, the fit of the transfer function, rounding, and what coarser levels do, and voxels that were moved ([`crate::lod::deviation`]). Pixels
 //! that are not finished yet are taken from a picture of larger pixels: of those nothing is known but that all channels lie
 //! in [0, 1]. Failed bricks need no word of their own: what stands in for them is a coarser level.
 //!

@@ -80,6 +80,8 @@ pub struct DataScale<'a> {
     pub offset: f64,
     /// Least and greatest value of the volume, data units.
     pub value_range: ValueRange,
+    /// Most by which a voxel of level 0 is off its source's, data units: so far outside of all ranges may exact values lie.
+    pub voxel_error: f64,
 }
 
 /// See the module.
@@ -97,6 +99,7 @@ pub struct LevelsByError {
     scale: f64,
     offset: f64,
     value_range: ValueRange,
+    voxel_error: f64,
     pyramid: Pyramid,
     lod: LodRule,
 }
@@ -116,7 +119,8 @@ impl LevelsByError {
             longest_ray: longest_chord(data.geometry, dims, scene.clip.index_box),
             scale: data.scale,
             offset: data.offset,
-            value_range: data.value_range,
+            value_range: data.value_range.widened(data.voxel_error),
+            voxel_error: data.voxel_error,
             pyramid: data.pyramid.clone(),
             lod,
         }
@@ -139,7 +143,7 @@ impl LevelsByError {
         if key.lod() == Lod::FINEST || self.max_error >= ANY_ERROR {
             return Verdict::Fine;
         }
-        let beneath = self.data_range(entry.range_beneath);
+        let beneath = self.data_range(entry.range_beneath).widened(self.voxel_error);
         if beneath.is_empty() || self.shows_nothing(beneath) {
             return Verdict::Fine;
         }
@@ -321,6 +325,7 @@ mod tests {
             scale: 1.0,
             offset: 0.0,
             value_range: VALUES,
+            voxel_error: 0.0,
         };
         let lod = LodRule::new(LodChoice::Auto { voxel_pixels: 1.0 }, &scene.camera, &Geometry::IDENTITY);
         let rules = LevelsByError::new(&scene, &data, lod, max_error);

@@ -1,5 +1,6 @@
-//! How far rays may be from those through level 0 because a brick is drawn from a coarser level: what the table of contents
-//! says of its values, seen through the transfer function.
+//! How far rays may be from those through the source's own voxels because a brick is drawn from a coarser level, or its voxels
+//! were moved to make the container smaller: what the table of contents says of its values, seen through the transfer
+//! function. Below, "level 0" is that of the source: what a container of moved voxels holds is one more level above it.
 //!
 //! [`by_error`](super::by_error) asks whether a brick may be drawn at all, of the brick alone and whatever the ray. Here a
 //! picture has been drawn, and the opacity that a ray gathered in the brick is known; so the bound is far tighter.
@@ -195,6 +196,7 @@ pub struct Deviations {
     scale: f64,
     offset: f64,
     value_range: ValueRange,
+    voxel_error: f64,
 }
 
 impl Deviations {
@@ -208,18 +210,28 @@ impl Deviations {
             is_shaded: scene.shading.is_some(),
             scale: data.scale,
             offset: data.offset,
-            value_range: data.value_range,
+            value_range: data.value_range.widened(data.voxel_error),
+            voxel_error: data.voxel_error,
         }
+    }
+
+    /// Whether the finest level holds the source's own voxels: then nothing is off that is drawn from it.
+    #[must_use]
+    pub fn is_finest_exact(&self) -> bool {
+        self.voxel_error == 0.0
     }
 
     /// Of a brick with this entry; whether a voxel of it or beneath it may be absent is asked at most once.
     #[must_use]
     pub fn of(&self, key: BrickKey, entry: &BrickEntry, may_have_holes: bool) -> Deviation {
-        let beneath = self.data_range(entry.range_beneath);
+        let is_finest = key.lod() == Lod::FINEST;
+        let beneath = self.data_range(entry.range_beneath).widened(self.voxel_error);
         let error = entry.error * self.scale.abs();
-        let is_exact =
-            error == 0.0 && !may_have_holes && !(self.is_shaded && matches!(self.mode, Mode::Dvr | Mode::Iso));
-        if key.lod() == Lod::FINEST || beneath.is_empty() || is_exact {
+        // Holes are where they were, and where no voxel has moved normals are what they were.
+        let may_have_holes = may_have_holes && !is_finest;
+        let is_unshaded = is_finest || !(self.is_shaded && matches!(self.mode, Mode::Dvr | Mode::Iso));
+        let is_exact = is_finest && self.is_finest_exact();
+        if is_exact || beneath.is_empty() || (error == 0.0 && !may_have_holes && is_unshaded) {
             return Deviation::NONE;
         }
         let known = Deviation {
@@ -343,6 +355,11 @@ mod tests {
     const VALUES: ValueRange = ValueRange { min: 0.0, max: 100.0 };
 
     fn deviations(json: &str) -> Deviations {
+        deviations_of(json, 0.0)
+    }
+
+    /// Of a volume whose voxels have been moved by up to `voxel_error`.
+    fn deviations_of(json: &str, voxel_error: f64) -> Deviations {
         let pyramid = Pyramid::new(Dims([32; 3]), BrickLayout::new(16).unwrap(), &[[2, 2, 2]]).unwrap();
         let facts = VolumeFacts {
             dims: Dims([32; 3]),
@@ -358,7 +375,7 @@ mod tests {
         let geometry = &Geometry::IDENTITY;
         Deviations::new(
             &scene,
-            &DataScale { pyramid: &pyramid, geometry, scale: 1.0, offset: 0.0, value_range: VALUES },
+            &DataScale { pyramid: &pyramid, geometry, scale: 1.0, offset: 0.0, value_range: VALUES, voxel_error },
         )
     }
 
@@ -502,6 +519,23 @@ mod tests {
         let shaded =
             super::tests::deviations(&format!(r#"{{"shading": {{}}, {}}}"#, function(&[(0.0, 0.0), (100.0, 0.5)])));
         assert!(!shaded.of(coarse(), &entry(own, VALUES, 0.0), false).is_none());
+    }
+
+    #[test]
+    fn level_0_is_off_by_as_much_as_its_voxels_were_moved() {
+        let own = ValueRange { min: 20.0, max: 60.0 };
+        let finest = BrickKey::new(Lod(0), BrickIndex([0; 3]));
+        let ramp = function(&[(0.0, 0.0), (100.0, 0.5)]);
+        let moved = deviations_of(&format!("{{{ramp}}}"), 0.5);
+        let of = |error| moved.of(finest, &entry(own, own, error), true);
+        assert!(!moved.is_finest_exact() && of(0.0).is_none(), "no voxel of that brick has moved");
+        let off = of(0.5);
+        assert_eq!((off.value, off.beneath, off.presence_may_change), (0.5, own.widened(0.5), false));
+        assert!(off.of_ray(4.0, 0.5) > 0.0 && off.of_ray(4.0, 0.5) < 0.02, "{off:?}");
+        // What is just below the transfer function's foot may really be above it.
+        let foot = deviations_of(&format!("{{{}}}", function(&[(60.2, 0.0), (100.0, 0.5)])), 0.5);
+        let of_foot = foot.of(finest, &entry(own, own, 0.5), false);
+        assert!(of_foot.of_nothing(4.0) > 0.0 && of_foot.of_nothing(4.0) < 0.05, "{of_foot:?}");
     }
 
     #[test]

@@ -15,6 +15,7 @@
 //! parts. The program itself, its threads' stacks and the container's manifest are counted where somebody says how much that
 //! is ([`Demand::process_bytes`]); a budget that all the rest fits is not refused for their sake.
 
+use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
 use supervol_format::container::reader::CACHED_TOC_PAGES;
 use supervol_format::container::toc;
 use supervol_format::readable::{Mib, counted};
@@ -55,8 +56,8 @@ pub struct BudgetError {
 pub struct BrickBytes {
     /// A full brick as the ray casters read it, with its place in the cache.
     pub decoded: u64,
-    /// Stored voxels of a full brick: what a decoder writes.
-    pub stored: u64,
+    /// What a thread that decodes a full brick needs beside its record: its stored voxels, and what they are made of.
+    pub decoding: u64,
     /// The longest record of a full brick.
     pub record: u64,
 }
@@ -80,7 +81,8 @@ impl BrickBytes {
         let stored = voxels * voxel_type.bytes() as u64;
         // The bound that the container's reader puts on payloads, and two bytes per macro cell.
         let record = stored + stored / 64 + 1024 + 2 * macro_cells;
-        Self { decoded: decoded_bytes(voxel_type, voxels, macro_cells), stored, record }
+        let decoding = stored + voxels * DECODING_BYTES_PER_VOXEL as u64;
+        Self { decoded: decoded_bytes(voxel_type, voxels, macro_cells), decoding, record }
     }
 }
 
@@ -195,7 +197,7 @@ impl HostPlan {
         let least_bricks = if demand.has_deadline { 2 } else { 1 };
         let casting = demand.threads * demand.caster.thread;
         let toc = demand.toc_pages.min(CACHED_TOC_PAGES as u64) * toc::PAGE_BYTES as u64;
-        let scratch = demand.threads * demand.brick.stored;
+        let scratch = demand.threads * demand.brick.decoding;
         let least_in_flight = demand.brick.record + scratch;
         let in_flight = (budget_bytes / 8).min(IN_FLIGHT_LIMIT).max(least_in_flight);
         let least_made = demand.caster.made_of_brick;
@@ -263,7 +265,7 @@ mod tests {
             image_size: [800, 600],
             subgrid: 1,
             caster: IN_TILES,
-            brick: BrickBytes { decoded: 1_300_000, stored: 1_250_000, record: 1_280_000 },
+            brick: BrickBytes { decoded: 1_300_000, decoding: 1_250_000, record: 1_280_000 },
             has_deadline: false,
             threads: 2,
             toc_pages: 3,
@@ -285,7 +287,7 @@ mod tests {
         for budget in [least, least + 1, 2 * least, 512 << 20, 64 << 30] {
             let plan = HostPlan::new(budget, &demand()).unwrap();
             let states = plan.state_limit as u64 * RECORD_BYTES;
-            let scratch = 2 * demand().brick.stored;
+            let scratch = 2 * demand().brick.decoding;
             let parts = plan.fixed_bytes + plan.made_bytes + states + plan.in_flight_bytes + scratch + plan.cache_bytes;
             assert!(parts <= budget && parts + RECORD_BYTES > budget, "{parts} of {budget}");
             assert!(plan.cache_bytes >= demand().brick.decoded && plan.in_flight_bytes >= demand().brick.record);

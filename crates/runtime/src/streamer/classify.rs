@@ -107,13 +107,13 @@ impl Classifier {
         }
     }
 
-    /// Whether drawing the brick keeps the picture within the error asked for, by a bound: always for level 0, never for
-    /// a level that was asked for, nor for a brick that a rule of thumb lets pass or that stands in for a child.
+    /// Whether drawing the brick keeps the picture within the error asked for, by a bound: for level 0 where its voxels are
+    /// the source's, never for a level that was asked for, nor for a brick that a rule of thumb lets pass or that stands in for a child.
     #[must_use]
     pub fn has_bound(&self, key: BrickKey, entry: &BrickEntry, may_have_holes: impl FnOnce() -> bool) -> bool {
         let verdict = self.levels.as_ref().map(|levels| levels.bounded_verdict(key, entry));
         match verdict {
-            _ if key.lod() == Lod::FINEST => true,
+            _ if key.lod() == Lod::FINEST => entry.error == 0.0,
             None | Some(Verdict::TooCoarse) => false,
             Some(Verdict::Fine) => true,
             Some(Verdict::FineWithoutHoles) => !may_have_holes(),
@@ -244,6 +244,7 @@ mod tests {
                 scale: -1.0,
                 offset: 255.0,
                 value_range: VALUES,
+                voxel_error: 0.0,
             };
             let lod = LodRule::new(LodChoice::Auto { voxel_pixels: 1.0 }, &scene.camera, &Geometry::IDENTITY);
             let levels = LevelsByError::new(&scene, &data, lod, 0.5 / 255.0);
@@ -256,7 +257,8 @@ mod tests {
             assert_eq!(automatic.classify_drawn(&wrong), Class::Load, "where it stands in for a child");
             let exact = BrickEntry { error: 0.0, ..wrong };
             let has_bound = |lod, entry: &BrickEntry| automatic.has_bound(key(lod), entry, || false);
-            assert!(has_bound(fine, &wrong) && has_bound(coarse, &exact) && !has_bound(coarse, &wrong));
+            assert!(has_bound(fine, &exact) && has_bound(coarse, &exact) && !has_bound(coarse, &wrong));
+            assert!(!has_bound(fine, &wrong), "its voxels were moved");
             assert_eq!([true, false].map(|holes| class(coarse, &exact, holes)), [Class::TooCoarse, Class::Load]);
             // Stored values above 55 are invisible, and so are those beneath: neither errors nor holes matter.
             let clear = BrickEntry { error: 190.0, ..entry(60.0, 250.0) };

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use supervol_format::codec::{BrickShape, CodecChoice};
+use supervol_format::codec::CodecChoice;
 use supervol_format::container::header::Descriptor;
 use supervol_format::container::manifest::{AxisName, Manifest, Source};
 use supervol_format::container::validate::seal_brick;
@@ -44,17 +44,17 @@ pub fn container_bytes(volume: &Volume, core: u32) -> Vec<u8> {
         scale: 1.0,
         offset: 0.0,
         absence,
+        quantizer: None,
     };
-    let mut writer = ContainerWriter::begin(Vec::new(), descriptor).unwrap();
+    let mut writer = ContainerWriter::begin(Vec::new(), descriptor.clone()).unwrap();
     for (lod, level) in levels.iter().enumerate() {
         let error = if lod == 0 { 0.0 } else { volume.range().width() };
         for key in pyramid.keys_of(Lod(lod as u8)) {
             let beneath = pyramid
                 .children(key)
                 .fold(ValueRange::EMPTY, |range, child| range.union(writer.entry(child).unwrap().range_beneath));
-            let shape = BrickShape { voxel_type: volume.voxel_type, extent: pyramid.stored_extent(key) };
             let voxels = stored_voxels(level, &pyramid, key);
-            let brick = seal_brick(key, shape, &voxels, absence, CodecChoice::Smallest, beneath, error).unwrap();
+            let brick = seal_brick(&descriptor, key, &voxels, CodecChoice::Smallest, beneath, error).unwrap();
             writer.append(brick).unwrap();
         }
     }

@@ -1,4 +1,4 @@
-//! How far the rays of a tile may be off because bricks are drawn from coarser levels: summed up brick by brick as they are
+//! How far the rays of a tile may be off because bricks are drawn from coarser levels, or their voxels have been moved: summed up brick by brick as they are
 //! cast, by the bounds of [`crate::lod::deviation`].
 
 use std::sync::Arc;
@@ -70,7 +70,7 @@ impl CastTile<'_> {
     pub(super) fn crossing(&self, key: BrickKey, resident: Resident<'_>) -> Option<Crossing> {
         let deviations = self.frame.deviations.as_ref()?;
         let is_unknown = matches!(resident, Resident::UseParent);
-        if key.lod() == Lod::FINEST && !is_unknown {
+        if key.lod() == Lod::FINEST && !is_unknown && deviations.is_finest_exact() {
             return None;
         }
         let deviation = if is_unknown { Deviation::UNKNOWN } else { *self.deviation(deviations, key) };

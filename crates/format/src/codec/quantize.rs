@@ -1,0 +1,266 @@
+//! Voxels as whole multiples of a step: what bounds the error of a container, and what [`super::wavelet`] transforms.
+//!
+//! A voxel v has the index `i = round(v / step)`, ties to even, and the index stands for the voxel `i * step`, cut off at
+//! the limits of its type. [`Quantizer::snap`] goes there and back. It looks at one voxel and at nothing else, so
+//! that aprons repeat their neighbours' cores after it as before it, whatever codec comes behind; and doing it twice is
+//! doing it once.
+//!
+//! Steps made by [`Quantizer::within`] are odd whole numbers for integers, and have [`STEP_BITS`] significant bits for
+//! floats: there `i * step` is exact in the voxel's own type for all indices up to the limit, and nothing is off by more
+//! than half a step. What has a larger index, or would be taken for a hole, or is one, stays as it is.
+
+use crate::voxel_type::{Absence, Voxel};
+use crate::{VoxelType, with_voxel};
+
+/// Significant bits of a float's step; the step is less than a sixteenth shorter than twice the error that is allowed.
+pub const STEP_BITS: u32 = 5;
+/// Greatest index of a single: its product with a step has the 24 bits that singles have.
+const SINGLE_INDEX_LIMIT: i32 = 1 << 19;
+/// Greatest index of all other types: sums of a few in 32 bits do not overflow.
+const INDEX_LIMIT: i32 = 1 << 29;
+
+/// See the module.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Quantizer {
+    step: f64,
+}
+
+impl Quantizer {
+    /// Whole numbers: integers stay what they are.
+    pub const WHOLE: Self = Self { step: 1.0 };
+
+    /// Multiples of this step; none unless it is positive and finite, and for integers a whole number no longer than all
+    /// of them are apart, twice over.
+    #[must_use]
+    pub fn new(voxel_type: VoxelType, step: f64) -> Option<Self> {
+        let (least, greatest) = voxel_type.limits();
+        let is_whole = step.fract() == 0.0 && step <= 2.0 * (greatest - least) + 1.0;
+        (step > 0.0 && step.is_finite() && (is_whole || voxel_type.is_float())).then_some(Self { step })
+    }
+
+    /// The longest step that moves no voxel by more than `max_error`, stored units; none where that moves none.
+    #[must_use]
+    pub fn within(voxel_type: VoxelType, max_error: f64) -> Option<Self> {
+        if !(max_error > 0.0 && max_error.is_finite()) {
+            return None;
+        }
+        if !voxel_type.is_float() {
+            let (least, greatest) = voxel_type.limits();
+            // No error is greater than all values are apart.
+            let whole = max_error.min(greatest - least).floor();
+            return (whole >= 1.0).then_some(Self { step: 2.0 * whole + 1.0 });
+        }
+        let low_bits = (1u64 << (f64::MANTISSA_DIGITS - STEP_BITS)) - 1;
+        let step = f64::from_bits((2.0 * max_error).to_bits() & !low_bits);
+        let least = if voxel_type == VoxelType::F32 { f64::from(f32::MIN_POSITIVE) } else { f64::MIN_POSITIVE };
+        Self::new(voxel_type, step).filter(|_| step >= least)
+    }
+
+    /// Length of a step, stored units.
+    #[must_use]
+    pub fn step(self) -> f64 {
+        self.step
+    }
+
+    /// Most by which a voxel moves, stored units.
+    #[must_use]
+    pub fn bound(self, voxel_type: VoxelType) -> f64 {
+        if voxel_type.is_float() { 0.5 * self.step } else { ((self.step - 1.0) / 2.0).max(0.0) }
+    }
+
+    /// The index of a voxel; saturating.
+    #[inline]
+    #[must_use]
+    pub fn index<V: Voxel>(self, voxel: V) -> i32 {
+        // A double of this size has no bits behind the point: the sum is rounded there. Greater indices end in saturation.
+        const ROUNDER: f64 = 1.5 * (1u64 << 52) as f64;
+        (voxel.to_f64() / self.step + ROUNDER - ROUNDER) as i32
+    }
+
+    /// The voxel that an index stands for.
+    #[inline]
+    #[must_use]
+    pub fn voxel<V: Voxel>(self, index: i32) -> V {
+        if V::TYPE.is_float() {
+            V::from_f64(f64::from(index) * self.step)
+        } else if self.step == 1.0 {
+            V::from_whole(i64::from(index))
+        } else {
+            V::from_whole(i64::from(index).saturating_mul(self.step as i64))
+        }
+    }
+
+    /// As [`Self::voxel`], for many of them.
+    pub(crate) fn voxels<V: Voxel>(self) -> impl Fn(i32) -> V + Copy {
+        // No step of a small integer is longer than this; and what is cut off here is beyond its limits in any case.
+        let step = self.step as i32;
+        let limit = i32::MAX / step.max(1);
+        move |index| {
+            if V::TYPE.is_float() || V::TYPE.bytes() == 4 {
+                self.voxel(index)
+            } else {
+                V::from_whole(i64::from(index.clamp(-limit, limit) * step))
+            }
+        }
+    }
+
+    /// The index of a voxel that is exactly what its index stands for.
+    #[inline]
+    pub(crate) fn exact_index<V: Voxel>(self, voxel: V) -> Option<i32> {
+        let index = self.index(voxel);
+        let same = bytemuck::bytes_of(&self.voxel::<V>(index)) == bytemuck::bytes_of(&voxel);
+        (same && index.unsigned_abs() <= INDEX_LIMIT as u32).then_some(index)
+    }
+
+    fn snapped<V: Voxel>(self, voxel: V, absence: Absence) -> V {
+        let value = voxel.to_f64();
+        if absence.is_absent(value) {
+            return voxel;
+        }
+        let index = self.index(voxel);
+        let moved: V = self.voxel(index);
+        let limit = if V::TYPE == VoxelType::F32 { SINGLE_INDEX_LIMIT } else { INDEX_LIMIT };
+        let is_near = (moved.to_f64() - value).abs() <= self.bound(V::TYPE);
+        if is_near && index.unsigned_abs() <= limit as u32 && !absence.is_absent(moved.to_f64()) {
+            moved
+        } else {
+            voxel
+        }
+    }
+
+    /// Moves each voxel to the nearest multiple of the step; the greatest distance that one was moved, stored units.
+    ///
+    /// # Panics
+    /// If the bytes are no whole number of voxels.
+    pub fn snap(self, voxel_type: VoxelType, absence: Absence, voxels: &mut [u8]) -> f64 {
+        assert_eq!(voxels.len() % voxel_type.bytes(), 0, "{} bytes of {voxel_type} voxels", voxels.len());
+        with_voxel!(voxel_type, V => {
+            let mut farthest = 0.0f64;
+            for bytes in voxels.chunks_exact_mut(size_of::<V>()) {
+                let voxel = V::read_le(bytes);
+                let moved = self.snapped(voxel, absence);
+                if moved != voxel && !absence.is_absent(voxel.to_f64()) {
+                    farthest = farthest.max((moved.to_f64() - voxel.to_f64()).abs());
+                }
+                moved.write_le(bytes);
+            }
+            farthest
+        })
+    }
+}
+
+/// The longest step that all present voxels are whole multiples of: 1 for integers, for floats the longest power of two.
+/// None where indices would be too large for it.
+pub(crate) fn common_step<V: Voxel>(voxels: &[V], absence: Absence) -> Option<Quantizer> {
+    if !V::TYPE.is_float() {
+        return Some(Quantizer::WHOLE);
+    }
+    let (mut lowest_bit, mut greatest) = (i32::MAX, 0.0f64);
+    for value in voxels.iter().map(|v| v.to_f64()).filter(|&v| v != 0.0 && !absence.is_absent(v)) {
+        let bits = value.to_bits();
+        let exponent = (bits >> 52 & 0x7ff) as i32 - 1075;
+        let mantissa = bits & ((1 << 52) - 1) | 1 << 52;
+        lowest_bit = lowest_bit.min(exponent + mantissa.trailing_zeros() as i32);
+        greatest = greatest.max(value.abs());
+        // Most fields of floats are no multiples of anything: a few voxels show it.
+        if greatest / 2f64.powi(lowest_bit) > f64::from(INDEX_LIMIT) {
+            return None;
+        }
+    }
+    Quantizer::new(V::TYPE, if lowest_bit == i32::MAX { 1.0 } else { 2f64.powi(lowest_bit) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const NO_HOLES: Absence = Absence::NON_FINITE_ONLY;
+
+    fn snap_one<V: Voxel>(quantizer: Quantizer, voxel: V, absence: Absence) -> (V, f64) {
+        let mut bytes = vec![0; size_of::<V>()];
+        voxel.write_le(&mut bytes);
+        let moved = quantizer.snap(V::TYPE, absence, &mut bytes);
+        (V::read_le(&bytes), moved)
+    }
+
+    #[test]
+    fn integers_go_to_odd_steps_and_never_beyond_their_type() {
+        let step = |e| Quantizer::within(VoxelType::U8, e).map(Quantizer::step);
+        assert_eq!([0.0, 0.9, 1.0, 2.7, 1e300].map(step), [None, None, Some(3.0), Some(5.0), Some(511.0)]);
+        for error in 1..=255 {
+            let quantizer = Quantizer::within(VoxelType::I8, f64::from(error)).expect("an error of 1 and more");
+            for voxel in i8::MIN..=i8::MAX {
+                let (moved, by) = snap_one(quantizer, voxel, NO_HOLES);
+                let index = quantizer.index(voxel) * 1_000_000;
+                assert_eq!(quantizer.voxels::<i8>()(index), quantizer.voxel::<i8>(index));
+                assert_eq!((i32::from(moved) - i32::from(voxel)).abs(), by as i32);
+                assert!(by <= f64::from(error), "{voxel} became {moved} within {error}");
+                assert_eq!(snap_one(quantizer, moved, NO_HOLES), (moved, 0.0), "twice is once");
+                assert_eq!(quantizer.exact_index(moved).map(|i| quantizer.voxel(i)), Some(moved));
+            }
+        }
+    }
+
+    #[test]
+    fn the_longest_step_and_the_greatest_index_stay_within_the_type() {
+        let quantizer = Quantizer::within(VoxelType::U32, f64::MAX).expect("a positive error");
+        assert_eq!([i32::MIN, 0, i32::MAX].map(|i| quantizer.voxel::<u32>(i)), [0, 0, u32::MAX]);
+        let longer = quantizer.step() + 2.0;
+        let refused =
+            [(VoxelType::U32, longer), (VoxelType::U8, 1.5), (VoxelType::F32, 0.0), (VoxelType::F64, f64::NAN)];
+        assert!(refused.into_iter().all(|(voxel_type, step)| Quantizer::new(voxel_type, step).is_none()));
+    }
+
+    #[test]
+    fn what_is_too_large_has_no_index() {
+        let [least, greatest] = [i32::MIN, i32::MAX].map(|v| Quantizer::WHOLE.exact_index(v));
+        assert_eq!([least, greatest, Quantizer::WHOLE.exact_index(u32::MAX)], [None; 3]);
+        assert_eq!(Quantizer::WHOLE.exact_index(-INDEX_LIMIT), Some(-INDEX_LIMIT));
+    }
+
+    #[test]
+    fn holes_stay_and_nothing_becomes_one() {
+        let quantizer = Quantizer::within(VoxelType::F32, 0.5).expect("a positive error");
+        let nodata = Absence { nodata: Some(-999.0) };
+        assert!(snap_one(quantizer, f32::NAN, nodata).0.is_nan());
+        assert_eq!(snap_one(quantizer, f32::INFINITY, nodata), (f32::INFINITY, 0.0));
+        assert_eq!(snap_one(quantizer, -999.0f32, nodata), (-999.0, 0.0));
+        assert_eq!(snap_one(quantizer, -999.25f32, nodata), (-999.25, 0.0), "it would be taken for a hole");
+        assert_eq!(snap_one(quantizer, -999.25f32, NO_HOLES), (-999.0, 0.25));
+        assert_eq!(snap_one(quantizer, 1e30f32, NO_HOLES), (1e30, 0.0), "too far away to be counted in steps");
+    }
+
+    #[test]
+    fn the_common_step_of_floats_is_a_power_of_two() {
+        let step = |v: &[f32]| common_step(v, NO_HOLES).map(Quantizer::step);
+        assert_eq!(step(&[3.0, -8.0, 0.0, f32::NAN]), Some(1.0));
+        assert_eq!(step(&[0.75, 1024.0]), Some(0.25));
+        assert_eq!(step(&[4096.0, -12288.0]), Some(4096.0));
+        assert_eq!(
+            (step(&[0.0; 3]), step(&[1e-20, 1.0]), step(&[f32::MIN_POSITIVE / 8.0, 1.0])),
+            (Some(1.0), None, None)
+        );
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn floats_move_by_no_more_than_they_may(value in any::<f32>(), exponent in -100i32..100, mantissa in 1.0f64..2.0) {
+            let error = mantissa * 2f64.powi(exponent);
+            let quantizer = Quantizer::within(VoxelType::F32, error).expect("a positive error");
+            prop_assert!(quantizer.step() <= 2.0 * error && quantizer.step() > 1.88 * error, "{}", quantizer.step());
+            let (moved, by) = snap_one(quantizer, value, NO_HOLES);
+            prop_assert!(by <= error && by <= quantizer.bound(VoxelType::F32), "{value} became {moved}");
+            if value.is_finite() {
+                prop_assert!((f64::from(moved) - f64::from(value)).abs() <= by);
+                prop_assert_eq!(snap_one(quantizer, moved, NO_HOLES), (moved, 0.0));
+                // Within the limit all is a multiple, and its index says so.
+                if f64::from(value).abs() < quantizer.step() * f64::from(SINGLE_INDEX_LIMIT - 1) {
+                    prop_assert_eq!(quantizer.exact_index(moved).map(|i| quantizer.voxel::<f32>(i)), Some(moved));
+                }
+            }
+        }
+    }
+}

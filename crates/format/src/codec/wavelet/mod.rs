@@ -1,0 +1,590 @@
+//! Voxels as whole multiples of a step ([`super::quantize`]), transformed within the brick, in tokens, compressed by
+//! Zstandard. Lossless: whatever bounds the error of a container has moved the voxels before.
+//!
+//! Each brick stands alone: no parent, no neighbour is needed to decode it (docs/decisions/016-wavelets-within-bricks.md).
+//!
+//! Payload, all numbers little endian:
+//!
+//! | offset | size | meaning |
+//! |---|---|---|
+//! | 0 | 1 | transform: 0 differences, 1 lifting (`transform.rs`) |
+//! | 1 | 1 | bits 0 to 5: the two layers of apron at the low end of x, its high end, that of y, ... repeat the voxels before them and are not coded; bit 6: there are holes |
+//! | 2 | 8 | f64: the step |
+//! | 10 | 8 | only with holes: the bits of the voxel that stands in each of them |
+//! | | | only with holes: chunks of the mask (1 in a hole, else 0), its differences |
+//! | | | chunks of the indices' transform; a hole has the index of the voxel before it |
+//!
+//! Coefficients come band by band, coarsest first, x fastest inside a band; differences are one band. A chunk holds whole
+//! bands, as few as have [`CHUNK_COEFFICIENTS`] together, so that unlike bands have tables of their own:
+//!
+//! | size | meaning |
+//! |---|---|
+//! | 4 | u32: number of tokens (`tokens.rs`) |
+//! | 4 | u32: bytes of the Zstandard frame that holds them |
+//! | 4 | u32: bytes of the bits beside them |
+//! | | frame, bits |
+
+mod tokens;
+mod transform;
+
+use tokens::{BITS_PADDING, Tokens};
+use transform::{Band, bands};
+
+use super::quantize::{Quantizer, common_step};
+use super::{BrickShape, CodecError};
+use crate::brick::APRON;
+use crate::voxel_type::{Absence, Voxel};
+use crate::with_voxel;
+
+/// Most bytes that encoding takes for each voxel, whatever its type, beside two copies of the voxels and the payload: holes,
+/// coefficients, and then either these without layers that repeat, or tokens and bits.
+pub const ENCODING_BYTES_PER_VOXEL: usize = 4 + 4 + (1 + 4);
+/// The same of decoding: holes, coefficients, those of a chunk, tokens and bits.
+pub const DECODING_BYTES_PER_VOXEL: usize = 4 + 4 + 4 + 1 + 4;
+
+/// Bands are gathered until they have so many coefficients.
+pub const CHUNK_COEFFICIENTS: usize = 4096;
+/// Voxels along each axis of the part that decides between transforms.
+const PROBED: usize = 32;
+/// Level of Zstandard: the tokens are left to its Huffman coder, higher levels find little more.
+const LEVEL: i32 = 1;
+const HEAD_BYTES: usize = 10;
+const FLAG_HOLES: u8 = 1 << 6;
+
+/// How indices are turned into coefficients.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+enum Transform {
+    Differences = 0,
+    Lifting = 1,
+}
+
+impl Transform {
+    fn apply(self, samples: &mut [i32], extent: [usize; 3]) {
+        match self {
+            Self::Differences => transform::difference(samples, extent),
+            Self::Lifting => transform::lift(samples, extent),
+        }
+    }
+
+    fn undo(self, samples: &mut [i32], extent: [usize; 3]) {
+        match self {
+            Self::Differences => transform::undo_difference(samples, extent),
+            Self::Lifting => transform::unlift(samples, extent),
+        }
+    }
+
+    /// Bands in the order in which they are coded.
+    fn bands(self, extent: [usize; 3]) -> Vec<Band> {
+        match self {
+            Self::Differences => vec![Band { start: [0; 3], end: extent }],
+            Self::Lifting => bands(extent),
+        }
+    }
+
+    /// The same, chunk by chunk.
+    fn chunks(self, extent: [usize; 3]) -> Vec<Vec<Band>> {
+        let mut chunks: Vec<Vec<Band>> = Vec::new();
+        let mut filled = CHUNK_COEFFICIENTS;
+        for band in self.bands(extent) {
+            if filled >= CHUNK_COEFFICIENTS {
+                chunks.push(Vec::new());
+                filled = 0;
+            }
+            filled += band.samples();
+            chunks.last_mut().expect("one has been pushed").push(band);
+        }
+        chunks
+    }
+}
+
+/// Which layers of apron repeat the voxels before them: low and high end of each axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Repeats([[bool; 2]; 3]);
+
+impl Repeats {
+    fn of<T: PartialEq>(voxels: &[T], extent: [usize; 3]) -> Self {
+        Self(std::array::from_fn(|axis| {
+            let n = extent[axis];
+            if n <= 2 * APRON {
+                return [false; 2];
+            }
+            let repeats =
+                |from: usize, layers: [usize; APRON]| layers.iter().all(|&l| are_equal(voxels, extent, axis, from, l));
+            [repeats(APRON, std::array::from_fn(|l| l)), repeats(n - 1 - APRON, std::array::from_fn(|l| n - 1 - l))]
+        }))
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self(std::array::from_fn(|axis| [0, 1].map(|end| self.0[axis][end] && other.0[axis][end])))
+    }
+
+    fn bits(self) -> u8 {
+        self.0.as_flattened().iter().enumerate().map(|(i, &set)| u8::from(set) << i).sum()
+    }
+
+    /// None where a brick of this extent has no such layers.
+    fn from_bits(bits: u8, extent: [usize; 3]) -> Option<Self> {
+        let repeats = Self(std::array::from_fn(|axis| [0, 1].map(|end| bits >> (2 * axis + end) & 1 == 1)));
+        (0..3).all(|a| extent[a] > 2 * APRON || repeats.0[a] == [false; 2]).then_some(repeats)
+    }
+
+    /// First voxel that is coded, and how many are.
+    fn coded(self, extent: [usize; 3]) -> ([usize; 3], [usize; 3]) {
+        let layers = |axis: usize, end: usize| if self.0[axis][end] { APRON } else { 0 };
+        (std::array::from_fn(|a| layers(a, 0)), std::array::from_fn(|a| extent[a] - layers(a, 0) - layers(a, 1)))
+    }
+}
+
+/// Whether two layers across an axis hold the same voxels.
+fn are_equal<T: PartialEq>(voxels: &[T], extent: [usize; 3], axis: usize, one: usize, other: usize) -> bool {
+    let [nx, ny, nz] = extent;
+    let row = |y: usize, z: usize| &voxels[(z * ny + y) * nx..][..nx];
+    match axis {
+        0 => voxels.chunks_exact(nx).all(|row| row[one] == row[other]),
+        1 => (0..nz).all(|z| row(one, z) == row(other, z)),
+        _ => (0..ny).all(|y| row(y, one) == row(y, other)),
+    }
+}
+
+/// Encodes the voxels of a brick as multiples of `step`, or of the longest step that they all are multiples of. None where
+/// some are not, where holes are not all alike, or where the payload is not smaller than `limit` bytes.
+///
+/// # Errors
+/// If Zstandard cannot get memory.
+pub fn encode_if_smaller(
+    shape: BrickShape,
+    voxels: &[u8],
+    absence: Absence,
+    step: Option<Quantizer>,
+    limit: usize,
+) -> Result<Option<Vec<u8>>, CodecError> {
+    with_voxel!(shape.voxel_type, V => {
+        let voxels: Vec<V> = voxels.chunks_exact(size_of::<V>()).map(V::read_le).collect();
+        encode_typed(shape.extent, &voxels, absence, step, limit)
+    })
+}
+
+fn encode_typed<V: Voxel>(
+    extent: [usize; 3],
+    voxels: &[V],
+    absence: Absence,
+    step: Option<Quantizer>,
+    limit: usize,
+) -> Result<Option<Vec<u8>>, CodecError> {
+    let Some(quantizer) = step.or_else(|| common_step(voxels, absence)) else { return Ok(None) };
+    let Some(Indices { samples, holes }) = Indices::of(voxels, quantizer, absence) else { return Ok(None) };
+    let of_samples = Repeats::of(&samples, extent);
+    let repeats = holes.iter().fold(of_samples, |repeats, (_, mask)| repeats.and(Repeats::of(mask, extent)));
+    let (start, coded) = repeats.coded(extent);
+    let part = Band { start, end: std::array::from_fn(|a| start[a] + coded[a]) };
+    let mut samples = cut_off(samples, extent, part);
+    let transform = choose(&samples, coded);
+    transform.apply(&mut samples, coded);
+
+    let mut payload = vec![transform as u8, repeats.bits()];
+    payload.extend(quantizer.step().to_le_bytes());
+    let mut writer = ChunkWriter { payload, limit };
+    if let Some((fill, mask)) = holes {
+        writer.payload[1] |= FLAG_HOLES;
+        writer.payload.extend(fill.to_le_bytes());
+        let mut mask = cut_off(mask, extent, part);
+        Transform::Differences.apply(&mut mask, coded);
+        if !writer.push_all(Transform::Differences, &mask, coded)? {
+            return Ok(None);
+        }
+    }
+    Ok(writer.push_all(transform, &samples, coded)?.then_some(writer.payload))
+}
+
+/// Indices of voxels.
+struct Indices {
+    samples: Vec<i32>,
+    /// The bits of the voxel in every hole, and 1 where one is.
+    holes: Option<(u64, Vec<i32>)>,
+}
+
+impl Indices {
+    /// None where a voxel is no multiple of the step, or holes differ.
+    fn of<V: Voxel>(voxels: &[V], quantizer: Quantizer, absence: Absence) -> Option<Self> {
+        let bits = |v: &V| {
+            let mut bytes = [0; 8];
+            v.write_le(&mut bytes[..size_of::<V>()]);
+            u64::from_le_bytes(bytes)
+        };
+        let holes_possible = absence.possible(V::TYPE);
+        if !V::TYPE.is_float() && quantizer == Quantizer::WHOLE && !holes_possible {
+            // Integers are their own indices, up to the limit.
+            let samples: Vec<i32> = voxels.iter().map(|v| v.to_f64() as i32).collect();
+            let fits = V::TYPE.bytes() < 4 || voxels.iter().all(|&v| quantizer.exact_index(v).is_some());
+            return fits.then_some(Self { samples, holes: None });
+        }
+        let is_hole = |v: &V| holes_possible && absence.is_absent(v.to_f64());
+        let mut samples = Vec::with_capacity(voxels.len());
+        let mut fill = None;
+        let mut before = 0;
+        for voxel in voxels {
+            if is_hole(voxel) {
+                if *fill.get_or_insert(bits(voxel)) != bits(voxel) {
+                    return None;
+                }
+            } else {
+                before = quantizer.exact_index(*voxel)?;
+            }
+            samples.push(before);
+        }
+        let mask = || voxels.iter().map(|v| i32::from(is_hole(v))).collect();
+        Some(Self { samples, holes: fill.map(|fill| (fill, mask())) })
+    }
+}
+
+/// Part of a box.
+fn cut(samples: &[i32], extent: [usize; 3], part: Band) -> Vec<i32> {
+    let mut out = Vec::with_capacity(part.samples());
+    rows_of(part, extent).for_each(|row| out.extend_from_slice(&samples[row]));
+    out
+}
+
+/// Part of a box of which nothing else is needed.
+fn cut_off(samples: Vec<i32>, extent: [usize; 3], part: Band) -> Vec<i32> {
+    if part.extent() == extent { samples } else { cut(&samples, extent, part) }
+}
+
+/// The rows of a part in its box.
+fn rows_of(part: Band, extent: [usize; 3]) -> impl Iterator<Item = std::ops::Range<usize>> {
+    let Band { start, end } = part;
+    (start[2]..end[2]).flat_map(move |z| {
+        (start[1]..end[1]).map(move |y| {
+            let row = (z * extent[1] + y) * extent[0];
+            row + start[0]..row + end[0]
+        })
+    })
+}
+
+/// The transform whose coefficients take less room, as far as their mean sizes in the middle of the box tell.
+fn choose(samples: &[i32], extent: [usize; 3]) -> Transform {
+    let start = extent.map(|n| n.saturating_sub(PROBED) / 2);
+    let middle = Band { start, end: std::array::from_fn(|a| start[a] + extent[a].min(PROBED)) };
+    let probe = cut(samples, extent, middle);
+    let bits = |transform: Transform| {
+        let mut coefficients = probe.clone();
+        transform.apply(&mut coefficients, middle.extent());
+        estimate(transform, &coefficients, middle.extent())
+    };
+    if bits(Transform::Lifting) < bits(Transform::Differences) { Transform::Lifting } else { Transform::Differences }
+}
+
+/// Bits that the coefficients take if those of each slice of a band have a geometric distribution.
+fn estimate(transform: Transform, coefficients: &[i32], extent: [usize; 3]) -> f64 {
+    let of_slice = |slice: Band| {
+        let of_row = |row: std::ops::Range<usize>| {
+            coefficients[row].iter().map(|c: &i32| 2 * u64::from(c.unsigned_abs())).sum::<u64>()
+        };
+        let mean = rows_of(slice, extent).map(of_row).sum::<u64>() as f64 / slice.samples() as f64;
+        let bits = if mean == 0.0 { 0.0 } else { (mean + 1.0) * (mean + 1.0).log2() - mean * mean.log2() };
+        slice.samples() as f64 * bits
+    };
+    let slice_of =
+        |band: Band, z| Band { start: [band.start[0], band.start[1], z], end: [band.end[0], band.end[1], z + 1] };
+    let of_band = |band: Band| (band.start[2]..band.end[2]).map(|z| of_slice(slice_of(band, z))).sum::<f64>();
+    transform.bands(extent).into_iter().map(of_band).sum()
+}
+
+struct ChunkWriter {
+    payload: Vec<u8>,
+    limit: usize,
+}
+
+impl ChunkWriter {
+    /// Writes all coefficients; false as soon as the payload is not smaller than the limit.
+    fn push_all(&mut self, transform: Transform, coefficients: &[i32], extent: [usize; 3]) -> Result<bool, CodecError> {
+        let mut gathered = Vec::new();
+        for chunk in transform.chunks(extent) {
+            gathered.clear();
+            let is_whole_box = chunk.iter().any(|band| band.extent() == extent);
+            for band in chunk.into_iter().filter(|_| !is_whole_box) {
+                rows_of(band, extent).for_each(|row| gathered.extend_from_slice(&coefficients[row]));
+            }
+            let Tokens { tokens, bits } = Tokens::of(if is_whole_box { coefficients } else { &gathered });
+            let frame =
+                ::zstd::bulk::compress(&tokens, LEVEL).map_err(|e| CodecError::Zstd { reason: e.to_string() })?;
+            for length in [tokens.len(), frame.len(), bits.len()] {
+                let length = u32::try_from(length).expect("a brick has fewer than 2^32 voxels");
+                self.payload.extend(length.to_le_bytes());
+            }
+            self.payload.extend(frame);
+            self.payload.extend(bits);
+            if self.payload.len() >= self.limit {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// Decodes into a buffer of exactly the brick's bytes.
+///
+/// # Errors
+/// If the payload is none that [`encode_if_smaller`] makes for this shape.
+pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
+    let wrong = |reason: String| CodecError::Wavelet { reason };
+    let Some((&[tag, flags, ref step @ ..], mut rest)) = payload.split_first_chunk::<HEAD_BYTES>() else {
+        return Err(wrong(format!("{} bytes; expected at least {HEAD_BYTES}", payload.len())));
+    };
+    let transform = [Transform::Differences, Transform::Lifting]
+        .into_iter()
+        .find(|t| *t as u8 == tag)
+        .ok_or_else(|| wrong(format!("transform {tag}; expected 0 or 1")))?;
+    let step = f64::from_le_bytes(*step);
+    let quantizer = Quantizer::new(shape.voxel_type, step)
+        .ok_or_else(|| wrong(format!("step {step}; expected a positive one of {}", shape.voxel_type)))?;
+    let repeats = Repeats::from_bits(flags & !FLAG_HOLES, shape.extent)
+        .filter(|_| flags >> 7 == 0)
+        .ok_or_else(|| wrong(format!("flags {flags:#010b}; expected those of {:?} voxels", shape.extent)))?;
+    let (from, coded) = repeats.coded(shape.extent);
+    let mut scratch = Scratch::default();
+    let holes = if flags & FLAG_HOLES == 0 {
+        None
+    } else {
+        let (fill, behind) = rest.split_first_chunk::<8>().ok_or_else(|| wrong("no voxel for its holes".into()))?;
+        rest = behind;
+        Some((*fill, scratch.take_all(&mut rest, Transform::Differences, coded)?))
+    };
+    let samples = scratch.take_all(&mut rest, transform, coded)?;
+    if !rest.is_empty() {
+        return Err(wrong(format!("{} bytes behind the last chunk; expected none", rest.len())));
+    }
+    let places = Places { from, coded, extent: shape.extent };
+    with_voxel!(shape.voxel_type, V => {
+        // Apart, so that the compiler sees the common case without the step.
+        if quantizer == Quantizer::WHOLE {
+            places.write(&samples, out, Quantizer::WHOLE.voxels::<V>());
+        } else {
+            places.write(&samples, out, quantizer.voxels::<V>());
+        }
+        if let Some((fill, mask)) = holes {
+            places.fill_holes(&mask, &fill[..size_of::<V>()], out);
+        }
+    });
+    Ok(())
+}
+
+/// Buffers that are kept from chunk to chunk.
+#[derive(Default)]
+struct Scratch {
+    tokens: Vec<u8>,
+    bits: Vec<u8>,
+    gathered: Vec<i32>,
+}
+
+impl Scratch {
+    /// Reads and undoes a transform; moves `payload` behind it.
+    fn take_all(
+        &mut self,
+        payload: &mut &[u8],
+        transform: Transform,
+        extent: [usize; 3],
+    ) -> Result<Vec<i32>, CodecError> {
+        let mut samples = vec![0; extent.iter().product()];
+        for chunk in transform.chunks(extent) {
+            let coefficients = chunk.iter().map(|band| band.samples()).sum();
+            let gathered = self.take_chunk(payload, coefficients)?;
+            let mut at = 0;
+            for row in chunk.into_iter().flat_map(|band| rows_of(band, extent)) {
+                let length = row.len();
+                samples[row].copy_from_slice(&gathered[at..at + length]);
+                at += length;
+            }
+        }
+        transform.undo(&mut samples, extent);
+        Ok(samples)
+    }
+
+    fn take_chunk(&mut self, payload: &mut &[u8], coefficients: usize) -> Result<&[i32], CodecError> {
+        let wrong = |reason: String| CodecError::Wavelet { reason };
+        let cut_short = || wrong("a chunk is cut short".into());
+        let (head, rest) = payload.split_first_chunk::<12>().ok_or_else(cut_short)?;
+        let length = |i: usize| u32::from_le_bytes([0, 1, 2, 3].map(|b| head[4 * i + b])) as usize;
+        let [tokens, frame_bytes, bits_bytes] = [0, 1, 2].map(length);
+        // Each token stands for one coefficient at least: no more room is asked for than the brick's own.
+        if tokens > coefficients {
+            return Err(wrong(format!("{tokens} tokens for {coefficients} coefficients")));
+        }
+        let (frame, rest) = rest.split_at_checked(frame_bytes).ok_or_else(cut_short)?;
+        let (bits, rest) = rest.split_at_checked(bits_bytes).ok_or_else(cut_short)?;
+        *payload = rest;
+        self.tokens.clear();
+        self.tokens.resize(tokens, 0);
+        let found = ::zstd::bulk::decompress_to_buffer(frame, &mut self.tokens).map_err(|e| wrong(e.to_string()))?;
+        self.bits.clear();
+        self.bits.extend_from_slice(bits);
+        self.bits.extend([0; BITS_PADDING]);
+        self.gathered.clear();
+        self.gathered.resize(coefficients, 0);
+        if found == tokens && tokens::decode(&self.tokens, &self.bits, &mut self.gathered) {
+            Ok(&self.gathered)
+        } else {
+            Err(wrong(format!(
+                "{found} tokens and {bits_bytes} bytes of bits that are not {coefficients} coefficients"
+            )))
+        }
+    }
+}
+
+/// Where coded voxels stand among all of the brick's.
+struct Places {
+    from: [usize; 3],
+    coded: [usize; 3],
+    extent: [usize; 3],
+}
+
+impl Places {
+    /// The coded place on an axis that a stored one repeats.
+    fn source(&self, axis: usize, stored: usize) -> usize {
+        stored.saturating_sub(self.from[axis]).min(self.coded[axis] - 1)
+    }
+
+    /// Rows of the brick: number of the first coded voxel of each, in the order of the brick.
+    fn rows(&self) -> impl Iterator<Item = usize> {
+        (0..self.extent[2]).flat_map(move |z| {
+            (0..self.extent[1]).map(move |y| (self.source(2, z) * self.coded[1] + self.source(1, y)) * self.coded[0])
+        })
+    }
+
+    fn write<V: Voxel>(&self, samples: &[i32], out: &mut [u8], voxel: impl Fn(i32) -> V) {
+        let size = size_of::<V>();
+        let [low, n] = [self.from[0], self.coded[0]];
+        for (row, first) in out.chunks_exact_mut(self.extent[0] * size).zip(self.rows()) {
+            let coded = row[low * size..(low + n) * size].chunks_exact_mut(size);
+            coded.zip(&samples[first..first + n]).for_each(|(bytes, &index)| voxel(index).write_le(bytes));
+            for x in (0..low).chain(low + n..self.extent[0]) {
+                let from = (low + self.source(0, x)) * size;
+                row.copy_within(from..from + size, x * size);
+            }
+        }
+    }
+
+    fn fill_holes(&self, mask: &[i32], fill: &[u8], out: &mut [u8]) {
+        for (row, first) in out.chunks_exact_mut(self.extent[0] * fill.len()).zip(self.rows()) {
+            for (x, voxel) in row.chunks_exact_mut(fill.len()).enumerate() {
+                if mask[first + self.source(0, x)] != 0 {
+                    voxel.copy_from_slice(fill);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::VoxelType;
+
+    const NODATA: Absence = Absence { nodata: Some(-999.0) };
+
+    fn shape(extent: [usize; 3]) -> BrickShape {
+        BrickShape { voxel_type: VoxelType::F32, extent }
+    }
+
+    /// A brick of floats by their places.
+    fn brick(extent: [usize; 3], value: impl Fn([usize; 3]) -> f32) -> Vec<u8> {
+        let places = (0..extent.iter().product())
+            .map(|i: usize| [i % extent[0], i / extent[0] % extent[1], i / (extent[0] * extent[1])]);
+        places.flat_map(|p| value(p).to_le_bytes()).collect()
+    }
+
+    fn encode(extent: [usize; 3], voxels: &[u8], step: Option<Quantizer>) -> Option<Vec<u8>> {
+        encode_if_smaller(shape(extent), voxels, NODATA, step, usize::MAX).expect("encoding needs only memory")
+    }
+
+    fn round_trip(extent: [usize; 3], voxels: &[u8], step: Option<Quantizer>) -> Vec<u8> {
+        let payload = encode(extent, voxels, step).expect("voxels are multiples of a step");
+        let mut out = vec![0xa5; voxels.len()];
+        decode_into(shape(extent), &payload, &mut out).expect("what was encoded decodes");
+        assert!(out == voxels, "{extent:?}");
+        payload
+    }
+
+    /// Whole numbers, none of which is a hole or -0.
+    fn wave([x, y, z]: [usize; 3]) -> f32 {
+        (1000.0 * ((0.3 * x as f32).sin() + (0.2 * y as f32).cos() + 0.1 * z as f32)).round() + 5000.0
+    }
+
+    #[test]
+    fn layers_that_repeat_cost_nothing() {
+        let section = |n: usize| brick([40, n, 40], |[x, _, z]| wave([x, 0, z]));
+        let [one, five] = [1, 5].map(|n| round_trip([40, n, 40], &section(n), None).len());
+        assert!(five <= one, "one layer takes {one} bytes, five that are the same {five}");
+        // At one end only, and where only some layers of the apron repeat.
+        let clamped = |low: usize, high: usize| brick([20, 21, 22], move |[x, y, z]| wave([x.clamp(low, high), y, z]));
+        let repeats = |payload: Vec<u8>| payload[1];
+        assert_eq!(repeats(round_trip([20, 21, 22], &clamped(2, 99), None)), 0b01);
+        assert_eq!(repeats(round_trip([20, 21, 22], &clamped(0, 17), None)), 0b10);
+        assert_eq!(repeats(round_trip([20, 21, 22], &clamped(1, 18), None)), 0);
+    }
+
+    #[test]
+    fn holes_come_back_if_they_are_all_alike() {
+        let extent = [20, 20, 20];
+        let with = |hole: fn(usize) -> f32| {
+            brick(extent, move |p| if p[0] < 7 || p[1] * p[2] % 11 == 3 { hole(p[2]) } else { wave(p) })
+        };
+        for hole in [(|_| f32::NAN) as fn(usize) -> f32, |_| -999.0, |_| f32::NEG_INFINITY] {
+            round_trip(extent, &with(hole), None);
+        }
+        assert_eq!(encode(extent, &with(|z| if z < 9 { f32::NAN } else { -999.0 }), None), None);
+    }
+
+    #[test]
+    fn what_is_no_multiple_is_not_coded() {
+        let extent = [8, 8, 8];
+        assert_eq!(encode(extent, &brick(extent, |[x, y, z]| 0.1f32.powi((x + y * z) as i32)), None), None);
+        let halves = brick(extent, |p| wave(p) + 0.5);
+        assert_eq!(encode(extent, &halves, Some(Quantizer::WHOLE)), None);
+        let step = round_trip(extent, &halves, None)[2..10].try_into().expect("eight bytes");
+        assert_eq!(f64::from_le_bytes(step), 0.5);
+        assert_eq!(encode(extent, &brick(extent, |p| if p == [3, 3, 3] { -0.0 } else { wave(p) }), None), None);
+    }
+
+    #[test]
+    fn stored_bytes_stay_as_they_are() {
+        let shape = BrickShape { voxel_type: VoxelType::U8, extent: [4, 1, 1] };
+        let payload = encode_if_smaller(shape, &[105, 105, 105, 104], Absence::NON_FINITE_ONLY, None, usize::MAX);
+        let payload = payload.expect("encoding needs only memory").expect("integers are whole numbers");
+        let mut out = [0; 4];
+        decode_into(shape, &payload, &mut out).expect("what was encoded decodes");
+        assert_eq!(out, [105, 105, 105, 104]);
+        // Differences 105, 0, 0, -1: zigzag 210, of which the lowest five bits are beside; a run of 2; zigzag 1.
+        let (head, chunk) = payload.split_at(HEAD_BYTES);
+        assert_eq!(head, [0, 0, 0, 0, 0, 0, 0, 0, 0xf0, 0x3f]);
+        let frame_bytes = usize::from(chunk[4]);
+        assert_eq!((chunk[0], chunk[8], chunk.len()), (3, 1, 12 + frame_bytes + 1));
+        let tokens = ::zstd::bulk::decompress(&chunk[12..12 + frame_bytes], 3).expect("a frame");
+        assert_eq!(tokens, [128 + 4 + 2, 1, 64]);
+        assert_eq!(chunk[12 + frame_bytes..], [17]);
+    }
+
+    #[test]
+    fn wrong_heads_and_lengths_are_refused_by_name() {
+        let extent = [9, 9, 9];
+        let good = round_trip(extent, &brick(extent, wave), None);
+        let said = |change: &dyn Fn(&mut Vec<u8>)| {
+            let mut payload = good.clone();
+            change(&mut payload);
+            let refused = decode_into(shape(extent), &payload, &mut vec![0; 9 * 9 * 9 * 4]);
+            refused.expect_err("it is none that is written").to_string()
+        };
+        assert!(said(&|p| p.truncate(9)).contains("at least 10"));
+        assert!(said(&|p| p[0] = 2).contains("transform 2"));
+        assert!(said(&|p| p[1] |= 0x80).contains("flags"));
+        assert!(!said(&|p| p[1] |= FLAG_HOLES).is_empty());
+        assert!(said(&|p| p[2..10].copy_from_slice(&(-1.0f64).to_le_bytes())).contains("step -1"));
+        assert!(said(&|p| p[10..14].fill(0xff)).contains("coefficients"));
+        assert!(said(&|p| p.push(0)).contains("behind the last chunk"));
+        assert!(said(&|p| p.truncate(p.len() - 1)).contains("cut short"));
+        // A line has no layers of apron.
+        let line = BrickShape { voxel_type: VoxelType::F32, extent: [4, 1, 1] };
+        let flags = decode_into(line, &[&[0, 1][..], &1f64.to_le_bytes()].concat(), &mut [0; 16]);
+        assert!(flags.is_err_and(|e| e.to_string().contains("flags")));
+    }
+}
