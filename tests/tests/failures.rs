@@ -82,8 +82,8 @@ fn too_little_memory_is_refused_with_what_would_do() {
     assert!(error.is_wrong_command());
     assert!(files_in(folder.path()).is_empty());
     // What the message says is needed suffices.
-    let needed: f64 = message.split(' ').next().and_then(|n| n.parse().ok()).expect("the message begins with a number");
-    let enough = BuildOptions { memory_bytes: (needed * f64::from(1 << 20)) as u64, ..options(64) };
+    let needed: u64 = message.split(' ').next().and_then(|n| n.parse().ok()).expect("the message begins with a number");
+    let enough = BuildOptions { memory_bytes: needed << 20, ..options(64) };
     build_at(&field(), &output, &enough).unwrap_or_else(|e| panic!("{needed} MiB: {e}"));
 }
 

@@ -50,7 +50,9 @@ impl BuildError {
 
     /// `--memory` does not suffice; `what` says what for.
     pub(crate) fn memory(needed: u64, allowed: u64, what: String, advice: &str) -> Self {
-        Self::Memory { needed: Mib(needed).to_string(), allowed: Mib(allowed).to_string(), what, advice: advice.into() }
+        // Whole MiB, which can be given as they are read.
+        let needed = Mib(needed.next_multiple_of(1 << 20)).to_string();
+        Self::Memory { needed, allowed: Mib(allowed).to_string(), what, advice: advice.into() }
     }
 
     pub(crate) fn container(path: &Path, source: ContainerError) -> Self {

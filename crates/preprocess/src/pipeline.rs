@@ -225,9 +225,9 @@ fn identity_of(
     }
     let page = header::encode(descriptor, Sections::default());
     // The order of bricks follows the tiles, and those the memory.
-    let files = &source.info().files;
+    let (files, reading) = (&source.info().files, &source.info().reading);
     let (codec, error, memory, tile) = (options.codec, options.max_error, options.memory_bytes, plan.tile_bytes);
-    let choices = format!("{origin:?} {files:?} {codec:?} {error:?} {reduce:?} {memory} {tile}");
+    let choices = format!("{origin:?} {files:?} {reading} {codec:?} {error:?} {reduce:?} {memory} {tile}");
     Some(journal::identity(&[env!("CARGO_PKG_VERSION").as_bytes(), &page[..], choices.as_bytes()]))
 }
 

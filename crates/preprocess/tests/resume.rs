@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use supervol_format::container::manifest::Source;
-use supervol_format::{BrickLayout, VoxelType};
+use supervol_format::{BrickLayout, VoxelBox, VoxelType};
 use supervol_preprocess::output::unfinished::list_builds;
 use supervol_preprocess::report::{BuildReport, Progress};
-use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::computed::Computed;
+use supervol_preprocess::source::{SourceError, SourceInfo, VolumeSource};
 use supervol_preprocess::{BuildOptions, Existing, build};
 
 const OUTPUT: &str = "v.svol";
@@ -19,6 +19,22 @@ fn source(seed: u64) -> Computed {
         // Noise in one half, one value in the other.
         if x < 40 { hash as f64 } else { 7.0 }
     })
+}
+
+/// A source that says something else of itself.
+struct ReadAs {
+    source: Computed,
+    info: SourceInfo,
+}
+
+impl VolumeSource for ReadAs {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        self.source.read_box(voxels, out)
+    }
 }
 
 fn options() -> BuildOptions {
@@ -138,6 +154,13 @@ fn another_build_begins_anew_and_removes_what_is_left() {
     let moment = &moments[5];
     let larger = BuildOptions { memory_bytes: 3 << 20, ..options() };
     let report = build(&source(1), origin("01"), &moment.join(OUTPUT), &larger, &|_| ());
+    assert_eq!(restored(&report.unwrap_or_else(|e| panic!("{e}"))), 0);
+    // The same file, read in another way.
+    let moment = &moments[7];
+    let mut info = source(1).info().clone();
+    info.reading = "big endian".into();
+    let other = ReadAs { source: source(2), info };
+    let report = build(&other, origin("01"), &moment.join(OUTPUT), &options(), &|_| ());
     assert_eq!(restored(&report.unwrap_or_else(|e| panic!("{e}"))), 0);
     // Of a source without a checksum nobody knows whether it is the same.
     let moment = &moments[6];

@@ -251,6 +251,20 @@ fn a_histogram_is_drawn_as_it_is_listed() {
 }
 
 #[test]
+fn the_usual_surface_of_a_kind_is_taken_where_its_value_occurs() {
+    let bytes = Folder::with_bytes([8, 8, 8], |[x, _, _]| if x < 4 { 5 } else { 150 });
+    let value = |options: &[&str]| {
+        bytes.scene(&[&["--mode", "iso"], options].concat()).pointer("/iso/0/value").and_then(|v| v.as_f64())
+    };
+    // No byte has 300 Hounsfield units.
+    assert!(value(&["--kind", "ct"]).is_some_and(|v| (5.0..150.0).contains(&v)), "{:?}", value(&["--kind", "ct"]));
+    std::fs::write(bytes.path("h.raw"), (0..512).flat_map(|i: i16| (4 * i - 1000).to_le_bytes()).collect::<Vec<_>>())
+        .expect("room");
+    bytes.expect(0, &["build", "h.raw", "--dims", "8,8,8", "--dtype", "i16", "-o", "v.svol", "--force"]);
+    assert_eq!(value(&["--kind", "ct"]), Some(300.0));
+}
+
+#[test]
 fn shells_and_manuals_know_every_command() {
     let folder = Folder::new();
     for shell in ["bash", "zsh", "fish"] {

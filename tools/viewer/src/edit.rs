@@ -86,22 +86,11 @@ pub fn with_mode(scene: &Scene, opened: &Opened, mode: Mode) -> Scene {
         mode: Some(mode),
         transfer_function: None,
         shading: (mode == Mode::Dvr).then(|| (!facts.kind.is_seismic()).then(ShadingSpec::default)),
-        iso: if mode == Mode::Iso { vec![surface(facts)] } else { Vec::new() },
+        iso: if mode == Mode::Iso { vec![looks::default_surface(facts)] } else { Vec::new() },
         samples_per_pixel: None,
         ..scene.clone()
     };
     open.complete(facts, overview)
-}
-
-/// A surface that the values reach: by the histogram where the usual value of the kind, in Hounsfield units, does not occur.
-#[must_use]
-pub fn surface(facts: &VolumeFacts) -> IsoSpec {
-    let usual = looks::default_surface(facts);
-    let range = facts.value_range;
-    if (range.min..=range.max).contains(&usual.value) {
-        return usual;
-    }
-    looks::default_surface(&VolumeFacts { kind: DataKind::Generic, ..facts.clone() })
 }
 
 /// Least and greatest value that colours and opacities span.
@@ -250,17 +239,6 @@ mod tests {
         assert_eq!(points.len(), POINT_LIMIT);
         (0..POINT_LIMIT + 5).for_each(|_| remove_point(&mut points, 0));
         assert_eq!(points.len(), 1, "the last point stays");
-    }
-
-    #[test]
-    fn surfaces_lie_where_values_are() {
-        let range = ValueRange { min: 0.0, max: 254.0 };
-        let mut histogram = vec![0; 254];
-        (histogram[5], histogram[150]) = (1000, 500);
-        let bytes = VolumeFacts { kind: DataKind::Ct, value_range: range, histogram, ..facts() };
-        assert!((6.0..150.0).contains(&surface(&bytes).value), "{}", surface(&bytes).value);
-        let hounsfield = VolumeFacts { value_range: ValueRange { min: -1000.0, max: 2000.0 }, ..bytes };
-        assert_eq!(surface(&hounsfield), looks::default_surface(&hounsfield));
     }
 
     #[test]

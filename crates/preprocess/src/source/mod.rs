@@ -110,6 +110,9 @@ pub struct SourceInfo {
     pub files: Vec<SourceFile>,
     /// The folder that was asked for, where it is not a file.
     pub folder: Option<PathBuf>,
+    /// What was said of how the files are to be read, where that decides what the voxels are: byte order, bytes that are left
+    /// out, where line numbers stand. Builds that differ in it do not go on with one another.
+    pub reading: String,
 }
 
 impl SourceInfo {
@@ -133,6 +136,7 @@ impl SourceInfo {
             memory_bytes: 0,
             files: Vec::new(),
             folder: None,
+            reading: String::new(),
         }
     }
 }

@@ -56,6 +56,7 @@ impl RawSource {
         let mut info = SourceInfo::plain("raw", dims, voxel_type);
         info.geometry = options.geometry;
         info.nodata = options.nodata;
+        info.reading = format!("{options:?}");
         info.files = vec![source_file];
         Ok(Self(GridSource::new(info, grid)))
     }

@@ -127,15 +127,18 @@ fn has_background(facts: &VolumeFacts) -> bool {
     fullest >= BACKGROUND || ramps::percentile(facts, 25.0) <= range.min + DARK * range.width()
 }
 
-/// A surface for who asks for one and gives no value: between emptiness and matter.
+/// A surface for who asks for one and gives no value: between emptiness and matter. By the histogram where the usual value of the
+/// kind does not occur: tomography is not always in Hounsfield units.
 #[must_use]
 pub fn default_surface(facts: &VolumeFacts) -> IsoSpec {
-    let value = match facts.kind {
-        DataKind::Mask => middle(facts),
-        DataKind::Ct => 300.0,
-        DataKind::CtOffset => 1324.0,
-        _ => ramps::Classes::of(facts).ground,
+    let usual = match facts.kind {
+        DataKind::Mask => Some(middle(facts)),
+        DataKind::Ct => Some(300.0),
+        DataKind::CtOffset => Some(1324.0),
+        _ => None,
     };
+    let usual = usual.filter(|value| (facts.value_range.min..=facts.value_range.max).contains(value));
+    let value = usual.unwrap_or_else(|| ramps::Classes::of(facts).ground);
     IsoSpec { value, color: SURFACE, alpha: 1.0 }
 }
 

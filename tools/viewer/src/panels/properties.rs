@@ -213,7 +213,7 @@ fn surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
         viewer.scene.iso.remove(i);
     }
     if ui.add_enabled(viewer.scene.iso.len() < ISO_LIMIT, egui::Button::new("Add a surface")).clicked() {
-        viewer.scene.iso.push(edit::surface(&opened.facts));
+        viewer.scene.iso.push(supervol_runtime::preset::looks::default_surface(&opened.facts));
     }
 }
 

@@ -166,6 +166,7 @@ impl SegySource {
         let mut info = describe(input, (&layout, &header), &scan, &grid, text, notes)?;
         info.voxel_type = absent.voxel_type;
         info.memory_bytes = grid.memory_bytes();
+        info.reading = format!("{:?}", SegyOptions { memory_bytes: 0, ..options.clone() });
         info.nodata = (!absent.value.is_nan()).then_some(absent.value);
         info.access_order = AccessOrder(if neighbours == Neighbours::AlongX { [1, 0, 2] } else { [0, 1, 2] });
         Ok(Self { path: path.into(), bytes, layout, grid, absent, neighbours, info })
