@@ -144,6 +144,8 @@ fn what_is_no_image_is_refused_by_name() {
             "pieces",
         ),
         ("e.vti", "<VTKFile type=\"ImageData\"><ImageData WholeExtent=\"0 3 0 3 0 3\">", "at least one"),
+        // A comment that is left open, behind another tag's end.
+        ("f.vti", "<VTKFile type=\"ImageData\"><!-- <Piece>", "tags of at most 64 KiB"),
     ];
     for (name, text, word) in files {
         let path = folder.path().join(name);

@@ -5,9 +5,7 @@ use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::preset::section::Slice;
 use supervol_runtime::preset::view::{Direction, View};
 use supervol_runtime::preset::{colormap, domain, domain_corners, looks, ramps};
-use supervol_runtime::scene::{
-    CameraSpec, IsoSpec, Mode, PointSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec,
-};
+use supervol_runtime::scene::{CameraSpec, Mode, PointSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec};
 
 use crate::navigate::Stage;
 use crate::worker::Opened;

@@ -61,8 +61,10 @@ impl<R: BufRead> Tags<'_, R> {
                 let begun = text.len();
                 let limit = (TAG_LIMIT_BYTES - begun) as u64;
                 let read = std::io::Read::take(&mut self.reader, limit).read_until(b'>', &mut text);
-                self.at += read.map_err(|e| SourceError::io(self.path, e))? as u64;
-                if text.last() != Some(&b'>') {
+                let read = read.map_err(|e| SourceError::io(self.path, e))?;
+                self.at += read as u64;
+                // Comments may be left open.
+                if read == 0 || text.last() != Some(&b'>') {
                     let found = format!("`{}`", shortened(&String::from_utf8_lossy(&text)));
                     return Err(SourceError::invalid(self.path, "XML", "tags of at most 64 KiB", found));
                 }
