@@ -115,10 +115,7 @@ pub fn build(
     let source_bytes = source.info().memory_bytes;
     let voxel_type = descriptor.voxel_type;
     let plan = MemoryPlan::new(options.memory_bytes, options.threads, source_bytes, &descriptor.pyramid, voxel_type)?;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(plan.threads)
-        .build()
-        .map_err(|source| BuildError::Threads { threads: plan.threads, source })?;
+    let pool = thread_pool(plan.threads)?;
     let order = source.info().access_order;
     let tiles = tiles_of(&descriptor, plan, order, 0);
     let read = |voxels, bytes: &mut [u8]| read_source(source, plan, &pool, voxels, bytes);
@@ -164,10 +161,7 @@ pub fn build(
     let container_bytes = begun.container.publish()?;
 
     let mut notes = notes_of(source, (options, reduce), plan, &descriptor);
-    if restored > 0 {
-        let total = descriptor.pyramid.brick_count();
-        notes.push(format!("went on with a build that was interrupted: {restored} of {total} bricks were there"));
-    }
+    notes.extend(note_of_restored(restored, &descriptor));
     let source_bytes = descriptor.dims().bytes(descriptor.voxel_type).unwrap_or(u64::MAX);
     let wall = started.elapsed().as_secs_f64();
     Ok(BuildReport {
@@ -182,6 +176,18 @@ pub fn build(
         bytes_per_second: source_bytes as f64 / wall,
         notes,
     })
+}
+
+fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, BuildError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.map_err(|source| BuildError::Threads { threads, source })
+}
+
+/// What people should know of a build that went on with so many bricks of another.
+fn note_of_restored(restored: u64, descriptor: &Descriptor) -> Option<String> {
+    let total = descriptor.pyramid.brick_count();
+    let note = || format!("went on with a build that was interrupted: {restored} of {total} bricks were there");
+    (restored > 0).then(note)
 }
 
 /// What people should know of a build.
