@@ -14,7 +14,7 @@ use supervol_runtime::scene::Scene;
 use crate::failure::Failure;
 use crate::look::LookArguments;
 use crate::output::PictureFile;
-use crate::render::with_render;
+use crate::render::{check_all_read, check_any_read, warn_of_nothing, with_render};
 
 /// Most panels of a picture.
 pub const PANEL_LIMIT: usize = 64;
@@ -70,8 +70,13 @@ pub struct Panels<'a> {
 }
 
 impl Panels<'_> {
-    /// Draws and writes them.
-    pub fn run(&self, file: PictureFile, path: &Path, options: &RenderOptions) -> Result<(), Failure> {
+    /// Draws and writes them; the paths are for messages.
+    pub fn run(
+        &self,
+        file: PictureFile,
+        (container, output): (&Path, &Path),
+        options: &RenderOptions,
+    ) -> Result<(), Failure> {
         let [width, height] = self.grid.picture();
         let mut picture = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
         let (mut background, mut failed) = ([0.0; 3], 0);
@@ -79,6 +84,8 @@ impl Panels<'_> {
             let scene = look.scene(self.scene, self.container, self.facts, None)?;
             let resolved = scene.resolve(self.facts).map_err(Failure::command)?;
             let (mut panel, stats) = render(self.container, &resolved, options).map_err(with_render)?;
+            check_any_read(&stats)?;
+            warn_of_nothing(&panel, &resolved, self.facts)?;
             if self.decorate {
                 supervol_decorations::decorate(&mut panel, self.container, self.facts, &resolved);
             }
@@ -88,16 +95,9 @@ impl Panels<'_> {
         }
         file.write(&picture, background)?;
         let slices = counted(self.looks.len() as u64, "slice");
-        writeln!(crate::terminal::remarks(), "{}: {width} x {height}, {slices}", path.display())
+        writeln!(crate::terminal::remarks(), "{}: {width} x {height}, {slices}", output.display())
             .map_err(crate::failure::with_output)?;
-        if failed == 0 || self.allow_failed {
-            return Ok(());
-        }
-        Err(Failure::Data(format!(
-            "{}: {} could not be read: the picture is not what the data show there; --allow-failed accepts it",
-            path.display(),
-            counted(failed, "brick")
-        )))
+        check_all_read(container, failed, self.allow_failed)
     }
 }
 

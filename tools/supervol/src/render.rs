@@ -271,15 +271,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(file) => read_scene(file)?,
         None => Scene::default(),
     };
+    let inputs = [Some(path), arguments.scene.as_ref(), arguments.path.as_ref()];
+    let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
         let output = arguments.output_of_panels()?;
-        let inputs: Vec<&Path> =
-            [Some(path), arguments.scene.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
         let file = RenderOutputs::begin(output, None, None, &inputs, arguments.force)?.picture;
         let (decorate, allow_failed) = (arguments.decorate, arguments.allow_failed);
         let panels =
             Panels { container: &container, facts: &facts, scene: &scene, looks: &looks, grid, decorate, allow_failed };
-        return panels.run(file, output, &arguments.options(start));
+        return panels.run(file, (path, output), &arguments.options(start));
     }
     let (scene, motion) = arguments.shown(scene, &container, &facts)?;
     if arguments.print_scene {
@@ -287,8 +287,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         writeln!(crate::terminal::stdout(), "{text}").map_err(with_output)?;
     }
     let Some(output) = &arguments.output else { return Ok(()) };
-    let inputs = [Some(path), arguments.scene.as_ref(), arguments.path.as_ref()];
-    let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
     let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate: arguments.decorate };
     if let Some(Motion { cameras, asked }) = &motion {
         let (force, allow_failed) = (arguments.force, arguments.allow_failed);
@@ -314,15 +312,31 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(why) = about_backend(options.backend, &stats) {
         crate::progress::announce(&why);
     }
-    match stats.bricks_failed {
-        0 => Ok(()),
-        _ if arguments.allow_failed => Ok(()),
-        failed => Err(Failure::Data(format!(
-            "{}: {} could not be read: the picture is not what the data show there; --allow-failed accepts it",
-            path.display(),
-            counted(failed, "brick")
-        ))),
+    check_all_read(path, stats.bricks_failed, arguments.allow_failed)
+}
+
+/// What a picture is to the one who wanted it of which so many bricks could not be read.
+pub fn check_all_read(container: &Path, failed: u64, allow_failed: bool) -> Result<(), Failure> {
+    if failed == 0 || allow_failed {
+        return Ok(());
     }
+    Err(Failure::Data(format!(
+        "{}: {} could not be read: the picture is not what the data show there; --allow-failed accepts it",
+        container.display(),
+        counted(failed, "brick")
+    )))
+}
+
+/// Refuses a picture of nothing: none of its bricks could be read.
+pub fn check_any_read(stats: &FrameStats) -> Result<(), Failure> {
+    if !stats.has_nothing_but_failures() {
+        return Ok(());
+    }
+    let first = stats.failures.first().map_or(String::new(), |f| format!("; the first: {}: {}", f.brick, f.reason));
+    Err(Failure::Data(format!(
+        "none of the {} bricks that the picture needs can be read: no picture is written{first}",
+        stats.bricks_failed
+    )))
 }
 
 /// A picture for somebody who asked for none in particular, written out.
@@ -367,13 +381,7 @@ pub fn picture(
         check::check_fits(container, &resolved, options).map_err(with_render)?;
     }
     let (image, errors, mut stats) = render_with_errors(container, &resolved, options).map_err(with_render)?;
-    if stats.has_nothing_but_failures() {
-        let first = stats.failures.first().map_or(String::new(), |f| format!("; the first: {}: {}", f.brick, f.reason));
-        return Err(Failure::Data(format!(
-            "none of the {} bricks that the picture needs can be read: no picture is written{first}",
-            stats.bricks_failed
-        )));
-    }
+    check_any_read(&stats)?;
     write_picture(subject, &resolved, &image, output)?;
     if let (Some(file), Some(errors)) = (error_map, errors) {
         file.write_error_map(errors)?;
@@ -405,16 +413,20 @@ pub fn write_picture(
     image: &Image,
     output: PictureFile,
 ) -> Result<(), Failure> {
-    if let Some(why) = empty::reason(image, resolved, subject.facts) {
-        writeln!(crate::terminal::stderr(), "supervol: warning: the picture shows nothing but its background: {why}")
-            .map_err(with_output)?;
-    }
+    warn_of_nothing(image, resolved, subject.facts)?;
     if !subject.decorate {
         return output.write(image, resolved.background);
     }
     let mut decorated = image.clone();
     supervol_decorations::decorate(&mut decorated, subject.container, subject.facts, resolved);
     output.write(&decorated, resolved.background)
+}
+
+/// Says why a picture shows nothing, where it does.
+pub fn warn_of_nothing(image: &Image, resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<(), Failure> {
+    let Some(why) = empty::reason(image, resolved, facts) else { return Ok(()) };
+    writeln!(crate::terminal::stderr(), "supervol: warning: the picture shows nothing but its background: {why}")
+        .map_err(with_output)
 }
 
 /// What a picture that could not be made is to the one who wanted it.

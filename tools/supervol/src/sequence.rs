@@ -19,7 +19,7 @@ use supervol_runtime::volume::Volume;
 use crate::failure::{Failure, with_output};
 use crate::output::{Force, PictureFile, TextFile};
 use crate::progress::Reporter;
-use crate::render::{Subject, with_render, write_picture};
+use crate::render::{Subject, check_any_read, with_render, write_picture};
 
 /// Name of the file that says what the pictures of a folder show.
 const PLAN: &str = "sequence.json";
@@ -132,7 +132,9 @@ impl Sequence<'_> {
         let resolved = scene.resolve(self.subject.facts).map_err(Failure::command)?;
         renderer.set_scene(resolved.clone());
         renderer.advance(None).map_err(with_render)?;
-        let failed = renderer.stats().bricks_failed;
+        let stats = renderer.stats();
+        check_any_read(&stats)?;
+        let failed = stats.bricks_failed;
         if failed > 0 && !self.allow_failed {
             return Err(Failure::Data(format!(
                 "{} is not written: {} could not be read; --allow-failed draws coarser ones instead",

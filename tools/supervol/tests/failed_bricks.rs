@@ -59,5 +59,14 @@ fn no_picture_is_made_of_nothing() {
         let error = folder.expect(1, &[&RENDER[..], allowed].concat());
         assert!(error.contains("no picture is written"), "{error}");
         assert!(!fs::exists(folder.path("v.png")).expect("a folder"), "{error}");
+        // Nor of slices side by side, nor by a camera that moves.
+        let slices = ["--slice", "k=3", "--slice", "i=20"];
+        let error = folder.expect(1, &[&RENDER[..], &slices, allowed].concat());
+        assert!(error.contains("no picture is written"), "{error}");
+        assert!(!fs::exists(folder.path("v.png")).expect("a folder"), "{error}");
+        let turn = ["render", "v.svol", "-o", "f", "--backend", "cpu", "--level", "0", "--turntable", "2"];
+        let error = folder.expect(1, &[&turn[..], allowed].concat());
+        assert!(error.contains("no picture is written"), "{error}");
+        assert!(!fs::exists(folder.path("f/frame-00000.png")).expect("a folder"), "{error}");
     }
 }
