@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use supervol_format::{Container, Lod};
+use supervol_format::{Container, Lod, VoxelBox};
 use supervol_preprocess::Existing;
 use supervol_preprocess::extract::{Extraction, extract};
 use supervol_preprocess::output::check_distinct;
@@ -17,12 +17,8 @@ use crate::quantity::{self, WrittenBox};
 pub struct Arguments {
     /// Container
     container: PathBuf,
-    /// Level of detail, 0 the finest
-    #[arg(long, default_value_t = 0)]
-    level: u8,
-    /// Voxels of that level, ends not included; all by default. What is left out is all that there is: :,:,50 is a slice
-    #[arg(long = "box", value_name = "I0:I1,J0:J1,K0:K1", value_parser = quantity::voxel_box)]
-    voxels: Option<WrittenBox>,
+    #[command(flatten)]
+    region: Region,
     /// File to write: .npy (C order, [z, y, x]), .raw (little endian), .nrrd, .nii, .nii.gz, .mha, .vti, or .tif (which
     /// keeps spacings, but neither origin nor directions)
     #[arg(short, long)]
@@ -35,13 +31,34 @@ pub struct Arguments {
     force: bool,
 }
 
+/// Which voxels of a container.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Region {
+    /// Level of detail, 0 the finest
+    #[arg(long, default_value_t = 0)]
+    level: u8,
+    /// Voxels of that level, ends not included; all by default. What is left out is all that there is: :,:,50 is a slice
+    #[arg(long = "box", value_name = "I0:I1,J0:J1,K0:K1", value_parser = quantity::voxel_box)]
+    voxels: Option<WrittenBox>,
+}
+
+impl Region {
+    /// The level, and the box in it where not all of it is meant. What the container does not have, whoever reads it will say.
+    pub fn of(self, container: &Container) -> (Lod, Option<VoxelBox>) {
+        let (lod, pyramid) = (Lod(self.level), container.pyramid());
+        let dims = pyramid.level_at(lod.min(pyramid.coarsest())).dims;
+        (lod, self.voxels.map(|voxels| voxels.within(dims)))
+    }
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = &arguments.container;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
+    let (lod, voxels) = arguments.region.of(&container);
     let what = Extraction {
-        lod: Lod(arguments.level),
-        voxels: arguments.voxels.map(|voxels| voxels.of_level(&container, Lod(arguments.level))),
+        lod,
+        voxels,
         existing: if arguments.force { Existing::Replace } else { Existing::Keep },
         memory_bytes: arguments.memory,
     };

@@ -4,13 +4,14 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use supervol_format::{Container, Lod};
+use supervol_format::Container;
 use supervol_preprocess::Existing;
 use supervol_preprocess::mesh::{MeshOptions, MeshReport, mesh};
 use supervol_preprocess::output::check_distinct;
 
+use crate::extract::Region;
 use crate::failure::{Failure, with_container, with_output};
-use crate::quantity::{self, WrittenBox};
+use crate::quantity;
 
 /// Which surface, and where to.
 #[derive(Debug, Args)]
@@ -20,12 +21,8 @@ pub struct Arguments {
     /// Value of the surface, in the data's own units
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
     iso: f64,
-    /// Level of detail, 0 the finest
-    #[arg(long, default_value_t = 0)]
-    level: u8,
-    /// Voxels of that level, ends not included; all by default. What is left out is all that there is
-    #[arg(long = "box", value_name = "I0:I1,J0:J1,K0:K1", value_parser = quantity::voxel_box)]
-    voxels: Option<WrittenBox>,
+    #[command(flatten)]
+    region: Region,
     /// File to write: .ply, .stl (both binary) or .obj, in world coordinates
     #[arg(short, long)]
     output: PathBuf,
@@ -44,10 +41,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::Command(format!("--iso {}: expected a finite number", arguments.iso)));
     }
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
+    let (lod, voxels) = arguments.region.of(&container);
     let options = MeshOptions {
         iso: arguments.iso,
-        lod: Lod(arguments.level),
-        voxels: arguments.voxels.map(|voxels| voxels.of_level(&container, Lod(arguments.level))),
+        lod,
+        voxels,
         existing: if arguments.force { Existing::Replace } else { Existing::Keep },
         memory_bytes: arguments.memory,
     };

@@ -3,7 +3,7 @@
 use std::num::NonZero;
 use std::str::FromStr;
 
-use supervol_format::{Container, Dims, Lod, VoxelBox, VoxelType};
+use supervol_format::{Dims, VoxelBox, VoxelType};
 use supervol_preprocess::source::Endian;
 use supervol_runtime::image::GREY_LEVELS;
 use supervol_runtime::lod::by_error::ANY_ERROR;
@@ -140,12 +140,6 @@ pub fn spacing(text: &str) -> Result<Spacing, String> {
 pub struct WrittenBox([(u64, Option<u64>); 3]);
 
 impl WrittenBox {
-    /// The box in a level of a container; in the coarsest where there is no such level, which whoever reads it will say.
-    pub fn of_level(self, container: &Container, lod: Lod) -> VoxelBox {
-        let pyramid = container.pyramid();
-        self.within(pyramid.level_at(lod.min(pyramid.coarsest())).dims)
-    }
-
     /// The box in a grid of this size; what was left open ends where the grid does.
     pub fn within(self, dims: Dims) -> VoxelBox {
         let end = |axis: usize| self.0[axis].1.unwrap_or(dims.0[axis]);

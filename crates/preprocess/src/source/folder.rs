@@ -8,11 +8,26 @@ use std::path::{Path, PathBuf};
 
 use super::SourceError;
 use super::data_files::{FILES_LIMIT, Outside};
+use super::selection::Selection;
+use super::spool::SpoolFolder;
 
 /// Folders inside folders that are searched.
 const DEPTH_LIMIT: usize = 8;
 /// Most entries of folders that are looked at.
 const ENTRIES_LIMIT: usize = 4 * FILES_LIMIT;
+
+/// What a person says about a folder of slices, or a file of the same formats, and what it may take.
+#[derive(Debug, Clone)]
+pub struct FolderOptions<'a> {
+    /// Which series, frame, channel.
+    pub selection: &'a Selection,
+    /// Whether links may lead outside the folder.
+    pub outside: Outside,
+    /// Where compressed pixels are decoded to.
+    pub spool: &'a SpoolFolder,
+    /// Most bytes for a slice that is decoded.
+    pub memory_bytes: u64,
+}
 
 /// Files of a folder, in natural order of their paths, and links that were not followed.
 #[derive(Debug, Default)]

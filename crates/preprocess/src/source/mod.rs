@@ -13,7 +13,7 @@ mod data_files;
 pub mod dicom;
 mod elements;
 pub mod file;
-mod folder;
+pub mod folder;
 pub mod grid_file;
 pub mod metaimage;
 pub mod nifti;

@@ -5,16 +5,16 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::data_files::Outside;
-use super::dicom::{DicomOptions, DicomSource, is_dicom};
+use super::dicom::{DicomSource, is_dicom};
 use super::file::SourceFile;
-use super::folder::Listing;
+use super::folder::{FolderOptions, Listing};
 use super::metaimage::MetaImageSource;
 use super::nifti::NiftiSource;
 use super::npy::NpySource;
 use super::npz::NpzSource;
 use super::nrrd::NrrdSource;
 use super::others::{HEAD_BYTES, refusal_of_file, refusal_of_folder};
-use super::pictures::{Kind, PicturesOptions, PicturesSource};
+use super::pictures::{Kind, PicturesSource};
 use super::raw::{RawOptions, RawSource};
 use super::segy::{SegyOptions, SegySource};
 use super::selection::Selection;
@@ -95,24 +95,20 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSourc
 }
 
 fn open_dicom(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
-    let dicom = DicomOptions {
-        selection: &options.selection,
-        outside: options.outside,
-        spool: &options.spool,
-        memory_bytes: options.segy.memory_bytes,
-    };
-    Ok(Box::new(DicomSource::open(path, &dicom)?))
+    Ok(Box::new(DicomSource::open(path, &options.of_folders())?))
 }
 
 fn open_pictures(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
     options.selection.refuse_series(path)?;
-    let pictures = PicturesOptions {
-        selection: &options.selection,
-        outside: options.outside,
-        spool: &options.spool,
-        memory_bytes: options.segy.memory_bytes,
-    };
-    Ok(Box::new(PicturesSource::open(path, &pictures)?))
+    Ok(Box::new(PicturesSource::open(path, &options.of_folders())?))
+}
+
+impl OpenOptions {
+    /// Those for folders of slices.
+    fn of_folders(&self) -> FolderOptions<'_> {
+        let Self { selection, outside, spool, segy, .. } = self;
+        FolderOptions { selection, outside: *outside, spool, memory_bytes: segy.memory_bytes }
+    }
 }
 
 fn find(bytes: &[u8], wanted: &[u8]) -> bool {

@@ -16,10 +16,9 @@ use supervol_format::{Dims, VoxelBox, VoxelType};
 use super::data_files::Outside;
 use super::elements::{Channels, Elements, Frames, Meaning};
 use super::file::SourceFile;
-use super::folder::Listing;
+use super::folder::{FolderOptions, Listing};
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes, swap_bytes};
-use super::selection::Selection;
-use super::spool::{Spool, SpoolFolder};
+use super::spool::Spool;
 use super::tiff::{Page, Pages, RATIO_LIMIT};
 use super::{Endian, SourceError, SourceInfo, VolumeSource};
 
@@ -60,25 +59,12 @@ impl Kind {
 #[derive(Debug)]
 pub struct PicturesSource(GridSource);
 
-/// What a person says about pictures, and what they may take.
-#[derive(Debug, Clone)]
-pub struct PicturesOptions<'a> {
-    /// Which channel.
-    pub selection: &'a Selection,
-    /// Whether links may lead outside the folder.
-    pub outside: Outside,
-    /// Where pictures are decoded to.
-    pub spool: &'a SpoolFolder,
-    /// Most bytes for a picture that is decoded.
-    pub memory_bytes: u64,
-}
-
 impl PicturesSource {
     /// Opens a folder of pictures, or one picture.
     ///
     /// # Errors
     /// If there is no picture, if they differ in format, size or type, or if one cannot be decoded.
-    pub fn open(path: &Path, options: &PicturesOptions<'_>) -> Result<Self, SourceError> {
+    pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<Self, SourceError> {
         options.selection.refuse_array(path)?;
         options.selection.frame_of(path, 1)?;
         let mut notes = Vec::new();
@@ -168,7 +154,7 @@ fn in_place(files: &[PathBuf], kind: Kind, first: Page) -> Result<Option<(Vec<Pa
 }
 
 /// Decodes picture after picture into a spool file.
-fn decode(files: &[PathBuf], kind: Kind, first: Page, options: &PicturesOptions<'_>) -> Result<File, SourceError> {
+fn decode(files: &[PathBuf], kind: Kind, first: Page, options: &FolderOptions<'_>) -> Result<File, SourceError> {
     let needed = first.bytes().saturating_mul(PICTURE_COPIES);
     if needed > options.memory_bytes {
         let [width, height] = first.size;

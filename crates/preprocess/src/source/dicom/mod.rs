@@ -21,13 +21,12 @@ use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
-use super::data_files::{Outside, open_data};
+use super::data_files::open_data;
 use super::elements::{self, Channels, Elements, Meaning, Numbers};
 use super::file::SourceFile;
-use super::folder::Listing;
+use super::folder::{FolderOptions, Listing};
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
-use super::selection::Selection;
-use super::spool::{Spool, SpoolFolder};
+use super::spool::Spool;
 use super::{Axis, SourceError, SourceInfo, VolumeSource};
 use data_set::{DOUBLE_PIXEL_DATA, FLOAT_PIXEL_DATA, PixelsAt};
 use frames::Frames;
@@ -42,19 +41,6 @@ const FRAME_COPIES: u64 = 6;
 #[derive(Debug)]
 pub struct DicomSource(GridSource);
 
-/// What a person says about a DICOM volume, and what it may take.
-#[derive(Debug, Clone)]
-pub struct DicomOptions<'a> {
-    /// Which series, frame, channel.
-    pub selection: &'a Selection,
-    /// Whether links may lead outside the folder.
-    pub outside: Outside,
-    /// Where compressed pixels are decoded to.
-    pub spool: &'a SpoolFolder,
-    /// Most bytes for a frame that is decoded.
-    pub memory_bytes: u64,
-}
-
 /// Whether a file is DICOM, by its first bytes.
 pub(super) fn is_dicom(head: &[u8]) -> bool {
     head.get(128..132) == Some(b"DICM")
@@ -66,7 +52,7 @@ impl DicomSource {
     /// # Errors
     /// If a file cannot be read or breaks the format's rules; if there are several series and none is chosen; if slices are
     /// missing; if the pixels are of a kind that is not read.
-    pub fn open(path: &Path, options: &DicomOptions<'_>) -> Result<Self, SourceError> {
+    pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<Self, SourceError> {
         options.selection.refuse_array(path)?;
         let mut notes = Vec::new();
         let members = members(path, options, &mut notes)?;
@@ -116,7 +102,7 @@ impl VolumeSource for DicomSource {
 }
 
 /// The files that hold an image, with their headers.
-fn members(path: &Path, options: &DicomOptions<'_>, notes: &mut Vec<String>) -> Result<Vec<Member>, SourceError> {
+fn members(path: &Path, options: &FolderOptions<'_>, notes: &mut Vec<String>) -> Result<Vec<Member>, SourceError> {
     let listing = match path.is_dir() {
         true => Listing::of(path, true, options.outside)?,
         false => Listing::one(path),
@@ -179,7 +165,7 @@ struct Volume<'a> {
     stored: VoxelType,
     elements: Elements,
     scaling: Scaling,
-    options: &'a DicomOptions<'a>,
+    options: &'a FolderOptions<'a>,
 }
 
 impl<'a> Volume<'a> {
@@ -187,7 +173,7 @@ impl<'a> Volume<'a> {
         path: &'a Path,
         members: &'a [Member],
         slices: &'a [Slice],
-        options: &'a DicomOptions<'a>,
+        options: &'a FolderOptions<'a>,
         notes: &mut Vec<String>,
     ) -> Result<Self, SourceError> {
         let pixels: Vec<PixelsAt> = members.iter().filter_map(|member| member.header.pixels).collect();
