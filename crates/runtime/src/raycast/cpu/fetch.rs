@@ -9,6 +9,9 @@ pub const CORNERS: usize = 8;
 /// What gathers bring: one word per row of two voxels, or per voxel.
 pub type Raw<S> = [<S as Simd>::I; CORNERS];
 
+/// Words of a cell's four rows, from the voxel before its first corner to the one behind the second: bytes only.
+pub type Rows<S> = [<S as Simd>::I; CORNERS / 2];
+
 /// The first and the second voxel of a cell's four rows.
 pub type Corners<S> = [[<S as Simd>::F; CORNERS / 2]; 2];
 
@@ -74,6 +77,31 @@ impl Stored {
         raw
     }
 
+    /// Gathers as [`Stored::gather`] does, of bytes with the voxels before and behind, which shading wants.
+    ///
+    /// # Safety
+    /// As for [`Stored::gather`], and one voxel before each row's first.
+    #[inline(always)]
+    pub unsafe fn gather_rows<S: Simd>(
+        self,
+        voxels: *const u8,
+        base: S::I,
+        strides: [i32; 2],
+        rows: &mut Option<Rows<S>>,
+    ) -> Raw<S> {
+        if self != Self::U8 {
+            // SAFETY: the caller's promise.
+            return unsafe { self.gather::<S>(voxels, base, strides) };
+        }
+        // SAFETY: the caller's promise.
+        let mut raw = unsafe { self.gather::<S>(voxels, base + S::splat_int(-1), strides) };
+        *rows = Some([raw[0], raw[1], raw[2], raw[3]]);
+        for word in &mut raw[..CORNERS / 2] {
+            *word = S::shift_right::<8>(*word);
+        }
+        raw
+    }
+
     /// The cell of [`Stored::corners`].
     #[inline(always)]
     pub fn cell<S: Simd>(self, raw: &Raw<S>, absent: Option<u16>, centre: f32) -> Cell<S> {
@@ -127,16 +155,19 @@ pub struct Around<S: Simd> {
 
 impl<S: Simd> Around<S> {
     /// Differences of stored numbers over two voxels along each axis, at the eight corners of the cells; NaN where one is
-    /// absent. `dy` and `dz` are the distances between neighbours, in voxels.
+    /// absent. `dy` and `dz` are the distances between neighbours, in voxels; `rows` those of the cells, if they are known.
     ///
     /// # Safety
     /// As for [`Stored::gather`], and one voxel further on every side.
     #[inline(always)]
-    pub unsafe fn slopes(&self, [dy, dz]: [i32; 2]) -> [Cell<S>; 3] {
+    pub unsafe fn slopes(&self, [dy, dz]: [i32; 2], rows: Option<&Rows<S>>) -> [Cell<S>; 3] {
         // SAFETY: the caller's promise: rows from one voxel before the corners to one behind, and rows of two beside.
         let (rows, y, z) = unsafe {
             (
-                [self.four(-1), self.four(dy - 1), self.four(dz - 1), self.four(dy + dz - 1)],
+                match rows {
+                    Some(&[a, b, c, d]) => [self.bytes(a), self.bytes(b), self.bytes(c), self.bytes(d)],
+                    None => [self.four(-1), self.four(dy - 1), self.four(dz - 1), self.four(dy + dz - 1)],
+                },
                 [self.two(-dy), self.two(2 * dy), self.two(dz - dy), self.two(dz + 2 * dy)],
                 [self.two(-dz), self.two(dy - dz), self.two(2 * dz), self.two(dy + 2 * dz)],
             )
@@ -189,14 +220,20 @@ impl<S: Simd> Around<S> {
     /// In every lane, all four lie in the array.
     #[inline(always)]
     unsafe fn four(&self, offset: i32) -> [S::F; 4] {
-        let ([first, second], [third, fourth]) = if self.stored == Stored::U8 {
+        if self.stored == Stored::U8 {
             // SAFETY: the caller's promise.
-            let word = unsafe { self.word(offset) };
-            (self.numbers(split::<S, 8>(word)), self.numbers(split::<S, 8>(S::shift_right::<16>(word))))
-        } else {
-            // SAFETY: the caller's promise.
-            unsafe { (self.two(offset), self.two(offset + 2)) }
-        };
+            return self.bytes(unsafe { self.word(offset) });
+        }
+        // SAFETY: the caller's promise.
+        let ([first, second], [third, fourth]) = unsafe { (self.two(offset), self.two(offset + 2)) };
+        [first, second, third, fourth]
+    }
+
+    /// Four voxels of a word.
+    #[inline(always)]
+    fn bytes(&self, word: S::I) -> [S::F; 4] {
+        let [first, second] = self.numbers(split::<S, 8>(word));
+        let [third, fourth] = self.numbers(split::<S, 8>(S::shift_right::<16>(word)));
         [first, second, third, fourth]
     }
 

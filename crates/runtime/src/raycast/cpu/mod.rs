@@ -36,6 +36,7 @@ mod queue;
 mod refine;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod shade;
+mod shaded_cells;
 pub mod simd;
 mod span;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
@@ -43,6 +44,7 @@ mod surfaces;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod tile;
 pub mod trace;
+mod turning;
 mod value_tiles;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod values;

@@ -9,17 +9,22 @@
 //!
 //! The cells of a round go through each stage together: stages are short, so that the processor overlaps several cells.
 
-use super::fetch::Cell;
+use super::fetch::{Cell, Raw, Rows};
 use super::integrate::{Chord, Line, Located, Part, integrate_at, locate};
 use super::lookup::Lookup;
 use super::pending::{DEPTH, ERROR, Light, Pending, RoundParts};
 use super::queue::QueuedCell;
 use super::refine::Refine;
-use super::shade::{PacketLighting, ShadeCells, ShadeQueue};
+use super::shade::PacketLighting;
+use super::shaded_cells::{AlongRay, CellShader, ShadeCells, ShadeQueue, ShadeRound};
 use super::simd::{LANES_LIMIT, Simd, for_three};
 use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, VALUE_ERROR, Walker};
 
 /// The number of each lane.
+/// Share of the lanes of a round's cells that must show for them to be shaded as they are: packing costs a third of shading.
+const DENSE: usize = 5;
+const DENSE_OF: usize = 8;
+
 const LANE_NUMBERS: [i32; LANES_LIMIT] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
 /// The transfer function, as packets look it up.
@@ -151,6 +156,7 @@ pub unsafe fn cast<S: Simd, L: Lookup>(
 ) -> Work {
     let mut packet = Packet::default();
     let mut work = Work::default();
+    let mut stages = Stages::<S>::new();
     loop {
         let lent = (0..S::LANES).take_while(|&lane| host.lend(lane, &mut packet)).count();
         if lent == 0 {
@@ -158,7 +164,8 @@ pub unsafe fn cast<S: Simd, L: Lookup>(
         }
         packet.length[lent..].fill(0.0);
         // SAFETY: the caller's promise.
-        let done = unsafe { cast_packet::<S, L>(brick, classifier, precision, (&mut packet, queues), host) };
+        let done =
+            unsafe { cast_packet::<S, L>(brick, classifier, precision, (&mut packet, &mut stages, queues), host) };
         work.add(&done);
         (0..lent).for_each(|lane| host.take_back(lane, &packet));
     }
@@ -173,7 +180,7 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
     brick: &PacketBrick<'_>,
     classifier: &Classifier<'_, L>,
     precision: Precision,
-    (packet, queues): (&mut Packet, &mut Queues),
+    (packet, stages, queues): (&mut Packet, &mut Stages<S>, &mut Queues),
     host: &mut dyn Host,
 ) -> Work {
     let last = S::splat(precision.last_transmittance);
@@ -183,7 +190,6 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
     let round = Round { brick, classifier, precision, weight: front };
     let lanes = round.lanes(packet, &walker);
     let mut parts = RoundParts::new();
-    let mut stages = Stages::<S>::new();
     let mut work = Work::default();
     loop {
         walker.finish(light.ended(last));
@@ -202,13 +208,13 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
         }
         let first = queues.pending.cells.len();
         // SAFETY: the caller's promise.
-        unsafe { round.classify(&mut walker, &mut stages, &mut parts, queues, &mut work) };
+        unsafe { round.classify(&mut walker, stages, &mut parts, queues, &mut work) };
         let Queues { to_shade, pending } = queues;
         if let Some(lighting) = &brick.lighting
             && to_shade.len() > 0
         {
             let (cells, unsettled, parts) = (to_shade, &mut pending.cells, &mut parts);
-            S::apart(ShadeCells { brick, lighting, lanes: &lanes, cells, unsettled, parts });
+            S::apart(ShadeCells { shader: CellShader { brick, lighting }, lanes: &lanes, cells, unsettled, parts });
         }
         let left = pending.take_over(first, &mut parts);
         match brick.span {
@@ -226,16 +232,29 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
     work
 }
 
-/// What the stages of a round hand on; kept from round to round, since clearing it takes as long as a stage.
-struct Stages<S: Simd> {
-    chords: [Chord<S>; ROUND],
+/// What the stages of a round hand on; kept from packet to packet, since clearing it takes as long as a stage.
+pub struct Stages<S: Simd> {
+    /// The field in each cell.
+    pub chords: [Chord<S>; ROUND],
     located: [Located<S>; ROUND],
+    /// Only where cells are shaded, and voxels are bytes.
+    pub rows: [Option<Rows<S>>; ROUND],
+    /// Only where cells are shaded: what they add without light.
+    pub parts: [Part<S>; ROUND],
+    /// Only where cells are shaded: the gradient in them.
+    pub along: [AlongRay<S>; ROUND],
 }
 
 impl<S: Simd> Stages<S> {
     #[inline(always)]
     fn new() -> Self {
-        Self { chords: [Chord::nothing(); ROUND], located: [Located::nothing(); ROUND] }
+        Self {
+            chords: [Chord::nothing(); ROUND],
+            located: [Located::nothing(); ROUND],
+            rows: [None; ROUND],
+            parts: [Part::nothing(); ROUND],
+            along: [AlongRay::nothing(); ROUND],
+        }
     }
 }
 
@@ -266,8 +285,14 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         let zero = [0.0; LANES_LIMIT];
         let mut lanes = Lanes { rays: packet.rays, direction: packet.direction, in_plane: zero, per_error: zero };
         S::store(S::select(walker.in_plane, S::splat(1.0), S::splat(0.0)), &mut lanes.in_plane);
-        S::store(self.weight / S::splat(self.precision.cell_error), &mut lanes.per_error);
+        S::store(self.per_error(), &mut lanes.per_error);
         lanes
+    }
+
+    /// Tolerances per error of a cell.
+    #[inline(always)]
+    fn per_error(&self) -> S::F {
+        self.weight / S::splat(self.precision.cell_error)
     }
 
     /// Walks a round, and integrates each cell once; what is not settled by that goes into the queue.
@@ -286,7 +311,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         let steps = walker.round();
         // One stage after the other for all cells: each is short, so that the processor overlaps several cells.
         // SAFETY: the walk stays in cells of the core, whose corners the apron holds.
-        unsafe { self.fetch(&steps, &walker.direction, &mut stages.chords) };
+        unsafe { self.fetch(&steps, &walker.direction, &mut stages.chords, &mut stages.rows) };
         for step in &steps {
             work.cells += u64::from(S::bits(step.crosses()).count_ones());
         }
@@ -294,30 +319,104 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         match self.brick.span {
             6 => self.integrate_spans::<6>(&steps, walker.in_plane, later),
             3 => self.integrate_spans::<3>(&steps, walker.in_plane, later),
-            _ => self.integrate_cells(&steps, walker.in_plane, later),
+            _ => match &self.brick.lighting {
+                Some(lighting) => self.integrate_lit_cells(lighting, &steps, walker, later),
+                None => self.integrate_cells(&steps, walker.in_plane, later),
+            },
         }
     }
 
     /// Integrates each cell once.
     #[inline(always)]
     fn integrate_cells(&self, steps: &[Step<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
-        let LaterStages { stages: Stages { chords, located }, parts, queues, work } = later;
-        let &Classifier { table, narrow, .. } = self.classifier;
+        let LaterStages { stages: Stages { chords, located, .. }, parts, queues, work } = later;
+        let shows = self.locate_cells(steps, chords, located);
+        for i in 0..ROUND {
+            if shows[i] {
+                let part = self.integrate_cell(&steps[i], &located[i], work);
+                let is_unsettled = self.write(i, &steps[i], (&chords[i], in_plane), &part, parts);
+                if S::bits(is_unsettled) != 0 {
+                    queues.pending.cells.push::<S, 0>(is_unsettled, &queued(i, &steps[i], &chords[i], &part), []);
+                }
+            } else {
+                parts.clear(i, self.precision.sums_errors);
+            }
+        }
+    }
+
+    /// Looks up where the cells of a round lie in the table; whether they show anything.
+    #[inline(always)]
+    fn locate_cells(
+        &self,
+        steps: &[Step<S>; ROUND],
+        chords: &[Chord<S>; ROUND],
+        located: &mut [Located<S>; ROUND],
+    ) -> [bool; ROUND] {
         let mut shows = [false; ROUND];
         for i in 0..ROUND {
             shows[i] = S::bits(self.shows(chords[i].range(), steps[i].crosses())) != 0;
             if shows[i] {
-                located[i] = locate::<S, L>(table, &chords[i].line());
+                located[i] = locate::<S, L>(self.classifier.table, &chords[i].line());
             }
         }
+        shows
+    }
+
+    /// Integrates a cell once.
+    #[inline(always)]
+    fn integrate_cell(&self, step: &Step<S>, located: &Located<S>, work: &mut Work) -> Part<S> {
+        work.samples += u64::from(2 * S::bits(step.crosses()).count_ones());
+        integrate_at::<S, L>(self.classifier.table, S::splat(self.classifier.narrow), located)
+    }
+
+    /// Integrates each cell once, and shades those that show: as they are where most lanes of the round do, else packed
+    /// densely.
+    #[inline(always)]
+    fn integrate_lit_cells(
+        &self,
+        lighting: &PacketLighting<'_>,
+        steps: &[Step<S>; ROUND],
+        walker: &Walker<S>,
+        later: LaterStages<'_, S>,
+    ) {
+        let LaterStages { stages, parts, queues, work } = later;
+        let is_seen = self.locate_cells(steps, &stages.chords, &mut stages.located);
+        let mut shows = [S::lt(S::splat(0.0), S::splat(0.0)); ROUND];
+        let (mut packets, mut cells) = (0, 0);
         for i in 0..ROUND {
-            if shows[i] {
-                let crosses = steps[i].crosses();
-                work.samples += u64::from(2 * S::bits(crosses).count_ones());
-                let part = integrate_at::<S, L>(table, S::splat(narrow), &located[i]);
-                self.hand_on(i, &steps[i], &chords[i], &part, in_plane & crosses, parts, queues);
+            if is_seen[i] {
+                let part = self.integrate_cell(&steps[i], &stages.located[i], work);
+                let chord = (&stages.chords[i], walker.in_plane);
+                let is_unsettled = self.write(i, &steps[i], chord, &part, parts);
+                let opacity = S::splat(1.0) - part.transmittance;
+                shows[i] = S::lt(S::splat(self.precision.least_shaded), opacity * self.weight) | is_unsettled;
+                stages.parts[i] = part;
+                let count = S::bits(shows[i]).count_ones() as usize;
+                packets += usize::from(count > 0);
+                cells += count;
             } else {
                 parts.clear(i, self.precision.sums_errors);
+            }
+        }
+        if cells * DENSE_OF >= packets * S::LANES * DENSE {
+            S::apart(ShadeRound {
+                shader: CellShader { brick: self.brick, lighting },
+                steps,
+                walker,
+                shows: &shows,
+                per_error: self.per_error(),
+                stages,
+                unsettled: &mut queues.pending.cells,
+                parts,
+            });
+            return;
+        }
+        for i in 0..ROUND {
+            let part = &stages.parts[i];
+            if S::bits(shows[i]) != 0 {
+                let ([x, y, z], [r, g, b]) = (steps[i].fraction, part.color);
+                let more = [x, y, z, r, g, b, part.tau, part.front_share, part.misplaced, part.colors];
+                queues.to_shade.push::<S, 10>(shows[i], &queued(i, &steps[i], &stages.chords[i], part), more);
             }
         }
     }
@@ -325,7 +424,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     /// Integrates each `SPAN` cells once; those of spans that are not settled by that wait, one by one.
     #[inline(always)]
     fn integrate_spans<const SPAN: usize>(&self, steps: &[Step<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
-        let LaterStages { stages: Stages { chords, located }, parts, queues, work } = later;
+        let LaterStages { stages: Stages { chords, located, .. }, parts, queues, work } = later;
         let &Classifier { table, narrow, .. } = self.classifier;
         let mut shows = [false; ROUND];
         for first in (0..ROUND).step_by(SPAN) {
@@ -360,33 +459,52 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     /// # Safety
     /// In every lane, the corners of the cells lie in the brick's array.
     #[inline(always)]
-    pub unsafe fn fetch(&self, steps: &[Step<S>; ROUND], direction: &[S::F; 3], chords: &mut [Chord<S>; ROUND]) {
+    pub unsafe fn fetch(
+        &self,
+        steps: &[Step<S>; ROUND],
+        direction: &[S::F; 3],
+        chords: &mut [Chord<S>; ROUND],
+        rows: &mut [Option<Rows<S>>; ROUND],
+    ) {
         let brick = self.brick;
         // SAFETY: the caller's promise.
-        let mut raw = unsafe { brick.stored.gather::<S>(brick.voxels, steps[0].base, brick.strides) };
+        let mut raw = unsafe { self.gather(steps[0].base, &mut rows[0]) };
         for i in 0..ROUND {
             let cell = brick.stored.cell::<S>(&raw, brick.absent, brick.centre);
             if i + 1 < ROUND {
                 // SAFETY: as above.
-                raw = unsafe { brick.stored.gather::<S>(brick.voxels, steps[i + 1].base, brick.strides) };
+                raw = unsafe { self.gather(steps[i + 1].base, &mut rows[i + 1]) };
             }
             chords[i] = self.chord(&cell, &steps[i], direction);
         }
     }
 
-    /// Writes what a cell adds, and puts it into a queue where that is not all.
+    /// The corners of cells; the rows that they lie in are kept where shading wants them.
+    ///
+    /// # Safety
+    /// As for [`Round::fetch`].
     #[inline(always)]
-    #[allow(clippy::too_many_arguments, reason = "inlined into its one caller: the arguments are its variables")]
-    fn hand_on(
+    unsafe fn gather(&self, base: S::I, rows: &mut Option<Rows<S>>) -> Raw<S> {
+        let PacketBrick { stored, voxels, strides, .. } = *self.brick;
+        // SAFETY: the caller's promise; the apron is wider than a voxel.
+        unsafe {
+            match self.brick.lighting {
+                Some(_) => stored.gather_rows::<S>(voxels, base, strides, rows),
+                None => stored.gather::<S>(voxels, base, strides),
+            }
+        }
+    }
+
+    /// Writes what a cell adds; where that is not settled.
+    #[inline(always)]
+    fn write(
         &self,
         number: usize,
         step: &Step<S>,
-        chord: &Chord<S>,
+        (chord, in_plane): (&Chord<S>, S::M),
         part: &Part<S>,
-        crosses_in_plane: S::M,
         parts: &mut RoundParts,
-        queues: &mut Queues,
-    ) {
+    ) -> S::M {
         let zero = S::splat(0.0);
         let is_hole = S::is_nan(chord.values[1]);
         for c in 0..3 {
@@ -394,26 +512,12 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         }
         S::store(S::select(is_hole, zero, part.tau), &mut parts.numbers[number][DEPTH]);
         S::store(part.least_depth(), &mut parts.least_depths[number]);
-        let per_error = self.weight / S::splat(self.precision.cell_error);
-        let is_unsettled = S::lt(S::splat(1.0), part.error * per_error) | (is_hole & crosses_in_plane);
         if self.precision.sums_errors {
             // What is hardly seen is not shaded, whatever the light; of all else that is, shading writes the error.
             let unshaded = if self.brick.lighting.is_some() { S::splat(1.0) - part.transmittance } else { zero };
             S::store(S::select(is_hole, zero, part.error + unshaded), &mut parts.numbers[number][ERROR]);
         }
-        let slot = S::load_int(&LANE_NUMBERS) + S::splat_int((number * LANES_LIMIT) as i32);
-        let cell = QueuedCell { slot, base: step.base, chord: *chord, error: part.error };
-        if self.brick.lighting.is_some() {
-            let opacity = S::splat(1.0) - part.transmittance;
-            let shows = S::lt(S::splat(self.precision.least_shaded), opacity * self.weight) | is_unsettled;
-            if S::bits(shows) != 0 {
-                let ([x, y, z], [r, g, b]) = (step.fraction, part.color);
-                let more = [x, y, z, r, g, b, part.tau, part.front_share, part.misplaced, part.colors];
-                queues.to_shade.push::<S, 10>(shows, &cell, more);
-            }
-        } else if S::bits(is_unsettled) != 0 {
-            queues.pending.cells.push::<S, 0>(is_unsettled, &cell, []);
-        }
+        S::lt(S::splat(1.0), part.error * self.per_error()) | (is_hole & in_plane & step.crosses())
     }
 
     /// Writes what a span of cells adds where one rule settles it, and puts each of its cells into the queue where it does not.
@@ -429,7 +533,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         queues: &mut Queues,
     ) {
         let zero = S::splat(0.0);
-        let per_error = self.weight / S::splat(self.precision.cell_error);
+        let per_error = self.per_error();
         // False also where the error is NaN: beside a hole.
         let is_settled = S::le(part.error * per_error, S::splat(1.0)) & crosses;
         for c in 0..3 {
@@ -479,4 +583,11 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         }
         Chord { values, cubic, length: h, noise }
     }
+}
+
+/// A cell of a round as queues hold it.
+#[inline(always)]
+pub fn queued<S: Simd>(number: usize, step: &Step<S>, chord: &Chord<S>, part: &Part<S>) -> QueuedCell<S> {
+    let slot = S::load_int(&LANE_NUMBERS) + S::splat_int((number * LANES_LIMIT) as i32);
+    QueuedCell { slot, base: step.base, chord: *chord, error: part.error }
 }

@@ -93,6 +93,9 @@ const ROUNDINGS: f64 = 4.0;
 /// Half the distance of 1 from the next `f32`.
 const HALF_EPSILON: f64 = 0.5 * f32::EPSILON as f64;
 
+/// Lanes up to which look-ups in registers are not compiled: arrays have none.
+const FEW_LANES: usize = 4;
+
 /// Share of a brick's blocks that show nothing from which rays leap.
 const LEAST_LEAPT: f64 = 0.125;
 
@@ -125,6 +128,9 @@ impl<T: ClassifyTask> Task for WithTable<'_, T> {
     fn run<S: Simd>(self) -> T::Output {
         let Self { tables: PacketTables { pieces, table, .. }, task } = self;
         let TransferPieces { narrow, clear, .. } = *pieces;
+        if S::LANES <= FEW_LANES {
+            return task.run::<S, _>(&Classifier { table: &ManyPieces::new(pieces), narrow, clear });
+        }
         match table {
             Table::UpTo16(few) => task.run::<S, _>(&Classifier { table: &**few, narrow, clear }),
             Table::UpTo32(few) => task.run::<S, _>(&Classifier { table: &**few, narrow, clear }),

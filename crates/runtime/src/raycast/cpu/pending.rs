@@ -62,6 +62,15 @@ impl RoundParts {
         }
     }
 
+    /// Writes colour and error of the parts of a step that show.
+    #[inline(always)]
+    pub fn write_shaded<S: Simd>(&mut self, step: usize, shows: S::M, color: [S::F; 3], error: S::F) {
+        let [r, g, b] = color;
+        for (into, value) in self.numbers[step].iter_mut().zip([r, g, b, error]) {
+            S::store(S::select(shows, value, S::load(into)), into);
+        }
+    }
+
     /// Writes all numbers but the depth of the parts of `count` cells.
     #[inline(always)]
     pub fn write_colors<S: Simd>(&mut self, slot: S::I, count: usize, numbers: [S::F; DEPTH]) {

@@ -132,7 +132,7 @@ impl<S: Simd> Cuts<S> {
         let middle = S::mul_add(S::splat(0.5), trial.size, self.at);
         let at_middle = for_three!(a => cubic_at::<S>(self.gradients[a], middle));
         let at_end = for_three!(a => cubic_at::<S>(self.gradients[a], trial.end));
-        [lighting.at::<S>(at_middle, &self.to_eye), lighting.at::<S>(at_end, &self.to_eye)]
+        lighting.at::<S, 2>(&[at_middle, at_end], &self.to_eye)
     }
 
     /// Takes a part or halves it; `at_end` is the light there.
@@ -218,7 +218,8 @@ impl<L: Lookup> Refine<'_, L> {
             let n = &cuts.more;
             cuts.gradients = for_three!(a => cubic_through::<S>([n[a], n[3 + a], n[6 + a]], n[9 + a]));
             cuts.to_eye = self.lanes.toward_eye::<S>(lighting, *slot);
-            cuts.light.replace(new, &lighting.at::<S>([n[0], n[1], n[2]], &cuts.to_eye));
+            let [light] = lighting.at::<S, 1>(&[[n[0], n[1], n[2]]], &cuts.to_eye);
+            cuts.light.replace(new, &light);
         }
         cuts.at = S::select(new, zero, cuts.at);
         cuts.next = S::select(new, first_part::<S>(*error * cuts.per_error), cuts.next);

@@ -14,34 +14,32 @@
 use glam::{DMat3, DVec3};
 use supervol_format::Geometry;
 
-use super::fetch::Around;
 use super::integrate::Part;
-use super::packet::Lanes;
-use super::pending::{RefineQueue, RoundParts};
-use super::queue::Queue;
-use super::simd::{LANES_LIMIT, Simd, Task, exp_minus, for_three, minus_ln};
-use super::walk::{PacketBrick, ROUND};
+use super::simd::{Simd, exp_minus, for_three, minus_ln};
 use crate::raycast::scalar::shade::Lighting;
 
-/// Share of f's second difference that its mean may be off by: 1/6 for a kink at the worst place, 1/50 where f is smooth.
-const BEND_SHARE: f32 = 0.25;
+/// Share of f's second difference that its mean may be off by where f may have a kink: 1/6 at the worst place.
+pub const KINK_SHARE: f32 = 0.25;
+/// The same where f is smooth: 1/50 and less, and the turn of the normal has an error of its own.
+const BEND_SHARE: f32 = 0.05;
 /// Share of f's range that its mean may be off by, for a colour that varies by 1.
 const COLOR_SHARE: f32 = 0.15;
+/// Multiple of what is uneven, where nothing else is uncertain any more: then it is not outweighed by what is estimated too
+/// high.
+pub const UNEVEN_SHARE: f32 = 4.0;
 /// Share of what is cut off at 1 that the mean may be off by where colour varies.
 const CUT_SHARE: f32 = 0.25;
 /// Share of the diffuse light that its mean may be off by, for a normal that turns by one radian; falls with the square.
-const TURN_SHARE: f32 = 0.1;
+pub const TURN_SHARE: f32 = 0.1;
 /// Share of the highlights that their mean may be off by, where the square of the turn is the shininess's inverse: that is
 /// how wide a highlight is. Falls with the fourth power.
-const HIGHLIGHT_SHARE: f32 = 0.006;
+pub const HIGHLIGHT_SHARE: f32 = 0.006;
+/// What |n.h| may be between two places more than at either of them, over the distance of their normals.
+pub const HIGHLIGHT_REACH: f32 = 0.5;
 /// Greatest whole half of a shininess that is reached by multiplications.
 const WHOLE_LIMIT: u32 = 128;
 /// Least square of |n.h|: a normal `f32`.
 const LEAST_SQUARE: f32 = 1e-37;
-
-/// Numbers of a cell beside those of all: position of its beginning, and of its part the colour, optical depth, front
-/// share and misplaced share.
-pub type ShadeQueue = Queue<{ (ROUND + 1) * LANES_LIMIT }, 10>;
 
 /// The lighting of a frame as the voxels of one level see it.
 #[derive(Debug, Clone, Copy)]
@@ -53,19 +51,16 @@ pub struct PacketLighting<'a> {
     /// World vectors from vectors in cells; columns.
     pub world_from_cells: [[f32; 3]; 3],
     /// Intensity of all lights.
-    light: f32,
+    pub light: f32,
     /// Most that a colour can be multiplied by.
     gain: f32,
     /// Half the shininess, where that is a whole number that multiplications reach sooner than a logarithm.
     whole_half: Option<u32>,
 }
 
-/// A gradient in world space at the beginning, the middle and the end of a part.
-pub type Gradients<S> = [[<S as Simd>::F; 3]; 3];
-
 /// A matrix, by columns, times a vector.
 #[inline(always)]
-fn transform<S: Simd>(columns: &[[f32; 3]; 3], v: [S::F; 3]) -> [S::F; 3] {
+pub fn transform<S: Simd>(columns: &[[f32; 3]; 3], v: [S::F; 3]) -> [S::F; 3] {
     let mut out = v;
     for row in 0..3 {
         let sum = v[0] * S::splat(columns[0][row]);
@@ -84,12 +79,14 @@ fn dot<S: Simd>(a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
 #[derive(Clone, Copy)]
 pub struct LightAt<S: Simd> {
     /// In world space.
-    gradient: [S::F; 3],
+    pub gradient: [S::F; 3],
     /// 0 where there is no normal.
-    inverse_length: S::F,
+    pub inverse_length: S::F,
     /// D and S.
-    diffuse: S::F,
-    specular: S::F,
+    pub diffuse: S::F,
+    pub specular: S::F,
+    /// Greatest |n.h| of all lights.
+    pub nearest: S::F,
 }
 
 impl<S: Simd> LightAt<S> {
@@ -97,7 +94,7 @@ impl<S: Simd> LightAt<S> {
     #[inline(always)]
     pub fn nothing() -> Self {
         let zero = S::splat(0.0);
-        Self { gradient: [zero; 3], inverse_length: zero, diffuse: zero, specular: zero }
+        Self { gradient: [zero; 3], inverse_length: zero, diffuse: zero, specular: zero, nearest: zero }
     }
 
     /// Where the mask holds `other`.
@@ -107,6 +104,7 @@ impl<S: Simd> LightAt<S> {
         self.inverse_length = S::select(mask, other.inverse_length, self.inverse_length);
         self.diffuse = S::select(mask, other.diffuse, self.diffuse);
         self.specular = S::select(mask, other.specular, self.specular);
+        self.nearest = S::select(mask, other.nearest, self.nearest);
     }
 
     /// Square of the difference between two normals.
@@ -135,7 +133,7 @@ impl<S: Simd> LightAt<S> {
 
     /// A colour after shading.
     #[inline(always)]
-    fn of(&self, color: S::F) -> S::F {
+    pub fn of(&self, color: S::F) -> S::F {
         S::mul_add(color, self.diffuse, self.specular)
     }
 }
@@ -164,55 +162,113 @@ impl<'a> PacketLighting<'a> {
         for_three!(a => along[a] * S::splat(-1.0))
     }
 
-    /// The light where the gradient is this, seen from there.
+    /// The light where the gradients are these, seen from there.
     #[inline(always)]
-    pub fn at<S: Simd>(&self, gradient: [S::F; 3], to_eye: &[S::F; 3]) -> LightAt<S> {
+    pub fn at<S: Simd, const PLACES: usize>(
+        &self,
+        gradients: &[[S::F; 3]; PLACES],
+        to_eye: &[S::F; 3],
+    ) -> [LightAt<S>; PLACES] {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let lighting = self.lighting;
         let floor = S::splat(self.floor());
-        let length = S::sqrt(dot::<S>(&gradient, &gradient));
-        let has_normal = S::le(floor, length);
-        let inverse_length = S::select(has_normal, one / S::max(length, floor), zero);
-        let against_ray = dot::<S>(&gradient, to_eye);
-        let (mut diffuse, mut specular) = (S::splat(lighting.ambient), zero);
+        let mut at = [LightAt::<S>::nothing(); PLACES];
+        for (at, gradient) in at.iter_mut().zip(gradients) {
+            let length = S::sqrt(dot::<S>(gradient, gradient));
+            at.inverse_length = S::select(S::le(floor, length), one / S::max(length, floor), zero);
+            at.gradient = *gradient;
+            at.diffuse = S::splat(lighting.ambient);
+        }
         for (to_light, intensity) in &lighting.lights {
             let to_light = [S::splat(to_light.x), S::splat(to_light.y), S::splat(to_light.z)];
             // |l + v|^2 = 2 + 2 l.v.
             let square = S::mul_add(S::splat(2.0), dot::<S>(&to_light, to_eye), S::splat(2.0));
             let has_half = S::lt(S::splat(1e-12), square);
             let per_half = S::select(has_half, one / S::sqrt(S::select(has_half, square, one)), zero);
-            let along_light = dot::<S>(&gradient, &to_light);
-            let cosine = S::abs(along_light * inverse_length);
-            diffuse = S::mul_add(cosine, S::splat(lighting.diffuse * intensity), diffuse);
-            let along_half = (along_light + against_ray) * (per_half * inverse_length);
-            let power = self.highlight::<S>(S::min(along_half * along_half, one));
-            specular = S::mul_add(power, S::splat(lighting.specular * intensity), specular);
+            let mut squares = [zero; PLACES];
+            for (at, square) in at.iter_mut().zip(&mut squares) {
+                let along_light = dot::<S>(&at.gradient, &to_light);
+                let cosine = S::abs(along_light * at.inverse_length);
+                at.diffuse = S::mul_add(cosine, S::splat(lighting.diffuse * intensity), at.diffuse);
+                let along_half = (along_light + dot::<S>(&at.gradient, to_eye)) * (per_half * at.inverse_length);
+                at.nearest = S::max(at.nearest, S::abs(along_half));
+                *square = S::min(along_half * along_half, one);
+            }
+            let powers = self.highlights::<S, PLACES>(squares);
+            for (at, power) in at.iter_mut().zip(powers) {
+                at.specular = S::mul_add(power, S::splat(lighting.specular * intensity), at.specular);
+            }
         }
-        LightAt {
-            gradient,
-            inverse_length,
-            diffuse: S::select(has_normal, diffuse, one),
-            specular: S::select(has_normal, specular, zero),
+        for at in &mut at {
+            let has_normal = S::lt(zero, at.inverse_length);
+            at.diffuse = S::select(has_normal, at.diffuse, one);
+            at.specular = S::select(has_normal, at.specular, zero);
         }
+        at
     }
 
     /// The part's colour after shading, and its error, from the light at its beginning, middle and end.
     #[inline(always)]
     pub fn shade<S: Simd>(&self, part: &Part<S>, along: &[LightAt<S>; 3]) -> ([S::F; 3], S::F) {
-        let one = S::splat(1.0);
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let opacity = one - part.transmittance;
         let per_opacity = one / S::max(opacity, S::splat(f32::MIN_POSITIVE));
-        let mut color = part.color;
-        let mut of_place = S::splat(0.0);
-        for c in 0..3 {
-            let plain = part.color[c] * per_opacity;
-            let f = for_three!(i => along[i].of(plain));
-            let (mean, error) = mean_of_channel::<S>(part, f);
-            color[c] = opacity * mean;
-            of_place = S::max(of_place, error);
+        let plain = for_three!(c => part.color[c] * per_opacity);
+        let strongest = S::max(S::max(plain[0], plain[1]), plain[2]);
+        let (diffuse, specular) = (for_three!(i => along[i].diffuse), for_three!(i => along[i].specular));
+        let (mean_diffuse, mean_specular) = (mean_along::<S>(part, diffuse), mean_along::<S>(part, specular));
+        let of_specular = opacity * mean_specular;
+        let mut color = for_three!(c => S::mul_add(part.color[c], mean_diffuse, of_specular));
+        let of_sides = self.error_of_sides::<S>(along);
+        // Range and bend of a channel are convex in its colour: greatest at the strongest, or at black.
+        let brightest = for_three!(i => along[i].of(strongest));
+        let range = S::max(range_of::<S>(brightest), range_of::<S>(specular));
+        let bend = S::max(bend_of::<S>(brightest), bend_of::<S>(specular));
+        let uneven = uneven(part);
+        let normals = along[0].inverse_length * along[1].inverse_length * along[2].inverse_length;
+        let has_kink = of_sides.1 | S::le(normals, zero);
+        let share = S::select(has_kink, S::splat(KINK_SHARE), S::splat(BEND_SHARE));
+        let mut of_place = S::mul_add(share, bend, range * uneven);
+        let most = S::max(S::max(brightest[0], brightest[1]), brightest[2]);
+        let half = part.colors * S::splat(0.5);
+        let is_cut = S::lt(one, most + half);
+        if S::bits(is_cut) != 0 {
+            for c in 0..3 {
+                let f = for_three!(i => S::min(along[i].of(plain[c]), one));
+                color[c] = S::select(is_cut, opacity * mean_along::<S>(part, f), color[c]);
+            }
+            let darkest = S::min(S::min(plain[0], plain[1]), plain[2]);
+            let dark = for_three!(i => along[i].of(darkest));
+            let low = S::min(S::min(dark[0], dark[1]), dark[2]) - half;
+            let of_colors = S::min(most + half - one, part.colors) * S::splat(CUT_SHARE);
+            let of_cut = S::mul_add(
+                S::splat(KINK_SHARE),
+                S::mul_add(range, S::splat(0.5), bend),
+                S::mul_add(range, uneven, of_colors),
+            );
+            of_place = S::select(is_cut & S::lt(low, one), of_cut, of_place);
         }
-        let of_place = S::max(of_place, self.error_of_sides::<S>(along)) + self.error_of_turn::<S>(along);
-        (color, S::mul_add(opacity, S::min(of_place, one), part.error * S::splat(self.gain)))
+        let of_place = S::max(of_place, of_sides.0) + self.error_of_turn::<S>(along);
+        // What the part itself is off by is lit as the part is; its opacity is not.
+        let lit = for_three!(i => along[i].diffuse + along[i].specular);
+        let gain = S::max(S::max(S::max(lit[0], lit[1]), lit[2]), one);
+        (color, S::mul_add(opacity, S::min(of_place, one), part.error * gain))
+    }
+
+    /// What a part's colour is off by, however well its light is known.
+    #[inline(always)]
+    pub fn error_but_light<S: Simd>(&self, part: &Part<S>, along: &[LightAt<S>; 3]) -> ErrorButLight<S> {
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let opacity = one - part.transmittance;
+        let strongest = S::max(S::max(part.color[0], part.color[1]), part.color[2]);
+        let brightest = for_three!(i => S::mul_add(strongest, along[i].diffuse, opacity * along[i].specular));
+        let most = S::max(S::max(brightest[0], brightest[1]), brightest[2]);
+        let of_colors = opacity * part.colors;
+        let cut = S::min(S::max(S::mul_add(of_colors, S::splat(0.5), most) - opacity, zero), of_colors);
+        let certain = S::mul_add(part.error, S::splat(self.gain), cut);
+        let varies = range_of::<S>(for_three!(i => along[i].diffuse));
+        let at_most = S::mul_add(opacity * varies, S::splat(UNEVEN_SHARE) * uneven(part), certain);
+        ErrorButLight { certain, at_most }
     }
 
     /// What three places can miss of the light between them: a highlight where the normal turns, and a gradient that is too
@@ -221,15 +277,19 @@ impl<'a> PacketLighting<'a> {
     fn error_of_turn<S: Simd>(&self, along: &[LightAt<S>; 3]) -> S::F {
         let lighting = self.lighting;
         let mut turn = S::splat(0.0);
-        let mut flat = turn;
+        let (mut flat, mut widest) = (turn, turn);
         for [a, b] in [[0, 1], [1, 2]] {
             let of_pair = LightAt::turn(&along[a], &along[b]);
             turn = turn + of_pair;
+            widest = S::max(widest, of_pair);
             flat = flat + LightAt::without_normal(&along[a], &along[b], self.floor());
         }
         let widths = turn * S::splat(lighting.shininess);
         let highlight = S::min(widths * widths * S::splat(HIGHLIGHT_SHARE), S::splat(1.0));
-        let of_highlight = highlight * S::splat(lighting.specular * self.light);
+        let nearest = S::max(S::max(along[0].nearest, along[2].nearest), along[1].nearest);
+        let nearest = S::mul_add(S::sqrt(widest), S::splat(HIGHLIGHT_REACH), nearest);
+        let [seen] = self.highlights::<S, 1>([S::min(nearest * nearest, S::splat(1.0))]);
+        let of_highlight = highlight * seen * S::splat(lighting.specular * self.light);
         let of_turn = S::mul_add(turn * turn, S::splat(TURN_SHARE * lighting.diffuse * self.light), of_highlight);
         S::mul_add(flat, S::splat(self.gain), of_turn)
     }
@@ -237,20 +297,22 @@ impl<'a> PacketLighting<'a> {
     /// What the second difference can miss of diffuse light of which one side goes over into the other between two places:
     /// in the middle, nothing is left.
     #[inline(always)]
-    fn error_of_sides<S: Simd>(&self, along: &[LightAt<S>; 3]) -> S::F {
+    fn error_of_sides<S: Simd>(&self, along: &[LightAt<S>; 3]) -> (S::F, S::M) {
         let zero = S::splat(0.0);
         let mut error = zero;
+        let mut goes_over = S::lt(zero, zero);
         for (to_light, intensity) in &self.lighting.lights {
             let to_light = [S::splat(to_light.x), S::splat(to_light.y), S::splat(to_light.z)];
             let cosines = for_three!(i => dot::<S>(&along[i].gradient, &to_light) * along[i].inverse_length);
             for [a, b] in [[0, 1], [1, 2]] {
                 // The triangles between |cosine| and the line over it, if the cosine itself is a line: of half the part.
                 let product = S::max(zero - cosines[a] * cosines[b], zero);
+                goes_over = goes_over | S::lt(zero, product);
                 let sum = S::max(S::abs(cosines[a] - cosines[b]), S::splat(f32::MIN_POSITIVE));
                 error = S::mul_add(product / sum, S::splat(0.5 * self.lighting.diffuse * intensity), error);
             }
         }
-        error
+        (error, goes_over)
     }
 
     /// Length of a gradient below which there is no normal.
@@ -259,155 +321,61 @@ impl<'a> PacketLighting<'a> {
         self.lighting.gradient_floor.max(f32::MIN_POSITIVE.sqrt())
     }
 
-    /// |n.h| to the power of the shininess, from its square, at most 1.
+    /// |n.h| to the power of the shininess, from its square, at most 1; of several places, so that none waits for another.
     #[inline(always)]
-    fn highlight<S: Simd>(&self, square: S::F) -> S::F {
+    pub fn highlights<S: Simd, const PLACES: usize>(&self, squares: [S::F; PLACES]) -> [S::F; PLACES] {
+        let (mut powers, mut factors) = ([S::splat(1.0); PLACES], squares);
         let Some(mut left) = self.whole_half else {
-            return exp_minus::<S>(
-                minus_ln::<S>(S::max(square, S::splat(LEAST_SQUARE))) * S::splat(0.5 * self.lighting.shininess),
-            );
-        };
-        let (mut power, mut factor) = (S::splat(1.0), square);
-        while left > 1 {
-            if left & 1 == 1 {
-                power = power * factor;
+            for (power, square) in powers.iter_mut().zip(squares) {
+                let depth = minus_ln::<S>(S::max(square, S::splat(LEAST_SQUARE)));
+                *power = exp_minus::<S>(depth * S::splat(0.5 * self.lighting.shininess));
             }
-            factor = factor * factor;
+            return powers;
+        };
+        while left > 1 {
+            for (power, factor) in powers.iter_mut().zip(&mut factors) {
+                if left & 1 == 1 {
+                    *power = *power * *factor;
+                }
+                *factor = *factor * *factor;
+            }
             left >>= 1;
         }
-        power * factor
+        for (power, factor) in powers.iter_mut().zip(factors) {
+            *power = *power * factor;
+        }
+        powers
     }
 }
 
-/// The mean of a channel over a part, cut off at 1, from its values at the three places, and what they can miss of it: the
-/// light does not vary evenly, it bends, or it is cut off where the colour varies.
+/// What a part's colour is off by, however well its light is known.
+pub struct ErrorButLight<S: Simd> {
+    /// Whatever the light does.
+    pub certain: S::F,
+    /// With what there is because the light varies where colour or extinction do.
+    pub at_most: S::F,
+}
+
+/// Share of what varies along a part that its mean may be off by.
 #[inline(always)]
-fn mean_of_channel<S: Simd>(part: &Part<S>, uncut: [S::F; 3]) -> (S::F, S::F) {
-    let (zero, one, third) = (S::splat(0.0), S::splat(1.0), S::splat(1.0 / 3.0));
-    let f = for_three!(i => S::min(uncut[i], one));
+pub fn uneven<S: Simd>(part: &Part<S>) -> S::F {
+    S::mul_add(part.colors, S::splat(COLOR_SHARE), part.misplaced)
+}
+
+/// The mean over a part of what varies as a quadratic between three places, where light comes from.
+#[inline(always)]
+fn mean_along<S: Simd>(part: &Part<S>, f: [S::F; 3]) -> S::F {
     let ends = S::mul_add(part.front_share, f[0] - f[2], f[2]);
-    let mean = (ends + f[1] + f[1]) * third;
-    let bend = S::abs((f[0] - f[1]) + (f[2] - f[1]));
-    let range = S::max(S::max(f[0], f[2]), f[1]) - S::min(S::min(f[0], f[2]), f[1]);
-    let uneven = S::mul_add(part.colors, S::splat(COLOR_SHARE), part.misplaced);
-    let half = part.colors * S::splat(0.5);
-    let low = S::min(S::min(uncut[0], uncut[2]), uncut[1]) - half;
-    let high = S::max(S::max(uncut[0], uncut[2]), uncut[1]) + half;
-    let cut = S::select(S::lt(low, one), S::min(S::max(high - one, zero), part.colors), zero);
-    (mean, S::mul_add(S::splat(BEND_SHARE), bend, S::mul_add(range, uneven, cut * S::splat(CUT_SHARE))))
+    (ends + f[1] + f[1]) * S::splat(1.0 / 3.0)
 }
 
-/// Shades the cells of a round that show something.
-pub struct ShadeCells<'a> {
-    /// Where the voxels are.
-    pub brick: &'a PacketBrick<'a>,
-    /// The brick's.
-    pub lighting: &'a PacketLighting<'a>,
-    /// Rays of the packet.
-    pub lanes: &'a Lanes,
-    /// The cells; none are left.
-    pub cells: &'a mut ShadeQueue,
-    /// Cells that one rule does not settle.
-    pub unsettled: &'a mut RefineQueue,
-    /// Where colours go.
-    pub parts: &'a mut RoundParts,
+/// The second difference.
+#[inline(always)]
+fn bend_of<S: Simd>(f: [S::F; 3]) -> S::F {
+    S::abs((f[0] - f[1]) + (f[2] - f[1]))
 }
 
-/// The gradient along the rays through some cells.
-#[derive(Clone, Copy)]
-struct AlongRay<S: Simd> {
-    gradients: Gradients<S>,
-    /// Coefficients of the third power.
-    cubics: [S::F; 3],
-    /// Beside a hole there is no gradient.
-    is_unknown: S::M,
-}
-
-/// Packets of cells that are taken through one stage, and then through the next: stages are short, so that the processor
-/// overlaps several packets.
-const GROUP: usize = ROUND;
-
-impl Task for ShadeCells<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(mut self) {
-        let zero = S::splat(0.0);
-        let nothing = AlongRay { gradients: [[zero; 3]; 3], cubics: [zero; 3], is_unknown: S::lt(zero, zero) };
-        for group in (0..self.cells.len()).step_by(GROUP * S::LANES) {
-            let mut along = [nothing; GROUP];
-            let end = self.cells.len().min(group + GROUP * S::LANES);
-            for (i, first) in (group..end).step_by(S::LANES).enumerate() {
-                self.gradients::<S>(first, &mut along[i]);
-            }
-            for (i, first) in (group..end).step_by(S::LANES).enumerate() {
-                self.shade::<S>(first, &along[i]);
-            }
-        }
-        self.cells.clear();
-    }
-}
-
-impl ShadeCells<'_> {
-    /// Gathers around the cells from number `first` on.
-    #[inline(always)]
-    fn gradients<S: Simd>(&self, first: usize, along: &mut AlongRay<S>) {
-        let (brick, lighting) = (self.brick, self.lighting);
-        let cell = self.cells.cells::<S>(first);
-        // What lies behind the last cell may be the offset of another brick's cell.
-        let base = S::select_int(self.cells.used::<S>(first), cell.base, S::splat_int(brick.first_base()));
-        let around = Around::<S> { stored: brick.stored, voxels: brick.voxels, base, absent: brick.absent };
-        // SAFETY: the bases are those of cells of the core.
-        let slopes = unsafe { around.slopes(brick.strides) };
-        let fraction = self.cells.three::<S>(0, first);
-        let direction = self.lanes.direction::<S>(cell.slot);
-        let travelled = for_three!(a => direction[a] * cell.chord.length);
-        for (gradient, share) in along.gradients.iter_mut().zip([0.0, 0.5, 1.0]) {
-            let at = for_three!(a => S::mul_add(travelled[a], S::splat(share), fraction[a]));
-            let differences = for_three!(a => slopes[a].at(at));
-            *gradient = transform::<S>(&lighting.world_from_differences, differences);
-        }
-        let volume = travelled[0] * travelled[1] * travelled[2];
-        let twists = for_three!(a => slopes[a].twist() * volume);
-        along.cubics = transform::<S>(&lighting.world_from_differences, twists);
-        let middle = along.gradients[1];
-        along.is_unknown = S::is_nan(middle[0] + middle[1] + middle[2]);
-        for gradient in along.gradients.iter_mut().chain([&mut along.cubics]) {
-            for a in 0..3 {
-                gradient[a] = S::select(along.is_unknown, S::splat(0.0), gradient[a]);
-            }
-        }
-    }
-
-    /// Shades the cells from number `first` on; what three places do not settle goes on to refinement.
-    #[inline(always)]
-    fn shade<S: Simd>(&mut self, first: usize, along: &AlongRay<S>) {
-        let mut cell = self.cells.cells::<S>(first);
-        let [tau, front_share, misplaced] = self.cells.three::<S>(6, first);
-        let part = Part {
-            color: self.cells.three::<S>(3, first),
-            tau,
-            transmittance: exp_minus::<S>(tau),
-            error: cell.error,
-            front_share,
-            misplaced,
-            colors: self.cells.one::<S>(9, first),
-        };
-        let to_eye = self.lanes.toward_eye::<S>(self.lighting, cell.slot);
-        let lit = for_three!(i => self.lighting.at::<S>(along.gradients[i], &to_eye));
-        let (shaded, error) = self.lighting.shade::<S>(&part, &lit);
-        // Rays for which the hole beside them has no weight have a gradient after all.
-        let is_in_plane = S::lt(S::splat(0.0), S::lookup16(&self.lanes.in_plane, cell.slot));
-        cell.error = S::select(along.is_unknown & is_in_plane, S::splat(f32::NAN), error);
-        let ([r, g, b], count) = (shaded, (self.cells.len() - first).min(S::LANES));
-        self.parts.write_colors::<S>(cell.slot, count, [r, g, b, cell.error]);
-        let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
-        // Also NaN.
-        let is_unsettled = !S::le(cell.error * per_error, S::splat(1.0)) & self.cells.used::<S>(first);
-        if S::bits(is_unsettled) != 0 {
-            let [[a, b, c], [d, e, f], [g, h, i]] = along.gradients;
-            let [j, k, l] = along.cubics;
-            self.unsettled.push::<S, 12>(is_unsettled, &cell, [a, b, c, d, e, f, g, h, i, j, k, l]);
-        }
-    }
+#[inline(always)]
+fn range_of<S: Simd>(f: [S::F; 3]) -> S::F {
+    S::max(S::max(f[0], f[2]), f[1]) - S::min(S::min(f[0], f[2]), f[1])
 }

@@ -72,8 +72,9 @@ impl ChooseSpan<'_> {
         let steps = walker.round();
         let round = Round { brick: self.brick, classifier, precision: self.precision, weight: S::splat(1.0) };
         let mut chords = [Chord::nothing(); ROUND];
+        let mut rows = [None; ROUND];
         // SAFETY: the walk stays in cells of the core.
-        unsafe { round.fetch(&steps, &walker.direction, &mut chords) };
+        unsafe { round.fetch(&steps, &walker.direction, &mut chords, &mut rows) };
         for (span, tried) in SPANS.iter().zip(tried) {
             for cells in chords.chunks_exact(*span) {
                 let line = Line::over(cells);

@@ -6,7 +6,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
 
-use super::{LANES_LIMIT, Simd, Task};
+use super::{LANES_LIMIT, Simd, Task, TaskOf};
 
 /// Whether this processor has all the features of [`run`].
 pub fn is_available() -> bool {
@@ -28,8 +28,8 @@ pub unsafe fn run<T: Task>(task: T) -> T::Output {
 /// As for [`run`].
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
-unsafe fn run_apart<T: Task>(task: T) -> T::Output {
-    task.run::<Avx2>()
+unsafe fn run_apart<T: TaskOf<Avx2>>(task: T) -> T::Output {
+    task.run_lanes()
 }
 
 #[derive(Clone, Copy)]
@@ -199,6 +199,15 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
+    fn sum(a: Floats) -> f32 {
+        unsafe {
+            let four = _mm_add_ps(_mm256_castps256_ps128(a.0), _mm256_extractf128_ps::<1>(a.0));
+            let two = _mm_add_ps(four, _mm_movehl_ps(four, four));
+            _mm_cvtss_f32(_mm_add_ss(two, _mm_movehdup_ps(two)))
+        }
+    }
+
+    #[inline(always)]
     fn sqrt(a: Floats) -> Floats {
         Floats(unsafe { _mm256_sqrt_ps(a.0) })
     }
@@ -321,7 +330,7 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
-    fn apart<T: Task>(task: T) -> T::Output {
+    fn apart<T: TaskOf<Self>>(task: T) -> T::Output {
         unsafe { run_apart(task) }
     }
 }

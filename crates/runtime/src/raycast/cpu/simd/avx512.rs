@@ -6,7 +6,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
 
-use super::{LANES_LIMIT, Simd, Task};
+use super::{LANES_LIMIT, Simd, Task, TaskOf};
 
 /// Whether this processor has all the features of [`run`].
 pub fn is_available() -> bool {
@@ -35,8 +35,8 @@ pub unsafe fn run<T: Task>(task: T) -> T::Output {
 /// As for [`run`].
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
-unsafe fn run_apart<T: Task>(task: T) -> T::Output {
-    task.run::<Avx512>()
+unsafe fn run_apart<T: TaskOf<Avx512>>(task: T) -> T::Output {
+    task.run_lanes()
 }
 
 #[derive(Clone, Copy)]
@@ -194,6 +194,11 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
+    fn sum(a: Floats) -> f32 {
+        unsafe { _mm512_reduce_add_ps(a.0) }
+    }
+
+    #[inline(always)]
     fn sqrt(a: Floats) -> Floats {
         Floats(unsafe { _mm512_sqrt_ps(a.0) })
     }
@@ -300,7 +305,7 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
-    fn apart<T: Task>(task: T) -> T::Output {
+    fn apart<T: TaskOf<Self>>(task: T) -> T::Output {
         unsafe { run_apart(task) }
     }
 }

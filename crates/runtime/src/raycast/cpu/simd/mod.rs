@@ -58,6 +58,8 @@ pub trait Simd: Copy + Send + Sync + 'static {
     fn max(a: Self::F, b: Self::F) -> Self::F;
     /// Magnitude.
     fn abs(a: Self::F) -> Self::F;
+    /// Of all lanes.
+    fn sum(a: Self::F) -> f32;
     /// Square root.
     fn sqrt(a: Self::F) -> Self::F;
     /// The greatest whole number not above.
@@ -108,7 +110,7 @@ pub trait Simd: Copy + Send + Sync + 'static {
     fn bits_from_float(a: Self::F) -> Self::I;
 
     /// Runs a task as a function of its own: what it keeps in registers does not crowd out its caller's.
-    fn apart<T: Task>(task: T) -> T::Output;
+    fn apart<T: TaskOf<Self>>(task: T) -> T::Output;
 }
 
 /// The lanes of a mask, from its bits.
@@ -122,6 +124,23 @@ pub trait Task {
     type Output;
     /// Does it. Must be `#[inline(always)]`, and all that it calls with lanes, so that it is compiled for the set.
     fn run<S: Simd>(self) -> Self::Output;
+}
+
+/// Something to be done with the lanes of one set.
+pub trait TaskOf<S: Simd> {
+    /// What comes of it.
+    type Output;
+    /// See [`Task::run`].
+    fn run_lanes(self) -> Self::Output;
+}
+
+impl<S: Simd, T: Task> TaskOf<S> for T {
+    type Output = T::Output;
+
+    #[inline(always)]
+    fn run_lanes(self) -> T::Output {
+        self.run::<S>()
+    }
 }
 
 /// A set of instructions.

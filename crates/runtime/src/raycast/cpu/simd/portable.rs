@@ -2,7 +2,7 @@
 
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Not, Sub};
 
-use super::{LANES_LIMIT, Simd, Task};
+use super::{LANES_LIMIT, Simd, TaskOf};
 
 const LANES: usize = 4;
 
@@ -191,6 +191,11 @@ impl Simd for Portable {
     }
 
     #[inline(always)]
+    fn sum(a: Floats) -> f32 {
+        a.0.iter().sum()
+    }
+
+    #[inline(always)]
     fn sqrt(a: Floats) -> Floats {
         Floats(a.0.map(f32::sqrt))
     }
@@ -315,7 +320,7 @@ impl Simd for Portable {
     }
 
     #[inline(never)]
-    fn apart<T: Task>(task: T) -> T::Output {
-        task.run::<Self>()
+    fn apart<T: TaskOf<Self>>(task: T) -> T::Output {
+        task.run_lanes()
     }
 }

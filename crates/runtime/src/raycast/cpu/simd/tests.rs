@@ -96,9 +96,11 @@ impl Task for Outcome<'_> {
     }
 }
 
-/// Numbers that change their lanes go where the mask says.
+/// Numbers that change their lanes go where the mask says; all lanes are summed.
 #[inline(always)]
 fn check_moves<S: Simd>(inputs: &Inputs) {
+    let numbers = inputs.i.map(|i| i as f32);
+    assert_eq!(S::sum(S::load(&numbers)), numbers[..S::LANES].iter().sum::<f32>(), "whole numbers are summed exactly");
     let (a, b, mask) = (S::load(&inputs.a), S::load(&inputs.b), S::mask_from_bits(inputs.bits));
     let mut together = [0.0; LANES_LIMIT];
     S::compress(a, mask, &mut together);

@@ -1,0 +1,258 @@
+//! Shading of the cells of a round that show something: gradients around them, light along the rays ([`super::shade`]), and
+//! where only that is uncertain, more of it ([`super::turning`]).
+//!
+//! Where most lanes of a round show, its cells are shaded as they lie ([`ShadeRound`]); where few do, those that do are packed
+//! densely first ([`ShadeCells`]). Either way a cell's colour follows from its own numbers alone.
+
+use super::fetch::{Around, Rows};
+use super::integrate::Part;
+use super::packet::{Lanes, Stages, queued};
+use super::pending::{RefineQueue, RoundParts};
+use super::queue::{Queue, QueuedCell};
+use super::shade::{PacketLighting, transform};
+use super::simd::{LANES_LIMIT, Simd, Task, TaskOf, exp_minus, for_three};
+use super::turning::{SettleLight, TurningCells};
+use super::walk::{PacketBrick, ROUND, Step, Walker};
+
+/// A gradient in world space at the beginning, the middle and the end of a part.
+pub type Gradients<S> = [[<S as Simd>::F; 3]; 3];
+
+/// The gradient along the rays through some cells.
+#[derive(Clone, Copy)]
+pub struct AlongRay<S: Simd> {
+    pub gradients: Gradients<S>,
+    /// Coefficients of the third power.
+    pub cubics: [S::F; 3],
+    /// Beside a hole there is no gradient.
+    is_unknown: S::M,
+}
+
+impl<S: Simd> AlongRay<S> {
+    /// No gradient.
+    #[inline(always)]
+    pub fn nothing() -> Self {
+        let zero = S::splat(0.0);
+        Self { gradients: [[zero; 3]; 3], cubics: [zero; 3], is_unknown: S::lt(zero, zero) }
+    }
+
+    /// What refinement is to know of it.
+    #[inline(always)]
+    pub fn numbers(&self) -> [S::F; 12] {
+        let [[a, b, c], [d, e, f], [g, h, i]] = self.gradients;
+        let [j, k, l] = self.cubics;
+        [a, b, c, d, e, f, g, h, i, j, k, l]
+    }
+}
+
+/// Where rays cross cells.
+#[derive(Clone, Copy)]
+pub struct Crossing<S: Simd> {
+    /// Voxel offsets of the cells' first corners; in every lane of a cell of the core.
+    pub base: S::I,
+    /// Position in the cell where the ray comes in.
+    pub fraction: [S::F; 3],
+    /// From there to where it goes out, in cells.
+    pub travelled: [S::F; 3],
+    /// Its four rows, from one voxel before, if they have been gathered.
+    pub rows: Option<Rows<S>>,
+}
+
+/// Shades cells of a brick.
+#[derive(Clone, Copy)]
+pub struct CellShader<'a> {
+    /// Where the voxels are.
+    pub brick: &'a PacketBrick<'a>,
+    /// The brick's.
+    pub lighting: &'a PacketLighting<'a>,
+}
+
+impl CellShader<'_> {
+    /// Gathers around cells.
+    #[inline(always)]
+    pub fn gradients<S: Simd>(&self, cell: &Crossing<S>, along: &mut AlongRay<S>) {
+        let (brick, lighting) = (self.brick, self.lighting);
+        let around = Around::<S> { stored: brick.stored, voxels: brick.voxels, base: cell.base, absent: brick.absent };
+        // SAFETY: the bases are those of cells of the core.
+        let slopes = unsafe { around.slopes(brick.strides, cell.rows.as_ref()) };
+        for (gradient, share) in along.gradients.iter_mut().zip([0.0, 0.5, 1.0]) {
+            let at = for_three!(a => S::mul_add(cell.travelled[a], S::splat(share), cell.fraction[a]));
+            let differences = for_three!(a => slopes[a].at(at));
+            *gradient = transform::<S>(&lighting.world_from_differences, differences);
+        }
+        let volume = cell.travelled[0] * cell.travelled[1] * cell.travelled[2];
+        let twists = for_three!(a => slopes[a].twist() * volume);
+        along.cubics = transform::<S>(&lighting.world_from_differences, twists);
+        let middle = along.gradients[1];
+        along.is_unknown = S::is_nan(middle[0] + middle[1] + middle[2]);
+        for gradient in along.gradients.iter_mut().chain([&mut along.cubics]) {
+            for component in gradient {
+                *component = S::select(along.is_unknown, S::splat(0.0), *component);
+            }
+        }
+    }
+
+    /// Colours of parts after shading, and their errors: NaN beside a hole, for rays that run in a plane of voxels; the hole
+    /// may have no weight for them, and there is a gradient after all.
+    #[inline(always)]
+    pub fn shade<S: Simd>(
+        &self,
+        part: &Part<S>,
+        along: &AlongRay<S>,
+        to_eye: &[S::F; 3],
+        (shows, in_plane): (S::M, S::M),
+        per_error: S::F,
+    ) -> ([S::F; 3], S::F) {
+        let (half, one) = (S::splat(0.5), S::splat(1.0));
+        let lit = self.lighting.at::<S, 3>(&along.gradients, to_eye);
+        let (mut color, mut error) = self.lighting.shade::<S>(part, &lit);
+        // Where the rest leaves room for it, the light alone may be made certain.
+        let of_rest = self.lighting.error_but_light::<S>(part, &lit);
+        let is_turning = S::lt(one, error * per_error) & S::lt(of_rest.at_most * per_error, half) & shows;
+        if S::bits(is_turning) != 0 {
+            let mut cells = TurningCells::new::<S>(part, along, to_eye, &color, of_rest.certain);
+            S::apart(SettleLight { lighting: self.lighting, cells: &mut cells, lanes: S::bits(is_turning) });
+            let (lit, settled) = cells.outcome::<S>();
+            color = for_three!(c => S::select(is_turning, lit[c], color[c]));
+            error = S::select(is_turning, settled, error);
+        }
+        (color, S::select(along.is_unknown & in_plane, S::splat(f32::NAN), error))
+    }
+}
+
+/// Shades the cells of a round that show something, each in its lane.
+pub struct ShadeRound<'a, S: Simd> {
+    /// How cells of the brick are shaded.
+    pub shader: CellShader<'a>,
+    /// The round.
+    pub steps: &'a [Step<S>; ROUND],
+    /// Its rays.
+    pub walker: &'a Walker<S>,
+    /// Which of them show something, step by step.
+    pub shows: &'a [S::M; ROUND],
+    /// Tolerances per error of a cell.
+    pub per_error: S::F,
+    /// What is known of the cells.
+    pub stages: &'a mut Stages<S>,
+    /// Cells that one rule does not settle.
+    pub unsettled: &'a mut RefineQueue,
+    /// Where colours go.
+    pub parts: &'a mut RoundParts,
+}
+
+impl<S: Simd> TaskOf<S> for ShadeRound<'_, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run_lanes(self) {
+        let Self { shader, steps, walker, shows, per_error, stages, unsettled, parts } = self;
+        let nowhere = S::splat_int(shader.brick.first_base());
+        for (i, step) in steps.iter().enumerate() {
+            if S::bits(shows[i]) != 0 {
+                let base = S::select_int(step.crosses(), step.base, nowhere);
+                let travelled = for_three!(a => walker.direction[a] * step.length);
+                let cell = Crossing { base, fraction: step.fraction, travelled, rows: stages.rows[i] };
+                shader.gradients(&cell, &mut stages.along[i]);
+            }
+        }
+        let to_eye = shader.lighting.toward_eye::<S>(walker.direction);
+        for (i, step) in steps.iter().enumerate() {
+            if S::bits(shows[i]) == 0 {
+                continue;
+            }
+            let (part, along) = (&stages.parts[i], &stages.along[i]);
+            let (color, error) = shader.shade(part, along, &to_eye, (shows[i], walker.in_plane), per_error);
+            parts.write_shaded::<S>(i, shows[i], color, error);
+            // Also NaN.
+            let is_unsettled = !S::le(error * per_error, S::splat(1.0)) & shows[i];
+            if S::bits(is_unsettled) != 0 {
+                let cell = QueuedCell { error, ..queued(i, step, &stages.chords[i], part) };
+                unsettled.push::<S, 12>(is_unsettled, &cell, along.numbers());
+            }
+        }
+    }
+}
+
+/// Packets of cells that are taken through one stage, and then through the next: stages are short, so that the processor
+/// overlaps several packets.
+const GROUP: usize = ROUND;
+
+/// Numbers of a cell beside those of all: position of its beginning, and of its part the colour, optical depth, front
+/// share and misplaced share.
+pub type ShadeQueue = Queue<{ (ROUND + 1) * LANES_LIMIT }, 10>;
+
+/// Shades the cells of a round that show something.
+pub struct ShadeCells<'a> {
+    /// How cells of the brick are shaded.
+    pub shader: CellShader<'a>,
+    /// Rays of the packet.
+    pub lanes: &'a Lanes,
+    /// The cells; none are left.
+    pub cells: &'a mut ShadeQueue,
+    /// Cells that one rule does not settle.
+    pub unsettled: &'a mut RefineQueue,
+    /// Where colours go.
+    pub parts: &'a mut RoundParts,
+}
+
+impl Task for ShadeCells<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(mut self) {
+        for group in (0..self.cells.len()).step_by(GROUP * S::LANES) {
+            let mut along = [AlongRay::<S>::nothing(); GROUP];
+            let end = self.cells.len().min(group + GROUP * S::LANES);
+            for (i, first) in (group..end).step_by(S::LANES).enumerate() {
+                self.gradients::<S>(first, &mut along[i]);
+            }
+            for (i, first) in (group..end).step_by(S::LANES).enumerate() {
+                self.shade::<S>(first, &along[i]);
+            }
+        }
+        self.cells.clear();
+    }
+}
+
+impl ShadeCells<'_> {
+    /// Gathers around the cells from number `first` on.
+    #[inline(always)]
+    fn gradients<S: Simd>(&self, first: usize, along: &mut AlongRay<S>) {
+        let cell = self.cells.cells::<S>(first);
+        // What lies behind the last cell may be the offset of another brick's cell.
+        let nowhere = S::splat_int(self.shader.brick.first_base());
+        let base = S::select_int(self.cells.used::<S>(first), cell.base, nowhere);
+        let direction = self.lanes.direction::<S>(cell.slot);
+        let travelled = for_three!(a => direction[a] * cell.chord.length);
+        self.shader
+            .gradients(&Crossing { base, fraction: self.cells.three::<S>(0, first), travelled, rows: None }, along);
+    }
+
+    /// Shades the cells from number `first` on; what three places do not settle goes on to refinement.
+    #[inline(always)]
+    fn shade<S: Simd>(&mut self, first: usize, along: &AlongRay<S>) {
+        let mut cell = self.cells.cells::<S>(first);
+        let [tau, front_share, misplaced] = self.cells.three::<S>(6, first);
+        let part = Part {
+            color: self.cells.three::<S>(3, first),
+            tau,
+            transmittance: exp_minus::<S>(tau),
+            error: cell.error,
+            front_share,
+            misplaced,
+            colors: self.cells.one::<S>(9, first),
+        };
+        let to_eye = self.lanes.toward_eye::<S>(self.shader.lighting, cell.slot);
+        let in_plane = S::lt(S::splat(0.0), S::lookup16(&self.lanes.in_plane, cell.slot));
+        let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
+        let used = self.cells.used::<S>(first);
+        let ([r, g, b], error) = self.shader.shade(&part, along, &to_eye, (used, in_plane), per_error);
+        cell.error = error;
+        let count = (self.cells.len() - first).min(S::LANES);
+        self.parts.write_colors::<S>(cell.slot, count, [r, g, b, cell.error]);
+        // Also NaN.
+        let is_unsettled = !S::le(cell.error * per_error, S::splat(1.0)) & used;
+        if S::bits(is_unsettled) != 0 {
+            self.unsettled.push::<S, 12>(is_unsettled, &cell, along.numbers());
+        }
+    }
+}
