@@ -10,17 +10,17 @@ use supervol_format::container::manifest::Source;
 use supervol_format::readable::counted;
 use supervol_format::{BrickLayout, Dims, Geometry};
 use supervol_preprocess::downsample::Reduce;
+use supervol_preprocess::kept::Reading;
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::output::{check_distinct, folder_of};
 use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::nrrd::Outside;
-use supervol_preprocess::source::open::{OpenOptions, open, split_array};
-use supervol_preprocess::source::placed::{PlacedSource, Placing};
+use supervol_preprocess::source::open::{OpenOptions, split_array};
+use supervol_preprocess::source::placed::Placing;
 use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::segy::SegyOptions;
 use supervol_preprocess::source::selection::Selection;
-use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::{BuildOptions, Existing, MaxError};
 
 use crate::failure::{Failure, with_output};
@@ -306,15 +306,14 @@ impl SourceArguments {
         folder: &Path,
         memory_bytes: u64,
     ) -> Result<(Box<dyn VolumeSource>, Source), Failure> {
-        let options = self.open_options(folder, memory_bytes);
-        let source = open(input, &options).map_err(supervol_preprocess::BuildError::from)?;
-        let origin = supervol_preprocess::identify_source(input, &options.selection, source.as_ref())?;
-        let Some(placing) = self.place.placing() else { return Ok((source, origin)) };
-        let placed = PlacedSource::new(source, &placing).map_err(supervol_preprocess::BuildError::from)?;
-        Ok((Box::new(placed), origin))
+        let reading = self.reading(memory_bytes);
+        let source = reading.open(input, folder).map_err(supervol_preprocess::BuildError::from)?;
+        let origin = supervol_preprocess::identify_source(input, &reading.options.selection, source.as_ref())?;
+        Ok((source, origin))
     }
 
-    fn open_options(&self, folder: &Path, memory_bytes: u64) -> OpenOptions {
+    /// How a volume file is read, within so many bytes.
+    pub fn reading(&self, memory_bytes: u64) -> Reading {
         use supervol_preprocess::source::Endian;
         let raw = match (self.raw.dims, self.raw.dtype) {
             (Some(dims), Some(dtype)) => Some(RawOptions {
@@ -340,7 +339,8 @@ impl SourceArguments {
         let outside = if self.nrrd.allow_outside { Outside::Allowed } else { Outside::Refused };
         let SelectionArguments { frame, channel, series } = &self.selection;
         let selection = Selection { frame: *frame, channel: *channel, series: series.clone(), array: None };
-        OpenOptions { raw, outside, segy, spool: SpoolFolder::at(folder), selection }
+        let options = OpenOptions { raw, outside, segy, selection, ..OpenOptions::default() };
+        Reading { options, placing: self.place.placing() }
     }
 }
 

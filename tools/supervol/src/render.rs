@@ -26,6 +26,8 @@ use supervol_runtime::scene::{CameraSpec, ResolvedScene, Scene};
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::loader::READERS;
 
+use crate::build::SourceArguments;
+use crate::cache::CacheArguments;
 use crate::failure::{Failure, with_container, with_output};
 use crate::look::{LookArguments, empty};
 use crate::output::{Force, PictureFile, RenderOutputs};
@@ -44,9 +46,10 @@ const QUIET: Duration = Duration::from_secs(1);
 /// What to show, how, and within what memory.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Container
-    container: PathBuf,
-    /// Scene file (JSON); what it leaves open, and all of it where there is none, is chosen to suit the data
+    /// Container, or a volume file or folder as for `build`, of which a container is built into the cache folder first
+    #[arg(value_name = "CONTAINER|FILE")]
+    volume: PathBuf,
+    /// Scene file (JSON), or - for standard input; what it leaves open, and all of it where there is none, is chosen to suit the data
     #[arg(long, value_name = "SCENE.json")]
     scene: Option<PathBuf>,
     /// Write the scene that the options mean to standard output: all of it, as a beginning for a scene file. Without --output
@@ -124,6 +127,10 @@ pub struct Arguments {
     force: Force,
     #[command(flatten)]
     look: LookArguments,
+    #[command(flatten)]
+    cache: CacheArguments,
+    #[command(flatten)]
+    source: SourceArguments,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -190,6 +197,15 @@ impl Arguments {
     }
 }
 
+impl Arguments {
+    /// The container that is drawn.
+    fn container(&self) -> Result<PathBuf, Failure> {
+        let memory_bytes = self.host_memory;
+        let (reading, threads) = (self.source.reading(memory_bytes), self.threads.map(NonZero::get));
+        self.cache.container_of(&self.volume, &reading, threads, memory_bytes)
+    }
+}
+
 /// A camera that moves.
 struct Motion {
     /// One for each picture.
@@ -253,7 +269,7 @@ impl Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = Instant::now();
-    let path = &arguments.container;
+    let path = &arguments.container()?;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
     let container = Arc::new(arguments.look.placed(container));
     if let LevelChoice::Fixed(lod) = arguments.level
@@ -271,7 +287,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(file) => read_scene(file)?,
         None => Scene::default(),
     };
-    let inputs = [Some(path), arguments.scene.as_ref(), arguments.path.as_ref()];
+    let inputs = [Some(path), Some(&arguments.volume), arguments.scene.as_ref(), arguments.path.as_ref()];
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
         let output = arguments.output_of_panels()?;
