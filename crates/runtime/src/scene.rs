@@ -17,6 +17,8 @@ use crate::preset::looks;
 use crate::preset::overview::Overview;
 use crate::preset::view::{Framed, View};
 use crate::preset::{self, Look};
+use crate::slices::filter::FilterSpec;
+use crate::slices::{ColorSpec, SLICE_LIMIT, SlicePlane, SliceSpec};
 use crate::transfer_function::{ControlPoint, TransferFunction, TransferFunctionError};
 use crate::units::{Units, edges};
 
@@ -76,6 +78,9 @@ pub struct Scene {
     /// Iso surfaces, for mode `iso`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub iso: Vec<IsoSpec>,
+    /// Planes within the picture, in modes `dvr` and `iso`, and all that there is in mode `slice`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub slices: Vec<SliceSpec>,
     /// What is kept of the volume.
     pub clip: ClipSpec,
     /// Rays per pixel: a square number; they lie on a regular sub-grid. `None`: what suits the data where the look is left
@@ -140,7 +145,7 @@ pub enum Mode {
     Mean,
     /// First crossings of iso values.
     Iso,
-    /// A plane; not available yet.
+    /// Nothing but the slices.
     Slice,
 }
 
@@ -293,7 +298,7 @@ pub struct ResolvedScene {
     pub subgrid: u32,
     /// Colour behind the volume.
     pub background: [f64; 3],
-    /// What a ray gathers; never [`Mode::Slice`].
+    /// What a ray gathers.
     pub mode: Mode,
     /// Classification.
     pub transfer_function: TransferFunction,
@@ -301,6 +306,8 @@ pub struct ResolvedScene {
     pub shading: Option<Shading>,
     /// Iso surfaces; at least one in mode `iso`, none otherwise.
     pub iso: Vec<IsoSpec>,
+    /// Planes within the picture; at least one in mode `slice`, none in `mip`, `minip` and `mean`.
+    pub slices: Vec<SlicePlane>,
     /// What is kept of the volume.
     pub clip: Clip,
 }
@@ -319,6 +326,7 @@ impl ResolvedScene {
             && self.transfer_function == other.transfer_function
             && self.shading == other.shading
             && self.iso == other.iso
+            && self.slices == other.slices
             && self.clip == other.clip
     }
 }
@@ -379,6 +387,7 @@ impl Scene {
             None => {}
         }
         self.validate_surfaces()?;
+        self.validate_slices()?;
         self.validate_shading()?;
         self.validate_clip()
     }
@@ -397,7 +406,6 @@ impl Scene {
 
     fn validate_surfaces(&self) -> Result<(), SceneError> {
         match self.gathers() {
-            Mode::Slice => return Err(SceneError::NotAvailable { key: "mode", what: "mode `slice`" }),
             Mode::Iso => check(!self.iso.is_empty(), "iso", || "at least one surface in mode `iso`".into(), "none")?,
             Mode::Dvr if !self.iso.is_empty() => {
                 return Err(SceneError::NotAvailable { key: "iso", what: "an iso surface inside mode `dvr`" });
@@ -411,6 +419,20 @@ impl Scene {
             check_share(&format!("iso[{i}].alpha"), iso.alpha)?;
         }
         Ok(())
+    }
+
+    fn validate_slices(&self) -> Result<(), SceneError> {
+        let few = self.slices.len() <= SLICE_LIMIT;
+        check(few, "slices", || format!("at most {SLICE_LIMIT} slices"), self.slices.len())?;
+        match self.gathers() {
+            Mode::Slice => check(!self.slices.is_empty(), "slices", || "at least one in mode `slice`".into(), "none")?,
+            Mode::Dvr | Mode::Iso => {}
+            Mode::Mip | Mode::Minip | Mode::Mean => {
+                let expected = || "none in this mode, which knows no depth (`dvr`, `iso` or `slice` do)".into();
+                check(self.slices.is_empty(), "slices", expected, self.slices.len())?;
+            }
+        }
+        self.slices.iter().enumerate().try_for_each(|(i, slice)| validate_slice(&format!("slices[{i}]"), slice))
     }
 
     fn validate_shading(&self) -> Result<(), SceneError> {
@@ -488,6 +510,12 @@ impl Scene {
             let points = if projects { looks::projection(mode, facts, overview) } else { look.transfer_function };
             Some(TransferFunctionSpec::Points(points))
         });
+        let plain = preset::ramps::plain_slice(facts);
+        let colors = || plain.iter().map(|p| ColorSpec { value: p.value, color: p.color }).collect();
+        let suits = |slice: &&mut SliceSpec| slice.filter.is_none_or(|filter| filter.kind.keeps_values());
+        for slice in scene.slices.iter_mut().filter(|slice| slice.colors.is_empty()).filter(suits) {
+            slice.colors = colors();
+        }
         scene
     }
 
@@ -552,6 +580,7 @@ impl Scene {
             transfer_function: transfer_function.in_units(&units),
             shading: scene.shading.as_ref().and_then(Option::as_ref).map(|s| s.resolve(&camera)),
             iso: scene.iso.iter().map(|iso| IsoSpec { value: units.value(iso.value), ..*iso }).collect(),
+            slices: scene.slices.iter().map(|slice| slice.resolve(&units)).collect::<Result<_, _>>()?,
             clip: scene.clip.resolve(&units),
         })
     }
@@ -657,12 +686,51 @@ impl ShadingSpec {
 impl ClipSpec {
     fn resolve(&self, units: &Units) -> Clip {
         let planes = self.planes.iter().map(|p| {
-            // By a power of two, so that nothing is rounded.
-            let scale = DVec3::from_array(p.normal).abs().max_element().log2().floor().exp2();
-            let normal = DVec3::from_array(p.normal) / scale;
-            ClipPlane { normal, offset: (p.offset / scale - normal.dot(units.anchor)) / units.length }
+            let (normal, offset) = plane_in_units(p.normal, p.offset, units);
+            ClipPlane { normal, offset }
         });
         Clip { index_box: self.index_box, planes: planes.collect() }
+    }
+}
+
+impl SliceSpec {
+    fn resolve(&self, units: &Units) -> Result<SlicePlane, SceneError> {
+        let (normal, offset) = plane_in_units(self.normal, self.offset, units);
+        let is_of_values = self.filter.is_none_or(|filter| filter.kind.keeps_values());
+        let point = |c: &ColorSpec| {
+            let value = if is_of_values { units.value(c.value) } else { c.value / units.value };
+            ControlPoint { value, color: c.color, alpha: 1.0 }
+        };
+        let points: Vec<ControlPoint> = self.colors.iter().map(point).collect();
+        let colors = (!points.is_empty()).then(|| TransferFunction::new(points, 1.0)).transpose()?;
+        let Self { opacity, interpolation, filter, .. } = *self;
+        Ok(SlicePlane { normal, offset, opacity, interpolation, filter, colors })
+    }
+}
+
+/// The plane of all points p with normal . p = offset, in units. By a power of two, so that nothing is rounded.
+fn plane_in_units(normal: [f64; 3], offset: f64, units: &Units) -> (DVec3, f64) {
+    let scale = DVec3::from_array(normal).abs().max_element().log2().floor().exp2();
+    let normal = DVec3::from_array(normal) / scale;
+    (normal, (offset / scale - normal.dot(units.anchor)) / units.length)
+}
+
+fn validate_slice(key: &str, slice: &SliceSpec) -> Result<(), SceneError> {
+    check_direction(&format!("{key}.normal"), slice.normal)?;
+    check(slice.offset.is_finite(), &format!("{key}.offset"), || "a finite number".into(), Number(slice.offset))?;
+    check_share(&format!("{key}.opacity"), slice.opacity)?;
+    for (i, color) in slice.colors.iter().enumerate() {
+        let key = format!("{key}.colors[{i}]");
+        check(color.value.is_finite(), &format!("{key}.value"), || "a finite number".into(), Number(color.value))?;
+        check_color(&format!("{key}.color"), color.color)?;
+    }
+    let Some(FilterSpec { kind, size: Some(size) }) = slice.filter else { return Ok(()) };
+    let key = format!("{key}.filter.size");
+    match kind.sizes() {
+        Some([least, most]) => {
+            check((least..=most).contains(&size), &key, || format!("{least} to {most} texels"), Number(size))
+        }
+        None => check(false, &key, || "none: this filter has no size".into(), Number(size)),
     }
 }
 
