@@ -37,6 +37,8 @@ pub const SHADING_LIMIT: f64 = 1e6;
 pub const DISTANCE_LIMIT: f64 = 1e9;
 /// Least and greatest unit distance, in shortest edges of a voxel: beyond, extinction runs over.
 pub const UNIT_DISTANCE_LIMITS: [f64; 2] = [1e-12, 1e24];
+/// Least and greatest factor by which heights are drawn larger.
+pub const EXAGGERATION_LIMITS: [f64; 2] = [1e-6, 1e6];
 /// Greatest ratio of two edges of a voxel.
 pub const EDGE_RATIO_LIMIT: f64 = 1e6;
 
@@ -83,6 +85,10 @@ pub struct Scene {
     pub slices: Vec<SliceSpec>,
     /// What is kept of the volume.
     pub clip: ClipSpec,
+    /// How many times as large heights or depths are drawn: the volume has to be opened so
+    /// ([`placed`](crate::preset::placing::placed)), and all world coordinates of the scene are of that.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vertical_exaggeration: Option<f64>,
     /// Rays per pixel: a square number; they lie on a regular sub-grid. `None`: what suits the data where the look is left
     /// open, else 1.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -372,6 +378,10 @@ impl Scene {
     /// As [`Scene::from_json`].
     pub fn validate(&self) -> Result<(), SceneError> {
         self.validate_image()?;
+        let factor = self.vertical_exaggeration.unwrap_or(1.0);
+        let [least, most] = EXAGGERATION_LIMITS;
+        let expected = || format!("a factor between {least:e} and {most:e}");
+        check((least..=most).contains(&factor), "vertical_exaggeration", expected, Number(factor))?;
         if let Some(camera) = &self.camera {
             camera.projection()?;
             camera.camera(&Units::WORLD, [1, 1])?;
@@ -533,7 +543,8 @@ impl Scene {
             [std::array::from_fn(|a| low[a].max(whole[0][a])), std::array::from_fn(|a| high[a].min(whole[1][a]))]
         });
         let kept = if (0..3).all(|a| kept[0][a] < kept[1][a]) { kept } else { whole };
-        let seen = overview.and_then(|overview| match self.gathers() {
+        // Slices reach from end to end.
+        let seen = overview.filter(|_| self.slices.is_empty()).and_then(|overview| match self.gathers() {
             Mode::Dvr => self.classification(facts).ok().and_then(|shown| overview.visible(facts, kept, &shown)),
             Mode::Iso => self.iso.first().and_then(|iso| overview.beyond(facts, kept, iso.value)),
             _ => None,

@@ -17,7 +17,7 @@ use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::nrrd::Outside;
 use supervol_preprocess::source::open::{OpenOptions, split_array};
-use supervol_preprocess::source::placed::Placing;
+use supervol_preprocess::source::placed::{Domain, Placing};
 use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::segy::SegyOptions;
 use supervol_preprocess::source::selection::Selection;
@@ -126,14 +126,34 @@ struct PlaceArguments {
     /// Directions of the axes: the rows of a 3x3 matrix, whose columns are the axes'
     #[arg(long, value_name = "D11,D12,...,D33", value_parser = quantity::matrix, allow_hyphen_values = true)]
     direction: Option<[f64; 9]>,
+    /// What the third axis of a survey is, where its text header does not say it
+    #[arg(long, value_enum)]
+    domain: Option<DomainName>,
+    /// Unit of the numbers along the axes, of a survey's along its third one: nm, um, mm, cm, m, km, ft, or s, ms, us. Numbers stay
+    /// what they are
+    #[arg(long, value_name = "UNIT", value_parser = quantity::unit)]
+    unit: Option<String>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum DomainName {
+    Time,
+    Depth,
 }
 
 impl PlaceArguments {
     fn placing(&self) -> Option<Placing> {
-        let Self { spacing, origin, direction } = self;
-        let unit = spacing.as_ref().map(|s| s.unit.clone()).filter(|unit| !unit.is_empty());
-        let placing =
-            Placing { spacing: spacing.as_ref().map(|s| s.lengths), unit, origin: *origin, direction: *direction };
+        let of_spacing = self.spacing.as_ref().map(|s| s.unit.clone()).filter(|unit| !unit.is_empty());
+        let placing = Placing {
+            spacing: self.spacing.as_ref().map(|s| s.lengths),
+            unit: self.unit.clone().or(of_spacing),
+            domain: self.domain.map(|domain| match domain {
+                DomainName::Time => Domain::Time,
+                DomainName::Depth => Domain::Depth,
+            }),
+            origin: self.origin,
+            direction: self.direction,
+        };
         (placing != Placing::default()).then_some(placing)
     }
 }

@@ -62,12 +62,12 @@ pub struct Arguments {
     output: Option<PathBuf>,
     /// Write N pictures, once around the volume; the same command again goes on where it was stopped
     #[arg(long, value_name = "N", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
-          conflicts_with = "slice", value_parser = clap::value_parser!(u32).range(1..=i64::from(camera_path::FRAME_LIMIT)))]
+          value_parser = clap::value_parser!(u32).range(1..=i64::from(camera_path::FRAME_LIMIT)))]
     turntable: Option<u32>,
     /// Write the pictures of a camera that moves between key frames: {"keys": [{"frame": 0, "camera": {...}}, ...]}, with
     /// cameras as in a scene
     #[arg(long, value_name = "KEYS.json", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
-          conflicts_with_all = ["turntable", "camera", "zoom", "slice"])]
+          conflicts_with_all = ["turntable", "camera", "zoom"])]
     path: Option<PathBuf>,
     /// Who casts the rays
     #[arg(long, value_enum, default_value = "auto")]
@@ -271,7 +271,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = Instant::now();
     let path = &arguments.container()?;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
-    let container = Arc::new(arguments.look.placed(container));
+    let scene = match &arguments.scene {
+        Some(file) => read_scene(file)?,
+        None => Scene::default(),
+    };
+    let container = Arc::new(arguments.look.placed(container, &scene));
     if let LevelChoice::Fixed(lod) = arguments.level
         && lod > container.pyramid().coarsest()
     {
@@ -283,12 +287,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::Command("--error-map: only --backend cpu says how far pixels may be off".into()));
     }
     let facts = arguments.look.facts(&container);
-    let scene = match &arguments.scene {
-        Some(file) => read_scene(file)?,
-        None => Scene::default(),
-    };
     let inputs = [Some(path), Some(&arguments.volume), arguments.scene.as_ref(), arguments.path.as_ref()];
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
+    if arguments.look.shows_panels() && (arguments.turntable.is_some() || arguments.path.is_some()) {
+        let message = "--slice: the camera of a slice that is shown face on does not move; --slices volume shows slices within the volume";
+        return Err(Failure::Command(message.into()));
+    }
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
         let output = arguments.output_of_panels()?;
         let file = RenderOutputs::begin(output, None, None, &inputs, arguments.force)?.picture;

@@ -29,7 +29,8 @@ pub(super) fn open(desk: &Arc<Desk>, wish: Open, number: u64, settings: &Setting
     let container = Arc::new(placed(container, &facts, wish.exaggeration));
     let facts = VolumeFacts::of(&container);
     let overview = Overview::read(&container).ok().flatten();
-    let scene = wish.scene.complete(&facts, overview.as_ref());
+    let mut scene = wish.scene.complete(&facts, overview.as_ref());
+    scene.vertical_exaggeration = (wish.exaggeration != 1.0).then_some(wish.exaggeration);
     let is_camera_asked = wish.scene.camera.is_some();
     let Open { path: source, exaggeration, .. } = wish;
     Ok(Arc::new(Opened { number, source, path, container, facts, overview, exaggeration, scene, is_camera_asked }))
