@@ -5,6 +5,7 @@
 //! picture. What the model names but this version does not draw is refused by name, never ignored.
 
 use glam::DVec3;
+use schemars::JsonSchema;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -59,7 +60,7 @@ pub enum SceneError {
 }
 
 /// A scene as written.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Scene {
     /// Where the picture is taken from; `None`: so that all that can be seen is in it.
@@ -76,6 +77,7 @@ pub struct Scene {
     /// Shading, or null for none; left out: that of the data's kind where mode and transfer function are left out too, the
     /// default one in mode `iso`, else none.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "said")]
+    #[schemars(with = "Option<ShadingSpec>")]
     pub shading: Option<Option<ShadingSpec>>,
     /// Iso surfaces, for mode `iso`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -101,7 +103,7 @@ fn said<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Resu
 }
 
 /// `camera`: exactly one of `fov_y` and `height`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CameraSpec {
     /// World position.
@@ -119,7 +121,7 @@ pub struct CameraSpec {
 }
 
 /// `image`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImageSpec {
     /// Pixels along x.
@@ -137,7 +139,7 @@ impl Default for ImageSpec {
 }
 
 /// `mode`: what a ray gathers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {
     /// Emission and absorption.
@@ -156,7 +158,8 @@ pub enum Mode {
 }
 
 /// `transfer_function`: a preset's name, or the function itself.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, JsonSchema)]
+#[schemars(untagged)]
 pub enum TransferFunctionSpec {
     /// Name of a preset; see [`preset::NAMES`].
     Preset(String),
@@ -165,7 +168,7 @@ pub enum TransferFunctionSpec {
 }
 
 /// A transfer function written out.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointsSpec {
     /// World length over which `alpha` is gathered; `None`: the smallest spacing.
@@ -176,7 +179,7 @@ pub struct PointsSpec {
 }
 
 /// One control point.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointSpec {
     /// Data value.
@@ -221,7 +224,7 @@ impl<'de> Deserialize<'de> for TransferFunctionSpec {
 }
 
 /// `shading`: two-sided Blinn-Phong (RENDERING-MODEL, section 5).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShadingSpec {
     /// ka.
@@ -244,7 +247,7 @@ impl Default for ShadingSpec {
 }
 
 /// One directional light.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LightSpec {
     /// World direction in which the light travels.
@@ -255,7 +258,7 @@ pub struct LightSpec {
 }
 
 /// One iso surface.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct IsoSpec {
     /// Data value.
@@ -272,7 +275,7 @@ fn one() -> f64 {
 }
 
 /// `clip`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ClipSpec {
     /// Least and greatest corner, index coordinates.
@@ -283,7 +286,7 @@ pub struct ClipSpec {
 }
 
 /// One clip plane: keeps `normal . x >= offset`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlaneSpec {
     /// World vector.
@@ -370,6 +373,13 @@ impl Scene {
         let scene: Self = serde_json::from_str(text)?;
         scene.validate()?;
         Ok(scene)
+    }
+
+    /// The JSON Schema (draft 2020-12) of scenes: keys, types, what they mean and what is left out. Numbers out of range are found by
+    /// [`Self::validate`] alone.
+    #[must_use]
+    pub fn schema() -> serde_json::Value {
+        schemars::schema_for!(Self).to_value()
     }
 
     /// Checks every number that does not depend on the volume.
@@ -531,7 +541,8 @@ impl Scene {
 
     /// The camera of a scene that leaves it open.
     fn default_camera(&self, facts: &VolumeFacts, overview: Option<&Overview>) -> CameraSpec {
-        View::of(facts).camera(&self.framed(facts, overview), [self.image.width, self.image.height])
+        let framed = self.framed(facts, overview);
+        View::facing(facts, &framed).camera(&framed, [self.image.width, self.image.height])
     }
 
     /// What the picture should show: what can be seen inside the clip box, where an overview says where that is, else all

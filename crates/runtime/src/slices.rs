@@ -9,6 +9,7 @@
 pub mod filter;
 
 use glam::DVec3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Ray;
@@ -22,7 +23,7 @@ pub const SLICE_LIMIT: usize = 8;
 const END_SHARE: f64 = 1e-9;
 
 /// One slice, as written in a scene.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SliceSpec {
     /// World vector: the slice is all points p with normal . p = offset.
@@ -48,7 +49,7 @@ fn opaque() -> f64 {
 }
 
 /// A colour of a slice.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ColorSpec {
     /// Data value, or what the filter makes of it.
@@ -58,7 +59,7 @@ pub struct ColorSpec {
 }
 
 /// How values between voxels are found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Interpolation {
     /// That of the nearest voxel.

@@ -146,7 +146,8 @@ impl PlaceArguments {
         let of_spacing = self.spacing.as_ref().map(|s| s.unit.clone()).filter(|unit| !unit.is_empty());
         let placing = Placing {
             spacing: self.spacing.as_ref().map(|s| s.lengths),
-            unit: self.unit.clone().or(of_spacing),
+            unit: of_spacing,
+            axis_unit: self.unit.clone(),
             domain: self.domain.map(|domain| match domain {
                 DomainName::Time => Domain::Time,
                 DomainName::Depth => Domain::Depth,

@@ -12,13 +12,11 @@ use clap::{Args, ValueEnum};
 use supervol_format::Container;
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::preset::overview::Overview;
-use supervol_runtime::preset::view::{View, upright};
+use supervol_runtime::preset::view::{Framed, View, upright};
 use supervol_runtime::preset::{colormap, looks, placing, ramps};
 use supervol_runtime::scene::{
     CameraSpec, ImageSpec, IsoSpec, Mode, PlaneSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec,
 };
-use supervol_runtime::slices::ColorSpec;
-use supervol_runtime::transfer_function::ControlPoint;
 
 use self::parse::{CameraWish, ClipPlane};
 use self::places::{Crop, Cut};
@@ -158,9 +156,7 @@ impl LookArguments {
                 cuts.len()
             ))
         })?;
-        let alone = |cut: &Cut| {
-            Self { slices: self.slices.only(cut), size: Some(grid.size), ..self.clone() }
-        };
+        let alone = |cut: &Cut| Self { slices: self.slices.only(cut), size: Some(grid.size), ..self.clone() };
         Ok(Some((cuts.iter().map(alone).collect(), grid)))
     }
 
@@ -271,12 +267,12 @@ impl LookArguments {
     /// The camera of a scene that is complete, for going around what is seen: from there, all of it is in every picture.
     pub fn turning_camera(&self, scene: &Scene, facts: &VolumeFacts, overview: Option<&Overview>) -> CameraSpec {
         let framed = scene.framed(facts, overview);
-        self.view(facts).turning_camera(&framed, [scene.image.width, scene.image.height], upright(facts))
+        self.view(facts, &framed).turning_camera(&framed, [scene.image.width, scene.image.height], upright(facts))
     }
 
     /// The direction to look from that is asked for, or the usual one.
-    fn view(&self, facts: &VolumeFacts) -> View {
-        let usual = View::of(facts);
+    fn view(&self, facts: &VolumeFacts, framed: &Framed) -> View {
+        let usual = View::facing(facts, framed);
         let wish =
             self.camera.as_ref().map(|wish| View { distance: wish.distance, ..View::from(facts, wish.direction) });
         View { zoom: self.zoom.unwrap_or(1.0), ..wish.unwrap_or(usual) }
@@ -288,8 +284,8 @@ impl LookArguments {
         }
         // What is framed depends on what is shown.
         let shown = Scene { camera: None, ..scene.clone() }.complete(facts, overview);
-        scene.camera =
-            Some(self.view(facts).camera(&shown.framed(facts, overview), [scene.image.width, scene.image.height]));
+        let framed = shown.framed(facts, overview);
+        scene.camera = Some(self.view(facts, &framed).camera(&framed, [scene.image.width, scene.image.height]));
     }
 
     /// Window, colours and opacities of the transfer function that is drawn with.
@@ -323,9 +319,7 @@ impl LookArguments {
         let window = self.window.or(self.clip_percent.map(|percent| ramps::clipped_window(facts, percent)));
         let colors = self.colormap.as_deref().and_then(colormap::by_name);
         for slice in &mut scene.slices {
-            let points = slice.colors.iter().map(|c| ControlPoint { value: c.value, color: c.color, alpha: 1.0 });
-            let points = ramps::repainted(&points.collect::<Vec<_>>(), window, colors.as_deref());
-            slice.colors = points.iter().map(|p| ColorSpec { value: p.value, color: p.color }).collect();
+            slices::repaint(slice, window, colors.as_deref())?;
         }
         if window.is_some() || colors.is_some() {
             let points = ramps::repainted(&spec.control_points(), window, colors.as_deref());

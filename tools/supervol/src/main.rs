@@ -78,6 +78,8 @@ enum Command {
     Completions(completions::Arguments),
     /// Write man pages
     Man(completions::ManArguments),
+    /// Write the JSON Schema of scene files, for editors and programs that check them
+    Schema,
 }
 
 #[global_allocator]
@@ -107,6 +109,7 @@ fn main() -> ExitCode {
         Command::Chart(arguments) => chart::run(&arguments),
         Command::Completions(arguments) => completions::run::<Arguments>(&arguments),
         Command::Man(arguments) => completions::run_man::<Arguments>(&arguments),
+        Command::Schema => completions::run_schema(),
     };
     // A signal that has come meanwhile decides how the program ends.
     wait_for_end();

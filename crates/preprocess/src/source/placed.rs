@@ -21,8 +21,10 @@ pub const TIMES: [&str; 3] = ["s", "ms", "us"];
 pub struct Placing {
     /// World lengths between voxels.
     pub spacing: Option<[f64; 3]>,
-    /// Their unit: of all three axes, or of a survey's third one. Numbers stay what they are.
+    /// Their unit, for all three axes.
     pub unit: Option<String>,
+    /// The unit of the numbers, which stay what they are: of a survey's third axis, else of all three.
+    pub axis_unit: Option<String>,
     /// What the third axis is.
     pub domain: Option<Domain>,
     /// World position of the first voxel.
@@ -72,7 +74,10 @@ impl PlacedSource {
 
 /// Names and units of the axes.
 fn name_axes(info: &mut SourceInfo, placing: &Placing) -> Result<(), SourceError> {
-    let unit = placing.unit.as_deref();
+    if let Some(unit) = &placing.unit {
+        info.axes.iter_mut().for_each(|axis| axis.unit.clone_from(unit));
+    }
+    let unit = placing.axis_unit.as_deref();
     if info.survey.is_none() && placing.domain.is_none() {
         if let Some(unit) = unit {
             info.axes.iter_mut().for_each(|axis| axis.unit = unit.into());

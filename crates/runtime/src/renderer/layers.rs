@@ -73,6 +73,8 @@ pub struct Layers {
     nearest: [f64; SLICE_LIMIT],
     /// Whether slices are drawn from coarser levels, of which nobody knows how far they are off.
     is_coarse: bool,
+    /// Whether somebody asked how far the picture is off.
+    states_error: bool,
     stats: FrameStats,
 }
 
@@ -115,6 +117,7 @@ impl Layers {
             sampled: 0,
             nearest,
             is_coarse: false,
+            states_error: false,
             stats: FrameStats::default(),
             cut: Arc::new(cut),
         }
@@ -150,6 +153,7 @@ impl Layers {
         options: &RenderOptions,
         stop: &Stop,
     ) -> Result<(), RenderError> {
+        self.states_error = options.predict_error;
         // Errors of the parts of a ray add up.
         let parts = (self.cut.scene.slices.len() + 1) as f64;
         let max_error = if options.max_error >= ANY_ERROR { options.max_error } else { options.max_error / parts };
@@ -263,8 +267,11 @@ impl Layers {
     /// What each pixel of the picture may be off by, grey, 1 being white, where errors are summed up: at most what each part may be
     /// off by, in colour and in what it lets through.
     fn known_errors(&self) -> Option<Image> {
+        if !self.states_error {
+            return None;
+        }
         let maps: Option<Vec<Image>> = self.regions.iter().map(|region| region.drawing.error_map()).collect();
-        let maps = maps.filter(|maps| !maps.is_empty() || self.cut.scene.mode == Mode::Slice)?;
+        let maps = maps?;
         let [width, height] = self.cut.rays_size();
         let error = |x: u32, y: u32| {
             let ray = y as usize * width as usize + x as usize;

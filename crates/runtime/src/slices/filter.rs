@@ -7,6 +7,7 @@ use glam::DVec3;
 use imageproc::filter::{filter_clamped, gaussian_blur_f32};
 use imageproc::image::{ImageBuffer, Luma};
 use imageproc::kernel::Kernel;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supervol_format::{Dims, Geometry};
 
@@ -27,7 +28,7 @@ const EDGE_SHARE: f32 = 0.75;
 const CLIPPED: f64 = 0.01;
 
 /// A filter, as written in a scene.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FilterSpec {
     /// Which.
@@ -38,7 +39,7 @@ pub struct FilterSpec {
 }
 
 /// Which filter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum FilterKind {
     /// Blurs.

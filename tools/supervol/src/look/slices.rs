@@ -9,6 +9,7 @@ use supervol_runtime::preset::{Look, ramps};
 use supervol_runtime::scene::{Mode, PointSpec, Scene, TransferFunctionSpec};
 use supervol_runtime::slices::filter::{FilterKind, FilterSpec};
 use supervol_runtime::slices::{ColorSpec, Interpolation, SliceSpec};
+use supervol_runtime::transfer_function::ControlPoint;
 
 use super::parse;
 use super::places::{self, Cut};
@@ -112,6 +113,9 @@ impl SliceArguments {
 
     /// Puts all slices into the picture of the volume.
     pub fn add_to(&self, scene: &mut Scene, container: &Container, facts: &VolumeFacts) -> Result<(), Failure> {
+        if self.cuts.is_empty() {
+            return Ok(());
+        }
         self.refuse_slab()?;
         for cut in &self.cuts {
             scene.slices.push(self.spec(cut, container, facts)?);
@@ -156,4 +160,29 @@ impl SliceArguments {
         let opacity = self.slice_opacity.unwrap_or(1.0);
         Ok(SliceSpec { normal, offset, opacity, interpolation, filter: self.filter, colors: Vec::new() })
     }
+}
+
+/// Moves the colours of a slice to another window, and paints them otherwise, each where it is asked for.
+pub fn repaint(
+    slice: &mut SliceSpec,
+    window: Option<[f64; 2]>,
+    colors: Option<&[(f64, [f64; 3])]>,
+) -> Result<(), Failure> {
+    if window.is_none() && colors.is_none() {
+        return Ok(());
+    }
+    let point = |value, color| ControlPoint { value, color, alpha: 1.0 };
+    let points: Vec<ControlPoint> = match (&slice.colors[..], window) {
+        // What a filter makes of values has another range.
+        ([], None) => {
+            return Err(Failure::Command(
+                "--colormap: give --window, too, for what this --filter makes of values".into(),
+            ));
+        }
+        ([], Some([low, high])) => vec![point(low, [0.0; 3]), point(high, [1.0; 3])],
+        (known, _) => known.iter().map(|c| point(c.value, c.color)).collect(),
+    };
+    let painted = ramps::repainted(&points, window, colors);
+    slice.colors = painted.iter().map(|p| ColorSpec { value: p.value, color: p.color }).collect();
+    Ok(())
 }
