@@ -16,8 +16,15 @@ has_musl() { rustc --print target-libdir --target "$MUSL" 2> /dev/null | xargs -
 target=${RELEASE_TARGET:-$(has_musl && echo "$MUSL" || echo "$GNU")}
 features=()
 [ "$target" != "$MUSL" ] || features=(--no-default-features)
-
-cargo build --release --locked -p supervol --target "$target" "${features[@]}"
+# What is built for the machine itself lies where other builds lie, and is not built twice.
+host=$(rustc -vV | sed -n 's/^host: //p')
+if [ "$target" = "$host" ]; then
+    cargo build --release --locked -p supervol "${features[@]}"
+    built=target/release/supervol
+else
+    cargo build --release --locked -p supervol --target "$target" "${features[@]}"
+    built=target/$target/release/supervol
+fi
 version=$(cargo metadata --format-version 1 --no-deps --locked | python3 -c '
 import json, sys
 print(next(p["version"] for p in json.load(sys.stdin)["packages"] if p["name"] == "supervol"))')
@@ -27,7 +34,7 @@ trap 'rm -rf "$work"' EXIT
 folder=$work/$name
 mkdir -p "$folder/licences" "$folder/man" "$folder/completions"
 program=$folder/supervol
-cp "target/$target/release/supervol" "$program"
+cp "$built" "$program"
 strip "$program"
 
 # What the program needs of the machine that it runs on.

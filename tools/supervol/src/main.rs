@@ -56,7 +56,7 @@ enum Command {
     /// Say what containers hold
     Info(info::Arguments),
     /// Draw the histogram of a container, with the opacities of its default picture
-    Histogram(histogram::Arguments),
+    Histogram(Box<histogram::Arguments>),
     /// Check every rule of containers
     Verify(verify::Arguments),
     /// Write voxels of a container to a plain file: .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .tif, .vti

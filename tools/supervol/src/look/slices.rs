@@ -34,7 +34,8 @@ pub struct SliceArguments {
     /// Opacity of slices within the picture, from 0 to 1
     #[arg(long, value_name = "SHARE", value_parser = parse::share, requires = "cuts")]
     slice_opacity: Option<f64>,
-    /// Image filter on slices: gaussian[:SIGMA], median[:RADIUS], sobel, laplacian or marr-hildreth[:SIGMA], sizes in voxels
+    /// Image filter on slices: gaussian, median, sobel, laplacian or marr-hildreth; behind a colon a size in voxels (1 by default):
+    /// gaussian:2 and marr-hildreth:2 by their standard deviation, median:2 by the radius of its window
     #[arg(long, value_name = "NAME[:SIZE]", value_parser = filter, requires = "cuts")]
     filter: Option<FilterSpec>,
 }
