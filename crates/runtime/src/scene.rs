@@ -18,7 +18,6 @@ use crate::preset::looks;
 use crate::preset::overview::Overview;
 use crate::preset::view::{Framed, View};
 use crate::preset::{self, Look};
-use crate::slices::filter::FilterSpec;
 use crate::slices::{ColorSpec, SLICE_LIMIT, SlicePlane, SliceSpec};
 use crate::transfer_function::{ControlPoint, TransferFunction, TransferFunctionError};
 use crate::units::{Units, edges};
@@ -452,7 +451,7 @@ impl Scene {
                 check(self.slices.is_empty(), "slices", expected, self.slices.len())?;
             }
         }
-        self.slices.iter().enumerate().try_for_each(|(i, slice)| validate_slice(&format!("slices[{i}]"), slice))
+        self.slices.iter().enumerate().try_for_each(|(i, slice)| slice.validate(&format!("slices[{i}]")))
     }
 
     fn validate_shading(&self) -> Result<(), SceneError> {
@@ -715,45 +714,11 @@ impl ClipSpec {
     }
 }
 
-impl SliceSpec {
-    fn resolve(&self, units: &Units) -> Result<SlicePlane, SceneError> {
-        let (normal, offset) = plane_in_units(self.normal, self.offset, units);
-        let is_of_values = self.filter.is_none_or(|filter| filter.kind.keeps_values());
-        let point = |c: &ColorSpec| {
-            let value = if is_of_values { units.value(c.value) } else { c.value / units.value };
-            ControlPoint { value, color: c.color, alpha: 1.0 }
-        };
-        let points: Vec<ControlPoint> = self.colors.iter().map(point).collect();
-        let colors = (!points.is_empty()).then(|| TransferFunction::new(points, 1.0)).transpose()?;
-        let Self { opacity, interpolation, filter, .. } = *self;
-        Ok(SlicePlane { normal, offset, opacity, interpolation, filter, colors })
-    }
-}
-
 /// The plane of all points p with normal . p = offset, in units. By a power of two, so that nothing is rounded.
 fn plane_in_units(normal: [f64; 3], offset: f64, units: &Units) -> (DVec3, f64) {
     let scale = DVec3::from_array(normal).abs().max_element().log2().floor().exp2();
     let normal = DVec3::from_array(normal) / scale;
     (normal, (offset / scale - normal.dot(units.anchor)) / units.length)
-}
-
-fn validate_slice(key: &str, slice: &SliceSpec) -> Result<(), SceneError> {
-    check_direction(&format!("{key}.normal"), slice.normal)?;
-    check(slice.offset.is_finite(), &format!("{key}.offset"), || "a finite number".into(), Number(slice.offset))?;
-    check_share(&format!("{key}.opacity"), slice.opacity)?;
-    for (i, color) in slice.colors.iter().enumerate() {
-        let key = format!("{key}.colors[{i}]");
-        check(color.value.is_finite(), &format!("{key}.value"), || "a finite number".into(), Number(color.value))?;
-        check_color(&format!("{key}.color"), color.color)?;
-    }
-    let Some(FilterSpec { kind, size: Some(size) }) = slice.filter else { return Ok(()) };
-    let key = format!("{key}.filter.size");
-    match kind.sizes() {
-        Some([least, most]) => {
-            check((least..=most).contains(&size), &key, || format!("{least} to {most} texels"), Number(size))
-        }
-        None => check(false, &key, || "none: this filter has no size".into(), Number(size)),
-    }
 }
 
 fn check(
@@ -807,5 +772,6 @@ fn check_direction(key: &str, v: [f64; 3]) -> Result<(), SceneError> {
     check(good, key, || "three finite numbers, not all zero".into(), format!("{v:?}"))
 }
 
+mod slices;
 #[cfg(test)]
 mod tests;
