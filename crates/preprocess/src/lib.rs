@@ -15,6 +15,7 @@ pub mod error_bound;
 pub mod extract;
 pub mod file_order;
 pub mod journal;
+pub mod kept;
 pub mod labels;
 pub mod level_reader;
 pub mod lod_axes;

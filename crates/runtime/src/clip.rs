@@ -51,14 +51,18 @@ impl ToIndex {
         Self { index_from_world: geometry.linear().inverse(), origin: DVec3::from_array(geometry.origin) }
     }
 
+    /// A world point in index space.
+    #[inline]
+    #[must_use]
+    pub fn point(&self, world: DVec3) -> [f64; 3] {
+        (self.index_from_world * (world - self.origin)).to_array()
+    }
+
     /// The ray in index space.
     #[inline]
     #[must_use]
     pub fn ray(&self, ray: &Ray) -> IndexRay {
-        IndexRay {
-            origin: (self.index_from_world * (ray.origin - self.origin)).to_array(),
-            direction: (self.index_from_world * ray.direction).to_array(),
-        }
+        IndexRay { origin: self.point(ray.origin), direction: (self.index_from_world * ray.direction).to_array() }
     }
 }
 

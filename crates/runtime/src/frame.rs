@@ -171,6 +171,10 @@ pub enum RenderError {
     Gpu(#[from] GpuError),
     #[error("methods of comparison are for the cpu backend and mode dvr; found backend {backend:?} and mode {mode}")]
     Method { backend: Backend, mode: &'static str },
+    #[error(
+        "slices within the picture are drawn by the backends cpu and reference (and auto, which takes cpu then); found gpu"
+    )]
+    SlicesOnGpu,
     #[error("{threads} threads cannot be started: {message}")]
     Threads { threads: usize, message: String },
     #[error(

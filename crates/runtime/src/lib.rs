@@ -8,6 +8,7 @@
 //! In the order of the data path:
 //! - [`volume`], [`facts`]: an open container, and what its header says of it; [`units`]: the units its pictures are computed in;
 //! - [`scene`], [`preset`]: the scene file, and what it means for a given volume;
+//! - [`slices`]: planes within the picture, and what image filters make of them;
 //! - [`camera`], [`clip`]: pixels to rays, rays to segments;
 //! - [`transfer_function`]: values to colour and opacity;
 //! - [`lod`]: how fine a brick must be, by its size on screen and by its error;
@@ -35,6 +36,7 @@ pub mod process;
 pub mod raycast;
 pub mod renderer;
 pub mod scene;
+pub mod slices;
 pub mod stats;
 pub mod stop;
 pub mod streamer;

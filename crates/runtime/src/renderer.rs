@@ -7,12 +7,15 @@
 //!
 //! With a deadline, [`Renderer::advance`] leaves a whole picture behind, however little time there is; every further call makes
 //! it better, until it is the very picture that a new renderer makes without one (`drawing`). Other casters than packets on
-//! the CPU and on a GPU (`stages`) draw a picture in one go, and complete it from coarser bricks when the time is up.
+//! the CPU, with slices in `layers`, and on a GPU (`stages`) draw a picture in one go, and complete it from coarser bricks when the time is up.
 //!
 //! [`render`] is all of this for one picture.
 
 mod drawing;
+mod layers;
 mod resident;
+mod sampling;
+mod sheet;
 mod stages;
 
 use std::borrow::Cow;
@@ -36,6 +39,7 @@ use crate::streamer::Streamer;
 use crate::streamer::budget::CasterBytes;
 use crate::volume::Volume;
 use drawing::Drawing;
+use layers::Layers;
 use resident::Resident;
 use stages::Best;
 
@@ -71,6 +75,7 @@ enum Work {
     InSteps(Box<Drawing>),
     AtOnce(Image, Box<FrameStats>),
     InStages(Box<Best>),
+    InLayers(Box<Layers>),
 }
 
 impl Work {
@@ -81,6 +86,7 @@ impl Work {
             Self::InSteps(drawing) => drawing.stats(),
             Self::AtOnce(_, stats) => (**stats).clone(),
             Self::InStages(best) => best.stats.clone(),
+            Self::InLayers(layers) => layers.stats(),
         }
     }
 }
@@ -206,6 +212,13 @@ impl Renderer {
         if matches!(self.engine, Engine::Undecided) {
             self.engine = self.choose_engine()?;
         }
+        if !scene.slices.is_empty() {
+            match self.engine {
+                Engine::Gpu { or_cpu: false, .. } => return Err(RenderError::SlicesOnGpu),
+                Engine::Reference => {}
+                _ => return self.draw_in_layers(scene, stop),
+            }
+        }
         let or_cpu = matches!(self.engine, Engine::Gpu { or_cpu: true, .. });
         match self.draw_by_engine(scene, stop) {
             Err(error @ (RenderError::Gpu(_) | RenderError::Budget(_))) if or_cpu => {
@@ -233,6 +246,24 @@ impl Renderer {
         })
     }
 
+    /// A picture with slices, on the CPU.
+    fn draw_in_layers(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
+        let Self { volume, options, pool, has_deadline, resident, work, .. } = self;
+        if !options.caster.is_default() {
+            return Err(RenderError::Method { backend: options.backend, mode: "slices" });
+        }
+        let container = volume.container();
+        pool.install(|| {
+            if !matches!(work, Work::InLayers(_)) {
+                *work = Work::InLayers(Box::new(Layers::new(scene, container)));
+            }
+            let Work::InLayers(layers) = work else { unreachable!("it has just been made so") };
+            let caster_bytes = layers.bytes(caster_of(options).bytes(container.pyramid().layout().core()));
+            let resident = fitting(resident, container, (&layers.ray_scene(), options), caster_bytes, *has_deadline)?;
+            layers.advance(resident, options, stop)
+        })
+    }
+
     fn draw_by_engine(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
         let Self { volume, options, pool, engine, has_deadline, resident, work, .. } = self;
         let container = volume.container();
@@ -246,13 +277,7 @@ impl Renderer {
                 *work = Work::AtOnce(image, Box::new(stats));
                 return Ok(());
             }
-            let resident = match resident {
-                Some(resident) => {
-                    resident.fit(scene, options, caster_bytes, *has_deadline)?;
-                    resident
-                }
-                None => resident.insert(Resident::new(container, scene, options, caster_bytes, *has_deadline)?),
-            };
+            let resident = fitting(resident, container, (scene, options), caster_bytes, *has_deadline)?;
             if let (Engine::Cpu { .. }, true) = (&*engine, options.caster.is_default()) {
                 if !matches!(work, Work::InSteps(_)) {
                     *work = Work::InSteps(Box::new(Drawing::new(scene.clone())));
@@ -291,6 +316,7 @@ impl Renderer {
             Work::InSteps(drawing) => drawing.picture(),
             Work::AtOnce(image, _) => Some(Cow::Borrowed(image)),
             Work::InStages(best) => Some(Cow::Borrowed(&best.image)),
+            Work::InLayers(layers) => layers.picture().map(Cow::Owned),
         }
     }
 
@@ -308,6 +334,7 @@ impl Renderer {
             Work::InSteps(drawing) => drawing.into_pictures(),
             Work::AtOnce(image, _) => Some((image, None)),
             Work::InStages(best) => Some((best.image, None)),
+            Work::InLayers(layers) => Some((layers.picture()?, layers.error_map())),
         }
     }
 
@@ -317,6 +344,7 @@ impl Renderer {
     pub fn error_map(&self) -> Option<Image> {
         match &self.work {
             Work::InSteps(drawing) => drawing.error_map(),
+            Work::InLayers(layers) => layers.error_map(),
             Work::Nothing | Work::InStages(_) | Work::AtOnce(..) => None,
         }
     }
@@ -325,8 +353,10 @@ impl Renderer {
     #[must_use]
     pub fn stats(&self) -> FrameStats {
         let mut stats = self.counts();
-        if let Work::InSteps(drawing) = &self.work {
-            stats.error_stated = drawing.error_stated();
+        match &self.work {
+            Work::InSteps(drawing) => stats.error_stated = drawing.error_stated(),
+            Work::InLayers(layers) => stats.error_stated = layers.error_stated(),
+            Work::Nothing | Work::AtOnce(..) | Work::InStages(_) => {}
         }
         stats
     }
@@ -344,7 +374,10 @@ impl Renderer {
             stats.no_gpu_because.clone_from(no_gpu_because);
         }
         if let Engine::Gpu { backend, .. } = &self.engine {
-            stats.adapter_is_software = backend.is_software();
+            match self.work {
+                Work::InLayers(_) => stats.no_gpu_because = Some("slices are drawn by the processor".into()),
+                _ => stats.adapter_is_software = backend.is_software(),
+            }
         }
         stats.threads = self.pool.current_num_threads();
         stats.level = match self.options.level {
@@ -364,6 +397,23 @@ impl Renderer {
     #[must_use]
     pub fn streamer(&self) -> Option<&Streamer> {
         self.resident.as_ref().map(Resident::as_streamer)
+    }
+}
+
+/// What is resident, with its memory divided for pictures of this scene.
+fn fitting<'a>(
+    resident: &'a mut Option<Resident>,
+    container: &Arc<Container>,
+    (scene, options): (&ResolvedScene, &RenderOptions),
+    caster: CasterBytes,
+    has_deadline: bool,
+) -> Result<&'a mut Resident, RenderError> {
+    match resident {
+        Some(resident) => {
+            resident.fit(scene, options, caster, has_deadline)?;
+            Ok(resident)
+        }
+        None => Ok(resident.insert(Resident::new(container, scene, options, caster, has_deadline)?)),
     }
 }
 

@@ -5,6 +5,7 @@
 //! picture. What the model names but this version does not draw is refused by name, never ignored.
 
 use glam::DVec3;
+use schemars::JsonSchema;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -17,6 +18,7 @@ use crate::preset::looks;
 use crate::preset::overview::Overview;
 use crate::preset::view::{Framed, View};
 use crate::preset::{self, Look};
+use crate::slices::{ColorSpec, SLICE_LIMIT, SlicePlane, SliceSpec};
 use crate::transfer_function::{ControlPoint, TransferFunction, TransferFunctionError};
 use crate::units::{Units, edges};
 
@@ -35,6 +37,8 @@ pub const SHADING_LIMIT: f64 = 1e6;
 pub const DISTANCE_LIMIT: f64 = 1e9;
 /// Least and greatest unit distance, in shortest edges of a voxel: beyond, extinction runs over.
 pub const UNIT_DISTANCE_LIMITS: [f64; 2] = [1e-12, 1e24];
+/// Least and greatest factor by which heights are drawn larger.
+pub const EXAGGERATION_LIMITS: [f64; 2] = [1e-6, 1e6];
 /// Greatest ratio of two edges of a voxel.
 pub const EDGE_RATIO_LIMIT: f64 = 1e6;
 
@@ -55,7 +59,7 @@ pub enum SceneError {
 }
 
 /// A scene as written.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Scene {
     /// Where the picture is taken from; `None`: so that all that can be seen is in it.
@@ -72,12 +76,20 @@ pub struct Scene {
     /// Shading, or null for none; left out: that of the data's kind where mode and transfer function are left out too, the
     /// default one in mode `iso`, else none.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "said")]
+    #[schemars(with = "Option<ShadingSpec>")]
     pub shading: Option<Option<ShadingSpec>>,
     /// Iso surfaces, for mode `iso`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub iso: Vec<IsoSpec>,
+    /// Planes within the picture, in modes `dvr` and `iso`, and all that there is in mode `slice`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub slices: Vec<SliceSpec>,
     /// What is kept of the volume.
     pub clip: ClipSpec,
+    /// How many times as large heights or depths are drawn: the volume has to be opened so
+    /// ([`placed`](crate::preset::placing::placed)), and all world coordinates of the scene are of that.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vertical_exaggeration: Option<f64>,
     /// Rays per pixel: a square number; they lie on a regular sub-grid. `None`: what suits the data where the look is left
     /// open, else 1.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -90,7 +102,7 @@ fn said<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Resu
 }
 
 /// `camera`: exactly one of `fov_y` and `height`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CameraSpec {
     /// World position.
@@ -108,7 +120,7 @@ pub struct CameraSpec {
 }
 
 /// `image`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImageSpec {
     /// Pixels along x.
@@ -126,7 +138,7 @@ impl Default for ImageSpec {
 }
 
 /// `mode`: what a ray gathers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {
     /// Emission and absorption.
@@ -140,12 +152,13 @@ pub enum Mode {
     Mean,
     /// First crossings of iso values.
     Iso,
-    /// A plane; not available yet.
+    /// Nothing but the slices.
     Slice,
 }
 
 /// `transfer_function`: a preset's name, or the function itself.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, JsonSchema)]
+#[schemars(untagged)]
 pub enum TransferFunctionSpec {
     /// Name of a preset; see [`preset::NAMES`].
     Preset(String),
@@ -154,7 +167,7 @@ pub enum TransferFunctionSpec {
 }
 
 /// A transfer function written out.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointsSpec {
     /// World length over which `alpha` is gathered; `None`: the smallest spacing.
@@ -165,7 +178,7 @@ pub struct PointsSpec {
 }
 
 /// One control point.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointSpec {
     /// Data value.
@@ -210,7 +223,7 @@ impl<'de> Deserialize<'de> for TransferFunctionSpec {
 }
 
 /// `shading`: two-sided Blinn-Phong (RENDERING-MODEL, section 5).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShadingSpec {
     /// ka.
@@ -233,7 +246,7 @@ impl Default for ShadingSpec {
 }
 
 /// One directional light.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LightSpec {
     /// World direction in which the light travels.
@@ -244,7 +257,7 @@ pub struct LightSpec {
 }
 
 /// One iso surface.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct IsoSpec {
     /// Data value.
@@ -261,7 +274,7 @@ fn one() -> f64 {
 }
 
 /// `clip`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ClipSpec {
     /// Least and greatest corner, index coordinates.
@@ -272,7 +285,7 @@ pub struct ClipSpec {
 }
 
 /// One clip plane: keeps `normal . x >= offset`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlaneSpec {
     /// World vector.
@@ -293,7 +306,7 @@ pub struct ResolvedScene {
     pub subgrid: u32,
     /// Colour behind the volume.
     pub background: [f64; 3],
-    /// What a ray gathers; never [`Mode::Slice`].
+    /// What a ray gathers.
     pub mode: Mode,
     /// Classification.
     pub transfer_function: TransferFunction,
@@ -301,6 +314,8 @@ pub struct ResolvedScene {
     pub shading: Option<Shading>,
     /// Iso surfaces; at least one in mode `iso`, none otherwise.
     pub iso: Vec<IsoSpec>,
+    /// Planes within the picture; at least one in mode `slice`, none in `mip`, `minip` and `mean`.
+    pub slices: Vec<SlicePlane>,
     /// What is kept of the volume.
     pub clip: Clip,
 }
@@ -319,6 +334,7 @@ impl ResolvedScene {
             && self.transfer_function == other.transfer_function
             && self.shading == other.shading
             && self.iso == other.iso
+            && self.slices == other.slices
             && self.clip == other.clip
     }
 }
@@ -358,12 +374,23 @@ impl Scene {
         Ok(scene)
     }
 
+    /// The JSON Schema (draft 2020-12) of scenes: keys, types, what they mean and what is left out. Numbers out of range are found by
+    /// [`Self::validate`] alone.
+    #[must_use]
+    pub fn schema() -> serde_json::Value {
+        schemars::schema_for!(Self).to_value()
+    }
+
     /// Checks every number that does not depend on the volume.
     ///
     /// # Errors
     /// As [`Scene::from_json`].
     pub fn validate(&self) -> Result<(), SceneError> {
         self.validate_image()?;
+        let factor = self.vertical_exaggeration.unwrap_or(1.0);
+        let [least, most] = EXAGGERATION_LIMITS;
+        let expected = || format!("a factor between {least:e} and {most:e}");
+        check((least..=most).contains(&factor), "vertical_exaggeration", expected, Number(factor))?;
         if let Some(camera) = &self.camera {
             camera.projection()?;
             camera.camera(&Units::WORLD, [1, 1])?;
@@ -379,6 +406,7 @@ impl Scene {
             None => {}
         }
         self.validate_surfaces()?;
+        self.validate_slices()?;
         self.validate_shading()?;
         self.validate_clip()
     }
@@ -397,7 +425,6 @@ impl Scene {
 
     fn validate_surfaces(&self) -> Result<(), SceneError> {
         match self.gathers() {
-            Mode::Slice => return Err(SceneError::NotAvailable { key: "mode", what: "mode `slice`" }),
             Mode::Iso => check(!self.iso.is_empty(), "iso", || "at least one surface in mode `iso`".into(), "none")?,
             Mode::Dvr if !self.iso.is_empty() => {
                 return Err(SceneError::NotAvailable { key: "iso", what: "an iso surface inside mode `dvr`" });
@@ -411,6 +438,20 @@ impl Scene {
             check_share(&format!("iso[{i}].alpha"), iso.alpha)?;
         }
         Ok(())
+    }
+
+    fn validate_slices(&self) -> Result<(), SceneError> {
+        let few = self.slices.len() <= SLICE_LIMIT;
+        check(few, "slices", || format!("at most {SLICE_LIMIT} slices"), self.slices.len())?;
+        match self.gathers() {
+            Mode::Slice => check(!self.slices.is_empty(), "slices", || "at least one in mode `slice`".into(), "none")?,
+            Mode::Dvr | Mode::Iso => {}
+            Mode::Mip | Mode::Minip | Mode::Mean => {
+                let expected = || "none in this mode, which knows no depth (`dvr`, `iso` or `slice` do)".into();
+                check(self.slices.is_empty(), "slices", expected, self.slices.len())?;
+            }
+        }
+        self.slices.iter().enumerate().try_for_each(|(i, slice)| slice.validate(&format!("slices[{i}]")))
     }
 
     fn validate_shading(&self) -> Result<(), SceneError> {
@@ -488,12 +529,19 @@ impl Scene {
             let points = if projects { looks::projection(mode, facts, overview) } else { look.transfer_function };
             Some(TransferFunctionSpec::Points(points))
         });
+        let plain = preset::ramps::plain_slice(facts);
+        let colors = || plain.iter().map(|p| ColorSpec { value: p.value, color: p.color }).collect();
+        let suits = |slice: &&mut SliceSpec| slice.filter.is_none_or(|filter| filter.kind.keeps_values());
+        for slice in scene.slices.iter_mut().filter(|slice| slice.colors.is_empty()).filter(suits) {
+            slice.colors = colors();
+        }
         scene
     }
 
     /// The camera of a scene that leaves it open.
     fn default_camera(&self, facts: &VolumeFacts, overview: Option<&Overview>) -> CameraSpec {
-        View::of(facts).camera(&self.framed(facts, overview), [self.image.width, self.image.height])
+        let framed = self.framed(facts, overview);
+        View::facing(facts, &framed).camera(&framed, [self.image.width, self.image.height])
     }
 
     /// What the picture should show: what can be seen inside the clip box, where an overview says where that is, else all
@@ -505,7 +553,8 @@ impl Scene {
             [std::array::from_fn(|a| low[a].max(whole[0][a])), std::array::from_fn(|a| high[a].min(whole[1][a]))]
         });
         let kept = if (0..3).all(|a| kept[0][a] < kept[1][a]) { kept } else { whole };
-        let seen = overview.and_then(|overview| match self.gathers() {
+        // Slices reach from end to end.
+        let seen = overview.filter(|_| self.slices.is_empty()).and_then(|overview| match self.gathers() {
             Mode::Dvr => self.classification(facts).ok().and_then(|shown| overview.visible(facts, kept, &shown)),
             Mode::Iso => self.iso.first().and_then(|iso| overview.beyond(facts, kept, iso.value)),
             _ => None,
@@ -552,6 +601,7 @@ impl Scene {
             transfer_function: transfer_function.in_units(&units),
             shading: scene.shading.as_ref().and_then(Option::as_ref).map(|s| s.resolve(&camera)),
             iso: scene.iso.iter().map(|iso| IsoSpec { value: units.value(iso.value), ..*iso }).collect(),
+            slices: scene.slices.iter().map(|slice| slice.resolve(&units)).collect::<Result<_, _>>()?,
             clip: scene.clip.resolve(&units),
         })
     }
@@ -657,13 +707,18 @@ impl ShadingSpec {
 impl ClipSpec {
     fn resolve(&self, units: &Units) -> Clip {
         let planes = self.planes.iter().map(|p| {
-            // By a power of two, so that nothing is rounded.
-            let scale = DVec3::from_array(p.normal).abs().max_element().log2().floor().exp2();
-            let normal = DVec3::from_array(p.normal) / scale;
-            ClipPlane { normal, offset: (p.offset / scale - normal.dot(units.anchor)) / units.length }
+            let (normal, offset) = plane_in_units(p.normal, p.offset, units);
+            ClipPlane { normal, offset }
         });
         Clip { index_box: self.index_box, planes: planes.collect() }
     }
+}
+
+/// The plane of all points p with normal . p = offset, in units. By a power of two, so that nothing is rounded.
+fn plane_in_units(normal: [f64; 3], offset: f64, units: &Units) -> (DVec3, f64) {
+    let scale = DVec3::from_array(normal).abs().max_element().log2().floor().exp2();
+    let normal = DVec3::from_array(normal) / scale;
+    (normal, (offset / scale - normal.dot(units.anchor)) / units.length)
 }
 
 fn check(
@@ -717,5 +772,6 @@ fn check_direction(key: &str, v: [f64; 3]) -> Result<(), SceneError> {
     check(good, key, || "three finite numbers, not all zero".into(), format!("{v:?}"))
 }
 
+mod slices;
 #[cfg(test)]
 mod tests;

@@ -55,6 +55,11 @@ pub fn decorate(image: &mut Image, container: &Container, facts: &VolumeFacts, s
     canvas.text(&format!("{}  ({})", source.name, facts.kind.name()), [MARGIN, MARGIN], Anchor::TopLeft);
 }
 
+/// Writes a name below the one that [`decorate`] writes: of one picture among several.
+pub fn name(image: &mut Image, name: &str, background: [f64; 3]) {
+    Canvas::new(image, background).text(name, [MARGIN, MARGIN + canvas::LETTER[1]], Anchor::TopLeft);
+}
+
 /// Where a world point lies in the picture, pixels; `None` behind the camera.
 fn project(camera: &Camera, point: DVec3) -> Option<[f64; 2]> {
     let p = point - camera.eye;
@@ -220,7 +225,13 @@ fn round_below(length: f64) -> f64 {
 
 /// The colours of the transfer function with the values that they stand for, in units of `value_unit`.
 fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedScene, value_unit: f64) {
-    let points = scene.transfer_function.points();
+    // A slice alone is shown in colours of its own, which stand for values unless a filter has made something else of them.
+    let slice = scene.slices.first().filter(|_| scene.mode == Mode::Slice);
+    if slice.is_some_and(|slice| slice.filter.is_some_and(|filter| !filter.kind.keeps_values())) {
+        return;
+    }
+    let colors = slice.and_then(|slice| slice.colors.as_ref()).unwrap_or(&scene.transfer_function);
+    let points = colors.points();
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return };
     let (low, high) = (first.value, last.value);
     let [width, height] = canvas.size();
@@ -233,7 +244,7 @@ fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedS
     let left = left - 2 * canvas::LETTER[0];
     for row in 0..rows {
         let share = f64::from(row) / f64::from(rows - 1);
-        let color = scene.transfer_function.classify(high * (1.0 - share) + low * share).0;
+        let color = colors.classify(high * (1.0 - share) + low * share).0;
         canvas.row([left, top + row], BAR_WIDTH, color);
     }
     let unit = &container.manifest().unit;

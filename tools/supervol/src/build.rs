@@ -10,17 +10,17 @@ use supervol_format::container::manifest::Source;
 use supervol_format::readable::counted;
 use supervol_format::{BrickLayout, Dims, Geometry};
 use supervol_preprocess::downsample::Reduce;
+use supervol_preprocess::kept::Reading;
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::output::{check_distinct, folder_of};
 use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::nrrd::Outside;
-use supervol_preprocess::source::open::{OpenOptions, open, split_array};
-use supervol_preprocess::source::placed::{PlacedSource, Placing};
+use supervol_preprocess::source::open::{OpenOptions, split_array};
+use supervol_preprocess::source::placed::{Domain, Placing};
 use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::segy::SegyOptions;
 use supervol_preprocess::source::selection::Selection;
-use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::{BuildOptions, Existing, MaxError};
 
 use crate::failure::{Failure, with_output};
@@ -126,14 +126,35 @@ struct PlaceArguments {
     /// Directions of the axes: the rows of a 3x3 matrix, whose columns are the axes'
     #[arg(long, value_name = "D11,D12,...,D33", value_parser = quantity::matrix, allow_hyphen_values = true)]
     direction: Option<[f64; 9]>,
+    /// What the third axis of a survey is, where its text header does not say it
+    #[arg(long, value_enum)]
+    domain: Option<DomainName>,
+    /// Unit of the numbers along the axes, of a survey's along its third one: nm, um, mm, cm, m, km, ft, or s, ms, us. Numbers stay
+    /// what they are
+    #[arg(long, value_name = "UNIT", value_parser = quantity::unit)]
+    unit: Option<String>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum DomainName {
+    Time,
+    Depth,
 }
 
 impl PlaceArguments {
     fn placing(&self) -> Option<Placing> {
-        let Self { spacing, origin, direction } = self;
-        let unit = spacing.as_ref().map(|s| s.unit.clone()).filter(|unit| !unit.is_empty());
-        let placing =
-            Placing { spacing: spacing.as_ref().map(|s| s.lengths), unit, origin: *origin, direction: *direction };
+        let of_spacing = self.spacing.as_ref().map(|s| s.unit.clone()).filter(|unit| !unit.is_empty());
+        let placing = Placing {
+            spacing: self.spacing.as_ref().map(|s| s.lengths),
+            unit: of_spacing,
+            axis_unit: self.unit.clone(),
+            domain: self.domain.map(|domain| match domain {
+                DomainName::Time => Domain::Time,
+                DomainName::Depth => Domain::Depth,
+            }),
+            origin: self.origin,
+            direction: self.direction,
+        };
         (placing != Placing::default()).then_some(placing)
     }
 }
@@ -306,15 +327,14 @@ impl SourceArguments {
         folder: &Path,
         memory_bytes: u64,
     ) -> Result<(Box<dyn VolumeSource>, Source), Failure> {
-        let options = self.open_options(folder, memory_bytes);
-        let source = open(input, &options).map_err(supervol_preprocess::BuildError::from)?;
-        let origin = supervol_preprocess::identify_source(input, &options.selection, source.as_ref())?;
-        let Some(placing) = self.place.placing() else { return Ok((source, origin)) };
-        let placed = PlacedSource::new(source, &placing).map_err(supervol_preprocess::BuildError::from)?;
-        Ok((Box::new(placed), origin))
+        let reading = self.reading(memory_bytes);
+        let source = reading.open(input, folder).map_err(supervol_preprocess::BuildError::from)?;
+        let origin = supervol_preprocess::identify_source(input, &reading.options.selection, source.as_ref())?;
+        Ok((source, origin))
     }
 
-    fn open_options(&self, folder: &Path, memory_bytes: u64) -> OpenOptions {
+    /// How a volume file is read, within so many bytes.
+    pub fn reading(&self, memory_bytes: u64) -> Reading {
         use supervol_preprocess::source::Endian;
         let raw = match (self.raw.dims, self.raw.dtype) {
             (Some(dims), Some(dtype)) => Some(RawOptions {
@@ -340,7 +360,8 @@ impl SourceArguments {
         let outside = if self.nrrd.allow_outside { Outside::Allowed } else { Outside::Refused };
         let SelectionArguments { frame, channel, series } = &self.selection;
         let selection = Selection { frame: *frame, channel: *channel, series: series.clone(), array: None };
-        OpenOptions { raw, outside, segy, spool: SpoolFolder::at(folder), selection }
+        let options = OpenOptions { raw, outside, segy, selection, ..OpenOptions::default() };
+        Reading { options, placing: self.place.placing() }
     }
 }
 

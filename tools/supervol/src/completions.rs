@@ -1,4 +1,5 @@
-//! `supervol completions` and `supervol man`: what shells and readers of manuals need, made from the command line itself.
+//! `supervol completions`, `supervol man` and `supervol schema`: what shells, readers of manuals and editors of scenes need, made from
+//! the command line and the types themselves.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -32,6 +33,12 @@ pub fn run<C: CommandFactory>(arguments: &Arguments) -> Result<(), Failure> {
     let mut script = Vec::new();
     clap_complete::generate(arguments.shell, &mut command, "supervol", &mut script);
     crate::terminal::stdout().write_all(&script).map_err(with_output)
+}
+
+/// Writes the JSON Schema of scene files to standard output.
+pub fn run_schema() -> Result<(), Failure> {
+    let schema = supervol_runtime::scene::Scene::schema();
+    writeln!(crate::terminal::stdout(), "{schema:#}").map_err(with_output)
 }
 
 /// Writes the man pages of the program and of each command.

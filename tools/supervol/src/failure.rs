@@ -21,21 +21,29 @@ pub enum Failure {
     Machine(String),
     /// Nobody reads standard output any more: 141, as of a program that the signal ends which stands for this.
     Unread,
+    /// What has been said already, with this exit code.
+    Said(u8),
 }
 
 impl Failure {
     /// Prints the message and returns the exit code.
     pub fn report(self) -> ExitCode {
+        ExitCode::from(self.say())
+    }
+
+    /// Prints the message; the exit code that it stands for.
+    pub fn say(self) -> u8 {
         let (message, code) = match self {
             Self::Data(message) => (message, 1),
             Self::Command(message) => (message, 2),
             Self::Machine(message) => (message, 3),
             // Who has read enough need not be told.
-            Self::Unread => return ExitCode::from(141),
+            Self::Unread => return 141,
+            Self::Said(code) => return code,
         };
         // Nobody is left to tell where standard error cannot be written either; the exit code still says it.
         let _ = writeln!(terminal::stderr(), "supervol: {message}");
-        ExitCode::from(code)
+        code
     }
 
     /// A wrong command, with the file that holds the mistake named first, where there is one.

@@ -7,13 +7,15 @@ use std::path::PathBuf;
 
 use clap::Args;
 use supervol_format::Container;
-use supervol_preprocess::Existing;
 use supervol_preprocess::output::check_distinct;
+use supervol_preprocess::{BuildOptions, Existing};
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::preset::Look;
 use supervol_runtime::transfer_function::TransferFunction;
 
 use self::drawing::Drawing;
+use crate::build::SourceArguments;
+use crate::cache::CacheArguments;
 use crate::failure::{Failure, with_container, with_output};
 use crate::output::{Force, TextFile};
 
@@ -25,8 +27,9 @@ const MOST_ROWS: usize = 128;
 /// Of which container.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Container
-    container: PathBuf,
+    /// Container, or a volume file, of which a container is built into the cache folder first
+    #[arg(value_name = "CONTAINER|FILE")]
+    volume: PathBuf,
     /// Draw it into this .svg file instead: a bar for each of 256 parts of the values in its colour of the default picture, the
     /// opacity as a line, the 1st, 50th and 99th percentile as marks
     #[arg(short, long, value_name = "H.svg", value_parser = svg_file)]
@@ -42,6 +45,10 @@ pub struct Arguments {
     /// What the data are, where they are not recognised or wrongly, as for `render`
     #[arg(long, value_name = "KIND", visible_alias = "preset")]
     kind: Option<DataKind>,
+    #[command(flatten)]
+    cache: CacheArguments,
+    #[command(flatten)]
+    source: SourceArguments,
 }
 
 fn rows(text: &str) -> Result<usize, String> {
@@ -57,7 +64,9 @@ fn svg_file(text: &str) -> Result<PathBuf, String> {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let path = &arguments.container;
+    let memory_bytes = BuildOptions::default().memory_bytes;
+    let reading = arguments.source.reading(memory_bytes);
+    let path = &arguments.cache.container_of(&arguments.volume, &reading, None, memory_bytes)?;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
     let of_kind = |kind| VolumeFacts::of_kind(&container, kind);
     let facts = arguments.kind.map_or_else(|| VolumeFacts::of(&container), of_kind);
@@ -71,7 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Some(output) = &arguments.output else {
         return write(arguments, &facts, &shown, unit).map_err(with_output);
     };
-    check_distinct(output, [path.as_path()])?;
+    check_distinct(output, [path.as_path(), arguments.volume.as_path()])?;
     let file = TextFile::begin(output, arguments.force.or(Existing::ReplacePicture))?;
     let name = &container.manifest().source.name;
     let drawing = Drawing { name, unit, facts: &facts, shown: &shown, linear: arguments.linear };

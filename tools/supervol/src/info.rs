@@ -12,15 +12,16 @@ use supervol_preprocess::source::{LineNumbers, Survey};
 use supervol_runtime::facts::kind;
 
 use crate::failure::{Failure, with_container, with_output};
+use crate::input::{Input, for_each};
 use crate::quantity::show_bytes;
 
-/// Which container.
+/// Which containers.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Container; or a folder, to learn which unfinished files lie in it
-    #[arg(value_name = "CONTAINER|FOLDER")]
-    container: PathBuf,
-    /// As JSON
+    /// Containers, - for what standard input gives; or folders, to learn which unfinished files lie in them
+    #[arg(value_name = "CONTAINER|FOLDER", required = true)]
+    containers: Vec<PathBuf>,
+    /// As JSON: an object for each
     #[arg(long)]
     json: bool,
     /// The text header of the SEG-Y file that the container was built from, and nothing else
@@ -75,11 +76,20 @@ struct LevelInfo {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let path = &arguments.container;
+    for_each(&arguments.containers, |path| {
+        if arguments.containers.len() > 1 && !arguments.json {
+            writeln!(crate::terminal::stdout(), "file       {}", path.display()).map_err(with_output)?;
+        }
+        describe(path, arguments)
+    })
+}
+
+fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
     if path.is_dir() {
         return list_unfinished(path, arguments.json);
     }
-    let container = Container::open(path).map_err(|e| with_container(path, e))?;
+    let input = Input::named(path)?;
+    let container = Container::open(input.path()).map_err(|e| with_container(path, e))?;
     if arguments.text_header {
         return print_text_header(path, &container);
     }

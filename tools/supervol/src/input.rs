@@ -1,26 +1,81 @@
-//! Small files that people write: scenes and camera paths.
+//! What commands read beside volumes: small files that people write, and containers that come through a pipe.
 
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use supervol_format::byte_source::check_is_file;
+use tempfile::NamedTempFile;
 
 use crate::failure::Failure;
 
 /// Most bytes of a scene or a camera path: some ten thousand times what one takes.
 const LIMIT_BYTES: u64 = 1_000_000;
+/// The name that stands for standard input.
+const STANDARD_INPUT: &str = "-";
 
-/// The text of a small file; `what` it should hold is said where it cannot be read.
+/// The text of a small file, or of standard input for `-`; `what` it should hold is said where it cannot be read.
 pub fn read_text(file: &Path, what: &str) -> Result<String, Failure> {
     let cannot = |e: std::io::Error| Failure::Command(format!("cannot read {what} {}: {e}", file.display()));
-    check_is_file(file).map_err(cannot)?;
+    let is_piped = file == Path::new(STANDARD_INPUT);
+    let opened: Box<dyn Read> = if is_piped {
+        Box::new(std::io::stdin().lock())
+    } else {
+        check_is_file(file).map_err(cannot)?;
+        Box::new(std::fs::File::open(file).map_err(cannot)?)
+    };
     let mut text = String::new();
-    let opened = std::fs::File::open(file).map_err(cannot)?;
     let bytes = opened.take(LIMIT_BYTES + 1).read_to_string(&mut text).map_err(cannot)?;
     if bytes as u64 > LIMIT_BYTES {
-        let found = std::fs::metadata(file).map_or(bytes as u64, |m| m.len());
+        let at_least = || bytes as u64;
+        let found =
+            if is_piped { at_least() } else { std::fs::metadata(file).map_or_else(|_| at_least(), |m| m.len()) };
         let message = format!("{}: expected {what} of at most {LIMIT_BYTES} bytes, found {found}", file.display());
         return Err(Failure::Command(message));
     }
     Ok(text)
+}
+
+/// A container that a person has named: a file, or standard input, which is kept in a file as long as this is.
+#[derive(Debug)]
+pub struct Input {
+    path: PathBuf,
+    _piped: Option<NamedTempFile>,
+}
+
+impl Input {
+    /// The file of this name, or what standard input gives for `-`.
+    pub fn named(path: &Path) -> Result<Self, Failure> {
+        if path != Path::new(STANDARD_INPUT) {
+            return Ok(Self { path: path.into(), _piped: None });
+        }
+        let kept = NamedTempFile::new().and_then(|mut file| {
+            std::io::copy(&mut std::io::stdin().lock(), file.as_file_mut())?;
+            Ok(file)
+        });
+        let kept =
+            kept.map_err(|e| Failure::Machine(format!("cannot keep standard input in a temporary file: {e}")))?;
+        Ok(Self { path: kept.path().into(), _piped: Some(kept) })
+    }
+
+    /// Where it can be opened.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+/// Does something with every input. Where some fail, that is said, the others are done all the same, and the exit code is the
+/// greatest.
+pub fn for_each(paths: &[PathBuf], run: impl Fn(&Path) -> Result<(), Failure>) -> Result<(), Failure> {
+    if let [path] = paths {
+        return run(path);
+    }
+    let mut code = 0;
+    for path in paths {
+        match run(path) {
+            Ok(()) => {}
+            Err(Failure::Unread) => return Err(Failure::Unread),
+            Err(failure) => code = code.max(failure.say()),
+        }
+    }
+    if code == 0 { Ok(()) } else { Err(Failure::Said(code)) }
 }

@@ -6,20 +6,21 @@
 pub mod empty;
 mod parse;
 mod places;
+mod slices;
 
 use clap::{Args, ValueEnum};
 use supervol_format::Container;
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::preset::overview::Overview;
-use supervol_runtime::preset::section::Slice;
-use supervol_runtime::preset::view::{View, upright};
+use supervol_runtime::preset::view::{Framed, View, upright};
 use supervol_runtime::preset::{colormap, looks, placing, ramps};
 use supervol_runtime::scene::{
     CameraSpec, ImageSpec, IsoSpec, Mode, PlaneSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec,
 };
 
 use self::parse::{CameraWish, ClipPlane};
-use self::places::{Crop, Place};
+use self::places::{Crop, Cut};
+use self::slices::SliceArguments;
 use crate::failure::Failure;
 use crate::panels::{Grid, PANEL_LIMIT};
 use crate::quantity;
@@ -71,13 +72,8 @@ pub struct LookArguments {
     /// Show only what lies on this side of a plane: x * NX + y * NY + z * NZ >= D in world units; may be given again
     #[arg(long, value_name = "NX,NY,NZ,D", value_parser = parse::plane, allow_hyphen_values = true)]
     clip: Vec<ClipPlane>,
-    /// Show a slice, face on: AXIS=PLACE, with the axes of --crop. Given again, slices lie side by side in one picture
-    #[arg(long, value_name = "AXIS=PLACE", value_parser = places::place, allow_hyphen_values = true,
-          conflicts_with_all = ["mode", "iso", "opacity", "unlit", "camera"])]
-    slice: Vec<Place>,
-    /// The mean over this many voxels across the slice
-    #[arg(long, value_name = "VOXELS", value_parser = parse::positive, requires = "slice")]
-    slab: Option<f64>,
+    #[command(flatten)]
+    slices: SliceArguments,
     /// Without light
     #[arg(long)]
     unlit: bool,
@@ -125,9 +121,10 @@ const CLEAR_COLORS: [[f64; 3]; 4] = [[0.82, 0.50, 0.38], [0.35, 0.60, 0.85], [0.
 
 impl LookArguments {
     /// The container with heights drawn as they are wanted, and a single line of voxels so wide that it can be seen.
-    pub fn placed(&self, container: Container) -> Container {
+    pub fn placed(&self, container: Container, scene: &Scene) -> Container {
         let facts = self.facts(&container);
-        placing::placed(container, &facts, self.vertical_exaggeration.unwrap_or(1.0))
+        let factor = self.vertical_exaggeration.or(scene.vertical_exaggeration);
+        placing::placed(container, &facts, factor.unwrap_or(1.0))
     }
 
     /// Facts of the container, of the kind that is given or recognised.
@@ -143,20 +140,51 @@ impl LookArguments {
 
     /// Where several slices are asked for: each by itself, and how they lie side by side.
     pub fn panels(&self, scene: &Scene) -> Result<Option<(Vec<Self>, Grid)>, Failure> {
-        if self.slice.len() < 2 {
+        let cuts = &self.slices.cuts;
+        if self.slices.are_panels() {
+            self.check_panels()?;
+        }
+        if !self.slices.are_panels() || cuts.len() < 2 {
             return Ok(None);
         }
         let size = self.size.unwrap_or([scene.image.width, scene.image.height]);
-        let grid = (self.slice.len() <= PANEL_LIMIT).then(|| Grid::of(self.slice.len(), size)).flatten();
+        let grid = (cuts.len() <= PANEL_LIMIT).then(|| Grid::of(cuts.len(), size)).flatten();
         let grid = grid.ok_or_else(|| {
             let [width, height] = size;
             Failure::Command(format!(
                 "--slice: at most {PANEL_LIMIT} slices, each with a pixel at least; found {} in a picture of {width} x {height}",
-                self.slice.len()
+                cuts.len()
             ))
         })?;
-        let alone = |place: &Place| Self { slice: vec![place.clone()], size: Some(grid.size), ..self.clone() };
-        Ok(Some((self.slice.iter().map(alone).collect(), grid)))
+        let alone = |cut: &Cut| Self { slices: self.slices.only(cut), size: Some(grid.size), ..self.clone() };
+        Ok(Some((cuts.iter().map(alone).collect(), grid)))
+    }
+
+    /// Whether slices are shown face on.
+    pub fn shows_panels(&self) -> bool {
+        self.slices.are_panels()
+    }
+
+    /// The slice that the picture shows, in words.
+    pub fn name(&self) -> String {
+        self.slices.cuts.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
+    }
+
+    /// Refuses what says how a volume is shown, where a slice is shown face on.
+    fn check_panels(&self) -> Result<(), Failure> {
+        let of_volumes = [
+            ("--mode", self.mode.is_some()),
+            ("--iso", !self.iso.is_empty()),
+            ("--opacity", self.opacity.is_some()),
+            ("--unlit", self.unlit),
+            ("--camera", self.camera.is_some()),
+        ];
+        match of_volumes.iter().find(|(_, given)| *given) {
+            Some((option, _)) => Err(Failure::Command(format!(
+                "{option} changes nothing on a slice that is shown face on; --slices volume shows slices within the volume"
+            ))),
+            None => Ok(()),
+        }
     }
 
     /// The scene with what is asked for, everything written out.
@@ -177,8 +205,16 @@ impl LookArguments {
         if let Some(text) = &self.tf {
             scene.transfer_function = Some(TransferFunctionSpec::Points(parse::transfer_function(text)?));
         }
-        if let [place] = &self.slice[..] {
-            self.set_slice(&mut scene, place, container, facts)?;
+        if self.vertical_exaggeration.is_some() {
+            scene.vertical_exaggeration = self.vertical_exaggeration.filter(|factor| *factor != 1.0);
+        }
+        match &self.slices.cuts[..] {
+            [cut] if self.slices.are_panels() => {
+                let is_painted = self.window.is_some() || self.clip_percent.is_some() || self.colormap.is_some();
+                let look = (self.zoom.unwrap_or(1.0), is_painted);
+                scene = self.slices.panel(&scene, cut, (container, facts), look)?;
+            }
+            _ => self.slices.add_to(&mut scene, container, facts)?,
         }
         if let Some(n) = self.supersample {
             scene.samples_per_pixel = Some(n * n);
@@ -228,44 +264,28 @@ impl LookArguments {
         }
     }
 
-    fn set_slice(
-        &self,
-        scene: &mut Scene,
-        place: &Place,
-        container: &Container,
-        facts: &VolumeFacts,
-    ) -> Result<(), Failure> {
-        let (axis, at) = place.on_grid(container, facts)?;
-        let is_painted = self.window.is_some() || self.clip_percent.is_some() || self.colormap.is_some();
-        let colors = if is_painted { ramps::plain_slice(facts) } else { ramps::of_slice(facts) };
-        let slice = Slice { axis, at, slab: self.slab, zoom: self.zoom.unwrap_or(1.0) };
-        let outside = || Failure::Command(format!("--slice {place}: outside what --crop leaves"));
-        *scene = slice.of(scene, facts, &colors).ok_or_else(outside)?;
-        Ok(())
-    }
-
     /// The camera of a scene that is complete, for going around what is seen: from there, all of it is in every picture.
     pub fn turning_camera(&self, scene: &Scene, facts: &VolumeFacts, overview: Option<&Overview>) -> CameraSpec {
         let framed = scene.framed(facts, overview);
-        self.view(facts).turning_camera(&framed, [scene.image.width, scene.image.height], upright(facts))
+        self.view(facts, &framed).turning_camera(&framed, [scene.image.width, scene.image.height], upright(facts))
     }
 
     /// The direction to look from that is asked for, or the usual one.
-    fn view(&self, facts: &VolumeFacts) -> View {
-        let usual = View::of(facts);
+    fn view(&self, facts: &VolumeFacts, framed: &Framed) -> View {
+        let usual = View::facing(facts, framed);
         let wish =
             self.camera.as_ref().map(|wish| View { distance: wish.distance, ..View::from(facts, wish.direction) });
         View { zoom: self.zoom.unwrap_or(1.0), ..wish.unwrap_or(usual) }
     }
 
     fn set_camera(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
-        if !self.slice.is_empty() {
+        if self.slices.are_panels() {
             return;
         }
         // What is framed depends on what is shown.
         let shown = Scene { camera: None, ..scene.clone() }.complete(facts, overview);
-        scene.camera =
-            Some(self.view(facts).camera(&shown.framed(facts, overview), [scene.image.width, scene.image.height]));
+        let framed = shown.framed(facts, overview);
+        scene.camera = Some(self.view(facts, &framed).camera(&framed, [scene.image.width, scene.image.height]));
     }
 
     /// Window, colours and opacities of the transfer function that is drawn with.
@@ -298,6 +318,9 @@ impl LookArguments {
         };
         let window = self.window.or(self.clip_percent.map(|percent| ramps::clipped_window(facts, percent)));
         let colors = self.colormap.as_deref().and_then(colormap::by_name);
+        for slice in &mut scene.slices {
+            slices::repaint(slice, window, colors.as_deref())?;
+        }
         if window.is_some() || colors.is_some() {
             let points = ramps::repainted(&spec.control_points(), window, colors.as_deref());
             *spec = PointsSpec { unit_distance: spec.unit_distance, ..PointsSpec::of(&points, 1.0) };

@@ -7,6 +7,7 @@
 mod allocation;
 mod bench;
 mod build;
+mod cache;
 mod chart;
 mod completions;
 mod demo;
@@ -52,17 +53,17 @@ enum Command {
     Build(Box<build::Arguments>),
     /// Make a synthetic volume: as a container, or as a raw file
     Synth(synth::Arguments),
-    /// Say what a container holds
+    /// Say what containers hold
     Info(info::Arguments),
     /// Draw the histogram of a container, with the opacities of its default picture
-    Histogram(histogram::Arguments),
-    /// Check every rule of a container
+    Histogram(Box<histogram::Arguments>),
+    /// Check every rule of containers
     Verify(verify::Arguments),
     /// Write voxels of a container to a plain file: .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .tif, .vti
     Extract(extract::Arguments),
     /// Write the surface where a container has one value as a mesh: .ply, .stl, .obj
     Mesh(mesh::Arguments),
-    /// Make a picture of a container
+    /// Make a picture of a container, or of a volume file, of which a container is built and kept first
     Render(Box<render::Arguments>),
     /// Look at a volume in a window: turn, cut and colour it, save the scene, export pictures
     #[cfg(feature = "viewer")]
@@ -77,6 +78,8 @@ enum Command {
     Completions(completions::Arguments),
     /// Write man pages
     Man(completions::ManArguments),
+    /// Write the JSON Schema of scene files, for editors and programs that check them
+    Schema,
 }
 
 #[global_allocator]
@@ -106,6 +109,7 @@ fn main() -> ExitCode {
         Command::Chart(arguments) => chart::run(&arguments),
         Command::Completions(arguments) => completions::run::<Arguments>(&arguments),
         Command::Man(arguments) => completions::run_man::<Arguments>(&arguments),
+        Command::Schema => completions::run_schema(),
     };
     // A signal that has come meanwhile decides how the program ends.
     wait_for_end();

@@ -88,6 +88,7 @@ impl Panels<'_> {
             warn_of_nothing(&panel, &resolved, self.facts)?;
             if self.decorate {
                 supervol_decorations::decorate(&mut panel, self.container, self.facts, &resolved);
+                supervol_decorations::name(&mut panel, &look.name(), resolved.background);
             }
             self.grid.put(&mut picture, number, &panel);
             background = resolved.background;

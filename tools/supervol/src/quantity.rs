@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use supervol_format::{Dims, VoxelBox, VoxelType};
 use supervol_preprocess::source::Endian;
+use supervol_preprocess::source::placed::TIMES;
 use supervol_runtime::image::GREY_LEVELS;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::raycast::cpu::MAX_ERROR_LIMITS;
@@ -113,6 +114,13 @@ pub struct Spacing {
 /// Units of length, in nanometres: whole numbers, so that one is exact in another.
 const LENGTHS: [(&str, f64); 8] =
     [("nm", 1.0), ("um", 1e3), ("µm", 1e3), ("mm", 1e6), ("cm", 1e7), ("m", 1e9), ("km", 1e12), ("ft", 304_800_000.0)];
+
+/// A unit of length or time.
+pub fn unit(text: &str) -> Result<String, String> {
+    let lengths = LENGTHS.iter().map(|(name, _)| *name);
+    let known: Vec<&str> = lengths.chain(TIMES).collect();
+    if known.contains(&text) { Ok(text.into()) } else { Err(format!("'{text}': expected one of {}", known.join(", "))) }
+}
 
 /// `1,1,2`, `1mm,1mm,2mm` or `500um,500um,2mm`: all in the first one's unit then, or in none.
 pub fn spacing(text: &str) -> Result<Spacing, String> {

@@ -26,6 +26,8 @@ use supervol_runtime::scene::{CameraSpec, ResolvedScene, Scene};
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::loader::READERS;
 
+use crate::build::SourceArguments;
+use crate::cache::CacheArguments;
 use crate::failure::{Failure, with_container, with_output};
 use crate::look::{LookArguments, empty};
 use crate::output::{Force, PictureFile, RenderOutputs};
@@ -44,9 +46,10 @@ const QUIET: Duration = Duration::from_secs(1);
 /// What to show, how, and within what memory.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Container
-    container: PathBuf,
-    /// Scene file (JSON); what it leaves open, and all of it where there is none, is chosen to suit the data
+    /// Container, or a volume file or folder as for `build`, of which a container is built into the cache folder first
+    #[arg(value_name = "CONTAINER|FILE")]
+    volume: PathBuf,
+    /// Scene file (JSON), or - for standard input; what it leaves open, and all of it where there is none, is chosen to suit the data
     #[arg(long, value_name = "SCENE.json")]
     scene: Option<PathBuf>,
     /// Write the scene that the options mean to standard output: all of it, as a beginning for a scene file. Without --output
@@ -59,12 +62,12 @@ pub struct Arguments {
     output: Option<PathBuf>,
     /// Write N pictures, once around the volume; the same command again goes on where it was stopped
     #[arg(long, value_name = "N", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
-          conflicts_with = "slice", value_parser = clap::value_parser!(u32).range(1..=i64::from(camera_path::FRAME_LIMIT)))]
+          value_parser = clap::value_parser!(u32).range(1..=i64::from(camera_path::FRAME_LIMIT)))]
     turntable: Option<u32>,
     /// Write the pictures of a camera that moves between key frames: {"keys": [{"frame": 0, "camera": {...}}, ...]}, with
     /// cameras as in a scene
     #[arg(long, value_name = "KEYS.json", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
-          conflicts_with_all = ["turntable", "camera", "zoom", "slice"])]
+          conflicts_with_all = ["turntable", "camera", "zoom"])]
     path: Option<PathBuf>,
     /// Who casts the rays
     #[arg(long, value_enum, default_value = "auto")]
@@ -124,6 +127,10 @@ pub struct Arguments {
     force: Force,
     #[command(flatten)]
     look: LookArguments,
+    #[command(flatten)]
+    cache: CacheArguments,
+    #[command(flatten)]
+    source: SourceArguments,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -190,6 +197,15 @@ impl Arguments {
     }
 }
 
+impl Arguments {
+    /// The container that is drawn.
+    fn container(&self) -> Result<PathBuf, Failure> {
+        let memory_bytes = self.host_memory;
+        let (reading, threads) = (self.source.reading(memory_bytes), self.threads.map(NonZero::get));
+        self.cache.container_of(&self.volume, &reading, threads, memory_bytes)
+    }
+}
+
 /// A camera that moves.
 struct Motion {
     /// One for each picture.
@@ -253,9 +269,13 @@ impl Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = Instant::now();
-    let path = &arguments.container;
+    let path = &arguments.container()?;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
-    let container = Arc::new(arguments.look.placed(container));
+    let scene = match &arguments.scene {
+        Some(file) => read_scene(file)?,
+        None => Scene::default(),
+    };
+    let container = Arc::new(arguments.look.placed(container, &scene));
     if let LevelChoice::Fixed(lod) = arguments.level
         && lod > container.pyramid().coarsest()
     {
@@ -267,12 +287,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::Command("--error-map: only --backend cpu says how far pixels may be off".into()));
     }
     let facts = arguments.look.facts(&container);
-    let scene = match &arguments.scene {
-        Some(file) => read_scene(file)?,
-        None => Scene::default(),
-    };
-    let inputs = [Some(path), arguments.scene.as_ref(), arguments.path.as_ref()];
+    let inputs = [Some(path), Some(&arguments.volume), arguments.scene.as_ref(), arguments.path.as_ref()];
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
+    if arguments.look.shows_panels() && (arguments.turntable.is_some() || arguments.path.is_some()) {
+        let message = "--slice: the camera of a slice that is shown face on does not move; --slices volume shows slices within the volume";
+        return Err(Failure::Command(message.into()));
+    }
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
         let output = arguments.output_of_panels()?;
         let file = RenderOutputs::begin(output, None, None, &inputs, arguments.force)?.picture;

@@ -8,6 +8,7 @@ use supervol_viewer::folders::Folders;
 use supervol_viewer::worker::Settings;
 use supervol_viewer::{Launch, ViewerError};
 
+use crate::cache::CacheArguments;
 use crate::failure::Failure;
 use crate::{quantity, render};
 
@@ -16,7 +17,7 @@ use crate::{quantity, render};
 pub struct Arguments {
     /// Container, or a volume file, which is built into the cache folder first; without it, the window asks for one
     file: Option<PathBuf>,
-    /// Scene file (JSON) to begin with
+    /// Scene file (JSON) to begin with, or - for standard input
     #[arg(long, value_name = "SCENE.json")]
     scene: Option<PathBuf>,
     /// Most host memory to use for bricks, rays and pictures, beside the window itself
@@ -31,6 +32,8 @@ pub struct Arguments {
     /// Threads; all processors by default
     #[arg(long, value_parser = quantity::threads)]
     threads: Option<NonZero<usize>>,
+    #[command(flatten)]
+    cache: CacheArguments,
 }
 
 /// Runs the command, until the window is closed.
@@ -43,7 +46,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         threads: arguments.threads.map(NonZero::get),
         ..Settings::default()
     };
-    let folders = Folders::of_system();
+    let usual = Folders::of_system();
+    let cache = arguments.cache.cache.clone().or(usual.cache.clone());
+    let folders = Folders { cache, cache_limit_bytes: arguments.cache.limit_bytes(), ..usual };
     supervol_viewer::run(Launch { file: arguments.file.clone(), scene, settings, folders })
         .map_err(|error @ (ViewerError::Window(_) | ViewerError::Graphics(_))| Failure::Machine(error.to_string()))
 }

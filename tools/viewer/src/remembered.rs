@@ -97,7 +97,7 @@ mod tests {
         assert_eq!(remembered.recent[0], Path::new("/volumes/5.svol"));
         assert_eq!(remembered.recent.iter().filter(|p| p.ends_with("5.svol")).count(), 1);
         let folder = tempfile::tempdir().unwrap();
-        let folders = Folders { settings: Some(folder.path().join("supervol")), cache: None };
+        let folders = Folders { settings: Some(folder.path().join("supervol")), ..Folders::default() };
         assert_eq!(Remembered::read(&folders), Remembered::default());
         remembered.write(&folders);
         assert_eq!(Remembered::read(&folders), remembered);

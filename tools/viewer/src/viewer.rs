@@ -200,6 +200,7 @@ impl Viewer {
             Err(error) => self.message = Some(Message::Failure(format!("no thread can be started: {error}"))),
         }
         if let Some(file) = &launch.file {
+            self.exaggeration = launch.scene.vertical_exaggeration.unwrap_or(1.0);
             self.open_with(file, launch.scene);
         }
     }

@@ -222,7 +222,7 @@ fn a_source_file_is_built_into_the_cache_once() {
         session.rest();
         session.assert_is_as_rendered();
     }
-    let built = std::fs::read_dir(session.cache()).expect("a cache folder");
+    let built = std::fs::read_dir(session.cache().join("containers")).expect("a cache folder");
     assert_eq!(built.flatten().filter(|e| e.path().extension().is_some_and(|e| e == "svol")).count(), 1);
 }
 

@@ -31,8 +31,8 @@ pub struct FolderOptions<'a> {
 
 /// Files of a folder, in natural order of their paths, and links that were not followed.
 #[derive(Debug, Default)]
-pub(super) struct Listing {
-    pub(super) files: Vec<PathBuf>,
+pub(crate) struct Listing {
+    pub(crate) files: Vec<PathBuf>,
     pub(super) links_outside: usize,
     entries: usize,
 }
@@ -44,7 +44,7 @@ impl Listing {
     }
 
     /// Lists a folder, and those inside it where `is_deep`; names that begin with a dot are passed over.
-    pub(super) fn of(folder: &Path, is_deep: bool, outside: Outside) -> Result<Self, SourceError> {
+    pub(crate) fn of(folder: &Path, is_deep: bool, outside: Outside) -> Result<Self, SourceError> {
         let whole = std::fs::canonicalize(folder).map_err(|e| SourceError::io(folder, e))?;
         let mut listing = Self::default();
         listing.list(folder, &whole, if is_deep { DEPTH_LIMIT } else { 0 }, outside)?;

@@ -4,6 +4,18 @@ use supervol_format::{Geometry, VoxelBox};
 
 use super::{SourceError, SourceInfo, VolumeSource};
 
+/// What the third axis of a survey is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Domain {
+    /// Two-way time.
+    Time,
+    /// Depth.
+    Depth,
+}
+
+/// Units of time; all others that are known are units of length.
+pub const TIMES: [&str; 3] = ["s", "ms", "us"];
+
 /// What is said of a volume's place; `None` leaves what the file says.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Placing {
@@ -11,6 +23,10 @@ pub struct Placing {
     pub spacing: Option<[f64; 3]>,
     /// Their unit, for all three axes.
     pub unit: Option<String>,
+    /// The unit of the numbers, which stay what they are: of a survey's third axis, else of all three.
+    pub axis_unit: Option<String>,
+    /// What the third axis is.
+    pub domain: Option<Domain>,
     /// World position of the first voxel.
     pub origin: Option<[f64; 3]>,
     /// Directions of the axes, a 3x3 matrix by rows.
@@ -50,12 +66,53 @@ impl PlacedSource {
                 info.notes.push(format!("the {what} was given by hand and is not the file's"));
             }
         }
-        if let Some(unit) = &placing.unit {
-            info.axes.iter_mut().for_each(|axis| axis.unit.clone_from(unit));
-        }
         info.geometry = geometry;
+        name_axes(&mut info, placing)?;
         Ok(Self { source, info })
     }
+}
+
+/// Names and units of the axes.
+fn name_axes(info: &mut SourceInfo, placing: &Placing) -> Result<(), SourceError> {
+    if let Some(unit) = &placing.unit {
+        info.axes.iter_mut().for_each(|axis| axis.unit.clone_from(unit));
+    }
+    let unit = placing.axis_unit.as_deref();
+    if info.survey.is_none() && placing.domain.is_none() {
+        if let Some(unit) = unit {
+            info.axes.iter_mut().for_each(|axis| axis.unit = unit.into());
+        }
+        return Ok(());
+    }
+    let is_time = |unit: &str| TIMES.contains(&unit);
+    let by_unit = unit.map(|unit| if is_time(unit) { Domain::Time } else { Domain::Depth });
+    let Some(domain) = placing.domain.or(by_unit) else { return Ok(()) };
+    if by_unit.is_some_and(|of_unit| of_unit != domain) {
+        let (name, expected) = match domain {
+            Domain::Time => ("time", "one of s, ms, us"),
+            Domain::Depth => ("depth", "a unit of length"),
+        };
+        let found = unit.unwrap_or_default();
+        return Err(SourceError::Options(format!("--domain {name}: expected {expected} as --unit, found {found}")));
+    }
+    let feet = info.axes[0].unit == "ft";
+    let (name, usual) = match domain {
+        Domain::Time => ("time", "ms"),
+        Domain::Depth if feet => ("depth", "ft"),
+        Domain::Depth => ("depth", "m"),
+    };
+    let axis = &mut info.axes[2];
+    let before = (axis.name.clone(), axis.unit.clone());
+    (axis.name, axis.unit) = (name.into(), unit.unwrap_or(usual).into());
+    if info.survey.is_some() && before != (axis.name.clone(), axis.unit.clone()) {
+        let file = format!("{} {}", before.0, before.1);
+        info.notes.push(format!(
+            "the third axis is {name} in {}, which was given by hand; the file says {}",
+            axis.unit,
+            file.trim()
+        ));
+    }
+    Ok(())
 }
 
 impl VolumeSource for PlacedSource {

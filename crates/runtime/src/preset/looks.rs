@@ -49,6 +49,12 @@ impl Look {
         let unit = unit_distance(facts);
         let lit = |points| Self { shading: Some(ShadingSpec::default()), ..Self::plain(points, unit) };
         match facts.kind {
+            // Clear matter is murky where rays run through little of it: amplitudes on the faces tell more.
+            DataKind::Seismic if is_flat(facts) => {
+                let points = ramps::of_slice(facts);
+                let unit = FACE_VOXELS * facts.geometry.smallest_spacing();
+                Self { samples_per_pixel: 4, ..Self::plain(points, unit) }
+            }
             DataKind::Seismic => Self::plain(ramps::seismic(facts), unit),
             DataKind::SeismicAttribute => Self::block(facts, "viridis"),
             DataKind::Ct | DataKind::CtOffset => lit(ramps::ct(facts)),
@@ -118,6 +124,14 @@ impl Look {
         let shading = Some(ShadingSpec::default());
         Self { mode: Mode::Iso, iso, shading, samples_per_pixel: 4, ..Self::plain(grey, unit_distance(facts)) }
     }
+}
+
+/// Whether a volume is a plate: far thinner one way than the others.
+fn is_flat(facts: &VolumeFacts) -> bool {
+    const FLAT: f64 = 0.1;
+    let mut extents = extents(facts);
+    extents.sort_by(f64::total_cmp);
+    extents[0] <= FLAT * extents[1]
 }
 
 /// Whether there is something dark or empty around what the volume shows.

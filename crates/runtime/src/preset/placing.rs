@@ -1,5 +1,5 @@
-//! Where a volume is drawn: as it lies in the world, but for heights that somebody wants larger, and for single lines of voxels,
-//! which nobody would see.
+//! Where a volume is drawn: as it lies in the world, but for heights that somebody wants larger, for single lines of voxels, which
+//! nobody would see, and for surveys whose lines are no length apart that anybody knows.
 
 use supervol_format::Container;
 
@@ -8,8 +8,11 @@ use crate::facts::{Frame, VolumeFacts};
 /// How many times as long as wide a single line of voxels is drawn at most.
 const LINE_LENGTHS: f64 = 10.0;
 
+/// How many times as high as wide a survey is drawn at most whose lines have no unit: the files say nothing of their distance.
+const UNKNOWN_HEIGHT: f64 = 2.0;
+
 /// The container as it is drawn: heights or depths `exaggeration` times as large, a single line of voxels so wide that it can be
-/// seen. `facts` are the container's own.
+/// seen, and a survey with lines of unknown distance no stick. `facts` are the container's own.
 #[must_use]
 pub fn placed(container: Container, facts: &VolumeFacts, exaggeration: f64) -> Container {
     let mut geometry = facts.geometry;
@@ -19,6 +22,13 @@ pub fn placed(container: Container, facts: &VolumeFacts, exaggeration: f64) -> C
             let across = &mut geometry.spacing[(axis + step) % 3];
             *across = across.max(least);
         });
+    }
+    let axes = &container.manifest().axes;
+    let has_unknown_lines = container.manifest().survey.is_some() && axes[0].unit.is_empty() && axes[1].unit.is_empty();
+    if has_unknown_lines && facts.line_axis().is_none() {
+        let extent = |axis: usize| geometry.spacing[axis] * facts.dims.0[axis] as f64;
+        let factor = (extent(2) / UNKNOWN_HEIGHT / extent(0).max(extent(1))).max(1.0);
+        geometry.spacing[..2].iter_mut().for_each(|spacing| *spacing *= factor);
     }
     geometry.spacing[upright_axis(facts)] *= exaggeration;
     container.placed(geometry)

@@ -5,6 +5,7 @@
 //! from the front, head up; surveys with depth downwards; what says nothing of itself with z upwards. A section is seen
 //! face on, as its field prints it.
 
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
@@ -24,6 +25,17 @@ const PATIENT: [f64; 2] = [20.0, 10.0];
 /// What is so many times as deep as it is wide, front to back, is seen from its side: an animal on its belly.
 const LONG: f64 = 1.6;
 const LONG_SIDE: [f64; 2] = [65.0, 15.0];
+
+/// Share of what can be seen that may lie hidden behind something else before another side is looked for, and by which factor less
+/// has to be hidden there.
+const MUCH_HIDDEN: f64 = 0.3;
+const UNCOVERED: f64 = 0.6;
+/// Share of the extent that lies empty between what hides and what is hidden: hollow things hide nothing of interest.
+const WALL_GAP: f64 = 0.1;
+/// Lines of sight along the extent.
+const WALL_CELLS: f64 = 24.0;
+/// About as many boxes are looked at, at most: some milliseconds.
+const WALL_BOXES: usize = 1 << 15;
 
 /// Directions in which a camera that goes around is to see everything.
 const TURNS: u32 = 72;
@@ -81,6 +93,30 @@ impl View {
             (frame, _) if frame.is_patient() => Self::from(facts, Direction::Angles(patient_angles(facts))),
             _ => Self::from(facts, Direction::Angles(THREE_QUARTERS)),
         }
+    }
+
+    /// The default view of what can be seen of a volume. Where nothing says which side is the front, one from which no wall hides the
+    /// rest: the usual direction, unless much lies hidden and a quarter turn or two uncover it.
+    #[must_use]
+    pub fn facing(facts: &VolumeFacts, framed: &Framed) -> Self {
+        let usual = Self::of(facts);
+        if facts.frame != Frame::Unknown || usual.is_face_on {
+            return usual;
+        }
+        let (_, up) = front_and_up(facts);
+        let turned = |quarter: u32| {
+            let turn = DQuat::from_axis_angle(up, TAU / 4.0 * f64::from(quarter));
+            Self { outward: turn * usual.outward, up: turn * usual.up, ..usual }
+        };
+        let size = framed.size();
+        let hidden = |view: &Self| framed.hidden(view, size, WALL_GAP * size);
+        let by_usual = hidden(&usual);
+        if by_usual <= MUCH_HIDDEN {
+            return usual;
+        }
+        let others = (1..4).map(turned).map(|view| (hidden(&view), view));
+        let open = others.min_by(|a, b| a.0.total_cmp(&b.0));
+        open.filter(|(share, _)| *share <= UNCOVERED * by_usual).map_or(usual, |(_, view)| view)
     }
 
     /// The view from a direction.
@@ -214,6 +250,36 @@ impl Framed {
         let middle = facts.geometry.world_from_index().transform_point3(middle);
         let half_edges = [linear.x_axis * half[0], linear.y_axis * half[1], linear.z_axis * half[2]];
         Self { middle, centres, half_edges }
+    }
+
+    /// Extent of the boxes, along the longest side of the box around them.
+    fn size(&self) -> f64 {
+        let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+        let extents = axes.map(|axis| {
+            let [high, low, ..] = self.greatest([axis, -axis, axis, -axis]);
+            high + low
+        });
+        extents.into_iter().fold(0.0, f64::max)
+    }
+
+    /// Share of the boxes that lie behind others and behind a gap of at least `gap`, by parallel rays of `size / WALL_CELLS` across.
+    fn hidden(&self, view: &View, size: f64, gap: f64) -> f64 {
+        let right = view.up.cross(view.outward).normalize();
+        let up = view.outward.cross(right);
+        let cell = |at: f64| (at / size * WALL_CELLS).floor() as i64;
+        let mut lines: BTreeMap<(i64, i64), Vec<f64>> = BTreeMap::new();
+        // An odd step: neither every row nor every other one is passed over.
+        let step = (self.centres.len() / WALL_BOXES) | 1;
+        for centre in self.centres.iter().step_by(step) {
+            lines.entry((cell(centre.dot(right)), cell(centre.dot(up)))).or_default().push(-centre.dot(view.outward));
+        }
+        let behind = |depths: &mut Vec<f64>| {
+            depths.sort_by(f64::total_cmp);
+            let first = depths.windows(2).position(|pair| pair[1] - pair[0] > gap);
+            first.map_or(0, |last| depths.len() - last - 1)
+        };
+        let hidden: usize = lines.values_mut().map(behind).sum();
+        hidden as f64 / self.centres.len().div_ceil(step).max(1) as f64
     }
 
     /// The greatest value that each of these has on all boxes, relative to the middle.

@@ -13,9 +13,12 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use supervol_format::{Dims, Geometry, ValueRange};
 
-use crate::clip::{IndexRay, Segment, clip_ray};
+use crate::clip::{IndexRay, Segment, ToIndex, clip_ray};
 use crate::image::Image;
 use crate::scene::{Mode, ResolvedScene, Shading};
+use crate::slices::filter::{FilteredSlice, TexelGrid};
+use crate::slices::{SlicePlane, crossings, interpolate};
+use crate::transfer_function::TransferFunction;
 
 /// Midpoint samples of an interval.
 const SAMPLES: usize = 16;
@@ -155,6 +158,8 @@ struct Frame<'a> {
     world_from_index_gradient: DMat3,
     gradient_floor: f64,
     capped_pieces: AtomicU64,
+    /// Of each slice: what its filter has made of it, and colours that suit that.
+    filtered: Vec<Option<(FilteredSlice, Option<TransferFunction>)>>,
 }
 
 /// One ray with its pieces: neighbouring entries of `ends` bound a piece.
@@ -171,7 +176,8 @@ impl<'a> Frame<'a> {
         let floor = (GRADIENT_FLOOR * range.width()).max(ROUNDING * largest);
         let gradient_floor = floor / volume.geometry.smallest_spacing();
         let world_from_index_gradient = volume.geometry.world_from_index_gradient();
-        Self { volume, scene, world_from_index_gradient, gradient_floor, capped_pieces: AtomicU64::new(0) }
+        let filtered = scene.slices.iter().map(|slice| filtered(volume, scene, slice)).collect();
+        Self { volume, scene, world_from_index_gradient, gradient_floor, capped_pieces: AtomicU64::new(0), filtered }
     }
 
     fn pixel(&self, x: u32, y: u32) -> [f64; 4] {
@@ -179,14 +185,55 @@ impl<'a> Frame<'a> {
         let index_ray = IndexRay::new(&ray, &self.volume.geometry);
         let dims = Dims(self.volume.dims.map(|n| n as u64));
         let Some(segment) = clip_ray(&ray, &index_ray, dims, &self.scene.clip) else { return [0.0; 4] };
-        let ends = piece_ends(&index_ray, segment);
-        let pieces = Pieces { ray: index_ray, direction: ray.direction, ends };
+        let whole = Pieces { ray: index_ray, direction: ray.direction, ends: piece_ends(&index_ray, segment) };
+        if self.scene.slices.is_empty() {
+            return self.gathered(&whole);
+        }
+        // Slices cut the ray: what lies before each, the slice, and what lies behind the last.
+        let mut picture = (DVec3::ZERO, 1.0);
+        let mut before = segment.t0;
+        for (t, number) in crossings(&self.scene.slices, &ray, segment) {
+            picture = behind(picture, self.between(&whole, before, t));
+            picture = behind(picture, self.slice(number, ray.origin + t * ray.direction, whole.ray.at(t)));
+            before = t;
+        }
+        let (color, transmittance) = behind(picture, self.between(&whole, before, segment.t1));
+        [color.x, color.y, color.z, 1.0 - transmittance]
+    }
+
+    /// Premultiplied colour and transmittance of a part of a ray.
+    fn between(&self, whole: &Pieces, t0: f64, t1: f64) -> (DVec3, f64) {
+        if t0 >= t1 {
+            return (DVec3::ZERO, 1.0);
+        }
+        let inner = whole.ends.iter().copied().filter(|t| (t0..=t1).contains(t));
+        let mut ends: Vec<f64> = [t0].into_iter().chain(inner).chain([t1]).collect();
+        ends.dedup();
+        let [r, g, b, alpha] = self.gathered(&Pieces { ray: whole.ray, direction: whole.direction, ends });
+        (DVec3::new(r, g, b), 1.0 - alpha)
+    }
+
+    /// Premultiplied colour and transmittance of a slice at a world point and index point.
+    fn slice(&self, number: usize, world: DVec3, p: [f64; 3]) -> (DVec3, f64) {
+        let slice = &self.scene.slices[number];
+        let (value, colors) = match &self.filtered[number] {
+            Some((filtered, colors)) => (filtered.value(world, slice.interpolation), colors.as_ref()),
+            None => (interpolate(p, slice.interpolation, |index| self.volume.voxel(index)), None),
+        };
+        let Some(colors) = slice.colors.as_ref().or(colors).filter(|_| !value.is_nan()) else {
+            return (DVec3::ZERO, 1.0);
+        };
+        (slice.opacity * DVec3::from(colors.classify(value).0), 1.0 - slice.opacity)
+    }
+
+    /// What a ray gathers of the volume on these pieces.
+    fn gathered(&self, pieces: &Pieces) -> [f64; 4] {
         match self.scene.mode {
-            Mode::Dvr => self.dvr(&pieces),
-            Mode::Mip => self.classified(self.extreme(&pieces, 1.0)),
-            Mode::Minip => self.classified(self.extreme(&pieces, -1.0)),
-            Mode::Mean => self.classified(self.mean(&pieces)),
-            Mode::Iso => self.iso(&pieces),
+            Mode::Dvr => self.dvr(pieces),
+            Mode::Mip => self.classified(self.extreme(pieces, 1.0)),
+            Mode::Minip => self.classified(self.extreme(pieces, -1.0)),
+            Mode::Mean => self.classified(self.mean(pieces)),
+            Mode::Iso => self.iso(pieces),
             Mode::Slice => [0.0; 4],
         }
     }
@@ -346,6 +393,22 @@ impl<'a> Frame<'a> {
         }
         None
     }
+}
+
+/// What a slice's filter makes of it, and colours that suit that.
+fn filtered(
+    volume: &ReferenceVolume,
+    scene: &ResolvedScene,
+    slice: &SlicePlane,
+) -> Option<(FilteredSlice, Option<TransferFunction>)> {
+    let filter = slice.filter?;
+    let dims = Dims(volume.dims.map(|n| n as u64));
+    let grid = TexelGrid::new(slice, &volume.geometry, dims, &scene.clip, [1; 3]);
+    let to_index = ToIndex::new(&volume.geometry);
+    let value = |p: DVec3| interpolate(to_index.point(p), slice.interpolation, |index| volume.voxel(index)) as f32;
+    let made = FilteredSlice::new(grid, grid.points(0..grid.texels()).map(value).collect(), filter, 0.0);
+    let colors = slice.colors.is_none().then(|| made.colors(filter.kind));
+    Some((made, colors))
 }
 
 /// Adds the places at which a function crosses some levels. Its extremes are searched first: between them it is monotone, so

@@ -9,7 +9,10 @@ const FULL: &str = r#"{
   "transfer_function": {"unit_distance": 2.0, "points": [
     {"value": 0, "color": [0, 0, 0], "alpha": 0}, {"value": 1, "color": [1, 1, 1], "alpha": 0.5}]},
   "shading": {"ambient": 0.2, "lights": [{"direction": [0, 0, 2]}]},
+  "slices": [{"normal": [0, 0, 3], "offset": 3, "opacity": 0.5, "interpolation": "cubic", "filter": {"kind": "median", "size": 2},
+    "colors": [{"value": 0, "color": [0, 0, 0]}, {"value": 1, "color": [1, 1, 1]}]}],
   "clip": {"box": [[0, 0, 0], [5, 5, 5]], "planes": [{"normal": [1, 0, 0], "offset": 2}]},
+  "vertical_exaggeration": 2.5,
   "samples_per_pixel": 4
 }"#;
 
@@ -62,7 +65,8 @@ fn mistakes_are_named_with_their_place() {
     let unknown = message("\"unit_distance\"", "\"distance\"");
     assert!(unknown.contains("`distance`") && unknown.contains("line 5"), "{unknown}");
     assert!(message("\"dvr\"", "\"vdr\"").contains("`vdr`"));
-    assert!(message("\"dvr\"", "\"slice\"").contains("`slice` is not available yet"));
+    assert!(message("\"vertical_exaggeration\": 2.5", "\"vertical_exaggeration\": 0").contains("found 0"));
+    assert!(message("\"cubic\"", "\"quintic\"").contains("`quintic`"));
     assert!(message("\"dvr\"", "\"iso\"").contains("at least one surface"));
     assert!(message("\"fov_y\": 30.0", "\"fov_y\": 180").contains("found 180"));
     assert!(message("\"fov_y\": 30.0", "\"fov_y\": 30, \"height\": 2").contains("found both"));
@@ -204,6 +208,19 @@ fn the_page_on_scenes_has_every_key_and_no_other() {
     for name in preset::NAMES {
         assert!(page.contains(&format!("`{name}`")), "{name} is not on the page");
     }
+}
+
+/// `supervol schema > docs/scene.schema.json`
+#[test]
+fn the_schema_in_the_documents_is_that_of_the_types() {
+    let page: serde_json::Value = serde_json::from_str(include_str!("../../../../docs/scene.schema.json")).unwrap();
+    assert_eq!(page, Scene::schema(), "docs/scene.schema.json is older than the types");
+    // It knows every key that a scene has, and no other; and says what each means.
+    let full: serde_json::Value = serde_json::from_str(FULL).unwrap();
+    let known = page["properties"].as_object().unwrap();
+    assert!(full.as_object().unwrap().keys().all(|key| known.contains_key(key)));
+    assert_eq!(page["additionalProperties"], false);
+    assert!(known.iter().all(|(_, of_key)| of_key["description"].is_string()), "{known:?}");
 }
 
 #[test]

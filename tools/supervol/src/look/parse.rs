@@ -76,6 +76,12 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| format!("'{text}': expected a positive number"))
 }
 
+/// A number from 0 to 1.
+pub fn share(text: &str) -> Result<f64, String> {
+    let number = text.trim().parse().ok().filter(|v: &f64| (0.0..=1.0).contains(v));
+    number.ok_or_else(|| format!("'{text}': expected a number from 0 to 1"))
+}
+
 /// Percent left out at each end.
 pub fn percent(text: &str) -> Result<f64, String> {
     let number = text.trim().trim_end_matches('%').trim().parse().ok().filter(|v: &f64| (0.0..50.0).contains(v));

@@ -23,6 +23,30 @@ impl std::fmt::Display for Place {
     }
 }
 
+/// Where a volume is cut by a slice.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cut {
+    /// Across an axis.
+    Across(Place),
+    /// Along any plane, world.
+    Plane {
+        normal: [f64; 3],
+        /// A point of it; `None`: the volume's middle.
+        through: Option<[f64; 3]>,
+    },
+}
+
+impl std::fmt::Display for Cut {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let list = |numbers: &[f64; 3]| numbers.map(|n| n.to_string()).join(",");
+        match self {
+            Self::Across(place) => place.fmt(f),
+            Self::Plane { normal, through: None } => write!(f, "normal={}", list(normal)),
+            Self::Plane { normal, through: Some(point) } => write!(f, "normal={}@{}", list(normal), list(point)),
+        }
+    }
+}
+
 /// A box: voxels, or ranges of named axes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Crop {
@@ -38,6 +62,22 @@ pub fn place(text: &str) -> Result<Place, String> {
     let (axis, at) =
         parsed.ok_or_else(|| format!("'{text}': expected AXIS=PLACE, such as inline=1200, axial=-40 or k=17"))?;
     Ok(Place { axis: axis.to_lowercase(), at })
+}
+
+/// `AXIS=PLACE`, or `normal=NX,NY,NZ` with `@X,Y,Z` behind it for a point that the plane runs through.
+pub fn slice(text: &str) -> Result<Cut, String> {
+    let Some(rest) = text.trim().strip_prefix("normal=") else { return place(text).map(Cut::Across) };
+    let expected = || format!("'{text}': expected normal=NX,NY,NZ@X,Y,Z, world, the first three not all zero");
+    let triple = |text: &str| -> Option<[f64; 3]> {
+        let numbers: Option<Vec<f64>> = text.split(',').map(finite).collect();
+        numbers?.try_into().ok()
+    };
+    let (normal, through) = match rest.split_once('@') {
+        Some((normal, through)) => (normal, Some(triple(through).ok_or_else(expected)?)),
+        None => (rest, None),
+    };
+    let normal = triple(normal).filter(|normal| *normal != [0.0; 3]).ok_or_else(expected)?;
+    Ok(Cut::Plane { normal, through })
 }
 
 /// `I0:I1,J0:J1,K0:K1`, or `AXIS=FROM:TO,...`.
@@ -203,6 +243,14 @@ mod tests {
     fn places_and_boxes_are_read() {
         assert_eq!(place("Inline = 1200"), Ok(Place { axis: "inline".into(), at: 1200.0 }));
         assert!(place("inline").is_err() && place("k=x").is_err());
+        let plane = Cut::Plane { normal: [1.0, 0.0, -1.5], through: Some([3.0, 4.0, 5.0]) };
+        assert_eq!(slice("normal=1,0,-1.5@3,4,5").as_ref(), Ok(&plane));
+        assert_eq!(plane.to_string(), "normal=1,0,-1.5@3,4,5");
+        assert!(
+            matches!(slice("k=3"), Ok(Cut::Across(_)))
+                && slice("normal=0,0,0").is_err()
+                && slice("normal=1,2").is_err()
+        );
         assert!(matches!(crop("0:2,1:3,4:9"), Ok(Crop::Voxels(_))) && matches!(crop(":,:,4"), Ok(Crop::Voxels(_))));
         assert_eq!(crop("inline=1:2,z=-3:4").map(|c| matches!(c, Crop::Named(r) if r.len() == 2)), Ok(true));
         assert!(crop("inline=2:1").is_err() && crop("0:2").is_err());

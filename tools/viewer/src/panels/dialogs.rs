@@ -337,9 +337,6 @@ pub(crate) fn command_line(
     let mut line = format!("supervol render {} --scene {} -o picture.png", quoted(&path), quoted(&file));
     let default = Settings::default();
     // Writing to a string does not fail.
-    if opened.exaggeration != 1.0 {
-        let _ = write!(line, " --vertical-exaggeration {}", opened.exaggeration);
-    }
     if settings.decorations == Decorations::On {
         line += " --decorate";
     }

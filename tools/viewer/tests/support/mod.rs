@@ -98,7 +98,7 @@ impl Session {
         let folder = tempfile::tempdir().expect("a folder");
         let file = Some(container(folder.path(), name, 64));
         let [cache, kept] = ["cache", "settings"].map(|below| Some(folder.path().join(below)));
-        let folders = Folders { cache, settings: kept };
+        let folders = Folders { cache, settings: kept, ..Folders::default() };
         let settings = Settings { threads: Some(2), ..settings };
         let launch = Launch { file, scene: Scene::default(), settings, folders };
         let harness = Harness::builder()

@@ -139,3 +139,31 @@ fn a_camera_that_goes_around_sees_everything_from_every_side() {
         }
     }
 }
+
+/// A ball behind a wall is looked at from another side; a ball before a wall, and a patient, are not.
+#[test]
+fn a_wall_does_not_hide_the_rest() {
+    let facts = |frame| VolumeFacts { geometry: Geometry::IDENTITY, ..facts(frame, [40; 3], STRAIGHT) };
+    let usual = View::of(&facts(Frame::Unknown));
+    let along = usual.outward - usual.outward.dot(DVec3::Z) * DVec3::Z;
+    let along = along.normalize();
+    let across = along.cross(DVec3::Z);
+    let framed = |side: f64| {
+        let mut centres = Vec::new();
+        for i in -10..=10 {
+            for j in -10..=10 {
+                centres.push(side * 10.0 * along + f64::from(i) * across + f64::from(j) * DVec3::Z);
+                // A ball is thicker than a wall.
+                for k in (-6..=6).filter(|k| i * i + j * j + k * k <= 36) {
+                    centres.push(f64::from(i) * across + f64::from(j) * DVec3::Z + f64::from(k) * along);
+                }
+            }
+        }
+        Framed::boxes(&facts(Frame::Unknown), DVec3::ZERO, centres, [0.5; 3])
+    };
+    let seen = |side: f64, frame: Frame| View::facing(&facts(frame), &framed(side)).outward.dot(along);
+    assert!(seen(1.0, Frame::Unknown) < 0.1, "{}", seen(1.0, Frame::Unknown));
+    assert_eq!(seen(-1.0, Frame::Unknown), usual.outward.dot(along));
+    let patient = Frame::LeftPosteriorSuperior;
+    assert_eq!(seen(1.0, patient), View::of(&facts(patient)).outward.dot(along));
+}

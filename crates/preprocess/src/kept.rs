@@ -1,0 +1,332 @@
+//! Containers that are kept of source files, so that one can be looked at as if it were a container: built into the cache folder
+//! the first time, found there from then on.
+//!
+//! A container is found by what its source is: path, size and time of every file that is read, and how they are read. A source
+//! that has changed in any of these has another container. The folder holds at most so many bytes of containers: those that were
+//! used longest ago are removed first, never the one that is asked for.
+
+use std::env;
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+use supervol_format::Container;
+use supervol_format::container::header::MAGIC;
+use xxhash_rust::xxh3::xxh3_64;
+
+use crate::error::BuildError;
+use crate::output::Existing;
+use crate::pipeline::{BuildOptions, build};
+use crate::provenance::identify_source;
+use crate::report::Progress;
+use crate::source::folder::Listing;
+use crate::source::open::{OpenOptions, open, split_array};
+use crate::source::placed::{PlacedSource, Placing};
+use crate::source::spool::SpoolFolder;
+use crate::source::{SourceError, VolumeSource};
+
+/// Most bytes of containers in a cache folder, unless somebody says otherwise.
+pub const CACHE_LIMIT_BYTES: u64 = 32 << 30;
+/// Below the cache folder: nothing else is ever removed.
+const CONTAINERS: &str = "containers";
+/// Ending of the names of containers.
+const ENDING: &str = "svol";
+/// Ending of the names of lists of the files that a container was built from, where these are more than the one that was asked for.
+const LIST_ENDING: &str = "files";
+
+/// A folder that one of these variables names, with what is to be added; the first that is set.
+#[must_use]
+pub fn first_of(variables: &[(&str, &str)]) -> Option<PathBuf> {
+    let set = |&(variable, below): &(&str, &str)| {
+        env::var_os(variable).filter(|value| !value.is_empty()).map(|value| PathBuf::from(value).join(below))
+    };
+    variables.iter().find_map(set)
+}
+
+/// The system's usual folder for what can be made again; `None` where it does not say where that may be.
+#[must_use]
+pub fn usual_folder() -> Option<PathBuf> {
+    first_of(if cfg!(target_os = "macos") {
+        &[("HOME", "Library/Caches/supervol")]
+    } else if cfg!(windows) {
+        &[("LOCALAPPDATA", "supervol/cache")]
+    } else {
+        &[("XDG_CACHE_HOME", "supervol"), ("HOME", ".cache/supervol")]
+    })
+}
+
+/// Whether a path is to be opened as a container: a file that begins as one, or that is called one. What cannot be read is, too:
+/// whoever opens it says why.
+#[must_use]
+pub fn is_container(path: &Path) -> bool {
+    if path.extension().is_some_and(|ending| ending == ENDING) {
+        return true;
+    }
+    let (file, _) = split_array(path);
+    if file.is_dir() {
+        return false;
+    }
+    let mut start = Vec::new();
+    let read = supervol_format::byte_source::check_is_file(&file)
+        .and_then(|()| File::open(&file)?.take(MAGIC.len() as u64).read_to_end(&mut start));
+    read.is_err() || start == MAGIC
+}
+
+/// How a source is read, where it does not say it itself.
+#[derive(Debug, Clone, Default)]
+pub struct Reading {
+    /// See [`OpenOptions`]; where compressed voxels are decoded to is the cache's matter.
+    pub options: OpenOptions,
+    /// Place and unit that somebody knows better.
+    pub placing: Option<Placing>,
+}
+
+impl Reading {
+    /// Opens a source; compressed voxels are decoded into a file in `folder`.
+    ///
+    /// # Errors
+    /// As [`open`].
+    pub fn open(&self, source: &Path, folder: &Path) -> Result<Box<dyn VolumeSource>, SourceError> {
+        let options = OpenOptions { spool: SpoolFolder::at(folder), ..self.options.clone() };
+        let opened = open(source, &options)?;
+        Ok(match &self.placing {
+            Some(placing) => Box::new(PlacedSource::new(opened, placing)?),
+            None => opened,
+        })
+    }
+
+    /// Whether nothing is said that a source does not say itself.
+    #[must_use]
+    pub fn is_default(&self) -> bool {
+        self.describe() == Self::default().describe()
+    }
+
+    /// What of it decides which voxels there are, and where.
+    fn describe(&self) -> String {
+        let mut options = OpenOptions { spool: SpoolFolder::default(), ..self.options.clone() };
+        options.segy.memory_bytes = 0;
+        format!("{options:?} {:?}", self.placing)
+    }
+}
+
+/// Containers of source files in a folder.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Cache {
+    folder: PathBuf,
+    limit_bytes: u64,
+}
+
+/// What a cache tells while it works.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Told<'a> {
+    /// There is no container yet: this one is built.
+    Building(&'a Path),
+    /// How far that is.
+    Progress(Progress),
+}
+
+impl Cache {
+    /// The containers below a cache folder, the system's usual one where none is given, at most so many bytes of them.
+    ///
+    /// # Errors
+    /// If there is no cache folder.
+    pub fn below(folder: Option<&Path>, limit_bytes: u64) -> Result<Self, BuildError> {
+        let folder = folder.map(Path::to_path_buf).or_else(usual_folder).ok_or_else(|| {
+            BuildError::Options("no cache folder to build into: give one with --cache, or use `supervol build`".into())
+        })?;
+        Ok(Self { folder: folder.join(CONTAINERS), limit_bytes })
+    }
+
+    /// The container of a source as it is now: the one that is there, or a new one.
+    ///
+    /// # Errors
+    /// If the source cannot be read, or the container not be built.
+    pub fn container_of(
+        &self,
+        source: &Path,
+        reading: &Reading,
+        options: &BuildOptions,
+        told: &(dyn Fn(Told<'_>) + Sync),
+    ) -> Result<PathBuf, BuildError> {
+        let made = std::fs::create_dir_all(&self.folder);
+        made.map_err(|e| BuildError::write(&self.folder, e))?;
+        let path = self.path_of(source, reading)?;
+        if !is_kept(&path) {
+            told(Told::Building(&path));
+            let opened = reading.open(source, &self.folder)?;
+            let origin = identify_source(source, &reading.options.selection, opened.as_ref())?;
+            let options = BuildOptions { existing: Existing::Replace, ..options.clone() };
+            build(opened.as_ref(), origin, &path, &options, &|progress| told(Told::Progress(progress)))?;
+            self.list_files(&path, source, opened.as_ref())?;
+        }
+        // The time of its last use: whoever may not set it has a cache in the order of building.
+        let _ = File::open(&path).and_then(|file| file.set_modified(SystemTime::now()));
+        self.prune(&path).map_err(|e| BuildError::write(&self.folder, e))?;
+        Ok(path)
+    }
+
+    /// Where the container of a source as it is now is, or will be.
+    fn path_of(&self, source: &Path, reading: &Reading) -> Result<PathBuf, SourceError> {
+        let (file, array) = split_array(source);
+        let whole = std::fs::canonicalize(&file).map_err(|e| SourceError::io(&file, e))?;
+        let files = if whole.is_dir() {
+            Listing::of(&whole, true, reading.options.outside)?.files
+        } else {
+            vec![whole.clone()]
+        };
+        let mut identity = format!("{}\n{array:?}\n{}\n", env!("CARGO_PKG_VERSION"), reading.describe());
+        for file in &files {
+            identity += &line_of(file).map_err(|e| SourceError::io(file, e))?;
+        }
+        let stem = whole.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+        Ok(self.folder.join(format!("{stem}-{:016x}.{ENDING}", xxh3_64(identity.as_bytes()))))
+    }
+
+    /// Notes which files beside the one that was asked for a container was built from.
+    fn list_files(&self, path: &Path, source: &Path, opened: &dyn VolumeSource) -> Result<(), BuildError> {
+        let (asked, _) = split_array(source);
+        let files = opened.info().files.iter().map(crate::source::file::SourceFile::path);
+        let others: Vec<&Path> = files.filter(|file| !asked.is_dir() && *file != asked).collect();
+        if others.is_empty() {
+            return Ok(());
+        }
+        let lines: io::Result<String> = others.into_iter().map(line_of).collect();
+        lines.and_then(|text| std::fs::write(list_of(path), text)).map_err(|e| BuildError::write(path, e))
+    }
+
+    /// Removes the containers that were used longest ago until all that are left take as many bytes as they may, with `kept` among
+    /// them.
+    fn prune(&self, kept: &Path) -> io::Result<()> {
+        let mut found = Vec::new();
+        for entry in std::fs::read_dir(&self.folder)?.flatten() {
+            // What somebody else has removed meanwhile is gone, too.
+            let (path, Ok(metadata)) = (entry.path(), entry.metadata()) else { continue };
+            if path.extension().is_some_and(|ending| ending == ENDING) {
+                found.push((metadata.modified()?, metadata.len(), path));
+            }
+        }
+        found.sort();
+        let mut bytes: u64 = found.iter().map(|(_, bytes, _)| bytes).sum();
+        for (_, of_this, path) in found.iter().filter(|(.., path)| path != kept) {
+            if bytes <= self.limit_bytes {
+                break;
+            }
+            let _ = (std::fs::remove_file(path), std::fs::remove_file(list_of(path)));
+            bytes -= of_this;
+        }
+        Ok(())
+    }
+}
+
+/// What is wrong with a source that was to be built into a cache, and what to do.
+#[must_use]
+pub fn advice(source: &Path) -> String {
+    format!(
+        "A file that does not say all about itself is built on the command line: supervol build {} -o OUT.svol",
+        source.display()
+    )
+}
+
+fn list_of(container: &Path) -> PathBuf {
+    container.with_extension(LIST_ENDING)
+}
+
+/// Whether a container is whole, and the files that are listed beside it are what they were.
+fn is_kept(path: &Path) -> bool {
+    if Container::open(path).is_err() {
+        return false;
+    }
+    let Ok(listed) = std::fs::read_to_string(list_of(path)) else { return true };
+    listed.split_inclusive('\0').all(|line| {
+        let file = line.rsplit('\t').next().map(|file| PathBuf::from(file.trim_end_matches('\0')));
+        file.and_then(|file| line_of(&file).ok()).is_some_and(|now| now == line)
+    })
+}
+
+/// Size, time and path of a file; no path holds the byte that ends it.
+fn line_of(file: &Path) -> io::Result<String> {
+    let metadata = std::fs::metadata(file)?;
+    let changed = metadata.modified()?.duration_since(SystemTime::UNIX_EPOCH).unwrap_or(Duration::ZERO);
+    let mut line = String::new();
+    let _ = write!(line, "{}\t{}\t{}\0", metadata.len(), changed.as_nanos(), file.display());
+    Ok(line)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// A NRRD file with its voxels beside it.
+    fn source(folder: &Path, name: &str, voxel: u8) -> PathBuf {
+        let (header, data) = (folder.join(format!("{name}.nhdr")), folder.join(format!("{name}.raw")));
+        let text = format!("NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 8 8\nencoding: raw\ndata file: {name}.raw\n");
+        std::fs::write(&header, text).unwrap();
+        let voxels: Vec<u8> = (0..512).map(|i| (i % 7) as u8 + voxel).collect();
+        std::fs::write(data, voxels).unwrap();
+        header
+    }
+
+    fn built(cache: &Cache, source: &Path, reading: &Reading) -> (PathBuf, bool) {
+        let builds = AtomicUsize::new(0);
+        let told = |told: Told<'_>| {
+            if matches!(told, Told::Building(_)) {
+                builds.fetch_add(1, Ordering::Relaxed);
+            }
+        };
+        let path = cache.container_of(source, reading, &BuildOptions::default(), &told).unwrap();
+        (path, builds.into_inner() > 0)
+    }
+
+    #[test]
+    fn a_source_is_built_once_until_it_changes() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = Cache::below(Some(&folder.path().join("cache")), CACHE_LIMIT_BYTES).unwrap();
+        let (file, plain) = (source(folder.path(), "a", 0), Reading::default());
+        let (first, is_new) = built(&cache, &file, &plain);
+        assert!(is_new && is_container(&first) && !is_container(&file));
+        assert_eq!(built(&cache, &file, &plain), (first.clone(), false));
+        // Another file of the same name, read otherwise; and voxels that have changed beside a header that has not.
+        let unit = Placing { spacing: Some([2.0; 3]), ..Placing::default() };
+        let (placed, is_new) = built(&cache, &file, &Reading { placing: Some(unit), ..Reading::default() });
+        assert!(is_new && placed != first);
+        let data = folder.path().join("a.raw");
+        std::fs::write(&data, [9; 512]).unwrap();
+        File::open(&data).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
+        assert_eq!(built(&cache, &file, &plain), (first.clone(), true));
+        let range = Container::open(&first).unwrap().manifest().value_range.unwrap();
+        assert_eq!([range.min, range.max], [9.0; 2]);
+        assert_eq!(built(&cache, &file, &plain), (first, false));
+    }
+
+    #[test]
+    fn what_was_used_longest_ago_goes_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = Cache::below(Some(folder.path()), CACHE_LIMIT_BYTES).unwrap();
+        let paths = ["a", "b", "c"].map(|name| built(&cache, &source(folder.path(), name, 1), &Reading::default()).0);
+        for (age, path) in [(1, &paths[0]), (3, &paths[1]), (2, &paths[2])] {
+            let used = SystemTime::now() - Duration::from_secs(60 * age);
+            File::open(path).unwrap().set_modified(used).unwrap();
+        }
+        let bytes = std::fs::metadata(&paths[0]).unwrap().len();
+        let small = Cache { limit_bytes: 2 * bytes, ..cache.clone() };
+        // Its use makes `a` the newest; `b` is the oldest.
+        assert_eq!(built(&small, &folder.path().join("a.nhdr"), &Reading::default()), (paths[0].clone(), false));
+        assert_eq!(paths.each_ref().map(|path| path.exists()), [true, false, true]);
+        // The one that is asked for stays, however little there may be.
+        let none = Cache { limit_bytes: 0, ..cache };
+        assert_eq!(built(&none, &folder.path().join("c.nhdr"), &Reading::default()).0, paths[2]);
+        assert_eq!(paths.each_ref().map(|path| path.exists()), [false, false, true]);
+        assert!(!list_of(&paths[0]).exists() && list_of(&paths[2]).exists());
+    }
+
+    #[test]
+    fn the_first_variable_that_is_set_names_the_folder() {
+        // PATH is set wherever tests run.
+        let path = PathBuf::from(env::var_os("PATH").unwrap());
+        assert_eq!(first_of(&[("SUPERVOL_NOT_SET", "x"), ("PATH", "below")]), Some(path.join("below")));
+        assert_eq!(first_of(&[("SUPERVOL_NOT_SET", "x")]), None);
+    }
+}

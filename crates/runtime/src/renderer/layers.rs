@@ -1,0 +1,412 @@
+//! A picture with slices: every ray is cut where it meets a slice, and its parts are put together again front to back.
+//!
+//! The slices divide the volume into convex regions. In one region a ray has one part, which is what any picture of the volume clipped
+//! to that region shows: so each region is a [`Drawing`] of its own, by the same packets, from the same bricks, with the same
+//! deadlines (docs/decisions/019-slices-cut-rays.md). Colours of the slices are sampled ray by ray (`sheet`, `sampling`).
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use supervol_format::{Container, Dims, Geometry, Lod};
+
+use super::drawing::Drawing;
+use super::resident::Resident;
+use super::sampling::Sampler;
+use super::sheet::Sheet;
+use crate::camera::{PixelRays, Projection};
+use crate::clip::{ClipPlane, ToIndex, clip_ray};
+use crate::frame::stated::{ErrorStated, complete};
+use crate::frame::{LevelChoice, RenderError, RenderOptions};
+use crate::image::Image;
+use crate::lod::by_error::ANY_ERROR;
+use crate::raycast::cpu::levels::ErrorsByReason;
+use crate::scene::{Mode, ResolvedScene};
+use crate::slices::{SLICE_LIMIT, SlicePlane, crossings};
+use crate::stats::FrameStats;
+use crate::stop::Stop;
+use crate::streamer::budget::CasterBytes;
+use crate::units::{InUnits, edges};
+
+/// Bytes of a ray's colour on a slice, and of a pixel of a region's picture with what a deadline takes.
+const SHEET_BYTES: u64 = size_of::<[f32; 3]>() as u64;
+const PICTURE_BYTES: u64 = 20;
+/// Parts of a ray that are shorter than this share of it are none: two slices in one place.
+const LEAST_PART: f64 = 1e-12;
+
+/// The sides of all slices that a region lies on: bit `i` is set where the normal of slice `i` points to.
+type Sides = u16;
+const _: () = assert!(SLICE_LIMIT <= Sides::BITS as usize);
+
+/// What a ray meets, front to back.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Part {
+    Volume(Sides),
+    /// Which slice, and where on the ray.
+    Slice(usize, f64),
+}
+
+/// Rays, and how slices cut them.
+pub(super) struct Cut {
+    rays: PixelRays,
+    pub(super) to_index: ToIndex,
+    pub(super) dims: Dims,
+    pub(super) scene: ResolvedScene,
+}
+
+/// A region of the volume between slices.
+struct Region {
+    sides: Sides,
+    drawing: Drawing,
+}
+
+/// A picture with slices in the making.
+pub struct Layers {
+    cut: Arc<Cut>,
+    regions: Vec<Region>,
+    /// Colours of each slice, as far as they are known.
+    sheets: Vec<Sheet>,
+    /// Slices whose colours are those that are wanted.
+    sampled: usize,
+    /// Least distance of each slice.
+    nearest: [f64; SLICE_LIMIT],
+    /// Whether slices are drawn from coarser levels, of which nobody knows how far they are off.
+    is_coarse: bool,
+    /// Whether somebody asked how far the picture is off.
+    states_error: bool,
+    stats: FrameStats,
+}
+
+impl Layers {
+    /// Nothing yet.
+    #[must_use]
+    pub fn new(scene: &ResolvedScene, container: &Container) -> Self {
+        let geometry = InUnits::of(container).geometry;
+        let cut = Cut {
+            rays: scene.camera.rays(),
+            to_index: ToIndex::new(&geometry),
+            dims: container.descriptor().dims(),
+            scene: scene.clone(),
+        };
+        let [width, height] = cut.rays_size();
+        let meet = |(mut met, mut nearest): (BTreeSet<Sides>, [f64; SLICE_LIMIT]), y: u32| {
+            for x in 0..width {
+                for part in cut.parts(x, y) {
+                    match part {
+                        Part::Volume(sides) => drop(met.insert(sides)),
+                        Part::Slice(number, t) => nearest[number] = nearest[number].min(t),
+                    }
+                }
+            }
+            (met, nearest)
+        };
+        let none = || (BTreeSet::new(), [f64::INFINITY; SLICE_LIMIT]);
+        let join = |(mut met, nearest): (BTreeSet<Sides>, [f64; SLICE_LIMIT]),
+                    (others, other): (BTreeSet<Sides>, _)| {
+            met.extend(others);
+            let other: [f64; SLICE_LIMIT] = other;
+            (met, std::array::from_fn(|i| nearest[i].min(other[i])))
+        };
+        let (met, nearest) = (0..height).into_par_iter().fold(none, meet).reduce(none, join);
+        let region = |sides| Region { sides, drawing: Drawing::new(cut.region(sides)) };
+        let regions = if scene.mode == Mode::Slice { Vec::new() } else { met.into_iter().map(region).collect() };
+        Self {
+            regions,
+            sheets: Vec::new(),
+            sampled: 0,
+            nearest,
+            is_coarse: false,
+            states_error: false,
+            stats: FrameStats::default(),
+            cut: Arc::new(cut),
+        }
+    }
+
+    /// The scene that memory is divided for: one pixel for each ray.
+    #[must_use]
+    pub fn ray_scene(&self) -> ResolvedScene {
+        self.cut.region(0)
+    }
+
+    /// What it holds in host memory, where a picture by this caster holds so much.
+    #[must_use]
+    pub fn bytes(&self, caster: CasterBytes) -> CasterBytes {
+        let regions = self.regions.len() as u64;
+        let sheets = SHEET_BYTES * self.cut.scene.slices.len() as u64;
+        CasterBytes { of_pixel: regions * (PICTURE_BYTES + caster.of_pixel) + sheets, ..caster }
+    }
+
+    /// Whether every pixel is as it is wanted.
+    #[must_use]
+    pub fn is_finished(&self) -> bool {
+        self.sampled == self.cut.scene.slices.len() && self.regions.iter().all(|region| region.drawing.is_finished())
+    }
+
+    /// Makes the picture better until it is finished or that is to stop. With a deadline there is a whole picture afterwards.
+    ///
+    /// # Errors
+    /// If memory does not suffice, there is no progress, or it is cancelled before there is a whole picture.
+    pub fn advance(
+        &mut self,
+        resident: &mut Resident,
+        options: &RenderOptions,
+        stop: &Stop,
+    ) -> Result<(), RenderError> {
+        self.states_error = options.predict_error;
+        // Errors of the parts of a ray add up.
+        let parts = (self.cut.scene.slices.len() + 1) as f64;
+        let max_error = if options.max_error >= ANY_ERROR { options.max_error } else { options.max_error / parts };
+        let options = RenderOptions { max_error, ..options.clone() };
+        if stop.deadline().is_some() {
+            let at_once = stop.instead_at(Some(std::time::Instant::now()));
+            for region in self.regions.iter_mut().filter(|region| region.drawing.picture().is_none()) {
+                region.drawing.advance(resident, &options, &at_once)?;
+            }
+        }
+        self.sample(resident, &options, stop)?;
+        for region in &mut self.regions {
+            if !region.drawing.is_finished() && (!stop.is_due() || region.drawing.picture().is_none()) {
+                region.drawing.advance(resident, &options, stop)?;
+            }
+        }
+        self.gather_stats(resident);
+        Ok(())
+    }
+
+    /// Finds the colours of the slices that are not known yet.
+    fn sample(&mut self, resident: &mut Resident, options: &RenderOptions, stop: &Stop) -> Result<(), RenderError> {
+        let cut = self.cut.clone();
+        while self.sampled < cut.scene.slices.len() {
+            let is_late = stop.is_late();
+            // Where the time is up there is a picture all the same: of all slices from what is there.
+            let number = if is_late { self.sheets.len() } else { self.sampled };
+            if number >= cut.scene.slices.len() {
+                return Ok(());
+            }
+            let lod = self.level(number, resident.container(), options);
+            self.is_coarse |= lod != Lod::FINEST;
+            let scene = ResolvedScene { mode: Mode::Slice, ..cut.region(0) };
+            resident.aim(&scene, &RenderOptions { level: LevelChoice::Fixed(lod), ..options.clone() });
+            let mut sampler = Sampler::new(resident.streamer(), lod, stop.clone())?;
+            if is_late {
+                self.sheets.push(Sheet::of_what_is_there(&cut, number, &mut sampler.of_what_is_there())?);
+                continue;
+            }
+            if self.sheets.len() == number {
+                self.sheets.push(Sheet::default());
+            }
+            if self.sheets[number].advance(&cut, number, &mut sampler)? {
+                self.sampled += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// The level that a slice is drawn from: the finest where an error is asked for; else voxels as large as a pixel.
+    fn level(&self, number: usize, container: &Container, options: &RenderOptions) -> Lod {
+        let pyramid = container.pyramid();
+        match options.level {
+            LevelChoice::Fixed(lod) => return lod.min(pyramid.coarsest()),
+            LevelChoice::Auto if options.max_error < ANY_ERROR => return Lod::FINEST,
+            LevelChoice::Auto => {}
+        }
+        let camera = &self.cut.scene.camera;
+        let pixel = match camera.projection {
+            Projection::Perspective { .. } => camera.pixel_height() * self.nearest[number],
+            Projection::Orthographic { .. } => camera.pixel_height(),
+        };
+        let edges = edges(&InUnits::of(container).geometry);
+        let is_fine = |lod: &Lod| {
+            let scale = pyramid.level_at(*lod).scale;
+            (0..3).all(|a| scale[a] == 1 || scale[a] as f64 * edges[a] <= pixel)
+        };
+        (0..=pyramid.coarsest().0).map(Lod).take_while(is_fine).last().unwrap_or(Lod::FINEST)
+    }
+
+    /// The picture so far; none before something is known of each of its pixels.
+    #[must_use]
+    pub fn picture(&self) -> Option<Image> {
+        let scene = &self.cut.scene;
+        let pictures: Option<Vec<_>> = self.regions.iter().map(|region| region.drawing.picture()).collect();
+        let pictures = pictures
+            .filter(|_| self.sheets.len() == scene.slices.len() && self.sheets.iter().all(|s| !s.colors.is_empty()))?;
+        let [width, height] = self.cut.rays_size();
+        let pixel = |x: u32, y: u32| {
+            let ray = y as usize * width as usize + x as usize;
+            let (mut color, mut transmittance) = (Vec3::ZERO, 1.0);
+            for part in self.cut.parts(x, y) {
+                let (part, alpha) = match part {
+                    Part::Volume(sides) => match self.region(sides) {
+                        Some(region) => {
+                            let [r, g, b, alpha] = pictures[region].pixels[ray];
+                            (Vec3::new(r, g, b), alpha)
+                        }
+                        None => continue,
+                    },
+                    Part::Slice(number, _) => {
+                        let shown = Vec3::from_array(self.sheets[number].colors[ray]);
+                        let opacity = scene.slices[number].opacity as f32;
+                        if shown.is_nan() { continue } else { (opacity * shown, opacity) }
+                    }
+                };
+                color += transmittance * part;
+                transmittance *= 1.0 - alpha;
+            }
+            [color.x, color.y, color.z, 1.0 - transmittance]
+        };
+        let rows = (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| (x, y)));
+        let pixels = rows.map(|(x, y)| pixel(x, y)).collect();
+        Some(Image { width, height, pixels }.downsampled(scene.subgrid))
+    }
+
+    fn region(&self, sides: Sides) -> Option<usize> {
+        self.regions.binary_search_by_key(&sides, |region| region.sides).ok()
+    }
+
+    /// What each pixel of the picture may be off by, grey, 1 being white, where errors are summed up: at most what each part may be
+    /// off by, in colour and in what it lets through.
+    fn known_errors(&self) -> Option<Image> {
+        if !self.states_error {
+            return None;
+        }
+        let maps: Option<Vec<Image>> = self.regions.iter().map(|region| region.drawing.error_map()).collect();
+        let maps = maps?;
+        let [width, height] = self.cut.rays_size();
+        let error = |x: u32, y: u32| {
+            let ray = y as usize * width as usize + x as usize;
+            let of_part = |part: Part| match part {
+                Part::Volume(sides) => self.region(sides).map_or(0.0, |region| 2.0 * maps[region].pixels[ray][0]),
+                Part::Slice(number, _) => {
+                    let is_exact = number < self.sampled && !self.is_coarse;
+                    if is_exact { 0.0 } else { self.cut.scene.slices[number].opacity as f32 }
+                }
+            };
+            let error = self.cut.parts(x, y).into_iter().map(of_part).sum::<f32>().min(1.0);
+            [error, error, error, 1.0]
+        };
+        let rows = (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| (x, y)));
+        let pixels = rows.map(|(x, y)| error(x, y)).collect();
+        Some(Image { width, height, pixels }.downsampled(self.cut.scene.subgrid))
+    }
+
+    /// The same of a picture that is there.
+    #[must_use]
+    pub fn error_map(&self) -> Option<Image> {
+        Some(complete(self.known_errors()?, &self.picture()?))
+    }
+
+    /// The same in numbers.
+    #[must_use]
+    pub fn error_stated(&self) -> Option<ErrorStated> {
+        let unknown = self.stats.pixels_unfinished;
+        Some(ErrorStated::of(&self.known_errors()?, &self.picture()?, ErrorsByReason::default(), unknown))
+    }
+
+    /// What it cost so far, and what is not finished.
+    #[must_use]
+    pub fn stats(&self) -> FrameStats {
+        self.stats.clone()
+    }
+
+    fn gather_stats(&mut self, resident: &Resident) {
+        let of_regions: Vec<FrameStats> = self.regions.iter().map(|region| region.drawing.stats()).collect();
+        let mut stats = FrameStats {
+            backend: "cpu",
+            converged: self.is_finished(),
+            rays: self.cut.rays_size().map(u64::from).iter().product(),
+            ..FrameStats::default()
+        };
+        for region in &of_regions {
+            stats.instructions = stats.instructions.or(region.instructions);
+            stats.coarsest_pixel = stats.coarsest_pixel.max(region.coarsest_pixel);
+            stats.render_ms += region.render_ms;
+            let sums = [
+                (&mut stats.passes, region.passes),
+                (&mut stats.bands, region.bands),
+                (&mut stats.fallbacks, region.fallbacks),
+                (&mut stats.bricks_missing_at_deadline, region.bricks_missing_at_deadline),
+                (&mut stats.rays_terminated_early, region.rays_terminated_early),
+                (&mut stats.samples, region.samples),
+                (&mut stats.cells, region.cells),
+                (&mut stats.cells_refined, region.cells_refined),
+                (&mut stats.cells_exact, region.cells_exact),
+                (&mut stats.macro_cells, region.macro_cells),
+                (&mut stats.macro_cells_skipped, region.macro_cells_skipped),
+            ];
+            for (sum, count) in sums {
+                *sum += count;
+            }
+        }
+        // Rays of a pixel are finished one by one.
+        let per_pixel = u64::from(self.cut.scene.subgrid).pow(2);
+        let unfinished = of_regions.iter().map(|region| region.pixels_unfinished).max().unwrap_or(0);
+        stats.pixels_unfinished = unfinished.div_ceil(per_pixel);
+        if self.sampled < self.cut.scene.slices.len() {
+            stats.pixels_unfinished = self.cut.scene.pixels();
+        }
+        stats.gather_streamer(resident.as_streamer());
+        self.stats = stats;
+    }
+}
+
+impl Cut {
+    /// Rays along x and y.
+    pub(super) fn rays_size(&self) -> [u32; 2] {
+        [self.scene.camera.width, self.scene.camera.height]
+    }
+
+    /// What a ray meets, front to back.
+    fn parts(&self, x: u32, y: u32) -> Vec<Part> {
+        let ray = self.rays.ray(x, y);
+        let Some(segment) = clip_ray(&ray, &self.to_index.ray(&ray), self.dims, &self.scene.clip) else {
+            return Vec::new();
+        };
+        let slices = &self.scene.slices;
+        let least = LEAST_PART * (segment.t1 - segment.t0);
+        let mut parts = Vec::with_capacity(2 * slices.len() + 1);
+        let mut before = segment.t0;
+        let volume = |from: f64, to: f64| {
+            let middle = ray.origin + 0.5 * (from + to) * ray.direction;
+            (to - from > least).then(|| Part::Volume(sides_of(slices, middle)))
+        };
+        for (t, number) in crossings(slices, &ray, segment) {
+            parts.extend(volume(before, t));
+            parts.push(Part::Slice(number, t));
+            before = t;
+        }
+        parts.extend(volume(before, segment.t1));
+        parts
+    }
+
+    /// The volume in one region, a pixel for each ray.
+    fn region(&self, sides: Sides) -> ResolvedScene {
+        let mut scene =
+            ResolvedScene { image_size: self.rays_size(), subgrid: 1, slices: Vec::new(), ..self.scene.clone() };
+        scene.clip.planes.extend(self.scene.slices.iter().enumerate().map(|(i, slice)| {
+            let side = if sides >> i & 1 == 1 { 1.0 } else { -1.0 };
+            ClipPlane { normal: side * slice.normal, offset: side * slice.offset }
+        }));
+        scene
+    }
+
+    /// Where a ray meets a slice.
+    pub(super) fn point_on(&self, number: usize, x: u32, y: u32) -> Option<DVec3> {
+        let at = self.parts(x, y).into_iter().find_map(|part| match part {
+            Part::Slice(of, t) if of == number => Some(t),
+            _ => None,
+        })?;
+        let ray = self.rays.ray(x, y);
+        Some(ray.origin + at * ray.direction)
+    }
+}
+
+/// The sides of the slices that a point lies on.
+fn sides_of(slices: &[SlicePlane], p: DVec3) -> Sides {
+    slices.iter().enumerate().map(|(i, slice)| Sides::from(slice.is_before(p)) << i).sum()
+}
+
+/// Place of a level's voxels in level 0's world: for texels.
+pub(super) fn scale_of(container: &Container, lod: Lod) -> (Geometry, [u64; 3]) {
+    (InUnits::of(container).geometry, container.pyramid().level_at(lod).scale)
+}

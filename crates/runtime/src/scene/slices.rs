@@ -1,0 +1,45 @@
+//! Slices of a scene: checked, and in the units of a picture.
+
+use supervol_format::readable::Number;
+
+use super::{SceneError, check, check_color, check_direction, check_share, plane_in_units};
+use crate::slices::filter::FilterSpec;
+use crate::slices::{ColorSpec, SlicePlane, SliceSpec};
+use crate::transfer_function::{ControlPoint, TransferFunction};
+use crate::units::Units;
+
+impl SliceSpec {
+    /// The same in the units of a picture.
+    pub(super) fn resolve(&self, units: &Units) -> Result<SlicePlane, SceneError> {
+        let (normal, offset) = plane_in_units(self.normal, self.offset, units);
+        let is_of_values = self.filter.is_none_or(|filter| filter.kind.keeps_values());
+        let point = |c: &ColorSpec| {
+            let value = if is_of_values { units.value(c.value) } else { c.value / units.value };
+            ControlPoint { value, color: c.color, alpha: 1.0 }
+        };
+        let points: Vec<ControlPoint> = self.colors.iter().map(point).collect();
+        let colors = (!points.is_empty()).then(|| TransferFunction::new(points, 1.0)).transpose()?;
+        let Self { opacity, interpolation, filter, .. } = *self;
+        Ok(SlicePlane { normal, offset, opacity, interpolation, filter, colors })
+    }
+
+    /// Checks its numbers; `key` is where it stands in the scene.
+    pub(super) fn validate(&self, key: &str) -> Result<(), SceneError> {
+        check_direction(&format!("{key}.normal"), self.normal)?;
+        check(self.offset.is_finite(), &format!("{key}.offset"), || "a finite number".into(), Number(self.offset))?;
+        check_share(&format!("{key}.opacity"), self.opacity)?;
+        for (i, color) in self.colors.iter().enumerate() {
+            let key = format!("{key}.colors[{i}]");
+            check(color.value.is_finite(), &format!("{key}.value"), || "a finite number".into(), Number(color.value))?;
+            check_color(&format!("{key}.color"), color.color)?;
+        }
+        let Some(FilterSpec { kind, size: Some(size) }) = self.filter else { return Ok(()) };
+        let key = format!("{key}.filter.size");
+        match kind.sizes() {
+            Some([least, most]) => {
+                check((least..=most).contains(&size), &key, || format!("{least} to {most} texels"), Number(size))
+            }
+            None => check(false, &key, || "none: this filter has no size".into(), Number(size)),
+        }
+    }
+}

@@ -1,0 +1,212 @@
+//! Slices: planes within the picture, opaque or clear, at their exact depth (docs/decisions/019-slices-cut-rays.md).
+//!
+//! A ray is cut where it crosses a slice: what lies before it, the slice, what lies behind it, composited in this order. A slice shows
+//! the volume's value on the plane, `nearest`, `linear` (as the model interpolates) or `cubic` (Catmull and Rom 1974, along each axis),
+//! or what an image filter makes of the values on the plane ([`filter`]), in colours of its own. Where the value is absent, or clipped
+//! away, there is no slice. In mode `slice` nothing but the slices is drawn; in `mip`, `minip` and `mean`, which know no depth, there
+//! are none.
+
+pub mod filter;
+
+use glam::DVec3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::camera::Ray;
+use crate::clip::Segment;
+use crate::transfer_function::TransferFunction;
+use filter::FilterSpec;
+
+/// Most slices of one scene: each cuts a picture's rays once more.
+pub const SLICE_LIMIT: usize = 8;
+/// Share of a segment's ends within which a slice lies on its end: boxes that are cut where a slice stands show the slice.
+const END_SHARE: f64 = 1e-9;
+
+/// One slice, as written in a scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SliceSpec {
+    /// World vector: the slice is all points p with normal . p = offset.
+    pub normal: [f64; 3],
+    /// World length times the normal's length.
+    pub offset: f64,
+    /// Opacity, in [0, 1].
+    #[serde(default = "opaque")]
+    pub opacity: f64,
+    /// How values between voxels are found.
+    #[serde(default)]
+    pub interpolation: Interpolation,
+    /// What is made of the values on the plane.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub filter: Option<FilterSpec>,
+    /// Colours in ascending order of value; empty: those that slices of the data's kind have, or that suit the filter.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub colors: Vec<ColorSpec>,
+}
+
+fn opaque() -> f64 {
+    1.0
+}
+
+/// A colour of a slice.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ColorSpec {
+    /// Data value, or what the filter makes of it.
+    pub value: f64,
+    /// Colour, each channel in [0, 1].
+    pub color: [f64; 3],
+}
+
+/// How values between voxels are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Interpolation {
+    /// That of the nearest voxel.
+    Nearest,
+    /// Linear along each axis, as volumes are drawn.
+    #[default]
+    Linear,
+    /// Cubic along each axis, through the voxels' values.
+    Cubic,
+}
+
+/// A slice in the units of a picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SlicePlane {
+    /// Not zero; need not be a unit vector.
+    pub normal: DVec3,
+    /// The slice is where `normal . p` is this.
+    pub offset: f64,
+    /// In [0, 1].
+    pub opacity: f64,
+    /// How values between voxels are found.
+    pub interpolation: Interpolation,
+    /// What is made of the values on the plane.
+    pub filter: Option<FilterSpec>,
+    /// Colours over values, in units, opaque; `None`: what suits the filter.
+    pub colors: Option<TransferFunction>,
+}
+
+impl SlicePlane {
+    /// Where a ray meets the slice; `None` where it runs along it.
+    #[must_use]
+    pub fn crossing(&self, ray: &Ray) -> Option<f64> {
+        let rate = self.normal.dot(ray.direction);
+        let t = (self.offset - self.normal.dot(ray.origin)) / rate;
+        (rate != 0.0 && t.is_finite()).then_some(t)
+    }
+
+    /// Whether a point lies where the normal points to.
+    #[must_use]
+    pub fn is_before(&self, p: DVec3) -> bool {
+        self.normal.dot(p) > self.offset
+    }
+}
+
+/// Where slices cut a ray's segment: place and number of each, front to back.
+#[must_use]
+pub fn crossings(slices: &[SlicePlane], ray: &Ray, segment: Segment) -> Vec<(f64, usize)> {
+    let room = END_SHARE * segment.t0.abs().max(segment.t1.abs());
+    let within = |t: &f64| (segment.t0 - room..=segment.t1 + room).contains(t);
+    let at = |(number, slice): (usize, &SlicePlane)| {
+        let t = slice.crossing(ray).filter(within)?;
+        Some((t.clamp(segment.t0, segment.t1), number))
+    };
+    let mut found: Vec<(f64, usize)> = slices.iter().enumerate().filter_map(at).collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    found
+}
+
+/// The value at an index point, from the voxels around it; NaN where one that counts is absent. `voxel` gives that of an index, which
+/// may lie outside the grid by two: it is clamped there.
+#[must_use]
+pub fn interpolate(p: [f64; 3], how: Interpolation, voxel: impl Fn([i64; 3]) -> f64) -> f64 {
+    match how {
+        Interpolation::Nearest => voxel(p.map(|x| (x + 0.5).floor() as i64)),
+        Interpolation::Linear => weighted::<2>(p, 0, |x| [1.0 - x, x], &voxel),
+        Interpolation::Cubic => {
+            let cubic = weighted::<4>(p, -1, catmull_rom, &voxel);
+            // Beside a hole there is no cubic, but there may be a line.
+            if cubic.is_nan() { interpolate(p, Interpolation::Linear, voxel) } else { cubic }
+        }
+    }
+}
+
+/// Sum over `N` voxels along each axis, from `first` relative to the cell on.
+fn weighted<const N: usize>(
+    p: [f64; 3],
+    first: i64,
+    weights: impl Fn(f64) -> [f64; N],
+    voxel: &impl Fn([i64; 3]) -> f64,
+) -> f64 {
+    let cell = p.map(f64::floor);
+    let along: [[f64; N]; 3] = std::array::from_fn(|a| weights(p[a] - cell[a]));
+    let [x, y, z] = cell.map(|c| c as i64 + first);
+    let mut sum = 0.0;
+    for k in 0..N {
+        for j in 0..N {
+            let across = along[1][j] * along[2][k];
+            for (i, weight) in along[0].iter().enumerate() {
+                let weight = weight * across;
+                if weight != 0.0 {
+                    sum += weight * voxel([x + i as i64, y + j as i64, z + k as i64]);
+                }
+            }
+        }
+    }
+    sum
+}
+
+/// Weights of the four points around the part `x` of the way from the second to the third: Catmull and Rom 1974, with tangents
+/// that are half the difference of the neighbours.
+fn catmull_rom(x: f64) -> [f64; 4] {
+    let [x2, x3] = [x * x, x * x * x];
+    [0.5 * (-x3 + 2.0 * x2 - x), 0.5 * (3.0 * x3 - 5.0 * x2 + 2.0), 0.5 * (-3.0 * x3 + 4.0 * x2 + x), 0.5 * (x3 - x2)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_between_voxels_are_those_of_the_field() {
+        let field = |[x, y, z]: [f64; 3]| 2.0 * x - 3.0 * y + 0.5 * z * z + x * y;
+        let voxel = |index: [i64; 3]| field(index.map(|i| i as f64));
+        let p = [3.25, 4.5, 2.75];
+        assert_eq!(interpolate(p, Interpolation::Nearest, voxel), field([3.0, 5.0, 3.0]));
+        // Linear along z only between voxels, exact along x and y; cubic is exact for squares.
+        let on_planes = [3.25, 4.5, 3.0];
+        assert!((interpolate(on_planes, Interpolation::Linear, voxel) - field(on_planes)).abs() < 1e-12);
+        assert!((interpolate(p, Interpolation::Linear, voxel) - field(p)).abs() > 0.01);
+        assert!((interpolate(p, Interpolation::Cubic, voxel) - field(p)).abs() < 1e-12);
+        // Where a hole leaves no cubic, there may be a line.
+        let holed = |index: [i64; 3]| if index[0] >= 5 { f64::NAN } else { voxel(index) };
+        assert_eq!(interpolate(p, Interpolation::Cubic, holed), interpolate(p, Interpolation::Linear, voxel));
+        let beside = [4.25, 4.5, 2.75];
+        assert!(interpolate(beside, Interpolation::Cubic, holed).is_nan());
+    }
+
+    #[test]
+    fn a_ray_is_cut_front_to_back_and_at_the_ends_too() {
+        let plane = |normal: [f64; 3], offset: f64| SlicePlane {
+            normal: normal.into(),
+            offset,
+            opacity: 1.0,
+            interpolation: Interpolation::Linear,
+            filter: None,
+            colors: None,
+        };
+        let slices = [
+            plane([2.0, 0.0, 0.0], 12.0),
+            plane([0.0, 1.0, 0.0], 3.0),
+            plane([-1.0, 0.0, 0.0], -4.0),
+            plane([1.0, 0.0, 0.0], 9.0),
+        ];
+        let ray = Ray { origin: DVec3::ZERO, direction: DVec3::X, t_min: 0.0 };
+        let cut = |t0, t1| crossings(&slices, &ray, Segment { t0, t1 });
+        assert_eq!(cut(1.0, 9.0), [(4.0, 2), (6.0, 0), (9.0, 3)]);
+        assert_eq!(cut(4.0 + 1e-10, 5.0), [(4.0 + 1e-10, 2)]);
+        assert_eq!(cut(4.1, 5.0), []);
+    }
+}

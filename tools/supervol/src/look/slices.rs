@@ -1,0 +1,189 @@
+//! `--slice` and what belongs to it.
+
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use supervol_format::Container;
+use supervol_runtime::facts::VolumeFacts;
+use supervol_runtime::preset::section::{Slice, face_on, plane_across};
+use supervol_runtime::preset::{Look, ramps};
+use supervol_runtime::scene::{Mode, PointSpec, Scene, TransferFunctionSpec};
+use supervol_runtime::slices::filter::{FilterKind, FilterSpec};
+use supervol_runtime::slices::{ColorSpec, Interpolation, SliceSpec};
+use supervol_runtime::transfer_function::ControlPoint;
+
+use super::parse;
+use super::places::{self, Cut};
+use crate::failure::Failure;
+
+/// Which slices, and how.
+#[derive(Debug, Clone, Args)]
+pub struct SliceArguments {
+    /// Show a slice, face on: AXIS=PLACE, with the axes of --crop, or normal=NX,NY,NZ@X,Y,Z for the plane across this direction
+    /// through this point, world (without @X,Y,Z through the middle). Given again, slices lie side by side in one picture
+    #[arg(long = "slice", value_name = "AXIS=PLACE|normal=...", value_parser = places::slice, allow_hyphen_values = true)]
+    pub cuts: Vec<Cut>,
+    /// Where slices are shown: side by side, or within the picture of the volume, which they cut at their depth
+    #[arg(long, value_enum, default_value = "panels", requires = "cuts")]
+    pub slices: Where,
+    /// The mean over this many voxels across the slice
+    #[arg(long, value_name = "VOXELS", value_parser = parse::positive, requires = "cuts")]
+    slab: Option<f64>,
+    /// How values between voxels are found on slices
+    #[arg(long, value_enum, default_value = "linear", requires = "cuts")]
+    interpolation: InterpolationName,
+    /// Opacity of slices within the picture, from 0 to 1
+    #[arg(long, value_name = "SHARE", value_parser = parse::share, requires = "cuts")]
+    slice_opacity: Option<f64>,
+    /// Image filter on slices: gaussian, median, sobel, laplacian or marr-hildreth; behind a colon a size in voxels (1 by default):
+    /// gaussian:2 and marr-hildreth:2 by their standard deviation, median:2 by the radius of its window
+    #[arg(long, value_name = "NAME[:SIZE]", value_parser = filter, requires = "cuts")]
+    filter: Option<FilterSpec>,
+}
+
+/// Where slices are shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Where {
+    /// Each face on, side by side
+    Panels,
+    /// In the picture of the volume
+    Volume,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum InterpolationName {
+    /// The value of the nearest voxel
+    Nearest,
+    /// Linear, as volumes are drawn
+    Linear,
+    /// Cubic (Catmull and Rom)
+    Cubic,
+}
+
+fn filter(text: &str) -> Result<FilterSpec, String> {
+    let (name, size) = match text.split_once(':') {
+        Some((name, size)) => (name, Some(size)),
+        None => (text, None),
+    };
+    let known = FilterKind::NAMES.iter().find(|(known, _)| *known == name);
+    let names = || FilterKind::NAMES.map(|(name, _)| name).join(", ");
+    let &(_, kind) = known.ok_or_else(|| format!("'{text}': expected one of {}", names()))?;
+    let Some(size) = size else { return Ok(FilterSpec { kind, size: None }) };
+    let Some([least, most]) = kind.sizes() else { return Err(format!("'{text}': {name} has no size")) };
+    let number = size.trim().parse().ok().filter(|size| (least..=most).contains(size));
+    let number = number.ok_or_else(|| format!("'{text}': expected a size from {least} to {most} voxels"))?;
+    Ok(FilterSpec { kind, size: Some(number) })
+}
+
+impl SliceArguments {
+    /// Whether each slice is a picture of its own, face on.
+    pub fn are_panels(&self) -> bool {
+        !self.cuts.is_empty() && self.slices == Where::Panels
+    }
+
+    /// The same of one slice.
+    pub fn only(&self, cut: &Cut) -> Self {
+        Self { cuts: vec![cut.clone()], ..self.clone() }
+    }
+
+    /// The scene with nothing but this slice, face on.
+    pub fn panel(
+        &self,
+        scene: &Scene,
+        cut: &Cut,
+        (container, facts): (&Container, &VolumeFacts),
+        (zoom, is_painted): (f64, bool),
+    ) -> Result<Scene, Failure> {
+        let nothing = || Failure::Command(format!("--slice {cut}: outside what --crop and the volume leave"));
+        let is_plain = self.interpolation == InterpolationName::Linear && self.filter.is_none();
+        if self.slice_opacity.is_some() {
+            return Err(Failure::Command("--slice-opacity is of slices within the picture: --slices volume".into()));
+        }
+        if let (Cut::Across(place), true) = (cut, is_plain) {
+            let (axis, at) = place.on_grid(container, facts)?;
+            let colors = if is_painted { ramps::plain_slice(facts) } else { ramps::of_slice(facts) };
+            return Slice { axis, at, slab: self.slab, zoom }.of(scene, facts, &colors).ok_or_else(nothing);
+        }
+        self.refuse_slab()?;
+        let mut slice = self.spec(cut, container, facts)?;
+        if let Some(TransferFunctionSpec::Points(points)) = &scene.transfer_function {
+            slice.colors =
+                points.points.iter().map(|p: &PointSpec| ColorSpec { value: p.value, color: p.color }).collect();
+        }
+        face_on(scene, facts, slice, zoom).ok_or_else(nothing)
+    }
+
+    /// Puts all slices into the picture of the volume.
+    pub fn add_to(&self, scene: &mut Scene, container: &Container, facts: &VolumeFacts) -> Result<(), Failure> {
+        if self.cuts.is_empty() {
+            return Ok(());
+        }
+        self.refuse_slab()?;
+        for cut in &self.cuts {
+            scene.slices.push(self.spec(cut, container, facts)?);
+        }
+        // Projections know no depth: where nobody asked for one, the volume is drawn as a body.
+        let is_projected = !matches!(Look::of(facts).mode, Mode::Dvr | Mode::Iso);
+        if scene.mode.is_none() && scene.iso.is_empty() && is_projected {
+            scene.mode = Some(Mode::Dvr);
+        }
+        Ok(())
+    }
+
+    fn refuse_slab(&self) -> Result<(), Failure> {
+        match self.slab {
+            Some(_) => Err(Failure::Command(
+                "--slab is of slices across an axis, face on, with linear interpolation and without a filter".into(),
+            )),
+            None => Ok(()),
+        }
+    }
+
+    fn spec(&self, cut: &Cut, container: &Container, facts: &VolumeFacts) -> Result<SliceSpec, Failure> {
+        let (normal, offset) = match cut {
+            Cut::Across(place) => {
+                let (axis, at) = place.on_grid(container, facts)?;
+                plane_across(facts, axis, at)
+            }
+            Cut::Plane { normal, through } => {
+                let middle = || {
+                    let index = DVec3::from_array(facts.dims.0.map(|n| 0.5 * (n as f64 - 1.0)));
+                    facts.geometry.world_from_index().transform_point3(index)
+                };
+                let through = through.map_or_else(middle, DVec3::from_array);
+                (*normal, DVec3::from_array(*normal).dot(through))
+            }
+        };
+        let interpolation = match self.interpolation {
+            InterpolationName::Nearest => Interpolation::Nearest,
+            InterpolationName::Linear => Interpolation::Linear,
+            InterpolationName::Cubic => Interpolation::Cubic,
+        };
+        let opacity = self.slice_opacity.unwrap_or(1.0);
+        Ok(SliceSpec { normal, offset, opacity, interpolation, filter: self.filter, colors: Vec::new() })
+    }
+}
+
+/// Moves the colours of a slice to another window, and paints them otherwise, each where it is asked for.
+pub fn repaint(
+    slice: &mut SliceSpec,
+    window: Option<[f64; 2]>,
+    colors: Option<&[(f64, [f64; 3])]>,
+) -> Result<(), Failure> {
+    if window.is_none() && colors.is_none() {
+        return Ok(());
+    }
+    let point = |value, color| ControlPoint { value, color, alpha: 1.0 };
+    let points: Vec<ControlPoint> = match (&slice.colors[..], window) {
+        // What a filter makes of values has another range.
+        ([], None) => {
+            return Err(Failure::Command(
+                "--colormap: give --window, too, for what this --filter makes of values".into(),
+            ));
+        }
+        ([], Some([low, high])) => vec![point(low, [0.0; 3]), point(high, [1.0; 3])],
+        (known, _) => known.iter().map(|c| point(c.value, c.color)).collect(),
+    };
+    let painted = ramps::repainted(&points, window, colors);
+    slice.colors = painted.iter().map(|p| ColorSpec { value: p.value, color: p.color }).collect();
+    Ok(())
+}
