@@ -44,6 +44,10 @@ impl<S: Simd> AlongRay<S> {
     }
 }
 
+/// Share of a cell's tolerance that all but the light may use up, for the light alone to be made certain: parts of the cell
+/// would make the rest certain too.
+const REST_SHARE: f32 = 0.25;
+
 /// Where rays cross cells.
 #[derive(Clone, Copy)]
 pub struct Crossing<S: Simd> {
@@ -102,12 +106,12 @@ impl CellShader<'_> {
         (shows, in_plane): (S::M, S::M),
         per_error: S::F,
     ) -> ([S::F; 3], S::F) {
-        let (half, one) = (S::splat(0.5), S::splat(1.0));
+        let one = S::splat(1.0);
         let lit = self.lighting.at::<S, 3>(&along.gradients, to_eye);
         let (mut color, mut error) = self.lighting.shade::<S>(part, &lit);
         // Where the rest leaves room for it, the light alone may be made certain.
         let of_rest = self.lighting.error_but_light::<S>(part, &lit);
-        let is_turning = S::lt(one, error * per_error) & S::lt(of_rest.at_most * per_error, half) & shows;
+        let is_turning = S::lt(one, error * per_error) & S::lt(of_rest.at_most * per_error, S::splat(REST_SHARE)) & shows;
         if S::bits(is_turning) != 0 {
             let mut cells = TurningCells::new::<S>(part, along, to_eye, &color, of_rest.certain);
             S::apart(SettleLight { lighting: self.lighting, cells: &mut cells, lanes: S::bits(is_turning) });
