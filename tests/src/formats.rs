@@ -31,13 +31,25 @@ const FOLDERS: [&str; 13] = [
     "vtk-legacy",
 ];
 /// Folders that are given as they are.
-const FOLDERS_AS_INPUTS: [&str; 6] = [
+const FOLDERS_AS_INPUTS: [&str; 18] = [
     "dicom/brain_pd_19slices",
     "n5/n5_viewer_multiscale_modern",
     "png-slices/fibsem-medulla-250",
     "tiff/odd/ome-multifile",
     "zarr/ome_zarr_0.4",
     "zarr/ome_zarr_0.5",
+    "zarr/ome_zarr_0.6_scale.zarr",
+    "zarr/v2/1d.contiguous.f4.be",
+    "zarr/v2/2d.chunked.ragged.i2",
+    "zarr/v2/3d.chunked.O",
+    "zarr/v2/3d.chunked.i2",
+    "zarr/v2/3d.chunked.mixed.i2.C",
+    "zarr/v2/3d.chunked.mixed.i2.F",
+    "zarr/v2/3d.contiguous.i2",
+    "zarr/v3/3d.chunked.compressed.sharded.i2",
+    "zarr/v3/3d.chunked.i2",
+    "zarr/v3/3d.chunked.mixed.i2.F",
+    "zarr/v3/3d.contiguous.i2",
 ];
 /// Files that are parts of others, and are opened with them.
 const PARTS: [&str; 3] = ["BallBinary30x30x30.raw", "HeadMRVolume.raw", "BrainProtonDensitySliceBorder20.zraw"];
@@ -95,6 +107,7 @@ fn list(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
 pub fn outcome(data: &Path, path: &Path, work: &Path) -> Outcome {
     let file = path.strip_prefix(data).unwrap_or(path).display().to_string();
     let mut options = OpenOptions::default();
+    options.segy.memory_bytes = MEMORY_BYTES;
     if path.extension().is_some_and(|e| e == "raw") {
         options.raw = Some(RawOptions {
             dims: Dims([128, 96, 114]),

@@ -46,9 +46,7 @@ fn files_are_known_by_their_first_bytes_or_their_names() {
 #[test]
 fn folders_are_known_by_what_they_hold() {
     for (file, bytes, word) in [
-        (".zgroup", &b"{}"[..], "Zarr"),
-        ("zarr.json", b"{}", "Zarr"),
-        ("attributes.json", b"{}", "N5"),
+        ("layout.bin", &b""[..], "seismic store"),
         ("slice_001.TIF", b"", "neither DICOM nor pictures"),
         ("x.png", b"", "neither DICOM nor pictures"),
         ("IM0001", &[&[0; 128][..], b"DICM"].concat(), "transfer syntax"),

@@ -30,8 +30,9 @@ use crate::quantity::{self, Dtype, ErrorBound, Spacing, show_bytes};
 /// What to build, from what, and how.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Volume file: SEG-Y, DICOM, NRRD, NIfTI, MetaImage, TIFF, npy, or raw with --dims and --dtype; or a folder with
-    /// the slices of one volume: a DICOM series, or pictures (PNG, JPEG, TIFF) in natural order
+    /// Volume file: SEG-Y, DICOM, NRRD, NIfTI, MetaImage, VTK, TIFF, npy, npz, or raw with --dims and --dtype; an
+    /// OME-Zarr, Zarr or N5 (FOLDER:/NAME is an array in it); or a folder with the slices of one volume: a DICOM series, or
+    /// pictures (PNG, JPEG, TIFF) in natural order
     input: PathBuf,
     #[command(flatten)]
     output: OutputArguments,
@@ -176,6 +177,9 @@ struct SelectionArguments {
     /// Channel, component, or colour; the first is 0. Without it, the luminance of colours
     #[arg(long, value_name = "C")]
     channel: Option<u64>,
+    /// Level of the input's own pyramid (OME-Zarr, N5); the finest is 0
+    #[arg(long, value_name = "N")]
+    level: Option<u64>,
     /// Number or UID of the DICOM series; all are listed where none is given
     #[arg(long, value_name = "N|UID")]
     series: Option<String>,
@@ -338,8 +342,9 @@ impl SourceArguments {
             }),
         };
         let outside = if self.nrrd.allow_outside { Outside::Allowed } else { Outside::Refused };
-        let SelectionArguments { frame, channel, series } = &self.selection;
-        let selection = Selection { frame: *frame, channel: *channel, series: series.clone(), array: None };
+        let SelectionArguments { frame, channel, level, series } = &self.selection;
+        let (frame, channel, level) = (*frame, *channel, *level);
+        let selection = Selection { frame, channel, level, series: series.clone(), array: None };
         OpenOptions { raw, outside, segy, spool: SpoolFolder::at(folder), selection }
     }
 }

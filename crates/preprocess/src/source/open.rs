@@ -21,6 +21,7 @@ use super::selection::Selection;
 use super::spool::SpoolFolder;
 use super::tiff::TiffSource;
 use super::vtk::VtkSource;
+use super::zarr;
 use super::{SourceError, VolumeSource};
 
 /// Files of a folder that are looked into, to tell what it is.
@@ -69,6 +70,10 @@ pub fn split_array(path: &Path) -> (PathBuf, Option<String>) {
 }
 
 fn open_folder(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
+    if zarr::is_zarr(path) {
+        return Ok(Box::new(zarr::open(path, &options.of_folders())?));
+    }
+    options.selection.level_of(path, 1)?;
     if let Some(refusal) = refusal_of_folder(path) {
         return Err(refusal);
     }
@@ -125,6 +130,7 @@ pub(super) fn head(path: &Path) -> Result<Vec<u8>, SourceError> {
 
 fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
     let OpenOptions { raw, outside, segy, spool, selection } = options;
+    selection.level_of(path, 1)?;
     if let Some(raw) = raw {
         selection.refuse_all(path)?;
         return Ok(Box::new(RawSource::open(path, raw)?));

@@ -36,12 +36,6 @@ const HDF5: Other = Other {
     name: "HDF5 (also NetCDF 4, Imaris, MINC 2, BigDataViewer)",
     way_out: "write one dataset out, for example with Python: `numpy.save(OUT, h5py.File(IN)[DATASET][:])`",
 };
-const ZARR: Other = Other {
-    name: "Zarr or OME-Zarr",
-    way_out: "write one array out, for example with Python: `numpy.save(OUT, zarr.open(IN)[\"0\"][:])`",
-};
-const N5: Other =
-    Other { name: "N5", way_out: "write one dataset out, for example with Fiji (Import, N5; Save As, NRRD)" };
 const NETCDF: Other = Other {
     name: "NetCDF 3 (also MINC 1)",
     way_out: "convert it: `ncks`, or Python: `numpy.save(OUT, xarray.open_dataset(IN)[NAME].values)`; MINC with `mnc2nii`",
@@ -109,11 +103,7 @@ const NAMES: &[(&[&str], &Other)] = &[
 ];
 
 /// Files that make a folder what it is, exactly or by their ends.
-const FOLDERS: &[(&[&str], &Other)] = &[
-    (&[".zarray", ".zgroup", ".zattrs", "zarr.json"], &ZARR),
-    (&["attributes.json"], &N5),
-    (&["layout.bin", "volumedatalayout"], &SEISMIC_STORE),
-];
+const FOLDERS: &[(&[&str], &Other)] = &[(&["layout.bin", "volumedatalayout"], &SEISMIC_STORE)];
 
 fn refused(path: &Path, other: &Other) -> SourceError {
     SourceError::unsupported(path, format!("this is {}, which is not read", other.name), other.way_out)
