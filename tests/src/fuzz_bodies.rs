@@ -188,6 +188,11 @@ pub fn vtk(data: &[u8]) {
     });
 }
 
+/// An HDF5 file with one dataset.
+pub fn hdf5(data: &[u8]) {
+    in_a_file("fuzz.h5", &whole_file(data, &hdf5_seed()), read_some_of_any);
+}
+
 /// An array of Zarr 2 in one chunk compressed by Blosc.
 pub fn zarr(data: &[u8]) {
     in_a_folder(&whole_file(data, &zarr_seed()), ".zarray", "0.0.0");
@@ -234,6 +239,7 @@ pub fn all() -> Vec<(&'static str, Body, Vec<u8>)> {
         ("tiff", tiff, whole(&tiff_seed())),
         ("vti", vti, whole(&vti_seed())),
         ("vtk", vtk, whole(&vtk_seed())),
+        ("hdf5", hdf5, whole(&hdf5_seed())),
         ("zarr", zarr, whole(&zarr_seed())),
         ("zarr3", zarr3, whole(&zarr3_seed())),
         ("n5", n5, whole(&n5_seed())),

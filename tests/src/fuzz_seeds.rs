@@ -265,3 +265,9 @@ pub fn n5_seed() -> Vec<u8> {
     let header = [0, 0, 0, 3, 0, 0, 0, 8, 0, 0, 0, 4, 0, 0, 0, 2];
     [text.as_bytes(), &[0], &header, &blosc_seed()].concat()
 }
+
+/// 8 x 4 x 2 voxels of u16 in two chunks, as h5py writes them.
+#[must_use]
+pub fn hdf5_seed() -> Vec<u8> {
+    include_bytes!("../data/hdf5/seed.h5").to_vec()
+}

@@ -146,3 +146,8 @@ fn zarr3() {
 fn n5() {
     run("n5");
 }
+
+#[test]
+fn hdf5() {
+    run("hdf5");
+}

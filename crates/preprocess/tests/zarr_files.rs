@@ -154,7 +154,7 @@ fn frames_and_channels_of_plain_arrays() {
 
 #[test]
 fn groups_ask_for_a_name() {
-    assert_refused(opened(FILES.path().join("v2").as_path()).map(|_| ()), &["neither DICOM nor pictures"]);
+    assert_refused(opened(FILES.path().join("v2").as_path()).map(|_| ()), &["neither DICOM, pictures nor SEG-Y"]);
     let group = tempfile::tempdir().unwrap();
     std::fs::write(group.path().join(".zgroup"), r#"{"zarr_format": 2}"#).unwrap();
     assert_refused(opened(group.path()).map(|_| ()), &["group of Zarr", "nothing that is read"]);

@@ -18,14 +18,14 @@ use supervol_preprocess::source::nrrd::Outside;
 use supervol_preprocess::source::open::{OpenOptions, open, split_array};
 use supervol_preprocess::source::placed::{PlacedSource, Placing};
 use supervol_preprocess::source::raw::RawOptions;
-use supervol_preprocess::source::segy::SegyOptions;
+use supervol_preprocess::source::segy::{Offsets, SegyOptions};
 use supervol_preprocess::source::selection::Selection;
 use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::{BuildOptions, Existing, MaxError};
 
 use crate::failure::{Failure, with_output};
 use crate::progress::Reporter;
-use crate::quantity::{self, Dtype, ErrorBound, Spacing, show_bytes};
+use crate::quantity::{self, Dtype, ErrorBound, Offset, Spacing, show_bytes};
 
 /// What to build, from what, and how.
 #[derive(Debug, Args)]
@@ -149,9 +149,10 @@ struct RawArguments {
     /// Voxel type, with byte order: u8, i16be, f32le, uint16, float32, ...
     #[arg(long, value_name = "TYPE", value_parser = quantity::dtype, requires = "dims")]
     dtype: Option<Dtype>,
-    /// Bytes before the first voxel
-    #[arg(long, value_name = "BYTES", default_value = "0", value_parser = quantity::bytes)]
-    offset: u64,
+    /// Bytes before the first voxel, 0 where nothing is said. Of SEG-Y that has not been stacked: the offset whose traces
+    /// are read, or `stack` for the mean over all of them
+    #[arg(long, value_name = "BYTES|N|stack", value_parser = quantity::offset, allow_hyphen_values = true)]
+    offset: Option<Offset>,
     /// Value that means "no data"
     #[arg(long, value_name = "V", requires = "dims", allow_hyphen_values = true)]
     nodata: Option<f64>,
@@ -201,6 +202,15 @@ struct SegyArguments {
     /// Byte order, where it cannot be told
     #[arg(long, value_enum)]
     endian: Option<EndianName>,
+    /// Samples of each trace, where the headers say it wrong
+    #[arg(long, value_name = "N")]
+    samples: Option<u32>,
+    /// Sample interval in ms, or in units of depth, where the headers say it wrong
+    #[arg(long, value_name = "DT")]
+    interval: Option<f64>,
+    /// Byte of the trace header where the offset from source to receiver begins; with --offset N or --offset stack
+    #[arg(long, default_value_t = 37)]
+    offset_byte: u16,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -310,7 +320,7 @@ impl SourceArguments {
         folder: &Path,
         memory_bytes: u64,
     ) -> Result<(Box<dyn VolumeSource>, Source), Failure> {
-        let options = self.open_options(folder, memory_bytes);
+        let options = self.open_options(folder, memory_bytes)?;
         let source = open(input, &options).map_err(supervol_preprocess::BuildError::from)?;
         let origin = supervol_preprocess::identify_source(input, &options.selection, source.as_ref())?;
         let Some(placing) = self.place.placing() else { return Ok((source, origin)) };
@@ -318,14 +328,14 @@ impl SourceArguments {
         Ok((Box::new(placed), origin))
     }
 
-    fn open_options(&self, folder: &Path, memory_bytes: u64) -> OpenOptions {
+    fn open_options(&self, folder: &Path, memory_bytes: u64) -> Result<OpenOptions, Failure> {
         use supervol_preprocess::source::Endian;
         let raw = match (self.raw.dims, self.raw.dtype) {
             (Some(dims), Some(dtype)) => Some(RawOptions {
                 dims,
                 voxel_type: dtype.voxel_type,
                 endian: dtype.endian,
-                header_bytes: self.raw.offset,
+                header_bytes: self.raw.offset.as_ref().map_or(Ok(0), Offset::bytes)?,
                 geometry: Geometry::IDENTITY,
                 nodata: self.raw.nodata,
             }),
@@ -335,6 +345,14 @@ impl SourceArguments {
             inline_byte: self.segy.il_byte,
             crossline_byte: self.segy.xl_byte,
             format: self.segy.format,
+            samples: self.segy.samples,
+            interval: self.segy.interval,
+            offset_byte: self.segy.offset_byte,
+            offsets: if raw.is_some() {
+                Offsets::Single
+            } else {
+                self.raw.offset.as_ref().map_or(Offsets::Single, Offset::traces)
+            },
             memory_bytes,
             endian: self.segy.endian.map(|e| match e {
                 EndianName::Big => Endian::Big,
@@ -345,7 +363,7 @@ impl SourceArguments {
         let SelectionArguments { frame, channel, level, series } = &self.selection;
         let (frame, channel, level) = (*frame, *channel, *level);
         let selection = Selection { frame, channel, level, series: series.clone(), array: None };
-        OpenOptions { raw, outside, segy, spool: SpoolFolder::at(folder), selection }
+        Ok(OpenOptions { raw, outside, segy, spool: SpoolFolder::at(folder), selection })
     }
 }
 

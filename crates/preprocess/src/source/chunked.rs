@@ -258,6 +258,26 @@ impl NumberGrid for ChunkGrid {
     }
 }
 
+/// Elements of a small block where they lie in a whole chunk; what is beyond them is never read.
+pub(super) fn widened(data: &[u8], sizes: &[u64], chunk: &[u64], element: usize, bytes: usize) -> Vec<u8> {
+    let mut out = vec![0; bytes];
+    let row = *sizes.last().unwrap_or(&1) as usize * element;
+    let mut place = vec![0u64; sizes.len()];
+    for run in data.chunks_exact(row.max(1)) {
+        let at = place.iter().zip(chunk).fold(0, |at, (n, size)| at * size + n) as usize * element;
+        out[at..at + row].copy_from_slice(run);
+        // The next row: the last axis but one runs fastest.
+        for axis in (0..sizes.len().saturating_sub(1)).rev() {
+            place[axis] += 1;
+            if place[axis] < sizes[axis] {
+                break;
+            }
+            place[axis] = 0;
+        }
+    }
+    out
+}
+
 /// One of the threads that hold a chunk.
 struct Reader<'a>(&'a ChunkGrid);
 

@@ -16,6 +16,7 @@ mod elements;
 pub mod file;
 pub mod folder;
 pub mod grid_file;
+pub mod hdf5;
 pub mod metaimage;
 pub mod nifti;
 pub mod npy;
@@ -81,7 +82,7 @@ pub trait VolumeSource: Send + Sync {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceInfo {
     /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `npz`, `metaimage`, `tiff`, `dicom`, `pictures`, `vtk`,
-    /// `zarr`, `ome-zarr`, `n5` or `synth`.
+    /// `zarr`, `ome-zarr`, `n5`, `hdf5` or `synth`.
     pub format: &'static str,
     /// Voxels along x, y, z.
     pub dims: Dims,

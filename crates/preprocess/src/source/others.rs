@@ -32,10 +32,6 @@ const VTK_MESH: Other = Other {
     name: "a VTK file of meshes or of grids with uneven distances",
     way_out: "resample it to an image first, for example with ParaView (Resample To Image; Save Data, .vti)",
 };
-const HDF5: Other = Other {
-    name: "HDF5 (also NetCDF 4, Imaris, MINC 2, BigDataViewer)",
-    way_out: "write one dataset out, for example with Python: `numpy.save(OUT, h5py.File(IN)[DATASET][:])`",
-};
 const NETCDF: Other = Other {
     name: "NetCDF 3 (also MINC 1)",
     way_out: "convert it: `ncks`, or Python: `numpy.save(OUT, xarray.open_dataset(IN)[NAME].values)`; MINC with `mnc2nii`",
@@ -72,7 +68,6 @@ const STARTS: &[(usize, &[u8], &Other)] = &[
     (0, &supervol_format::container::header::MAGIC, &CONTAINER),
     (0, b"\0\0\0\x0cjP  ", &PICTURE),
     (0, b"\x76\x2f\x31\x01", &PICTURE),
-    (0, b"\x89HDF\r\n\x1a\n", &HDF5),
     (0, b"PK\x03\x04", &ZIP),
     (0, b"CDF\x01", &NETCDF),
     (0, b"CDF\x02", &NETCDF),
@@ -91,7 +86,7 @@ const STARTS: &[(usize, &[u8], &Other)] = &[
 /// What files are called, where their first bytes do not say.
 const NAMES: &[(&[&str], &Other)] = &[
     (&[".bmp", ".jp2", ".exr", ".webp", ".gif"], &PICTURE),
-    (&[".h5", ".hdf5", ".ims", ".nc", ".mnc"], &HDF5),
+    (&[".nc", ".mnc"], &NETCDF),
     (&[".vtp", ".vtu", ".vtr", ".vts"], &VTK_MESH),
     (&[".zip"], &ZIP),
     (&[".mrc", ".map", ".rec", ".ccp4"], &MRC),

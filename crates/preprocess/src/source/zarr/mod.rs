@@ -12,7 +12,8 @@ mod blosc;
 mod codecs;
 mod metadata;
 mod n5;
-mod ome;
+pub(super) mod ome;
+pub(super) mod placement;
 mod store;
 
 use std::collections::VecDeque;
@@ -23,7 +24,7 @@ use supervol_format::ByteSource;
 use supervol_format::Dims;
 use supervol_format::readable::Mib;
 
-use super::chunked::{ChunkGrid, ChunkMemory, ChunkedSource, Chunks, Placement};
+use super::chunked::{ChunkGrid, ChunkMemory, ChunkedSource, Chunks, widened};
 use super::elements::{Channels, Elements, Frames};
 use super::file::SourceFile;
 use super::folder::FolderOptions;
@@ -32,7 +33,8 @@ use super::selection::Selection;
 use super::text::shortened;
 use super::{Axis, Endian, SourceError, SourceInfo};
 use metadata::{Array, Index, Version2, Version3};
-use ome::{ArrayAxis, Attributes, Role};
+use ome::{ArrayAxis, Attributes};
+use placement::place;
 use store::Store;
 
 /// Files that make a folder Zarr or N5.
@@ -234,55 +236,6 @@ fn below_n5(folder: &Path) -> Vec<String> {
     names
 }
 
-/// Which axes are x, y, z, and what is chosen on the others.
-fn place(path: &Path, found: &Found, selection: &Selection, notes: &mut Vec<String>) -> Result<Placement, SourceError> {
-    let shape = &found.array.shape.shape;
-    let of = |role: Role| (0..shape.len()).filter(|i| found.axes[*i].role == role).collect::<Vec<_>>();
-    let (mut space, mut times, mut channels) = (of(Role::Space), of(Role::Time), of(Role::Channel));
-    // Beyond three, the slowest have other meanings, which nobody has named.
-    while space.len() > 3 {
-        let axis = space.iter().position(|i| shape[*i] == 1).unwrap_or(0);
-        let axis = space.remove(axis);
-        if shape[axis] > 1 {
-            if times.is_empty() { times.push(axis) } else { channels.push(axis) }
-        }
-    }
-    if space.is_empty() && !shape.is_empty() {
-        // Times or channels alone: a line of them.
-        space.extend(times.pop().or_else(|| channels.pop()));
-    }
-    if times.len() > 1 || channels.len() > 1 {
-        let what = format!("{} axes: a volume has three, a time and a channel", shape.len());
-        return Err(SourceError::unsupported(path, what, "write the volume that is meant as an array of its own"));
-    }
-    let mut fixed = vec![0; shape.len()];
-    let times_count = times.first().map_or(1, |axis| shape[*axis]);
-    let frame = selection.noted_frame(path, times_count, "time points", notes)?;
-    times.iter().for_each(|axis| fixed[*axis] = frame);
-    let channel_count = channels.first().map_or(1, |axis| shape[*axis]);
-    if channel_count > 1 && selection.channel.is_none() {
-        let last = channel_count - 1;
-        notes.push(format!("{channel_count} channels; the first is used; --channel 0 to {last} takes another"));
-    }
-    let channel = selection.channel_of(path, channel_count)?;
-    channels.iter().for_each(|axis| fixed[*axis] = channel);
-    Ok(Placement { axes: named_xyz(&space, &found.axes), fixed })
-}
-
-/// x, y and z: by the names of the axes where all have one of these, else the fastest first.
-fn named_xyz(space: &[usize], axes: &[ArrayAxis]) -> [Option<usize>; 3] {
-    let called = |name: &str| {
-        let mut found = space.iter().filter(|i| axes[**i].name.eq_ignore_ascii_case(name));
-        (found.next().copied(), found.next())
-    };
-    let named = ["x", "y", "z"].map(called);
-    let is_clear = named.iter().all(|(_, second)| second.is_none());
-    if is_clear && named.iter().flat_map(|(first, _)| first).count() == space.len() {
-        return named.map(|(first, _)| first);
-    }
-    std::array::from_fn(|i| space.len().checked_sub(i + 1).map(|at| space[at]))
-}
-
 fn source(
     store: &Store,
     found: Found,
@@ -290,7 +243,7 @@ fn source(
     mut notes: Vec<String>,
 ) -> Result<ChunkedSource, SourceError> {
     let path = found.folder.clone();
-    let placement = place(&path, &found, options.selection, &mut notes)?;
+    let placement = place(&path, (&found.array.shape.shape, &found.axes), options.selection, &mut notes)?;
     let Found { array, axes, format, .. } = found;
     let dims = Dims(placement.axes.map(|axis| axis.map_or(1, |axis| array.shape.shape[axis])));
     let stored = array.number.stored();
@@ -461,24 +414,4 @@ impl ArrayChunks {
         tables.push_back((path.into(), Arc::clone(&table)));
         Ok(table)
     }
-}
-
-/// Elements of a small block where they lie in a whole chunk; what is beyond them is never read.
-fn widened(data: &[u8], sizes: &[u64], chunk: &[u64], element: usize, bytes: usize) -> Vec<u8> {
-    let mut out = vec![0; bytes];
-    let row = *sizes.last().unwrap_or(&1) as usize * element;
-    let mut place = vec![0u64; sizes.len()];
-    for run in data.chunks_exact(row.max(1)) {
-        let at = place.iter().zip(chunk).fold(0, |at, (n, size)| at * size + n) as usize * element;
-        out[at..at + row].copy_from_slice(run);
-        // The next row: the last axis but one runs fastest.
-        for axis in (0..sizes.len().saturating_sub(1)).rev() {
-            place[axis] += 1;
-            if place[axis] < sizes[axis] {
-                break;
-            }
-            place[axis] = 0;
-        }
-    }
-    out
 }

@@ -7,28 +7,28 @@ use supervol_format::Geometry;
 
 /// What a group or an array says beside its shape.
 #[derive(Debug, Default, Deserialize)]
-pub(super) struct Attributes {
+pub(in super::super) struct Attributes {
     /// Where 0.5 keeps what 0.4 has at the top.
-    pub(super) ome: Option<Box<Self>>,
+    pub(in super::super) ome: Option<Box<Self>>,
     multiscales: Option<Vec<Multiscale>>,
-    pub(super) plate: Option<IgnoredAny>,
-    pub(super) well: Option<IgnoredAny>,
+    pub(in super::super) plate: Option<IgnoredAny>,
+    pub(in super::super) well: Option<IgnoredAny>,
     #[serde(rename = "bioformats2raw.layout")]
-    pub(super) series: Option<IgnoredAny>,
+    pub(in super::super) series: Option<IgnoredAny>,
     /// Names of axes, as xarray writes them.
     #[serde(rename = "_ARRAY_DIMENSIONS")]
-    pub(super) dimensions: Option<Vec<Option<String>>>,
+    pub(in super::super) dimensions: Option<Vec<Option<String>>>,
 }
 
 impl Attributes {
     /// The images, each with its levels.
-    pub(super) fn images(&self) -> &[Multiscale] {
+    pub(in super::super) fn images(&self) -> &[Multiscale] {
         let nested = || self.ome.as_ref().and_then(|ome| ome.multiscales.as_deref());
         self.multiscales.as_deref().or_else(nested).unwrap_or_default()
     }
 
     /// Whether there are several images below, and what they are.
-    pub(super) fn collection(&self) -> Option<&'static str> {
+    pub(in super::super) fn collection(&self) -> Option<&'static str> {
         let ome = self.ome.as_deref();
         let any = |has: fn(&Self) -> bool| has(self) || ome.is_some_and(has);
         match () {
@@ -42,13 +42,13 @@ impl Attributes {
 
 /// An image and its levels.
 #[derive(Debug, Deserialize)]
-pub(super) struct Multiscale {
+pub(in super::super) struct Multiscale {
     #[serde(default)]
     axes: Vec<OmeAxis>,
     /// 0.6.
     #[serde(rename = "coordinateSystems", default)]
     systems: Vec<System>,
-    pub(super) datasets: Vec<Dataset>,
+    pub(in super::super) datasets: Vec<Dataset>,
     #[serde(rename = "coordinateTransformations", default)]
     transforms: Vec<Transform>,
 }
@@ -75,8 +75,8 @@ enum OmeAxis {
 
 /// A level.
 #[derive(Debug, Deserialize)]
-pub(super) struct Dataset {
-    pub(super) path: String,
+pub(in super::super) struct Dataset {
+    pub(in super::super) path: String,
     #[serde(rename = "coordinateTransformations", default)]
     transforms: Vec<Transform>,
 }
@@ -95,7 +95,7 @@ struct Transform {
 
 /// What an axis counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Role {
+pub(in super::super) enum Role {
     Space,
     Time,
     Channel,
@@ -103,18 +103,18 @@ pub(super) enum Role {
 
 /// An axis of an array.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct ArrayAxis {
-    pub(super) name: String,
-    pub(super) role: Role,
-    pub(super) unit: String,
+pub(in super::super) struct ArrayAxis {
+    pub(in super::super) name: String,
+    pub(in super::super) role: Role,
+    pub(in super::super) unit: String,
     /// Distance of neighbours, and place of the first.
-    pub(super) spacing: f64,
-    pub(super) origin: f64,
+    pub(in super::super) spacing: f64,
+    pub(in super::super) origin: f64,
 }
 
 impl ArrayAxis {
     /// An axis of which nothing is known but, maybe, its name.
-    pub(super) fn named(name: &str) -> Self {
+    pub(in super::super) fn named(name: &str) -> Self {
         let role = match name.to_lowercase().as_str() {
             "t" | "time" => Role::Time,
             "c" | "ch" | "channel" | "channels" | "rgb" => Role::Channel,
@@ -126,7 +126,7 @@ impl ArrayAxis {
 
 impl Multiscale {
     /// The axes of a level of so many axes, with what is noticed.
-    pub(super) fn axes(&self, level: &Dataset, rank: usize, notes: &mut Vec<String>) -> Vec<ArrayAxis> {
+    pub(in super::super) fn axes(&self, level: &Dataset, rank: usize, notes: &mut Vec<String>) -> Vec<ArrayAxis> {
         let stated = if self.axes.is_empty() { self.systems.last().map_or(&[][..], |s| &s.axes) } else { &self.axes };
         // Until 0.3 images had these five.
         let usual =
@@ -183,7 +183,7 @@ impl Transform {
 }
 
 /// Units as we write them.
-pub(super) fn unit_of(text: &str) -> String {
+pub(in super::super) fn unit_of(text: &str) -> String {
     match text {
         "angstrom" => "A",
         "picometer" => "pm",
@@ -206,7 +206,7 @@ pub(super) fn unit_of(text: &str) -> String {
 
 /// The place of three axes in the world, each along one of its axes. Spacings are positive; one that is not is refused by whoever
 /// checks the geometry, since nothing else could be meant by it.
-pub(super) fn geometry_of(axes: [Option<&ArrayAxis>; 3]) -> Geometry {
+pub(in super::super) fn geometry_of(axes: [Option<&ArrayAxis>; 3]) -> Geometry {
     let spacing = axes.map(|axis| axis.map_or(1.0, |axis| axis.spacing));
     let origin = axes.map(|axis| axis.map_or(0.0, |axis| axis.origin));
     Geometry { spacing, origin, ..Geometry::IDENTITY }
