@@ -55,7 +55,7 @@ use self::nodata::Absent;
 use self::read::{Neighbours, Reader};
 use self::samples::SampleFormat;
 use self::scan::Scan;
-use self::text_header::TEXT_BYTES;
+pub(crate) use self::text_header::{TEXT_BYTES, encode as encode_text};
 use super::file::SourceFile;
 use super::{AccessOrder, Axis, Endian, SourceError, SourceInfo, Survey, VolumeSource};
 

@@ -47,7 +47,7 @@ const TABLES_KEPT: usize = 8;
 const TABLE_LIMIT: u64 = 1 << 18;
 
 /// Whether a folder is Zarr or N5.
-pub(super) fn is_zarr(folder: &Path) -> bool {
+pub(crate) fn is_zarr(folder: &Path) -> bool {
     ZARR_FILES.iter().chain([&".zattrs", &N5_FILE]).any(|name| folder.join(name).is_file())
 }
 
