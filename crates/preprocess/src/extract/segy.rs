@@ -119,7 +119,7 @@ impl Headers {
         let interval = place.geometry.spacing[2] * per_thousandth;
         let is_plain = interval.fract() == 0.0 && interval <= f64::from(i16::MAX);
         let first = place.geometry.origin[2] * per_thousandth / 1e3;
-        let delay = delay(first).ok_or_else(|| {
+        let delay = delay(first, interval / 1e3).ok_or_else(|| {
             refused(format!(
                 "SEG-Y has no place for a first sample at {first}; choose a box that begins elsewhere, or .nrrd"
             ))
@@ -218,15 +218,18 @@ impl Headers {
     }
 }
 
-/// The first sample as a number and its scalar, exactly.
-fn delay(first: f64) -> Option<(i16, i16)> {
-    let tries = [1i16, -10, -100, -1000, -10000, 10, 100, 1000, 10000];
-    tries.into_iter().find_map(|scalar| {
+/// The first sample as a number and its scalar: the nearest, and within a thousandth of a sample.
+fn delay(first: f64, interval: f64) -> Option<(i16, i16)> {
+    let limit = f64::from(i16::MAX);
+    let candidates = [1i16, -10, -100, -1000, -10000, 10, 100, 1000, 10000].map(|scalar| {
         let factor = f64::from(scalar.abs());
         let number = if scalar < 0 { (first * factor).round() } else { (first / factor).round() };
         let back = if scalar < 0 { number / factor } else { number * factor };
-        (back == first && number.abs() <= f64::from(i16::MAX)).then_some((number as i16, scalar))
-    })
+        (number, scalar, (back - first).abs())
+    });
+    let fitting = candidates.into_iter().filter(|(number, ..)| number.abs() <= limit);
+    let (number, scalar, _) = fitting.min_by(|a, b| a.2.total_cmp(&b.2)).filter(|best| best.2 <= interval / 1000.0)?;
+    Some((number as i16, scalar))
 }
 
 pub(super) fn write(

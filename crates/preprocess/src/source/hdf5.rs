@@ -73,12 +73,12 @@ fn of_hdf5(path: &Path, error: Error) -> SourceError {
                 advice,
             )
         }
-        other => SourceError::invalid(path, "HDF5", "a file that can be read", shortened_twice(&other.to_string())),
+        other => SourceError::invalid(path, "HDF5", "a file that can be read", sentence(&other.to_string())),
     }
 }
 
-/// Errors of the crate are sentences.
-fn shortened_twice(text: &str) -> String {
+/// An error of the crate, which is a sentence, fit for a message.
+fn sentence(text: &str) -> String {
     text.chars().take(160).map(|c| if c.is_control() { '?' } else { c }).collect()
 }
 
