@@ -106,13 +106,16 @@ pub(super) struct ChunkGrid {
     changed: Condvar,
 }
 
+/// A chunk; `None`: nothing but the fill value.
+type Decoded = Option<Arc<Vec<u8>>>;
+
 /// What is in memory.
 #[derive(Debug, Default)]
 struct State {
     readers: u64,
     loading: Vec<[u64; 3]>,
-    /// The one used longest ago first; `None`: nothing but the fill value.
-    kept: VecDeque<([u64; 3], Option<Arc<Vec<u8>>>)>,
+    /// The one used longest ago first.
+    kept: VecDeque<([u64; 3], Decoded)>,
 }
 
 impl ChunkGrid {
@@ -145,7 +148,7 @@ impl ChunkGrid {
     }
 
     /// A chunk, by its number along x, y, z: from memory, or decoded.
-    fn chunk(&self, number: [u64; 3]) -> Result<Option<Arc<Vec<u8>>>, SourceError> {
+    fn chunk(&self, number: [u64; 3]) -> Result<Decoded, SourceError> {
         let mut state = self.state();
         loop {
             if let Some(at) = state.kept.iter().position(|(kept, _)| *kept == number) {

@@ -109,6 +109,9 @@ impl VolumeSource for DicomSource {
     }
 }
 
+/// The first error of the files that were left out, and how many there are.
+type Damaged = Option<(SourceError, u64)>;
+
 /// The files that hold an image, with their headers.
 ///
 /// Of a folder, files that break the format's rules are left out, and counted beside the first of their errors.
@@ -116,7 +119,7 @@ fn members(
     path: &Path,
     options: &FolderOptions<'_>,
     notes: &mut Vec<String>,
-) -> Result<(Vec<Member>, Option<(SourceError, u64)>), SourceError> {
+) -> Result<(Vec<Member>, Damaged), SourceError> {
     let listing = match path.is_dir() {
         true => Listing::of(path, true, options.outside)?,
         false => Listing::one(path),

@@ -290,6 +290,9 @@ fn source(
     Ok(ChunkedSource::new(info, grid, elements))
 }
 
+/// Where each chunk of a shard begins, and how long it is.
+type Table = Arc<Vec<[u64; 2]>>;
+
 /// The chunks of an array.
 #[derive(Debug)]
 struct ArrayChunks {
@@ -299,7 +302,7 @@ struct ArrayChunks {
     /// Of a decoded chunk.
     bytes: usize,
     /// Where the chunks of some shards lie, the last used last.
-    tables: Mutex<VecDeque<(PathBuf, Arc<Vec<[u64; 2]>>)>>,
+    tables: Mutex<VecDeque<(PathBuf, Table)>>,
 }
 
 impl Chunks for ArrayChunks {
@@ -385,7 +388,7 @@ impl ArrayChunks {
         file: &std::fs::File,
         length: u64,
         (count, index): (&[u64], Index),
-    ) -> Result<Arc<Vec<[u64; 2]>>, SourceError> {
+    ) -> Result<Table, SourceError> {
         {
             // Whoever panicked has changed the list whole.
             let tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
