@@ -344,7 +344,8 @@ impl Chunks for DatasetChunks {
 
 impl DatasetChunks {
     fn voxels<V: Voxel + hdf5_reader::H5Type>(&self, selection: &SliceInfo) -> Result<Vec<u8>, Error> {
-        let found = self.dataset.read_slice::<V>(selection)?;
+        // In C order already; as a plain list, since iterating over an array of any number of axes is slow.
+        let (found, _) = self.dataset.read_slice::<V>(selection)?.into_raw_vec_and_offset();
         let mut out = vec![0; found.len() * size_of::<V>()];
         for (voxel, value) in out.chunks_exact_mut(size_of::<V>()).zip(found) {
             value.write_le(voxel);
@@ -353,6 +354,6 @@ impl DatasetChunks {
     }
 
     fn whole<T: hdf5_reader::H5Type>(&self, selection: &SliceInfo, bytes: fn(T) -> [u8; 8]) -> Result<Vec<u8>, Error> {
-        Ok(self.dataset.read_slice::<T>(selection)?.into_iter().flat_map(bytes).collect())
+        Ok(self.dataset.read_slice::<T>(selection)?.into_raw_vec_and_offset().0.into_iter().flat_map(bytes).collect())
     }
 }
