@@ -1,27 +1,29 @@
 #!/usr/bin/env bash
 # Everything that must hold before a change is taken, in one command: formatting, lints, documents, tests (shader
 # validation and GPU tests among them, on a software adapter where there is no other), fuzzing, the demo, the
-# viewer in a real window, a soak.
+# viewer in a real window, a soak, and files held against other programs' readers.
 #
 #   tools/ci.sh            all steps
-#   tools/ci.sh tests      only the steps named: format clippy documents tests audit fuzz demo window soak
+#   tools/ci.sh tests      only the steps named: format clippy documents tests audit fuzz demo window readers soak
 #
 # Works on a fresh Debian 12 with Rust 1.95; installs what is missing by apt. Environment:
 #   FUZZ_SECONDS (8)       seconds per fuzz target
 #   SOAK_MINUTES (3)       minutes of builds and pictures under random faults
 #   CI_KEEP (unset)        keep the logs in this folder
+#   SUPERVOL_DATA (../shared/data)       real files, for `readers`
+#   SUPERVOL_REQUIRE_READERS (unset)     1: it is a failure where these files or the Python readers cannot be had
 # Steps are called by name through `step`.
 # shellcheck disable=SC2329
 set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-readonly ALL_STEPS=(format clippy documents tests audit fuzz demo window soak)
+readonly ALL_STEPS=(format clippy documents tests audit fuzz demo window readers soak)
 readonly MIN_FREE_GB=10
 readonly FUZZ_SECONDS="${FUZZ_SECONDS:-8}"
 readonly FUZZ_SEED=1
 readonly SOAK_MINUTES="${SOAK_MINUTES:-3}"
-readonly FUZZ_TARGETS=(container codec_raw codec_rle codec_zstd codec_wavelet segy nrrd metaimage nifti npy dicom dicom_frames tiff vti vtk)
+readonly FUZZ_TARGETS=(container codec_raw codec_rle codec_zstd codec_wavelet segy nrrd metaimage nifti npy dicom dicom_frames tiff vti vtk zarr zarr3 n5 hdf5)
 
 started=$SECONDS
 work="$(mktemp -d)"
@@ -200,6 +202,33 @@ window() {
     cargo check --quiet --locked -p supervol --no-default-features
 }
 
+# Says what was not compared; a failure only where that is asked for.
+without_readers() {
+    say "SKIPPED: $1: no file was held against an independent reader"
+    [ "${SUPERVOL_REQUIRE_READERS:-0}" != 1 ]
+}
+
+# Every real file, and every format that is written, against SimpleITK, VTK, pydicom, tifffile, zarr, nibabel, segyio and h5py, in a
+# virtual environment of their own. The package index need not be there: decision 020.
+readers() {
+    local data="${SUPERVOL_DATA:-../shared/data}" python="$readers_home/bin/python"
+    if [ ! -d "$data" ]; then
+        without_readers "the data folder $data is not there"
+        return
+    fi
+    if [ ! -e "$readers_home/complete" ] || ! cmp -s tools/readers.txt "$readers_home/complete"; then
+        rm -rf "$readers_home"
+        if ! python3 -m venv "$readers_home" ||
+            ! timeout 300 "$python" -m pip install --quiet --timeout 20 --retries 1 -r tools/readers.txt; then
+            without_readers "the Python readers of tools/readers.txt cannot be installed"
+            return
+        fi
+        cp tools/readers.txt "$readers_home/complete"
+    fi
+    cargo build --quiet --locked -p supervol --bin supervol
+    "$python" tools/readers.py "${CARGO_TARGET_DIR:-target}/debug/supervol" "$data" "$work/readers" docs/formats.md
+}
+
 wanted() {
     local name
     for name in "${steps[@]}"; do
@@ -219,6 +248,7 @@ main() {
     prepare
     host="$(rustc -vV | awk '/^host:/ {print $2}')"
     fuzz_target="${CARGO_TARGET_DIR:-$PWD/target}/fuzz"
+    readers_home="${CARGO_TARGET_DIR:-$PWD/target}/readers"
 
     if wanted format; then
         step "format" cargo fmt --all --check
@@ -238,6 +268,7 @@ main() {
     fi
     if wanted demo; then step "demo" demo; fi
     if wanted window; then step "window" window; fi
+    if wanted readers; then step "readers" readers; fi
     if wanted soak; then step "soak" tools/soak.sh "$SOAK_MINUTES"; fi
 
     say ""

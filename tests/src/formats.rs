@@ -31,13 +31,25 @@ const FOLDERS: [&str; 13] = [
     "vtk-legacy",
 ];
 /// Folders that are given as they are.
-const FOLDERS_AS_INPUTS: [&str; 6] = [
+const FOLDERS_AS_INPUTS: [&str; 18] = [
     "dicom/brain_pd_19slices",
     "n5/n5_viewer_multiscale_modern",
     "png-slices/fibsem-medulla-250",
     "tiff/odd/ome-multifile",
     "zarr/ome_zarr_0.4",
     "zarr/ome_zarr_0.5",
+    "zarr/ome_zarr_0.6_scale.zarr",
+    "zarr/v2/1d.contiguous.f4.be",
+    "zarr/v2/2d.chunked.ragged.i2",
+    "zarr/v2/3d.chunked.O",
+    "zarr/v2/3d.chunked.i2",
+    "zarr/v2/3d.chunked.mixed.i2.C",
+    "zarr/v2/3d.chunked.mixed.i2.F",
+    "zarr/v2/3d.contiguous.i2",
+    "zarr/v3/3d.chunked.compressed.sharded.i2",
+    "zarr/v3/3d.chunked.i2",
+    "zarr/v3/3d.chunked.mixed.i2.F",
+    "zarr/v3/3d.contiguous.i2",
 ];
 /// Files that are parts of others, and are opened with them.
 const PARTS: [&str; 3] = ["BallBinary30x30x30.raw", "HeadMRVolume.raw", "BrainProtonDensitySliceBorder20.zraw"];
@@ -95,6 +107,7 @@ fn list(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
 pub fn outcome(data: &Path, path: &Path, work: &Path) -> Outcome {
     let file = path.strip_prefix(data).unwrap_or(path).display().to_string();
     let mut options = OpenOptions::default();
+    options.segy.memory_bytes = MEMORY_BYTES;
     if path.extension().is_some_and(|e| e == "raw") {
         options.raw = Some(RawOptions {
             dims: Dims([128, 96, 114]),
@@ -142,9 +155,12 @@ fn round_trip(file: &str, source: &dyn VolumeSource, origin: Source, work: &Path
 const SCREEN: &str = "\
 | format | read | written (`extract`, `mesh`) |
 |---|---|---|
-| SEG-Y (`.sgy`, `.segy`) | revisions 0 to 2, post-stack, in place | |
+| SEG-Y (`.sgy`, `.segy`; a folder with one file per line) | revisions 0 to 2, in place; of files that are not stacked one offset (`--offset N`) or the mean (`--offset stack`); `--samples`, `--interval`, `--il-byte`, ... where headers lie | `.sgy`: revision 1 or 2, lines and coordinates of the survey, in centimetres or finer |
 | DICOM (folder, or one file) | one series (`--series N\\|UID`, listed where there are several), sorted by position; many frames in one file; rescale slope and intercept, padding, gantry tilt; uncompressed in place; RLE, JPEG (also lossless), JPEG 2000 | |
 | NIfTI-1, -2 (`.nii`, `.nii.gz`, `.hdr` + `.img`) | all real types, RGB(A); plain in place | `.nii`, `.nii.gz`: the place as sform (single precision; NIfTI-2 where an axis is longer than 32,767) |
+| OME-Zarr 0.1 to 0.5 (and 0.6 as far as it scales and moves), Zarr 2 and 3 | chunk by chunk; any level (`--level N`); gzip, zlib, zstd, Blosc, LZ4, shards, transposition; axes, places, units; `FOLDER:/NAME` for an array or image in it | `.zarr`: OME-Zarr 0.4, one level, zstd: spacings, the first voxel's place, units; no directions |
+| N5 | chunk by chunk; any level; gzip, zstd, Blosc, LZ4; spacings of N5-viewer, COSEM, BigDataViewer | |
+| HDF5 (`.h5`, also BigDataViewer, Imaris, NetCDF 4) | `FILE.h5:/NAME`, or the only dataset; chunk by chunk; deflate, shuffle, szip, LZ4, n-bit, scale-offset; `element_size_um` | |
 | NRRD (`.nrrd`, `.nhdr`) | raw in place, gzip, text; data in files of their own | `.nrrd` |
 | MetaImage (`.mha`, `.mhd`) | raw in place, zlib, text; data in files of their own | `.mha`; patients in left-posterior-superior |
 | VTK image (`.vti`, legacy `.vtk`) | raw in place, base64, text, zlib; points or cells; `FILE.vti:/NAME` for another array than the active one | `.vti` |
@@ -154,10 +170,11 @@ const SCREEN: &str = "\
 | raw | `--dims`, `--dtype`, `--offset`; in place | `.raw` |
 | meshes | | `.ply`, `.stl`, `.obj`: `supervol mesh --iso V` |
 
-What is read in place costs no disk; all else is decoded once into a nameless temporary file beside the output. Where there are
-several volumes (time points, echoes), `--frame T` takes one, where there are several numbers per voxel, `--channel C`; of
-colours the luminance (Rec. 601) is used. 64-bit integers are kept in the smallest type that holds all of them. What was
-chosen, left out or not understood is said when a container is built, and by `supervol info`.
+What is read in place, or chunk by chunk, costs no disk; all else is decoded once into a nameless temporary file beside the output.
+Where there are several volumes (time points, echoes), `--frame T` takes one, where there are several numbers per voxel, `--channel C`;
+of colours the luminance (Rec. 601) is used. 64-bit integers are kept in the smallest type that holds all of them. What was chosen,
+left out or not understood is said when a container is built, and by `supervol info`. `tools/ci.sh readers` holds all of this against
+SimpleITK, VTK, pydicom, tifffile, zarr, nibabel, segyio and h5py.
 
 ";
 

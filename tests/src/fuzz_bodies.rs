@@ -188,6 +188,38 @@ pub fn vtk(data: &[u8]) {
     });
 }
 
+/// An HDF5 file with one dataset.
+pub fn hdf5(data: &[u8]) {
+    in_a_file("fuzz.h5", &whole_file(data, &hdf5_seed()), read_some_of_any);
+}
+
+/// An array of Zarr 2 in one chunk compressed by Blosc.
+pub fn zarr(data: &[u8]) {
+    in_a_folder(&whole_file(data, &zarr_seed()), ".zarray", "0.0.0");
+}
+
+/// An array of Zarr 3 in one shard.
+pub fn zarr3(data: &[u8]) {
+    in_a_folder(&whole_file(data, &zarr3_seed()), "zarr.json", "c/0/0/0");
+}
+
+/// A dataset of N5 in one block.
+pub fn n5(data: &[u8]) {
+    in_a_folder(&whole_file(data, &n5_seed()), "attributes.json", "0/0/0");
+}
+
+/// Metadata up to the first zero, and a chunk behind it.
+fn in_a_folder(bytes: &[u8], metadata: &str, chunk: &str) {
+    let end = bytes.iter().position(|b| *b == 0).unwrap_or(bytes.len());
+    in_a_file(metadata, &bytes[..end], |path, spool| {
+        let folder = path.parent().expect("the file lies in a folder");
+        let chunk = folder.join(chunk);
+        std::fs::create_dir_all(chunk.parent().expect("a chunk lies in a folder")).expect("room for a folder");
+        std::fs::write(chunk, bytes.get(end + 1..).unwrap_or_default()).expect("room for a small file");
+        read_some_of_any(folder, spool);
+    });
+}
+
 /// What a target does with its bytes.
 pub type Body = fn(&[u8]);
 
@@ -207,6 +239,10 @@ pub fn all() -> Vec<(&'static str, Body, Vec<u8>)> {
         ("tiff", tiff, whole(&tiff_seed())),
         ("vti", vti, whole(&vti_seed())),
         ("vtk", vtk, whole(&vtk_seed())),
+        ("hdf5", hdf5, whole(&hdf5_seed())),
+        ("zarr", zarr, whole(&zarr_seed())),
+        ("zarr3", zarr3, whole(&zarr3_seed())),
+        ("n5", n5, whole(&n5_seed())),
     ];
     let shape = BrickShape { voxel_type: VoxelType::ALL[3], extent: [6, 7, 8] };
     let voxels: Vec<u8> = (0..shape.bytes()).map(|i| (i / 13) as u8).collect();

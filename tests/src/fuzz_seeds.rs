@@ -231,3 +231,43 @@ pub fn vtk_seed() -> Vec<u8> {
         ORIGIN 1 -2 1e3\nPOINT_DATA 24\nSCALARS a short 1\nLOOKUP_TABLE default\n";
     [&text[..], &(0..48).collect::<Vec<u8>>(), b"\nFIELD FieldData 1\nb 1 24 unsigned_char\n", &[7; 24]].concat()
 }
+
+/// 8 x 4 x 2 voxels of u16 by Blosc: shuffled, one block, literals and a match of `BloscLZ`.
+fn blosc_seed() -> Vec<u8> {
+    let stream = [&[31][..], &(0..32).collect::<Vec<u8>>(), &[0xe0, 87, 31]].concat();
+    let sizes = [128u32, 128, 16 + 4 + 4 + stream.len() as u32, 20, stream.len() as u32].map(u32::to_le_bytes);
+    [&[2, 1, 0x11, 2], sizes.as_flattened(), &stream].concat()
+}
+
+/// Metadata of an array of Zarr 2, a zero, and its chunk.
+#[must_use]
+pub fn zarr_seed() -> Vec<u8> {
+    let text = r#"{"zarr_format":2,"shape":[2,4,8],"chunks":[2,4,8],"dtype":"<u2","compressor":{"id":"blosc"},"filters":null,
+        "fill_value":0,"order":"C"}"#;
+    [text.as_bytes(), &[0], &blosc_seed()].concat()
+}
+
+/// The same of Zarr 3: two chunks in a shard, of which one is there.
+#[must_use]
+pub fn zarr3_seed() -> Vec<u8> {
+    let text = r#"{"zarr_format":3,"node_type":"array","shape":[4,4,8],"data_type":"uint16","fill_value":"0x0001","chunk_grid":
+        {"name":"regular","configuration":{"chunk_shape":[4,4,8]}},"chunk_key_encoding":{"name":"default"},"codecs":[{"name":
+        "sharding_indexed","configuration":{"chunk_shape":[2,4,8],"codecs":["bytes",{"name":"blosc"}],"index_codecs":["bytes"]}}]}"#;
+    let chunk = blosc_seed();
+    let index = [0, chunk.len() as u64, u64::MAX, u64::MAX].map(u64::to_le_bytes);
+    [text.as_bytes(), &[0], &chunk, index.as_flattened()].concat()
+}
+
+/// The same of N5: a block that is smaller than the others.
+#[must_use]
+pub fn n5_seed() -> Vec<u8> {
+    let text = r#"{"dimensions":[8,4,2],"blockSize":[8,4,4],"dataType":"uint16","compression":{"type":"blosc"}}"#;
+    let header = [0, 0, 0, 3, 0, 0, 0, 8, 0, 0, 0, 4, 0, 0, 0, 2];
+    [text.as_bytes(), &[0], &header, &blosc_seed()].concat()
+}
+
+/// 8 x 4 x 2 voxels of u16 in two chunks, as h5py writes them.
+#[must_use]
+pub fn hdf5_seed() -> Vec<u8> {
+    include_bytes!("../data/hdf5/seed.h5").to_vec()
+}

@@ -131,3 +131,23 @@ fn valid_inputs_are_accepted() {
         supervol_preprocess::source::open::open(&path, &Default::default()).unwrap_or_else(|e| panic!("{e}"));
     }
 }
+
+#[test]
+fn zarr() {
+    run("zarr");
+}
+
+#[test]
+fn zarr3() {
+    run("zarr3");
+}
+
+#[test]
+fn n5() {
+    run("n5");
+}
+
+#[test]
+fn hdf5() {
+    run("hdf5");
+}

@@ -194,6 +194,54 @@ fn series_and_time_points_are_chosen() {
     assert_refused(opened(folder.path()), &["as many at each place", "missing"]);
 }
 
+/// A file that cannot be decoded, or not even read, is no reason to refuse another series of its folder.
+#[test]
+fn damaged_files_and_other_compressions_leave_other_series_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let (slices, voxels) = stack(&Slice::default());
+    write(folder.path(), &slices, &voxels);
+    let other = Slice { series: "1.2.9", number: 9, ..Slice::default() };
+    let jpeg_ls = other.header().fragments(&[vec![0; 10]]).file("1.2.840.10008.1.2.4.80");
+    std::fs::write(folder.path().join("other.dcm"), &jpeg_ls).unwrap();
+    let chosen = |series: &str| choosing(folder.path(), |s| s.series = Some(series.into()));
+    check_boxes(chosen("1.2.3").unwrap().as_ref(), &voxels, 2);
+    assert_refused(chosen("9"), &["JPEG-LS", "gdcmconv"]);
+    // Cut within its header.
+    std::fs::write(folder.path().join("cut.dcm"), &jpeg_ls[..300]).unwrap();
+    let source = chosen("1.2.3").unwrap();
+    check_boxes(source.as_ref(), &voxels, 2);
+    assert!(
+        source.info().notes.iter().any(|n| n.starts_with("1 damaged files are left out")),
+        "{:?}",
+        source.info().notes
+    );
+    // Where there is one series only, it may be of that.
+    std::fs::remove_file(folder.path().join("other.dcm")).unwrap();
+    assert_refused(chosen("1.2.3"), &["cut.dcm"]);
+}
+
+/// Ramps of 24 x 18 pixels of 8, 12 and 16 bits, by GDCM: `tests/data/README.md` says how.
+#[test]
+fn jpeg_frames_are_decoded() {
+    let ramp = |x: u64, y: u64, factor: u64| (x * 7 + y * 5) * factor;
+    for (name, factor, voxel_type) in
+        [("lossless-8", 1, VoxelType::U8), ("lossless-12", 16, VoxelType::U16), ("lossless-16", 250, VoxelType::U16)]
+    {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../tests/data/dicom/{name}.dcm"));
+        let source = opened(&path).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!((source.info().dims.0, source.info().voxel_type), ([24, 18, 1], voxel_type), "{name}");
+        for at in [[0, 0, 0], [23, 0, 0], [5, 17, 0], [23, 17, 0]] {
+            assert_eq!(value_at(source.as_ref(), at), ramp(at[0], at[1], factor) as f64, "{name}, {at:?}");
+        }
+    }
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/dicom/baseline.dcm");
+    let source = opened(&path).unwrap_or_else(|e| panic!("{e}"));
+    for at in [[0, 0, 0], [23, 0, 0], [5, 17, 0], [23, 17, 0]] {
+        let found = value_at(source.as_ref(), at);
+        assert!((found - ramp(at[0], at[1], 1) as f64).abs() <= 3.0, "{at:?}: {found}");
+    }
+}
+
 #[test]
 fn slopes_bits_localisers_and_links() {
     // A slope for each slice: values, as f32.

@@ -141,3 +141,135 @@ fn scaled_values_and_long_axes() {
     let error = extract(&container, &folder.path().join("out.txt"), &extraction(0, None)).unwrap_err();
     assert!(matches!(&error, BuildError::Options(text) if text.contains(".nii.gz")), "{error}");
 }
+
+/// Everything that `extract` writes as OME-Zarr and SEG-Y of a volume: the same voxels, at the same places.
+#[test]
+fn ome_zarr_keeps_spacings_and_the_first_voxels_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let container = built(folder.path(), VoxelType::I16, |_| ());
+    let part = VoxelBox { start: [2, 3, 4], end: [15, 17, 18] };
+    for (lod, voxels) in [(0, None), (0, Some(part)), (1, None)] {
+        let output = folder.path().join("out.ome.zarr");
+        let (whole, voxel_type) = extract(&container, &output, &extraction(lod, voxels)).unwrap();
+        let source = open(&output, &OpenOptions::default()).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!((source.info().dims.full_box().extent(), source.info().voxel_type), (whole.extent(), voxel_type));
+        let mut expected = vec![0; whole.voxels() * 2];
+        LevelReader::new(&container, Lod(lod), 0).read_box(whole, &mut expected).unwrap();
+        assert!(read_all(source.as_ref()).unwrap() == expected, "level {lod}, {voxels:?}");
+        let scale = container.pyramid().level_at(Lod(lod)).scale;
+        let index: [f64; 3] = std::array::from_fn(|a| (whole.start[a] as f64 + 0.5) * scale[a] as f64 - 0.5);
+        let first = OBLIQUE.world_from_index().transform_point3(DVec3::from(index));
+        let found = source.info().geometry;
+        assert!((DVec3::from(found.origin) - first).length() < 1e-12);
+        assert_eq!(found.spacing, std::array::from_fn(|a| OBLIQUE.spacing[a] * scale[a] as f64));
+        assert_eq!(source.info().axes[0].unit, "mm");
+    }
+    // It is not overwritten unasked, and never takes the place of anything else.
+    let output = folder.path().join("out.ome.zarr");
+    let keep = Extraction { existing: Existing::Keep, ..extraction(0, None) };
+    assert!(matches!(extract(&container, &output, &keep), Err(BuildError::Exists { .. })));
+    let other = folder.path().join("other.zarr");
+    std::fs::create_dir(&other).unwrap();
+    std::fs::write(other.join("kept"), "").unwrap();
+    let error = extract(&container, &other, &extraction(0, None)).unwrap_err();
+    assert!(error.to_string().contains("something else than a Zarr"), "{error}");
+    assert!(other.join("kept").is_file());
+    let names: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(names.len(), 3, "nothing is left behind: {names:?}");
+}
+
+/// A chunk is longer than the volume in some directions, and shorter in others.
+#[test]
+fn chunks_of_ome_zarr_are_filled_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let value = |[x, y, z]: [u64; 3]| (x + 3 * y + 5 * z) as f64;
+    let source = Computed::new([130, 65, 3], VoxelType::U16, value);
+    let origin = Source { name: "v".into(), format: "synth".into(), bytes: 0, xxh3_64: String::new() };
+    let path = folder.path().join("v.svol");
+    build(&source, origin, &path, &BuildOptions::default(), &|_| ()).unwrap();
+    let output = folder.path().join("v.zarr");
+    extract(&Container::open(&path).unwrap(), &output, &extraction(0, None)).unwrap();
+    let back = open(&output, &OpenOptions::default()).unwrap();
+    check_boxes(back.as_ref(), &read_all(&source).unwrap(), 1);
+}
+
+#[test]
+fn segy_keeps_lines_coordinates_and_samples() {
+    for name in [
+        "segy/real/volve_migvel_depth_sub3d.sgy",
+        "segy/real/f3_int16_be.sgy",
+        "segy/odd/dead_traces_30x41x4.segy",
+        "segy/odd/small_negative_il_xl.sgy",
+    ] {
+        let Some(input) = data_file(name) else { return };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("v.svol");
+        let source = open(&input, &OpenOptions::default()).unwrap();
+        let origin = Source { name: "v".into(), format: "segy".into(), bytes: 0, xxh3_64: String::new() };
+        build(source.as_ref(), origin, &path, &BuildOptions::default(), &|_| ()).unwrap();
+        let container = Container::open(&path).unwrap();
+        let output = folder.path().join("out.sgy");
+        extract(&container, &output, &extraction(0, None)).unwrap();
+        let back = open(&output, &OpenOptions::default()).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let (before, after) = (source.info(), back.info());
+        assert_eq!((before.dims, before.voxel_type), (after.dims, after.voxel_type), "{name}");
+        assert!(read_all(source.as_ref()).unwrap() == read_all(back.as_ref()).unwrap(), "{name}: other voxels");
+        let (old, new) = (before.survey.as_ref().unwrap(), after.survey.as_ref().unwrap());
+        assert_eq!((old.inline, old.crossline), (new.inline, new.crossline), "{name}");
+        assert_eq!((old.sample_interval, old.first_sample), (new.sample_interval, new.first_sample), "{name}");
+        assert_eq!(before.axes[2], after.axes[2], "{name}");
+        let [a, b] = [before, after].map(|i| i.geometry);
+        assert_eq!((a.direction, a.origin), (b.direction, b.origin), "{name}");
+        assert!((0..3).all(|i| (a.spacing[i] / b.spacing[i] - 1.0).abs() < 1e-4), "{name}: {a:?} {b:?}");
+        for (old, new) in old.corners.iter().flatten().zip(new.corners.iter().flatten()) {
+            assert!((0..2).all(|i| (old[i] - new[i]).abs() < 0.05), "{name}: {old:?} {new:?}");
+        }
+        assert!(new.text_header.contains("INLINE AT BYTES 189-192"), "{}", new.text_header);
+    }
+}
+
+/// Of each voxel type, of a box, of a coarser level: what the headers say follows.
+#[test]
+fn segy_of_boxes_levels_and_types() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("out.sgy");
+    let part = VoxelBox { start: [2, 3, 4], end: [15, 17, 18] };
+    for voxel_type in VoxelType::ALL {
+        let container = built(folder.path(), voxel_type, |info| {
+            info.geometry =
+                Geometry { spacing: [12.5, 25.0, 0.3], origin: [1000.0, 2000.0, 40.0], ..Geometry::IDENTITY };
+            info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: "m".into() });
+        });
+        for (lod, voxels) in [(0, None), (0, Some(part)), (1, None)] {
+            let (whole, _) = extract(&container, &output, &extraction(lod, voxels)).unwrap();
+            let back = open(&output, &OpenOptions::default()).unwrap_or_else(|e| panic!("{voxel_type}: {e}"));
+            let mut expected = vec![0; whole.voxels() * voxel_type.bytes()];
+            LevelReader::new(&container, Lod(lod), 0).read_box(whole, &mut expected).unwrap();
+            assert_eq!((back.info().voxel_type, back.info().dims.full_box().extent()), (voxel_type, whole.extent()));
+            assert!(read_all(back.as_ref()).unwrap() == expected, "{voxel_type}, level {lod}, {voxels:?}");
+            let scale = container.pyramid().level_at(Lod(lod)).scale.map(|s| s as f64);
+            let (geometry, survey) = (back.info().geometry, back.info().survey.clone().unwrap());
+            let spacing = [12.5 * scale[0], 25.0 * scale[1], 0.3 * scale[2]];
+            assert!((0..3).all(|a| (geometry.spacing[a] - spacing[a]).abs() < 1e-9), "{geometry:?}");
+            let first = |a: usize| (whole.start[a] as f64 + 0.5) * scale[a] - 0.5;
+            let corner = [1000.0 + 12.5 * first(0), 2000.0 + 25.0 * first(1)];
+            assert_eq!(survey.corners.unwrap()[0], corner, "{voxel_type}");
+            assert!((survey.first_sample - (40.0 + 0.3 * first(2))).abs() < 1e-9, "{}", survey.first_sample);
+            assert_eq!(survey.crossline.first as u64, 1 + whole.start[0] * scale[0] as u64);
+        }
+    }
+}
+
+/// In as little memory as it says that it needs, and never in less.
+#[test]
+fn zarr_and_segy_in_little_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let container = built(folder.path(), VoxelType::F64, |_| ());
+    for name in ["out.zarr", "out.sgy"] {
+        let output = folder.path().join(name);
+        let little = Extraction { memory_bytes: 1000, ..extraction(0, None) };
+        let error = extract(&container, &output, &little).unwrap_err().to_string();
+        assert!(error.contains("--memory"), "{error}");
+        assert!(!output.exists());
+    }
+}

@@ -17,7 +17,7 @@ fn refused(path: &Path, words: &[&str]) {
 fn files_are_known_by_their_first_bytes_or_their_names() {
     let folder = tempfile::tempdir().unwrap();
     let files: [(&str, Vec<u8>, &str); 8] = [
-        ("c", b"\x89HDF\r\n\x1a\n".to_vec(), "h5py"),
+        ("c", b"CDF\x01".to_vec(), "xarray"),
         ("d", b"PK\x03\x04".to_vec(), "unzip"),
         ("e.vtu", b"<VTKFil".to_vec(), "ParaView"),
         ("f", b"\x1f\x8b\x08".to_vec(), "unpack"),
@@ -46,11 +46,9 @@ fn files_are_known_by_their_first_bytes_or_their_names() {
 #[test]
 fn folders_are_known_by_what_they_hold() {
     for (file, bytes, word) in [
-        (".zgroup", &b"{}"[..], "Zarr"),
-        ("zarr.json", b"{}", "Zarr"),
-        ("attributes.json", b"{}", "N5"),
-        ("slice_001.TIF", b"", "neither DICOM nor pictures"),
-        ("x.png", b"", "neither DICOM nor pictures"),
+        ("layout.bin", &b""[..], "seismic store"),
+        ("slice_001.TIF", b"", "neither DICOM, pictures nor SEG-Y"),
+        ("x.png", b"", "neither DICOM, pictures nor SEG-Y"),
         ("IM0001", &[&[0; 128][..], b"DICM"].concat(), "transfer syntax"),
     ] {
         let folder = tempfile::tempdir().unwrap();

@@ -19,19 +19,20 @@ use supervol_preprocess::source::nrrd::Outside;
 use supervol_preprocess::source::open::{OpenOptions, split_array};
 use supervol_preprocess::source::placed::{Domain, Placing};
 use supervol_preprocess::source::raw::RawOptions;
-use supervol_preprocess::source::segy::SegyOptions;
+use supervol_preprocess::source::segy::{Offsets, SegyOptions};
 use supervol_preprocess::source::selection::Selection;
 use supervol_preprocess::{BuildOptions, Existing, MaxError};
 
 use crate::failure::{Failure, with_output};
 use crate::progress::Reporter;
-use crate::quantity::{self, Dtype, ErrorBound, Spacing, show_bytes};
+use crate::quantity::{self, Dtype, ErrorBound, Offset, Spacing, show_bytes};
 
 /// What to build, from what, and how.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Volume file: SEG-Y, DICOM, NRRD, NIfTI, MetaImage, TIFF, npy, or raw with --dims and --dtype; or a folder with
-    /// the slices of one volume: a DICOM series, or pictures (PNG, JPEG, TIFF) in natural order
+    /// Volume file: SEG-Y, DICOM, NRRD, NIfTI, MetaImage, VTK, TIFF, npy, npz, or raw with --dims and --dtype; an
+    /// OME-Zarr, Zarr or N5 (FOLDER:/NAME is an array in it); or a folder with the slices of one volume: a DICOM series, or
+    /// pictures (PNG, JPEG, TIFF) in natural order
     input: PathBuf,
     #[command(flatten)]
     output: OutputArguments,
@@ -169,9 +170,10 @@ struct RawArguments {
     /// Voxel type, with byte order: u8, i16be, f32le, uint16, float32, ...
     #[arg(long, value_name = "TYPE", value_parser = quantity::dtype, requires = "dims")]
     dtype: Option<Dtype>,
-    /// Bytes before the first voxel
-    #[arg(long, value_name = "BYTES", default_value = "0", value_parser = quantity::bytes)]
-    offset: u64,
+    /// Bytes before the first voxel, 0 where nothing is said. Of SEG-Y that has not been stacked: the offset whose traces
+    /// are read, or `stack` for the mean over all of them
+    #[arg(long, value_name = "BYTES|N|stack", value_parser = quantity::offset, allow_hyphen_values = true)]
+    offset: Option<Offset>,
     /// Value that means "no data"
     #[arg(long, value_name = "V", requires = "dims", allow_hyphen_values = true)]
     nodata: Option<f64>,
@@ -197,6 +199,9 @@ struct SelectionArguments {
     /// Channel, component, or colour; the first is 0. Without it, the luminance of colours
     #[arg(long, value_name = "C")]
     channel: Option<u64>,
+    /// Level of the input's own pyramid (OME-Zarr, N5); the finest is 0
+    #[arg(long, value_name = "N")]
+    level: Option<u64>,
     /// Number or UID of the DICOM series; all are listed where none is given
     #[arg(long, value_name = "N|UID")]
     series: Option<String>,
@@ -218,6 +223,15 @@ struct SegyArguments {
     /// Byte order, where it cannot be told
     #[arg(long, value_enum)]
     endian: Option<EndianName>,
+    /// Samples of each trace, where the headers say it wrong
+    #[arg(long, value_name = "N")]
+    samples: Option<u32>,
+    /// Sample interval in ms, or in units of depth, where the headers say it wrong
+    #[arg(long, value_name = "DT")]
+    interval: Option<f64>,
+    /// Byte of the trace header where the offset from source to receiver begins; with --offset N or --offset stack
+    #[arg(long, default_value_t = 37)]
+    offset_byte: u16,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -327,21 +341,21 @@ impl SourceArguments {
         folder: &Path,
         memory_bytes: u64,
     ) -> Result<(Box<dyn VolumeSource>, Source), Failure> {
-        let reading = self.reading(memory_bytes);
+        let reading = self.reading(memory_bytes)?;
         let source = reading.open(input, folder).map_err(supervol_preprocess::BuildError::from)?;
         let origin = supervol_preprocess::identify_source(input, &reading.options.selection, source.as_ref())?;
         Ok((source, origin))
     }
 
     /// How a volume file is read, within so many bytes.
-    pub fn reading(&self, memory_bytes: u64) -> Reading {
+    pub fn reading(&self, memory_bytes: u64) -> Result<Reading, Failure> {
         use supervol_preprocess::source::Endian;
         let raw = match (self.raw.dims, self.raw.dtype) {
             (Some(dims), Some(dtype)) => Some(RawOptions {
                 dims,
                 voxel_type: dtype.voxel_type,
                 endian: dtype.endian,
-                header_bytes: self.raw.offset,
+                header_bytes: self.raw.offset.as_ref().map_or(Ok(0), Offset::bytes)?,
                 geometry: Geometry::IDENTITY,
                 nodata: self.raw.nodata,
             }),
@@ -351,6 +365,14 @@ impl SourceArguments {
             inline_byte: self.segy.il_byte,
             crossline_byte: self.segy.xl_byte,
             format: self.segy.format,
+            samples: self.segy.samples,
+            interval: self.segy.interval,
+            offset_byte: self.segy.offset_byte,
+            offsets: if raw.is_some() {
+                Offsets::Single
+            } else {
+                self.raw.offset.as_ref().map_or(Offsets::Single, Offset::traces)
+            },
             memory_bytes,
             endian: self.segy.endian.map(|e| match e {
                 EndianName::Big => Endian::Big,
@@ -358,10 +380,11 @@ impl SourceArguments {
             }),
         };
         let outside = if self.nrrd.allow_outside { Outside::Allowed } else { Outside::Refused };
-        let SelectionArguments { frame, channel, series } = &self.selection;
-        let selection = Selection { frame: *frame, channel: *channel, series: series.clone(), array: None };
+        let SelectionArguments { frame, channel, level, series } = &self.selection;
+        let (frame, channel, level) = (*frame, *channel, *level);
+        let selection = Selection { frame, channel, level, series: series.clone(), array: None };
         let options = OpenOptions { raw, outside, segy, selection, ..OpenOptions::default() };
-        Reading { options, placing: self.place.placing() }
+        Ok(Reading { options, placing: self.place.placing() })
     }
 }
 

@@ -19,8 +19,9 @@ pub struct Arguments {
     container: PathBuf,
     #[command(flatten)]
     region: Region,
-    /// File to write: .npy (C order, [z, y, x]), .raw (little endian), .nrrd, .nii, .nii.gz, .mha, .vti, or .tif (which
-    /// keeps spacings, but neither origin nor directions)
+    /// File to write: .npy (C order, [z, y, x]), .raw (little endian), .nrrd, .nii, .nii.gz, .mha, .vti, .tif (which keeps
+    /// spacings, but neither origin nor directions), .zarr (an OME-Zarr folder; no directions), or .sgy (SEG-Y: traces along z,
+    /// lines and coordinates of the survey)
     #[arg(short, long)]
     output: PathBuf,
     /// Most memory to use

@@ -6,12 +6,53 @@ use std::str::FromStr;
 use supervol_format::{Dims, VoxelBox, VoxelType};
 use supervol_preprocess::source::Endian;
 use supervol_preprocess::source::placed::TIMES;
+use supervol_preprocess::source::segy::Offsets;
 use supervol_runtime::image::GREY_LEVELS;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::raycast::cpu::MAX_ERROR_LIMITS;
 
+use crate::failure::Failure;
+
 /// 8 EiB, more than any memory or file.
 const MOST_BYTES: f64 = (1u64 << 63) as f64;
+
+/// What `--offset` says: bytes of a headerless file, or traces of a SEG-Y file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Offset {
+    /// The mean over all.
+    Stack,
+    /// As it was written.
+    Given(String),
+}
+
+/// An offset: `512`, `4KiB`, `-120`, `stack`.
+pub fn offset(text: &str) -> Result<Offset, String> {
+    if text == "stack" {
+        return Ok(Offset::Stack);
+    }
+    if text.parse::<i32>().is_err() {
+        bytes(text).map_err(|e| format!("{e}; or a whole number, or `stack`"))?;
+    }
+    Ok(Offset::Given(text.into()))
+}
+
+impl Offset {
+    /// Bytes before the voxels.
+    pub fn bytes(&self) -> Result<u64, Failure> {
+        match self {
+            Self::Stack => Err(Failure::command("--offset stack: expected bytes, since the file is raw (--dims)")),
+            Self::Given(text) => bytes(text).map_err(|e| Failure::command(format!("--offset: {e}"))),
+        }
+    }
+
+    /// Traces of a file that has not been stacked; bytes with a unit are not meant for it.
+    pub fn traces(&self) -> Offsets {
+        match self {
+            Self::Stack => Offsets::Stack,
+            Self::Given(text) => text.parse().map_or(Offsets::Single, Offsets::One),
+        }
+    }
+}
 
 /// Bytes: `1048576`, `64MiB`, `1GiB`, `500 MB`, `2G` (binary).
 pub fn bytes(text: &str) -> Result<u64, String> {

@@ -201,7 +201,7 @@ impl Arguments {
     /// The container that is drawn.
     fn container(&self) -> Result<PathBuf, Failure> {
         let memory_bytes = self.host_memory;
-        let (reading, threads) = (self.source.reading(memory_bytes), self.threads.map(NonZero::get));
+        let (reading, threads) = (self.source.reading(memory_bytes)?, self.threads.map(NonZero::get));
         self.cache.container_of(&self.volume, &reading, threads, memory_bytes)
     }
 }

@@ -27,12 +27,14 @@ pub(super) enum Format {
     MetaImage,
     Tiff,
     Vti,
+    Zarr,
+    Segy,
 }
 
 impl Format {
     /// The format of a name's end, and whether the file is compressed.
     pub(super) fn of_name(name: &str) -> Option<(Self, bool)> {
-        const ENDS: [(&str, Format, bool); 9] = [
+        const ENDS: [(&str, Format, bool); 12] = [
             (".npy", Format::Npy, false),
             (".raw", Format::Raw, false),
             (".nrrd", Format::Nrrd, false),
@@ -42,6 +44,9 @@ impl Format {
             (".tif", Format::Tiff, false),
             (".tiff", Format::Tiff, false),
             (".vti", Format::Vti, false),
+            (".zarr", Format::Zarr, false),
+            (".sgy", Format::Segy, false),
+            (".segy", Format::Segy, false),
         ];
         let name = name.to_ascii_lowercase();
         ENDS.iter().find(|(end, ..)| name.ends_with(end)).map(|&(_, format, is_compressed)| (format, is_compressed))
@@ -63,7 +68,8 @@ impl Place<'_> {
     /// What stands before the voxels.
     pub(super) fn header(&self, format: Format) -> Vec<u8> {
         match format {
-            Format::Raw => Vec::new(),
+            // Written by modules of their own.
+            Format::Raw | Format::Zarr | Format::Segy => Vec::new(),
             Format::Npy => self.npy(),
             Format::Nrrd => self.nrrd().into_bytes(),
             Format::Nifti => self.nifti(),

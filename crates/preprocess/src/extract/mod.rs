@@ -1,4 +1,4 @@
-//! Voxels of a container back into plain files: npy, raw, NRRD, NIfTI, MetaImage, TIFF, VTK. What each says of the volume's place is
+//! Voxels of a container back into plain files: npy, raw, NRRD, NIfTI, MetaImage, TIFF, VTK, OME-Zarr, SEG-Y. What each says of the volume's place is
 //! told in `headers.rs`.
 //!
 //! Voxels come out in the data's own units: the stored type where no scale applies, otherwise f64 for 64-bit and 32-bit
@@ -7,6 +7,8 @@
 //! whatever the box's shape, under a temporary name; renamed when whole.
 
 mod headers;
+mod segy;
+mod zarr;
 
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -50,7 +52,7 @@ pub fn extract(container: &Container, output: &Path, what: &Extraction) -> Resul
     let name = output.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
     let Some((format, is_compressed)) = Format::of_name(&name) else {
         return Err(BuildError::Options(format!(
-            "{}: expected an output ending in .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .tif or .vti, found {}",
+            "{}: expected an output ending in .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .tif, .vti, .zarr or .sgy, found {}",
             output.display(),
             output.extension().map_or("none".into(), |end| format!(".{}", end.display()))
         )));
@@ -69,6 +71,11 @@ pub fn extract(container: &Container, output: &Path, what: &Extraction) -> Resul
         let found = place.sizes[2];
         let message = format!("{}: a TIFF has at most {TIFF_SLICES_LIMIT} slices, found {found}", output.display());
         return Err(BuildError::Options(message));
+    }
+    match format {
+        Format::Zarr => return zarr::write(container, output, what, (voxels, &place)).map(|()| (voxels, written_type)),
+        Format::Segy => return segy::write(container, output, what, (voxels, &place)).map(|()| (voxels, written_type)),
+        _ => {}
     }
     let write_error = |e| BuildError::write(output, e);
     let file = OutputFile::begin(output, what.existing)?;
@@ -128,6 +135,11 @@ fn output_type(descriptor: &Descriptor) -> VoxelType {
     }
 }
 
+/// Whether voxels are written as others than they are stored.
+fn needs_scaling(descriptor: &Descriptor, written_type: VoxelType) -> bool {
+    written_type != descriptor.voxel_type || descriptor.scale != 1.0 || descriptor.offset != 0.0
+}
+
 /// Threads, and how the bytes of `--memory` are divided among what they hold at once.
 struct Plan {
     threads: usize,
@@ -137,6 +149,31 @@ struct Plan {
 }
 
 impl Plan {
+    /// The same for formats that are written in boxes of at least so many voxels, one for each thread.
+    fn of_boxes(
+        descriptor: &Descriptor,
+        written_type: VoxelType,
+        memory_bytes: u64,
+        voxels: u64,
+    ) -> Result<Self, BuildError> {
+        // As stored, as doubles, as written, filled up and encoded.
+        let voxel = (descriptor.voxel_type.bytes() + size_of::<f64>() + 3 * written_type.bytes()) as u64;
+        let fixed = |threads: usize| {
+            LevelReader::working_bytes(descriptor, threads)
+                + WRITE_BUFFER_BYTES as u64
+                + threads as u64 * voxels * voxel
+        };
+        let needed = fixed(1) + LEAST_BOX_BYTES;
+        if memory_bytes < needed {
+            let what = "to decode bricks on one thread and to write".into();
+            return Err(BuildError::memory(needed, memory_bytes, what, "Allow more with --memory"));
+        }
+        let fits = |threads: &usize| *threads == 1 || fixed(*threads) <= memory_bytes / 2;
+        let threads = (1..=rayon::current_num_threads()).rev().find(fits).unwrap_or(1);
+        let rest = memory_bytes - fixed(threads);
+        Ok(Self { threads, cache_bytes: (rest / 2) as usize, box_voxels: voxels.max(rest / 2 / voxel) })
+    }
+
     fn new(descriptor: &Descriptor, written_type: VoxelType, memory_bytes: u64) -> Result<Self, BuildError> {
         let fixed = |threads: usize| LevelReader::working_bytes(descriptor, threads) + WRITE_BUFFER_BYTES as u64;
         let needed = fixed(1) + 2 * LEAST_BOX_BYTES;
@@ -171,7 +208,7 @@ fn write_voxels(
         for part in boxes(voxels, plan.box_voxels, container.pyramid().layout().core() as u64) {
             let mut bytes = vec![0; part.voxels() * size];
             reader.read_box(part, &mut bytes).map_err(|e| BuildError::container(container.path(), e))?;
-            if written_type != descriptor.voxel_type || descriptor.scale != 1.0 || descriptor.offset != 0.0 {
+            if needs_scaling(descriptor, written_type) {
                 bytes = scaled(descriptor, &bytes, written_type);
             }
             write(&bytes)?;

@@ -185,6 +185,23 @@ impl UnfinishedFolder {
     pub fn path(&self) -> &Path {
         self.folder.path()
     }
+
+    /// Gives it, whole as it is now, a name that is free.
+    ///
+    /// # Errors
+    /// Whatever the system says; then it is removed.
+    pub fn publish(self, path: &Path) -> io::Result<()> {
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // Temporary folders are for their owner alone: this one is as others that are made beside it.
+            let beside = std::fs::metadata(super::folder_of(path))?.permissions().mode();
+            std::fs::set_permissions(self.folder.path(), Permissions::from_mode(beside & 0o777))?;
+        }
+        std::fs::rename(self.folder.path(), path)?;
+        // It has gone from its old name, and dropping finds nothing to remove.
+        Ok(())
+    }
 }
 
 /// Locks a new file. False where another process took it for a leftover and removed it before it was locked.

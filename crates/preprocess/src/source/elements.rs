@@ -10,7 +10,7 @@ use supervol_format::voxel_type::Voxel;
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
 
 use super::SourceError;
-use super::grid_file::{GridFile, GridLayout, SCRATCH_BYTES};
+use super::grid_file::{GridLayout, SCRATCH_BYTES};
 use super::selection::Selection;
 use crate::file_order::boxes;
 
@@ -19,6 +19,20 @@ const LUMINANCE: [f64; 3] = [299.0, 587.0, 114.0];
 
 /// Greatest whole number up to which a double holds all of them.
 const EXACT_IN_DOUBLES: i128 = 1 << 53;
+
+/// Numbers that can be read box by box: in a file, or in chunks.
+pub(super) trait NumberGrid {
+    /// Their dims and their type.
+    fn layout(&self) -> &GridLayout;
+
+    /// As [`super::VolumeSource::read_box`].
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError>;
+
+    /// A box in small parts, in an order that reads nothing twice.
+    fn parts(&self, voxels: VoxelBox) -> Box<dyn Iterator<Item = VoxelBox> + '_> {
+        Box::new(boxes(voxels, (SCRATCH_BYTES / self.layout().voxel_type.bytes()) as u64, u64::MAX))
+    }
+}
 
 /// What the numbers of one voxel are, where there are several.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -138,7 +152,7 @@ impl Elements {
     /// What becomes of the numbers of a grid; 64-bit integers are read once, to find out what they fit.
     pub(super) fn of(
         path: &Path,
-        grid: &GridFile,
+        grid: &impl NumberGrid,
         number: Number,
         (channels, frames): (Channels, Frames),
         notes: &mut Vec<String>,
@@ -151,7 +165,7 @@ impl Elements {
     }
 
     /// Dims of the volume.
-    pub(super) fn dims(&self, grid: &GridFile) -> Dims {
+    pub(super) fn dims(&self, grid: &impl NumberGrid) -> Dims {
         let [x, y, z] = grid.layout().dims.0;
         Dims([x / self.channels.count, y, z / self.frames.count])
     }
@@ -160,12 +174,12 @@ impl Elements {
     fn narrowed(
         self,
         path: &Path,
-        grid: &GridFile,
+        grid: &impl NumberGrid,
         signed: bool,
         notes: &mut Vec<String>,
     ) -> Result<Self, SourceError> {
         let [mut least, mut greatest] = [i128::MAX, i128::MIN];
-        for part in boxes(grid.layout().dims.full_box(), (SCRATCH_BYTES / 8) as u64, u64::MAX) {
+        for part in grid.parts(grid.layout().dims.full_box()) {
             let mut numbers = vec![0; part.voxels() * 8];
             grid.read_box(part, &mut numbers)?;
             for number in numbers.as_chunks::<8>().0 {
@@ -190,7 +204,7 @@ impl Elements {
     }
 
     /// As [`super::VolumeSource::read_box`].
-    pub(super) fn read_box(&self, grid: &GridFile, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+    pub(super) fn read_box(&self, grid: &impl NumberGrid, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
         let stored = grid.layout().voxel_type;
         if out.is_empty() {
             return Ok(());

@@ -8,6 +8,7 @@
 //! `read_box` may be called from several threads at once, and for boxes in any order; [`AccessOrder`] says which order
 //! the file likes.
 
+mod chunked;
 pub mod computed;
 mod data_files;
 pub mod dicom;
@@ -15,6 +16,7 @@ mod elements;
 pub mod file;
 pub mod folder;
 pub mod grid_file;
+pub mod hdf5;
 pub mod metaimage;
 pub mod nifti;
 pub mod npy;
@@ -32,6 +34,7 @@ pub mod synthetic;
 mod text;
 pub mod tiff;
 pub mod vtk;
+pub mod zarr;
 
 use std::path::{Path, PathBuf};
 
@@ -78,7 +81,8 @@ pub trait VolumeSource: Send + Sync {
 /// What a source says about itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceInfo {
-    /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `npz`, `metaimage`, `tiff`, `dicom`, `pictures`, `vtk` or `synth`.
+    /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `npz`, `metaimage`, `tiff`, `dicom`, `pictures`, `vtk`,
+    /// `zarr`, `ome-zarr`, `n5`, `hdf5` or `synth`.
     pub format: &'static str,
     /// Voxels along x, y, z.
     pub dims: Dims,

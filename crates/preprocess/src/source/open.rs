@@ -8,6 +8,7 @@ use super::data_files::Outside;
 use super::dicom::{DicomSource, is_dicom};
 use super::file::SourceFile;
 use super::folder::{FolderOptions, Listing};
+use super::hdf5;
 use super::metaimage::MetaImageSource;
 use super::nifti::NiftiSource;
 use super::npy::NpySource;
@@ -16,15 +17,19 @@ use super::nrrd::NrrdSource;
 use super::others::{HEAD_BYTES, refusal_of_file, refusal_of_folder};
 use super::pictures::{Kind, PicturesSource};
 use super::raw::{RawOptions, RawSource};
-use super::segy::{SegyOptions, SegySource};
+use super::segy::{self, SegyOptions};
 use super::selection::Selection;
 use super::spool::SpoolFolder;
 use super::tiff::TiffSource;
 use super::vtk::VtkSource;
+use super::zarr;
 use super::{SourceError, VolumeSource};
 
 /// Files of a folder that are looked into, to tell what it is.
 const FILES_LOOKED_AT: usize = 64;
+
+/// How names of SEG-Y files end.
+const SEGY_NAMES: [&str; 4] = [".sgy", ".segy", ".seg-y", ".seg"];
 
 /// What a person may say about a file beside its name.
 #[derive(Debug, Clone, Default)]
@@ -69,6 +74,10 @@ pub fn split_array(path: &Path) -> (PathBuf, Option<String>) {
 }
 
 fn open_folder(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
+    if zarr::is_zarr(path) {
+        return Ok(Box::new(zarr::open(path, &options.of_folders())?));
+    }
+    options.selection.level_of(path, 1)?;
     if let Some(refusal) = refusal_of_folder(path) {
         return Err(refusal);
     }
@@ -84,14 +93,24 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSourc
     if has_pictures {
         return open_pictures(path, options);
     }
+    let lines: Vec<PathBuf> = listing.files.iter().filter(|file| is_segy(file)).cloned().collect();
+    if !lines.is_empty() {
+        options.selection.refuse_all(path)?;
+        return segy::open(&lines, Some(path), &options.segy);
+    }
     let count = listing.files.len();
     if count == 0 {
         // The wrong folder: nothing in it could be wrong.
         let expected = "expected a file, found a folder without files, of which slices could be read";
         return Err(SourceError::Options(format!("{}: {expected}", path.display())));
     }
-    let what = format!("this is a folder of {count} files that are neither DICOM nor pictures");
+    let what = format!("this is a folder of {count} files that are neither DICOM, pictures nor SEG-Y");
     Err(SourceError::unsupported(path, what, "expected the slices of one volume, or give a file"))
+}
+
+fn is_segy(path: &Path) -> bool {
+    let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
+    SEGY_NAMES.iter().any(|end| name.ends_with(end))
 }
 
 fn open_dicom(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
@@ -124,7 +143,8 @@ pub(super) fn head(path: &Path) -> Result<Vec<u8>, SourceError> {
 }
 
 fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
-    let OpenOptions { raw, outside, segy, spool, selection } = options;
+    let OpenOptions { raw, outside, segy: segy_options, spool, selection } = options;
+    selection.level_of(path, 1)?;
     if let Some(raw) = raw {
         selection.refuse_all(path)?;
         return Ok(Box::new(RawSource::open(path, raw)?));
@@ -144,6 +164,9 @@ fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>
     }
     if named(&[".npz"]) {
         return Ok(Box::new(NpzSource::open(path, spool, selection)?));
+    }
+    if start.starts_with(hdf5::MAGIC) || named(&[".h5", ".hdf5", ".ims"]) {
+        return Ok(Box::new(hdf5::open(path, &options.of_folders())?));
     }
     selection.refuse_array(path)?;
     if start.starts_with(b"NRRD") || named(&[".nrrd", ".nhdr"]) {
@@ -172,8 +195,8 @@ fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>
     }
     selection.refuse_all(path)?;
     // The text header of SEG-Y begins with the letter C: in EBCDIC (0xC3), or in ASCII.
-    if named(&[".sgy", ".segy", ".seg-y", ".seg"]) || start.first().is_some_and(|b| [0xc3, b'C'].contains(b)) {
-        return Ok(Box::new(SegySource::open(path, segy)?));
+    if named(&SEGY_NAMES) || start.first().is_some_and(|b| [0xc3, b'C'].contains(b)) {
+        return segy::open(&[path.into()], None, segy_options);
     }
     Err(SourceError::unsupported(
         path,

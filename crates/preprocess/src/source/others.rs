@@ -32,16 +32,6 @@ const VTK_MESH: Other = Other {
     name: "a VTK file of meshes or of grids with uneven distances",
     way_out: "resample it to an image first, for example with ParaView (Resample To Image; Save Data, .vti)",
 };
-const HDF5: Other = Other {
-    name: "HDF5 (also NetCDF 4, Imaris, MINC 2, BigDataViewer)",
-    way_out: "write one dataset out, for example with Python: `numpy.save(OUT, h5py.File(IN)[DATASET][:])`",
-};
-const ZARR: Other = Other {
-    name: "Zarr or OME-Zarr",
-    way_out: "write one array out, for example with Python: `numpy.save(OUT, zarr.open(IN)[\"0\"][:])`",
-};
-const N5: Other =
-    Other { name: "N5", way_out: "write one dataset out, for example with Fiji (Import, N5; Save As, NRRD)" };
 const NETCDF: Other = Other {
     name: "NetCDF 3 (also MINC 1)",
     way_out: "convert it: `ncks`, or Python: `numpy.save(OUT, xarray.open_dataset(IN)[NAME].values)`; MINC with `mnc2nii`",
@@ -78,7 +68,6 @@ const STARTS: &[(usize, &[u8], &Other)] = &[
     (0, &supervol_format::container::header::MAGIC, &CONTAINER),
     (0, b"\0\0\0\x0cjP  ", &PICTURE),
     (0, b"\x76\x2f\x31\x01", &PICTURE),
-    (0, b"\x89HDF\r\n\x1a\n", &HDF5),
     (0, b"PK\x03\x04", &ZIP),
     (0, b"CDF\x01", &NETCDF),
     (0, b"CDF\x02", &NETCDF),
@@ -97,7 +86,7 @@ const STARTS: &[(usize, &[u8], &Other)] = &[
 /// What files are called, where their first bytes do not say.
 const NAMES: &[(&[&str], &Other)] = &[
     (&[".bmp", ".jp2", ".exr", ".webp", ".gif"], &PICTURE),
-    (&[".h5", ".hdf5", ".ims", ".nc", ".mnc"], &HDF5),
+    (&[".nc", ".mnc"], &NETCDF),
     (&[".vtp", ".vtu", ".vtr", ".vts"], &VTK_MESH),
     (&[".zip"], &ZIP),
     (&[".mrc", ".map", ".rec", ".ccp4"], &MRC),
@@ -109,11 +98,7 @@ const NAMES: &[(&[&str], &Other)] = &[
 ];
 
 /// Files that make a folder what it is, exactly or by their ends.
-const FOLDERS: &[(&[&str], &Other)] = &[
-    (&[".zarray", ".zgroup", ".zattrs", "zarr.json"], &ZARR),
-    (&["attributes.json"], &N5),
-    (&["layout.bin", "volumedatalayout"], &SEISMIC_STORE),
-];
+const FOLDERS: &[(&[&str], &Other)] = &[(&["layout.bin", "volumedatalayout"], &SEISMIC_STORE)];
 
 fn refused(path: &Path, other: &Other) -> SourceError {
     SourceError::unsupported(path, format!("this is {}, which is not read", other.name), other.way_out)

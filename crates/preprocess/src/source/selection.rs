@@ -15,6 +15,8 @@ pub struct Selection {
     pub series: Option<String>,
     /// Array of a file that holds several.
     pub array: Option<String>,
+    /// Level of the file's own pyramid, 0 the finest.
+    pub level: Option<u64>,
 }
 
 impl Selection {
@@ -26,6 +28,11 @@ impl Selection {
     /// The channel that is wanted of `count`, the first where nobody says.
     pub(super) fn channel_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
         pick(path, "--channel", self.channel, count)
+    }
+
+    /// The level that is wanted of `count`, the finest where nobody says.
+    pub(super) fn level_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
+        pick(path, "--level", self.level, count)
     }
 
     /// As [`Self::frame_of`]; the notes say what there is where nobody has chosen. `what` names them: `time points`.
@@ -69,11 +76,12 @@ impl Selection {
 /// What follows the name of the file, nothing where nothing was chosen.
 impl std::fmt::Display for Selection {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { frame, channel, series, array } = self;
+        let Self { frame, channel, series, array, level } = self;
         array.iter().try_for_each(|array| write!(f, ":/{array}"))?;
         series.iter().try_for_each(|series| write!(f, " --series {series}"))?;
         frame.iter().try_for_each(|frame| write!(f, " --frame {frame}"))?;
-        channel.iter().try_for_each(|channel| write!(f, " --channel {channel}"))
+        channel.iter().try_for_each(|channel| write!(f, " --channel {channel}"))?;
+        level.iter().try_for_each(|level| write!(f, " --level {level}"))
     }
 }
 

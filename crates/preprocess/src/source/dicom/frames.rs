@@ -84,6 +84,7 @@ impl<'a> Frames<'a> {
             Compression::Rle => rle(&self.encoded(frame)?, self.image),
             Compression::Jpeg => jpeg(&self.encoded(frame)?, self.image),
             Compression::Jpeg2000 => jpeg_2000(&self.encoded(frame)?, self.image),
+            Compression::NotRead(name) => Err(format!("{name}, which is not read")),
         };
         let mut decoded = decoded.map_err(|found| {
             let Image { columns, rows, samples, allocated, .. } = self.image;

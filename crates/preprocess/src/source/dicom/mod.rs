@@ -55,8 +55,16 @@ impl DicomSource {
     pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<Self, SourceError> {
         options.selection.refuse_array(path)?;
         let mut notes = Vec::new();
-        let members = members(path, options, &mut notes)?;
-        let members = series::choose_series(path, members, options.selection)?;
+        let (members, damaged) = members(path, options, &mut notes)?;
+        let (members, is_only) = series::choose_series(path, members, options.selection)?;
+        if let Some((error, count)) = damaged {
+            // It may belong to the only series that there is.
+            if is_only {
+                return Err(error);
+            }
+            notes.push(format!("{count} damaged files are left out, whatever series they belong to: {error}"));
+        }
+        members.iter().try_for_each(|member| member.header.syntax.check(&member.path))?;
         let members = series::keep_alike(members, &mut notes);
         let frames = members.iter().fold(0u64, |sum, member| sum.saturating_add(member.header.frame_count));
         if frames > FRAMES_LIMIT {
@@ -101,21 +109,42 @@ impl VolumeSource for DicomSource {
     }
 }
 
+/// The first error of the files that were left out, and how many there are.
+type Damaged = Option<(SourceError, u64)>;
+
 /// The files that hold an image, with their headers.
-fn members(path: &Path, options: &FolderOptions<'_>, notes: &mut Vec<String>) -> Result<Vec<Member>, SourceError> {
+///
+/// Of a folder, files that break the format's rules are left out, and counted beside the first of their errors.
+fn members(
+    path: &Path,
+    options: &FolderOptions<'_>,
+    notes: &mut Vec<String>,
+) -> Result<(Vec<Member>, Damaged), SourceError> {
     let listing = match path.is_dir() {
         true => Listing::of(path, true, options.outside)?,
         false => Listing::one(path),
     };
     listing.note(notes);
-    let (mut members, mut others, mut without_image) = (Vec::new(), 0, 0);
+    let (mut members, mut others, mut without_image, mut damaged) = (Vec::new(), 0, 0, None);
     for path in listing.files {
         // A folder holds other files, too: an index, texts; and DICOM without pixels.
-        match Header::read(&path, options.spool)? {
+        let header = match Header::read(&path, options.spool) {
+            Err(error @ SourceError::Invalid { .. }) => {
+                damaged = damaged.map_or(Some((error, 1)), |(first, count)| Some((first, count + 1)));
+                continue;
+            }
+            header => header?,
+        };
+        match header {
             None => others += 1,
             Some(header) if header.pixels.is_none() || header.image.rows == 0 => without_image += 1,
             Some(header) => members.push(Member { path, header }),
         }
+    }
+    if members.is_empty()
+        && let Some((error, _)) = damaged
+    {
+        return Err(error);
     }
     if members.is_empty() && !path.is_dir() {
         let found = if others > 0 { "no mark `DICM` at byte 128, nor elements of group 8" } else { "no pixels" };
@@ -128,7 +157,7 @@ fn members(path: &Path, options: &FolderOptions<'_>, notes: &mut Vec<String>) ->
     if others + without_image > 0 {
         notes.push(format!("{} files of the folder hold no DICOM image and are left out", others + without_image));
     }
-    Ok(members)
+    Ok((members, damaged))
 }
 
 /// What the values are in.

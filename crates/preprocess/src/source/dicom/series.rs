@@ -42,12 +42,12 @@ pub(super) struct Slice {
     along: f64,
 }
 
-/// The members of the one series that there is, or that is wanted.
+/// The members of the one series that there is, or that is wanted, and whether there is no other.
 pub(super) fn choose_series(
     path: &Path,
     members: Vec<Member>,
     selection: &Selection,
-) -> Result<Vec<Member>, SourceError> {
+) -> Result<(Vec<Member>, bool), SourceError> {
     let mut by_uid: BTreeMap<String, Vec<Member>> = BTreeMap::new();
     for member in members {
         by_uid.entry(member.header.series_uid.clone()).or_default().push(member);
@@ -59,7 +59,8 @@ pub(super) fn choose_series(
     let fitting: Vec<String> =
         by_uid.iter().filter(|(uid, members)| is_wanted(uid, members)).map(|(uid, _)| uid.clone()).collect();
     if let [uid] = &fitting[..] {
-        return Ok(by_uid.remove(uid).unwrap_or_default());
+        let is_only = by_uid.len() == 1;
+        return Ok((by_uid.remove(uid).unwrap_or_default(), is_only));
     }
     let listed: Vec<String> = by_uid
         .iter()

@@ -12,6 +12,8 @@ pub(super) enum Compression {
     Rle,
     Jpeg,
     Jpeg2000,
+    /// Known, or not even that, and not read: its name.
+    NotRead(&'static str),
 }
 
 /// How a file is written.
@@ -49,6 +51,13 @@ impl Syntax {
         Self { compression, ..Self::plain(Spelling::EXPLICIT) }
     }
 
+    /// Refuses what no decoder is there for.
+    pub(super) fn check(&self, path: &Path) -> Result<(), SourceError> {
+        let Compression::NotRead(name) = self.compression else { return Ok(()) };
+        let advice = "decompress the series first, for example with `dcmdjpls` or `gdcmconv --raw IN OUT`";
+        Err(SourceError::unsupported(path, format!("its pixels are compressed by {name}, which is not read"), advice))
+    }
+
     /// The syntax of a name (PS3.6, annex A).
     pub(super) fn of(path: &Path, uid: &str) -> Result<Self, SourceError> {
         let Some(end) = uid.strip_prefix("1.2.840.10008.1.2") else {
@@ -67,9 +76,8 @@ impl Syntax {
             end => {
                 let name =
                     REFUSED.iter().find(|(known, _)| *known == end).map_or("an unknown compression", |known| known.1);
-                let what = format!("its pixels are compressed by {name} (transfer syntax {uid}), which is not read");
-                let advice = "decompress the series first, for example with `dcmdjpls` or `gdcmconv --raw IN OUT`";
-                return Err(SourceError::unsupported(path, what, advice));
+                // Its header can be read: of a folder, other series may be meant.
+                Self::compressed(Compression::NotRead(name))
             }
         })
     }

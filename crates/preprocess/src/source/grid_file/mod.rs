@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::Endian;
-use super::elements::Elements;
+use super::elements::{Elements, NumberGrid};
 use super::{AccessOrder, SourceError, SourceInfo, VolumeSource};
 use storage::Storage;
 
@@ -219,6 +219,16 @@ impl GridFile {
         // Cannot overflow: the byte count of the whole grid fits 64 bits, which opening has checked.
         let voxel = start[fast] + dims[fast] * (start[middle] + dims[middle] * start[slow]);
         self.storage.read(voxel * self.layout.voxel_type.bytes() as u64, out)
+    }
+}
+
+impl NumberGrid for GridFile {
+    fn layout(&self) -> &GridLayout {
+        &self.layout
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        Self::read_box(self, voxels, out)
     }
 }
 

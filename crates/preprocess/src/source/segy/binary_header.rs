@@ -68,8 +68,13 @@ impl BinaryHeader {
             } else {
                 f64::from(fields.i16(3217))
             },
-            samples: if extended_samples > 0 { extended_samples } else { u32::from(fields.u16(3221)) },
-            fixed_length: fields.i16(3503) == 1,
+            samples: match options.samples {
+                Some(samples) => samples,
+                None if extended_samples > 0 => extended_samples,
+                None => u32::from(fields.u16(3221)),
+            },
+            // What a person says is meant for all traces.
+            fixed_length: fields.i16(3503) == 1 || options.samples.is_some(),
             extended_text_headers: fields.i16(3505),
             trace_header_extensions: if second { extension_claims.to_vec() } else { vec![0] },
             feet: fields.i16(3255) == 2,
@@ -112,7 +117,7 @@ fn detect_endian(bytes: &[u8; 400], file_bytes: u64, options: &SegyOptions) -> R
 fn plausibility(fields: &Fields<'_>, file_bytes: u64, options: &SegyOptions) -> u32 {
     let coded = SampleFormat::from_code(fields.u16(3225));
     let format = options.format.and_then(SampleFormat::from_code).or(coded);
-    let samples = u64::from(fields.u16(3221));
+    let samples = u64::from(options.samples.unwrap_or_else(|| fields.u16(3221).into()));
     let trace_bytes = TRACE_HEADER_BYTES + samples * format.map_or(4, SampleFormat::bytes) as u64;
     let extended = u64::try_from(fields.i16(3505)).unwrap_or(0) * 3200;
     let data_bytes = file_bytes.saturating_sub(FILE_HEADER_BYTES + extended);

@@ -67,9 +67,14 @@ pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, d
                 options.crossline_byte
             );
             let one_place = evidence.asked.iter().all(|(min, max)| min == max);
-            if !one_place && differ_in_offset(input, layout, *traces) {
-                let what = format!("pre-stack gather: {} offsets (bytes 37-40); {place}", evidence.offsets.len());
-                let advice = "only post-stack volumes can be read: stack the file, or extract one offset from it";
+            if !one_place && differ_in_offset(input, (layout, options), *traces) {
+                let byte = options.offset_byte;
+                let mut offsets: Vec<i32> = evidence.offsets.into_iter().collect();
+                offsets.sort_unstable();
+                let (count, last) = (offsets.len(), offsets[offsets.len() - 1]);
+                let what =
+                    format!("pre-stack gather: {count} offsets (byte {byte}), {} to {last}; {place}", offsets[0]);
+                let advice = format!("choose one with --offset {}, or their mean with --offset stack", offsets[0]);
                 return input.unsupported(what, advice);
             }
             let all = format!("2D line or shot gather, or line numbers elsewhere: all {} traces", layout.traces);
@@ -81,11 +86,11 @@ pub(super) fn refuse(input: Input<'_>, layout: &Layout, options: &SegyOptions, d
 }
 
 /// Whether two traces have different source-receiver offsets.
-fn differ_in_offset(input: Input<'_>, layout: &Layout, traces: [u64; 2]) -> bool {
+fn differ_in_offset(input: Input<'_>, (layout, options): (&Layout, &SegyOptions), traces: [u64; 2]) -> bool {
     let [first, second] = traces.map(|trace| {
         let mut header = [0; TRACE_HEADER_BYTES as usize];
         let read = input.read(layout.header_offset(trace), &mut header);
-        read.map(|()| Fields::trace_header(&header, layout.endian).i32(37)).ok()
+        read.map(|()| Fields::trace_header(&header, layout.endian).i32(options.offset_byte.into())).ok()
     });
     first != second
 }
@@ -107,7 +112,7 @@ fn gather(input: Input<'_>, layout: &Layout, options: &SegyOptions) -> Result<Ev
         for (positions, (il, xl)) in evidence.positions.iter_mut().zip(PAIRS) {
             positions.insert((fields.i32(il), fields.i32(xl)));
         }
-        evidence.offsets.insert(fields.i32(37));
+        evidence.offsets.insert(fields.i32(options.offset_byte.into()));
         for (range, byte) in evidence.asked.iter_mut().zip([options.inline_byte, options.crossline_byte]) {
             let number = fields.i32(usize::from(byte));
             *range = (range.0.min(number), range.1.max(number));

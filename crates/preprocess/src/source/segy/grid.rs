@@ -105,7 +105,7 @@ impl Grid {
         }
         let mut table = vec![MISSING; (inline.count * crossline.count) as usize];
         let dead = fill(&mut table, &scan.runs, inline, crossline).map_err(GridDefect::NoGrid)?;
-        let missing = inline.count * crossline.count - positioned;
+        let missing = inline.count * crossline.count - (positioned - scan.other_offsets);
         Ok(Self { inline, crossline, missing, dead, index: TraceIndex::Table(table) })
     }
 
@@ -225,7 +225,7 @@ fn fill(table: &mut [u32], runs: &[Run], inline: LineNumbers, crossline: LineNum
     for run in runs {
         let mut position = run.start;
         for _ in 0..run.count {
-            if run.kind != TraceKind::Padding {
+            if run.kind.is_on_grid() {
                 let [y, x] = [(position[0], inline), (position[1], crossline)]
                     .map(|(number, line)| ((i64::from(number) - line.first) / line.step) as u64);
                 let cell = &mut table[(y * crossline.count + x) as usize];
@@ -250,7 +250,7 @@ fn find(runs: &[Run], wanted: [i32; 2]) -> u64 {
     for run in runs {
         let mut position = run.start;
         for _ in 0..run.count {
-            if position == wanted && run.kind != TraceKind::Padding {
+            if position == wanted && run.kind.is_on_grid() {
                 return trace;
             }
             trace += 1;

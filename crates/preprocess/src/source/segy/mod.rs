@@ -20,7 +20,10 @@
 //! grows, then nothing per trace for complete grids, or 4 bytes per grid cell for grids with holes or without order; all of
 //! it bounded by the size of the file and by [`SegyOptions::memory_bytes`].
 //!
-//! Not read: pre-stack gathers, 2D lines without line numbers, traces of varying length, format 4, and the contents of
+//! Several files are one survey where a folder is given (`joined`). Of a file that has not been stacked, one offset or the mean over
+//! all of them is read where that is asked for (`stack`).
+//!
+//! Not read: 2D lines without line numbers, traces of varying length, format 4, and the contents of
 //! trace header extensions and extended text headers.
 
 mod binary_header;
@@ -28,12 +31,14 @@ mod diagnose;
 mod fields;
 mod grid;
 mod input;
+mod joined;
 mod layout;
 mod nodata;
 mod read;
 mod samples;
 mod scan;
 mod sniff;
+mod stack;
 mod survey;
 mod text_header;
 
@@ -50,7 +55,7 @@ use self::nodata::Absent;
 use self::read::{Neighbours, Reader};
 use self::samples::SampleFormat;
 use self::scan::Scan;
-use self::text_header::TEXT_BYTES;
+pub(crate) use self::text_header::{TEXT_BYTES, encode as encode_text};
 use super::file::SourceFile;
 use super::{AccessOrder, Axis, Endian, SourceError, SourceInfo, Survey, VolumeSource};
 
@@ -58,7 +63,7 @@ use super::{AccessOrder, Axis, Endian, SourceError, SourceInfo, Survey, VolumeSo
 const LAST_WORD_BYTE: u16 = 237;
 
 /// What a person may say about a file, where its headers do not or lie.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SegyOptions {
     /// Byte of the trace header, from 1, at which the four-byte inline number begins; 189 by the standard.
     pub inline_byte: u16,
@@ -68,13 +73,43 @@ pub struct SegyOptions {
     pub format: Option<u16>,
     /// Byte order, where detection from the headers fails.
     pub endian: Option<Endian>,
+    /// Samples of each trace, whatever the headers say.
+    pub samples: Option<u32>,
+    /// Sample interval, in ms or in units of depth, whatever the headers say.
+    pub interval: Option<f64>,
+    /// Byte of the trace header, from 1, at which the four-byte offset from source to receiver begins; 37 by the standard.
+    pub offset_byte: u16,
+    /// Which traces of those with different offsets, where there are several at one place.
+    pub offsets: Offsets,
     /// Most bytes of memory for the table of traces; a file that needs more is refused.
     pub memory_bytes: u64,
 }
 
+/// Traces of a file that has not been stacked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Offsets {
+    /// There must be one trace at each place.
+    #[default]
+    Single,
+    /// Those with this offset.
+    One(i32),
+    /// The mean over all of them.
+    Stack,
+}
+
 impl Default for SegyOptions {
     fn default() -> Self {
-        Self { inline_byte: 189, crossline_byte: 193, format: None, endian: None, memory_bytes: u64::MAX }
+        Self {
+            inline_byte: 189,
+            crossline_byte: 193,
+            format: None,
+            endian: None,
+            samples: None,
+            interval: None,
+            offset_byte: 37,
+            offsets: Offsets::Single,
+            memory_bytes: u64::MAX,
+        }
     }
 }
 
@@ -91,7 +126,9 @@ impl SegyOptions {
 
     /// Refuses options that no file can satisfy.
     fn check(&self) -> Result<(), SourceError> {
-        for (name, byte) in [("--il-byte", self.inline_byte), ("--xl-byte", self.crossline_byte)] {
+        let bytes =
+            [("--il-byte", self.inline_byte), ("--xl-byte", self.crossline_byte), ("--offset-byte", self.offset_byte)];
+        for (name, byte) in bytes {
             if !(1..=LAST_WORD_BYTE).contains(&byte) {
                 let message = format!("{name} {byte}: expected a byte of the trace header from 1 to {LAST_WORD_BYTE}");
                 return Err(SourceError::Options(message));
@@ -101,6 +138,12 @@ impl SegyOptions {
             let message = format!("--il-byte and --xl-byte are both {}: expected two places", self.inline_byte);
             return Err(SourceError::Options(message));
         }
+        if self.samples == Some(0) {
+            return Err(SourceError::Options("--samples 0: expected at least 1".into()));
+        }
+        if let Some(interval) = self.interval.filter(|i| !(i.is_finite() && *i > 0.0)) {
+            return Err(SourceError::Options(format!("--interval {interval}: expected a number above 0")));
+        }
         match self.format {
             Some(code) if SampleFormat::from_code(code).is_none() => {
                 Err(SourceError::Options(format!("--format {code}: expected 1 to 12, 15 or 16")))
@@ -108,6 +151,44 @@ impl SegyOptions {
             _ => Ok(()),
         }
     }
+}
+
+/// A file, or a folder of files that are one survey, in natural order of their names; opened as the options say.
+///
+/// # Errors
+/// As [`SegySource::open`]; also if files do not agree.
+pub fn open(
+    paths: &[PathBuf],
+    folder: Option<&Path>,
+    options: &SegyOptions,
+) -> Result<Box<dyn VolumeSource>, SourceError> {
+    options.check()?;
+    let [first, ..] = paths else {
+        return Err(SourceError::Options("SEG-Y: expected at least one file, found none".into()));
+    };
+    let files = paths.iter().map(|path| SourceFile::of(path)).collect::<Result<Vec<_>, _>>()?;
+    let bytes: Box<dyn ByteSource> = match paths {
+        [one] => Box::new(File::open(one).map_err(|e| SourceError::io(one, e))?),
+        _ => Box::new(joined::Joined::new(paths, options)?),
+    };
+    let complete = |info: &mut SourceInfo| {
+        if paths.len() > 1 {
+            info.notes.push(format!("{} files are read as one survey", paths.len()));
+        }
+        info.memory_bytes += files.len() as u64 * 512;
+        info.files = files;
+        info.folder = folder.map(Into::into);
+    };
+    // Messages name what was asked for.
+    let path = folder.unwrap_or(first);
+    if options.offsets == Offsets::Stack {
+        let mut stack = stack::Stack::from_bytes(bytes, path, options)?;
+        complete(&mut stack.info);
+        return Ok(Box::new(stack));
+    }
+    let mut source = SegySource::from_bytes(bytes, path, options)?;
+    complete(&mut source.info);
+    Ok(Box::new(source))
 }
 
 /// A SEG-Y file as a volume.
@@ -160,10 +241,10 @@ impl SegySource {
         } else {
             Absent { voxel_type: layout.format.voxel_type(), value: f64::NAN }
         };
-        note_traces(&layout, &scan, &grid, absent, &mut notes);
+        note_traces(&layout, &scan, &grid, (absent, options.samples.is_some()), &mut notes);
         let neighbours =
             if scan.steps_along[1] > scan.steps_along[0] { Neighbours::AlongY } else { Neighbours::AlongX };
-        let mut info = describe(input, (&layout, &header), &scan, &grid, text, notes)?;
+        let mut info = describe(input, (&layout, &header), (&scan, &grid), options, text, notes)?;
         info.voxel_type = absent.voxel_type;
         info.memory_bytes = grid.memory_bytes();
         info.reading = format!("{:?}", SegyOptions { memory_bytes: 0, ..options.clone() });
@@ -211,13 +292,16 @@ fn read_file_header(input: Input<'_>, options: &SegyOptions) -> Result<(String, 
 }
 
 /// Notes what a person should know about the traces.
-fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, absent: Absent, notes: &mut Vec<String>) {
+fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, (absent, given): (Absent, bool), notes: &mut Vec<String>) {
     let stored = if absent.value.is_nan() { "NaN".to_owned() } else { format!("{}", absent.value) };
     if grid.missing > 0 {
         notes.push(format!("{} places of the grid have no trace; their voxels are absent ({stored})", grid.missing));
     }
     if grid.dead > 0 {
         notes.push(format!("{} traces are marked dead; their voxels are absent ({stored})", grid.dead));
+    }
+    if scan.other_offsets > 0 {
+        notes.push(format!("{} traces of other offsets were left out", scan.other_offsets));
     }
     if scan.padding > 0 {
         notes.push(format!("{} dead traces without line numbers were left out", scan.padding));
@@ -230,11 +314,9 @@ fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, absent: Absent, notes:
         ));
     }
     if let Some(samples) = scan.overruled_samples {
-        notes.push(format!(
-            "trace headers say {samples} samples (bytes 115-116); the {} of the binary header, which declares a fixed \
-             trace length, were read",
-            layout.samples
-        ));
+        let why = if given { "given by hand" } else { "of the binary header, which declares a fixed trace length," };
+        let read = layout.samples;
+        notes.push(format!("trace headers say {samples} samples (bytes 115-116); the {read} {why} were read"));
     }
     if let Some(delay) = scan.delay_ms
         && delay.min.0 != delay.max.0
@@ -254,13 +336,13 @@ fn note_traces(layout: &Layout, scan: &Scan, grid: &Grid, absent: Absent, notes:
 fn describe(
     input: Input<'_>,
     (layout, header): (&Layout, &BinaryHeader),
-    scan: &Scan,
-    grid: &Grid,
+    (scan, grid): (&Scan, &Grid),
+    options: &SegyOptions,
     text_header: String,
     mut notes: Vec<String>,
 ) -> Result<SourceInfo, SourceError> {
     let placement = survey::place(input, (layout, header), scan, grid, &mut notes)?;
-    let interval = survey::sample_interval(header, scan, &mut notes);
+    let interval = survey::sample_interval(header, scan, options.interval, &mut notes);
     let depth = text_header::says_depth_domain(&text_header);
     let (z_name, z_unit) = match (interval, depth, header.feet) {
         (None, _, _) => ("sample", ""),

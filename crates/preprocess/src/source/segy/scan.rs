@@ -7,12 +7,12 @@
 
 use std::collections::HashMap;
 
-use super::SegyOptions;
 use super::binary_header::{BinaryHeader, TRACE_HEADER_BYTES};
 use super::fields::{Fields, scaled};
 use super::input::Input;
 use super::layout::Layout;
 use super::survey::PositionFit;
+use super::{Offsets, SegyOptions};
 use crate::source::SourceError;
 
 /// Traces longer than this are visited header by header; shorter ones are read through.
@@ -48,6 +48,15 @@ pub(super) enum TraceKind {
     Dead,
     /// Marked dead, with inline and crossline number 0: padding outside the grid.
     Padding,
+    /// Has another offset than the one that is wanted: on the grid, and left out.
+    OtherOffset,
+}
+
+impl TraceKind {
+    /// Whether it takes a place of the grid.
+    pub(super) fn is_on_grid(self) -> bool {
+        matches!(self, Self::Live | Self::Dead)
+    }
 }
 
 /// Smallest and largest value, and the trace (from 0) that has it.
@@ -89,6 +98,8 @@ pub(super) struct Scan {
     pub(super) steps_along: [u64; 2],
     /// Dead traces without a position.
     pub(super) padding: u64,
+    /// Traces with another offset than the one that is wanted.
+    pub(super) other_offsets: u64,
     /// Sample intervals in the trace headers (bytes 117-118), zeros left out, microseconds.
     pub(super) interval_us: Option<Extent<i16>>,
     /// Delay recording time (bytes 109-110, scaled by 215-216), ms, of live traces.
@@ -119,6 +130,9 @@ impl Scan {
                 [usize::from(options.inline_byte), usize::from(options.crossline_byte)].map(|b| fields.i32(b));
             let kind = match (fields.i16(29), position) {
                 (DEAD, [0, 0]) => TraceKind::Padding,
+                _ if matches!(options.offsets, Offsets::One(wanted) if wanted != fields.i32(options.offset_byte.into())) => {
+                    TraceKind::OtherOffset
+                }
                 (DEAD, _) => TraceKind::Dead,
                 _ => TraceKind::Live,
             };
@@ -202,6 +216,9 @@ impl Scan {
         }
         for axis in [0, 1] {
             add_line(&mut self.lines[axis], position[axis], trace);
+        }
+        if kind == TraceKind::OtherOffset {
+            self.other_offsets += 1;
         }
         if kind == TraceKind::Live {
             let delay = scaled(f64::from(fields.i16(109)), fields.i16(215));

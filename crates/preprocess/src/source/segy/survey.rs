@@ -264,7 +264,16 @@ fn spacing(corners: [[f64; 2]; 4], inline: LineNumbers, crossline: LineNumbers) 
 ///
 /// The binary header's interval rules; the trace headers' is taken where the binary header's is zero or negative. A
 /// negative interval is no interval: where neither is positive, samples are counted instead.
-pub(super) fn sample_interval(header: &BinaryHeader, scan: &Scan, notes: &mut Vec<String>) -> Option<f64> {
+pub(super) fn sample_interval(
+    header: &BinaryHeader,
+    scan: &Scan,
+    given: Option<f64>,
+    notes: &mut Vec<String>,
+) -> Option<f64> {
+    if given.is_some() {
+        notes.push("the sample interval was given by hand and is not the file's".into());
+        return given;
+    }
     let claimed = scan.interval_us.map(|extent| (extent.min.0, extent.max.0));
     if header.interval_us > 0.0 {
         if let Some((min, max)) = claimed

@@ -5,7 +5,7 @@
 //! ends them.
 
 /// Bytes of one text header.
-pub(super) const TEXT_BYTES: usize = 3200;
+pub(crate) const TEXT_BYTES: usize = 3200;
 
 /// Columns of a line: the header is a deck of 40 punched cards.
 const COLUMNS: usize = 80;
@@ -44,6 +44,15 @@ pub(super) fn detect(bytes: &[u8]) -> Encoding {
     let ascii = bytes.iter().filter(|&&b| plain(b)).count();
     let ebcdic = bytes.iter().filter(|&&b| plain(CP037[usize::from(b)])).count();
     if ascii > ebcdic { Encoding::Ascii } else { Encoding::Ebcdic }
+}
+
+/// A text in EBCDIC, one byte for each character; those that it does not have become blanks.
+pub(crate) fn encode(text: &str) -> Vec<u8> {
+    let code = |c: char| {
+        let latin = u8::try_from(u32::from(c)).ok().filter(|_| !c.is_control());
+        latin.and_then(|latin| CP037.iter().position(|known| *known == latin)).map_or(0x40, |at| at as u8)
+    };
+    text.chars().map(code).collect()
 }
 
 /// The header as text: lines of 80 characters, trailing blanks cut, control characters shown as blanks.

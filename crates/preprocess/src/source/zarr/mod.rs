@@ -1,0 +1,420 @@
+//! Zarr (versions 2 and 3), OME-Zarr and N5: folders of chunks, read chunk by chunk.
+//!
+//! A folder is an array, or a group: of an OME-Zarr image or an N5 pyramid the finest level is read, or `--level N`; of other
+//! groups the one array, or the one that is named (`FOLDER:/PATH`). Axes that are neither x, y nor z are `--frame` (time) and
+//! `--channel`. Chunks that do not exist hold the fill value. Codecs: gzip, zlib, zstd, Blosc (without Snappy), LZ4, CRC-32C, byte
+//! shuffle, transposition, shards; others are refused by name.
+//! By hand: `zarrs` is 58 packages more, and inflates a chunk as far as its stream goes (decision 020). What decodes is crates'.
+//! Promises: chunk sizes are checked against the memory before anything is read; nothing is decoded beyond its chunk; nothing
+//! outside the folder is read.
+
+mod blosc;
+mod codecs;
+mod metadata;
+mod n5;
+pub(super) mod ome;
+pub(super) mod placement;
+mod store;
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use supervol_format::ByteSource;
+use supervol_format::Dims;
+use supervol_format::readable::Mib;
+
+use super::chunked::{ChunkGrid, ChunkMemory, ChunkedSource, Chunks, widened};
+use super::elements::{Channels, Elements, Frames};
+use super::file::SourceFile;
+use super::folder::FolderOptions;
+use super::grid_file::{GridLayout, checked_bytes};
+use super::selection::Selection;
+use super::text::shortened;
+use super::{Axis, Endian, SourceError, SourceInfo};
+use metadata::{Array, Index, Version2, Version3};
+use ome::{ArrayAxis, Attributes};
+use placement::place;
+use store::Store;
+
+/// Files that make a folder Zarr or N5.
+const ZARR_FILES: [&str; 3] = ["zarr.json", ".zarray", ".zgroup"];
+const N5_FILE: &str = "attributes.json";
+/// Most entries of a list in a message.
+const LISTED_LIMIT: usize = 20;
+/// Tables of shards that are kept, and the longest of them, chunks.
+const TABLES_KEPT: usize = 8;
+const TABLE_LIMIT: u64 = 1 << 18;
+
+/// Whether a folder is Zarr or N5.
+pub(crate) fn is_zarr(folder: &Path) -> bool {
+    ZARR_FILES.iter().chain([&".zattrs", &N5_FILE]).any(|name| folder.join(name).is_file())
+}
+
+/// Opens a folder of Zarr or N5.
+///
+/// # Errors
+/// If metadata or chunks break their rules, an encoding is not read, a chunk does not fit the memory, or nothing says which of
+/// several arrays is meant.
+pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, SourceError> {
+    options.selection.refuse_series(path)?;
+    let store = Store::new(path, options.outside)?;
+    let name = options.selection.array.as_deref().unwrap_or_default().trim_matches('/');
+    let folder = store.inside(name)?;
+    let mut notes = Vec::new();
+    let found = find(&store, &folder, options.selection, &mut notes)?;
+    source(&store, found, options, notes)
+}
+
+/// An array that was chosen.
+struct Found {
+    folder: PathBuf,
+    array: Array,
+    axes: Vec<ArrayAxis>,
+    format: &'static str,
+}
+
+/// What a folder is.
+enum Node {
+    Array(Array, Option<Vec<Option<String>>>),
+    Group(Attributes),
+    N5(n5::Attributes),
+}
+
+/// Reads a folder's metadata.
+fn node(store: &Store, folder: &Path) -> Result<Option<Node>, SourceError> {
+    let path = folder.join("zarr.json");
+    if let Some(found) = store.metadata::<Version3>(&path)? {
+        if found.node_type != "array" {
+            return Ok(Some(Node::Group(found.attributes)));
+        }
+        let names = found.dimension_names.clone();
+        return Ok(Some(Node::Array(found.array(&path)?, names)));
+    }
+    let attributes = store.metadata::<Attributes>(&folder.join(".zattrs"))?;
+    let path = folder.join(".zarray");
+    if let Some(found) = store.metadata::<Version2>(&path)? {
+        return Ok(Some(Node::Array(found.array(&path)?, attributes.and_then(|a| a.dimensions))));
+    }
+    if attributes.is_some() || folder.join(".zgroup").is_file() {
+        return Ok(Some(Node::Group(attributes.unwrap_or_default())));
+    }
+    Ok(store.metadata::<n5::Attributes>(&folder.join(N5_FILE))?.map(Node::N5))
+}
+
+/// The array that is meant.
+fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<Found, SourceError> {
+    match node(store, folder)? {
+        None => {
+            let expected = "an array or a group of Zarr or N5";
+            Err(SourceError::invalid(
+                folder,
+                "folder",
+                expected,
+                "neither `zarr.json`, `.zarray` nor `attributes.json`",
+            ))
+        }
+        Some(Node::Array(array, names)) => {
+            selection.level_of(folder, 1)?;
+            Ok(plain(folder.into(), array, names))
+        }
+        Some(Node::Group(attributes)) => match attributes.images() {
+            [] => one_below(store, folder, &attributes, selection),
+            [image, others @ ..] => {
+                if !others.is_empty() {
+                    notes.push(format!("{} images in one group; the first is used", others.len() + 1));
+                }
+                image_level(store, folder, image, selection, notes)
+            }
+        },
+        Some(Node::N5(attributes)) => n5_level(store, folder, attributes, selection, notes),
+    }
+}
+
+/// An array of which nothing is known but, maybe, the names of its axes.
+fn plain(folder: PathBuf, array: Array, names: Option<Vec<Option<String>>>) -> Found {
+    let rank = array.shape.shape.len();
+    let names = names.filter(|names| names.len() == rank).unwrap_or_else(|| vec![None; rank]);
+    let axes = names.into_iter().map(|name| ArrayAxis::named(&name.unwrap_or_default())).collect();
+    Found { folder, array, axes, format: "zarr" }
+}
+
+/// The one array below a group that says nothing of images.
+fn one_below(
+    store: &Store,
+    folder: &Path,
+    attributes: &Attributes,
+    selection: &Selection,
+) -> Result<Found, SourceError> {
+    let names = store.nodes(folder, &ZARR_FILES);
+    if let ([name], None) = (&names[..], attributes.collection())
+        && let Some(Node::Array(array, dimensions)) = node(store, &folder.join(name))?
+    {
+        selection.level_of(folder, 1)?;
+        return Ok(plain(folder.join(name), array, dimensions));
+    }
+    Err(several(store, folder, attributes.collection().unwrap_or("group of Zarr"), &names))
+}
+
+/// Asks for a name.
+fn several(store: &Store, folder: &Path, what: &str, names: &[String]) -> SourceError {
+    let mut listed: Vec<String> = names.iter().take(LISTED_LIMIT).map(|name| shortened(name)).collect();
+    if names.len() > LISTED_LIMIT {
+        listed.push(format!("and {} more", names.len() - LISTED_LIMIT));
+    }
+    let list = if listed.is_empty() { "nothing that is read".into() } else { listed.join(", ") };
+    let below = folder.strip_prefix(&store.path).unwrap_or(folder).display().to_string();
+    let below = if below.is_empty() { below } else { format!("{below}/") };
+    let advice =
+        format!("name one, for example {}:/{below}{}", store.path.display(), names.first().map_or("NAME", |n| n));
+    SourceError::unsupported(folder, format!("this is a {what}: {list}"), advice)
+}
+
+/// A level of an OME-Zarr image.
+fn image_level(
+    store: &Store,
+    folder: &Path,
+    image: &ome::Multiscale,
+    selection: &Selection,
+    notes: &mut Vec<String>,
+) -> Result<Found, SourceError> {
+    let level = level_of(folder, image.datasets.len(), selection, notes)?;
+    let Some(dataset) = image.datasets.get(level as usize) else {
+        return Err(SourceError::invalid(folder, "multiscales", "at least one dataset", "none"));
+    };
+    let below = folder.strip_prefix(&store.path).unwrap_or(folder).join(&dataset.path);
+    let at = store.inside(&below.to_string_lossy())?;
+    let Some(Node::Array(array, _)) = node(store, &at)? else {
+        return Err(SourceError::invalid(&at, "dataset of the image", "an array", "none"));
+    };
+    let axes = image.axes(dataset, array.shape.shape.len(), notes);
+    Ok(Found { folder: at, array, axes, format: "ome-zarr" })
+}
+
+/// The level that is wanted of an image.
+fn level_of(folder: &Path, levels: usize, selection: &Selection, notes: &mut Vec<String>) -> Result<u64, SourceError> {
+    if levels > 1 && selection.level.is_none() {
+        notes.push(format!("{levels} levels; the finest is used; --level 0 to {} takes another", levels - 1));
+    }
+    selection.level_of(folder, levels as u64)
+}
+
+/// A dataset of N5, or a level of a pyramid whose levels are called s0, s1, ...
+fn n5_level(
+    store: &Store,
+    folder: &Path,
+    attributes: n5::Attributes,
+    selection: &Selection,
+    notes: &mut Vec<String>,
+) -> Result<Found, SourceError> {
+    let found = |folder: PathBuf, own: &n5::Attributes, group: &n5::Attributes| {
+        let array = own.array(&folder.join(N5_FILE))?;
+        Ok(Found { array, axes: own.axes(group), folder, format: "n5" })
+    };
+    if attributes.is_array() {
+        selection.level_of(folder, 1)?;
+        return found(folder.into(), &attributes, &n5::Attributes::default());
+    }
+    let levels = (0..).take_while(|level| folder.join(format!("s{level}")).join(N5_FILE).is_file()).count();
+    if levels == 0 {
+        return Err(several(store, folder, "group of N5", &below_n5(folder)));
+    }
+    let level = level_of(folder, levels, selection, notes)?;
+    let at = folder.join(format!("s{level}"));
+    let Some(own) = store.metadata::<n5::Attributes>(&at.join(N5_FILE))?.filter(n5::Attributes::is_array) else {
+        return Err(SourceError::invalid(&at, "level", "a dataset of N5", "none"));
+    };
+    found(at, &own, &attributes)
+}
+
+/// Folders in a group of N5, which need no metadata of their own.
+fn below_n5(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().take(LISTED_LIMIT * 10);
+    let folders = entries.filter(|entry| entry.path().is_dir());
+    let mut names: Vec<String> = folders.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+fn source(
+    store: &Store,
+    found: Found,
+    options: &FolderOptions<'_>,
+    mut notes: Vec<String>,
+) -> Result<ChunkedSource, SourceError> {
+    let path = found.folder.clone();
+    let placement = place(&path, (&found.array.shape.shape, &found.axes), options.selection, &mut notes)?;
+    let Found { array, axes, format, .. } = found;
+    let dims = Dims(placement.axes.map(|axis| axis.map_or(1, |axis| array.shape.shape[axis])));
+    let stored = array.number.stored();
+    checked_bytes(&path, dims, stored)?;
+    let layout = GridLayout { dims, voxel_type: stored, endian: Endian::Little, fastest_first: GridLayout::X_FASTEST };
+    let chunk_bytes = array.shape.chunk_bytes(stored.bytes());
+    let too_much = |needed: Option<u64>| {
+        let chunk = chunk_bytes.map_or_else(|| "more than can be addressed".into(), |n| Mib(n as u64).to_string());
+        let advice = needed.map_or_else(
+            || "write the array anew with smaller chunks".into(),
+            |needed| format!("allow {} with --memory, or write the array anew with smaller chunks", Mib(needed)),
+        );
+        SourceError::unsupported(&path, format!("its chunks {:?} are of {chunk}", array.shape.chunk), advice)
+    };
+    let bytes = chunk_bytes.ok_or_else(|| too_much(None))?;
+    let memory = ChunkMemory::plan(bytes as u64, options.memory_bytes).map_err(|n| too_much(Some(n)))?;
+
+    let mut info = SourceInfo::plain(format, dims, stored);
+    let of = placement.axes.map(|axis| axis.map(|axis| &axes[axis]));
+    info.geometry = ome::geometry_of(of);
+    if let Some(defect) = info.geometry.defect() {
+        return Err(SourceError::invalid(&path, "place of the image", "spacings above 0, and finite numbers", defect));
+    }
+    info.axes = std::array::from_fn(|i| {
+        let usual = ["x", "y", "z"][i];
+        let (name, unit) = of[i].map_or((usual, ""), |axis| (axis.name.as_str(), axis.unit.as_str()));
+        Axis { name: if name.is_empty() { usual } else { name }.into(), unit: unit.into() }
+    });
+    let (files, are_all) = store.files(&path)?;
+    if !are_all {
+        notes.push("more chunks than are watched: whether they change while they are read is not noticed".into());
+    }
+    info.memory_bytes = files.len() as u64 * (size_of::<SourceFile>() as u64 + 2 * path.as_os_str().len() as u64 + 64);
+    info.files = files;
+    info.folder = Some(store.path.clone());
+
+    let number = array.number;
+    let shape = array.shape.clone();
+    let chunks = ArrayChunks { store: store.clone(), folder: path.clone(), array, bytes, tables: Mutex::default() };
+    let grid = ChunkGrid::new(layout, shape, placement, Box::new(chunks), memory);
+    let elements = Elements::of(&path, &grid, number, (Channels::ONE, Frames::ONE), &mut notes)?;
+    info.voxel_type = elements.voxel_type;
+    info.notes = notes;
+    Ok(ChunkedSource::new(info, grid, elements))
+}
+
+/// Where each chunk of a shard begins, and how long it is.
+type Table = Arc<Vec<[u64; 2]>>;
+
+/// The chunks of an array.
+#[derive(Debug)]
+struct ArrayChunks {
+    store: Store,
+    folder: PathBuf,
+    array: Array,
+    /// Of a decoded chunk.
+    bytes: usize,
+    /// Where the chunks of some shards lie, the last used last.
+    tables: Mutex<VecDeque<(PathBuf, Table)>>,
+}
+
+impl Chunks for ArrayChunks {
+    fn decode(&self, number: &[u64]) -> Result<Option<Vec<u8>>, SourceError> {
+        let (path, data) = match &self.array.sharding {
+            None => {
+                let path = self.folder.join(self.array.keys.name(number));
+                let data = self.store.read(&path, codecs::encoded_limit(self.bytes) as u64)?;
+                (path, data)
+            }
+            Some(sharding) => {
+                let shard: Vec<u64> = number.iter().zip(&sharding.count).map(|(n, count)| n / count).collect();
+                let path = self.folder.join(self.array.keys.name(&shard));
+                let inside = number.iter().zip(&sharding.count);
+                // Fits: the table has been counted.
+                let at = inside.fold(0, |at, (n, count)| at * count + n % count) as usize;
+                let data = self.read_of_shard(&path, at, (&sharding.count, sharding.index))?;
+                (path, data)
+            }
+        };
+        let Some(data) = data else { return Ok(None) };
+        let decoded = if self.array.has_block_headers { self.block(data) } else { self.stages(data, self.bytes) };
+        let wrong =
+            |found: String| SourceError::invalid(&path, "chunk", format!("{} bytes of voxels", self.bytes), found);
+        decoded.map(Some).map_err(wrong)
+    }
+}
+
+impl ArrayChunks {
+    fn stages(&self, data: Vec<u8>, wanted: usize) -> Result<Vec<u8>, String> {
+        codecs::decode(&self.array.stages, data, wanted)
+    }
+
+    /// A block of N5, which may be smaller than a chunk.
+    fn block(&self, mut data: Vec<u8>) -> Result<Vec<u8>, String> {
+        let shape = &self.array.shape;
+        let (sizes, header) = n5::split_block(&data, shape.chunk.len())?;
+        let sizes: Vec<u64> = sizes.into_iter().rev().collect();
+        if sizes.iter().zip(&shape.chunk).any(|(size, chunk)| size > chunk) {
+            return Err(format!("a block of {sizes:?}, where chunks are of {:?}", shape.chunk));
+        }
+        let element = self.array.number.stored().bytes();
+        let wanted = sizes.iter().product::<u64>() as usize * element;
+        if header > data.len() {
+            return Err("shorter than its header".into());
+        }
+        data.drain(..header);
+        data = self.stages(data, wanted)?;
+        if sizes == shape.chunk {
+            return Ok(data);
+        }
+        Ok(widened(&data, &sizes, &shape.chunk, element, self.bytes))
+    }
+
+    /// A chunk of a shard; `None` where it has none.
+    fn read_of_shard(
+        &self,
+        path: &Path,
+        at: usize,
+        (count, index): (&[u64], Index),
+    ) -> Result<Option<Vec<u8>>, SourceError> {
+        let Some(file) = self.store.open(path)? else { return Ok(None) };
+        let length = file.len().map_err(|e| SourceError::io(path, e))?;
+        let table = self.table(path, &file, length, (count, index))?;
+        let [start, bytes] = table[at];
+        if [start, bytes] == [u64::MAX; 2] {
+            return Ok(None);
+        }
+        let limit = codecs::encoded_limit(self.bytes) as u64;
+        if bytes > limit || start.checked_add(bytes).is_none_or(|end| end > length) {
+            let expected = format!("at most {limit} bytes within the {length} of the shard");
+            return Err(SourceError::invalid(path, "index of the shard", expected, format!("{bytes} from {start} on")));
+        }
+        let mut data = vec![0; bytes as usize];
+        file.read_exact_at(start, &mut data).map_err(|e| SourceError::io(path, e))?;
+        Ok(Some(data))
+    }
+
+    /// Place and length of each chunk of a shard.
+    fn table(
+        &self,
+        path: &Path,
+        file: &std::fs::File,
+        length: u64,
+        (count, index): (&[u64], Index),
+    ) -> Result<Table, SourceError> {
+        {
+            // Whoever panicked has changed the list whole.
+            let tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some((_, table)) = tables.iter().find(|(kept, _)| kept == path) {
+                return Ok(Arc::clone(table));
+            }
+        }
+        let chunks = count.iter().try_fold(1u64, |product, n| product.checked_mul(*n)).filter(|n| *n <= TABLE_LIMIT);
+        let Some(chunks) = chunks else {
+            let what = format!("shards of {count:?} chunks, which is more than {TABLE_LIMIT}");
+            return Err(SourceError::unsupported(path, what, "write the array anew with smaller shards"));
+        };
+        let bytes = 16 * chunks + if index.has_checksum { 4 } else { 0 };
+        let wrong = |found: String| SourceError::invalid(path, "index of the shard", format!("{bytes} bytes"), found);
+        let start = length.checked_sub(bytes).ok_or_else(|| wrong(format!("a file of {length}")))?;
+        let mut data = vec![0; bytes as usize];
+        file.read_exact_at(if index.at_end { start } else { 0 }, &mut data).map_err(|e| SourceError::io(path, e))?;
+        let stages: &[_] = if index.has_checksum { &[codecs::Codec::Crc32c] } else { &[] };
+        let data = codecs::decode(stages, data, 16 * chunks as usize).map_err(wrong)?;
+        let numbers = data.as_chunks::<8>().0.as_chunks::<2>().0;
+        let table = Arc::new(numbers.iter().map(|pair| pair.map(u64::from_le_bytes)).collect::<Vec<_>>());
+        let mut tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
+        if tables.len() >= TABLES_KEPT {
+            tables.pop_front();
+        }
+        tables.push_back((path.into(), Arc::clone(&table)));
+        Ok(table)
+    }
+}
