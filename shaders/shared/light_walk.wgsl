@@ -19,8 +19,8 @@ const LEAST_SHARE: f32 = 0.25;
 const EASY: f32 = 0.125;
 // Multiple of what is allowed, from which the next part is a quarter as long, not half.
 const HARD: f32 = 16.0;
-// How far beyond a face a leap ends, in parts of t: a few roundings.
-const LEAP_MARGIN: f32 = 2.0e-7;
+// How far beyond a face a leap ends, in voxels: a few roundings.
+const LEAP_MARGIN: f32 = 2.0e-5;
 // Beyond everything, in world lengths.
 const FAR: f32 = 1.0e30;
 
@@ -89,90 +89,146 @@ fn twist_of(cell: LightCell) -> f32 {
     return (cell.rise.w - cell.rise.z) - (cell.rise.y - cell.rise.x);
 }
 
-fn cast_brick_light(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RayState>) {
-    let o = ray.origin;
+// A ray in a brick, so that a crossing costs a product and a sum.
+struct LightRay {
+    origin: vec3<f32>,
+    direction: vec3<f32>,
+    // Parameter per voxel, and that of plane 0; FAR where the ray runs along the plane.
+    inverse: vec3<f32>,
+    offset: vec3<f32>,
+    // 1 where the ray ascends, else 0: the plane ahead is that much further than the cell; and 1 or -1.
+    ahead: vec3<f32>,
+    step: vec3<f32>,
+    // Unit distances per unit of t.
+    extent_per_t: f32,
+    // How far beyond a face a leap ends.
+    margin: f32,
+    // Where the ray leaves the brick.
+    leave: f32,
+}
+
+fn light_ray(ray: LocalRay, leave: f32) -> LightRay {
     let d = ray.direction;
     let moves = d != vec3<f32>(0.0);
     let inverse = select(vec3<f32>(0.0), 1.0 / select(vec3<f32>(1.0), d, moves), moves);
-    let offset = select(vec3<f32>(FAR), -o * inverse, moves);
-    let ahead = select(vec3<f32>(0.0), vec3<f32>(1.0), d > vec3<f32>(0.0));
-    let way_on = 2.0 * ahead - 1.0;
-    let last_cell = f32(config.core) - 1.0;
-    let last_macro = macro_edge() - 1;
+    let offset = select(vec3<f32>(FAR), -ray.origin * inverse, moves);
+    let ahead = vec3<f32>(d > vec3<f32>(0.0));
     let extent_per_t = ray.level.length * config.inverse_unit_distance;
-    var t = (*state).t;
-    var transmittance = (*state).transmittance;
-    var color = (*state).color;
-    var cell = clamp(floor(o + t * d), vec3<f32>(-1.0), vec3<f32>(last_cell));
-    var at = 0.0;
-    var next = 1.0;
-    while (t < leave && transmittance > config.transmittance_limit && (work < config.work_limit || at > 0.0)) {
-        // Leaps, where nothing near shows anything.
-        var is_near = at > 0.0;
-        while (!is_near && t < leave) {
-            let block = clamp(vec3<i32>(floor((o + t * d + 0.5) * (1.0 / f32(MACRO_CELL)))), vec3<i32>(0), vec3<i32>(last_macro));
-            let reach = f32(proximity[macro_place(slot, block)]) - 1.0;
-            is_near = reach < 0.0;
-            if (!is_near) {
-                let face = (vec3<f32>(block) + ahead + reach * way_on) * f32(MACRO_CELL) - 0.5;
-                let exits = face * inverse + offset;
-                // Rounding must not hold it.
-                t = min(max(min(exits.x, min(exits.y, exits.z)), t) + max(t, 1.0) * LEAP_MARGIN, leave);
-                cell = clamp(floor(o + t * d), vec3<f32>(-1.0), vec3<f32>(last_cell));
-                macro_cells_skipped += 1u;
-            }
-            work += 1u;
+    let margin = LEAP_MARGIN / max(max(abs(d.x), abs(d.y)), abs(d.z));
+    return LightRay(ray.origin, d, inverse, offset, ahead, 2.0 * ahead - 1.0, extent_per_t, margin, leave);
+}
+
+// How far a ray has come in a brick, and what it has gathered.
+struct LightWalk {
+    t: f32,
+    transmittance: f32,
+    color: vec3<f32>,
+    // First corner of the cell.
+    cell: vec3<f32>,
+    // Share of the cell that is done, and length of the next part, in cells.
+    at: f32,
+    next: f32,
+}
+
+fn cell_at(ray: LightRay, t: f32) -> vec3<f32> {
+    return clamp(floor(ray.origin + t * ray.direction), vec3<f32>(-1.0), vec3<f32>(f32(config.core) - 1.0));
+}
+
+// Takes the ray out of what shows nothing, to where something near does, or the brick ends.
+fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>) {
+    let last = vec3<i32>(macro_edge() - 1);
+    var is_near = (*walk).at > 0.0;
+    while (!is_near && (*walk).t < ray.leave) {
+        work += 1u;
+        let place = (ray.origin + (*walk).t * ray.direction + 0.5) * (1.0 / f32(MACRO_CELL));
+        let block = clamp(vec3<i32>(floor(place)), vec3<i32>(0), last);
+        let reach = f32(proximity[macro_place(slot, block)]) - 1.0;
+        is_near = reach < 0.0;
+        if (!is_near) {
+            let face = (vec3<f32>(block) + ray.ahead + reach * ray.step) * f32(MACRO_CELL) - 0.5;
+            let exit = first_crossing(face * ray.inverse + ray.offset);
+            // Rounding must not hold it.
+            (*walk).t = min(max(exit, (*walk).t) + ray.margin, ray.leave);
+            (*walk).cell = cell_at(ray, (*walk).t);
+            macro_cells_skipped += 1u;
         }
+    }
+}
+
+// Integrates the next part of a cell, and takes it or makes it shorter; behind the last one the next cell begins.
+fn try_part(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>) {
+    let exits = ((*walk).cell + ray.ahead) * ray.inverse + ray.offset;
+    let cell_leave = max(min(first_crossing(exits), ray.leave), (*walk).t);
+    let length = cell_leave - (*walk).t;
+    // Nothing shorter than the shortest part is left over.
+    let at = (*walk).at;
+    let is_last = (*walk).next + LEAST_PART >= 1.0 - at;
+    let size = select((*walk).next, 1.0 - at, is_last);
+    let end = select(at + size, 1.0, is_last);
+    let entry = ray.origin + (*walk).t * ray.direction - (*walk).cell;
+    let way = length * ray.direction;
+    let field = light_cell(slot, vec3<i32>((*walk).cell), entry, entry + way);
+    let values = vec3<f32>(
+        value_in(field, entry + at * way),
+        value_in(field, entry + (at + 0.5 * size) * way),
+        value_in(field, entry + end * way),
+    );
+    let part_way = size * way;
+    let cubic = twist_of(field) * part_way.x * part_way.y * part_way.z;
+    var part = integrate_chord(LightChord(values, cubic, length * ray.extent_per_t * size));
+    if (!field.is_present) {
+        part = LightPart(vec3<f32>(0.0), 1.0, 0.0);
+    }
+    samples += 2u;
+
+    let ratio = part.error * (*walk).transmittance / config.cell_error;
+    let is_taken = ratio <= max(size, LEAST_SHARE) || size <= LEAST_PART;
+    (*walk).next = next_size(size, ratio, is_taken);
+    if (is_taken) {
+        (*walk).color += (*walk).transmittance * part.color;
+        (*walk).transmittance *= part.transmittance;
+        (*walk).at = end;
+    }
+    if ((*walk).at >= 1.0) {
+        (*walk).cell += select(vec3<f32>(0.0), ray.step, exits <= vec3<f32>(cell_leave));
+        (*walk).t = cell_leave;
+        (*walk).at = 0.0;
+        (*walk).next = 1.0;
+        cells += 1u;
+    }
+}
+
+// Length of the part behind one of this length that was taken, or in its place; `ratio`: its error in tolerances of a cell.
+fn next_size(size: f32, ratio: f32, is_taken: bool) -> f32 {
+    let allowed = max(size, LEAST_SHARE);
+    // Of a whole cell, the error falls with the square of the number of parts.
+    let root = sqrt(min(ratio, PARTS_LIMIT * PARTS_LIMIT));
+    let parts = clamp(floor(PARTS_PER_ROOT * root) + 1.0, 2.0, PARTS_LIMIT);
+    let shorter = select(select(0.5, 0.25, ratio > allowed * HARD), 1.0 / parts, size == 1.0);
+    let longer = select(1.0, 2.0, ratio < allowed * EASY);
+    return max(size * select(shorter, longer, is_taken), LEAST_PART);
+}
+
+// Walks a brick; stops between two cells when the ray has done its share.
+fn cast_brick_light(slot: Slot, local: LocalRay, leave: f32, state: ptr<function, RayState>) {
+    let ray = light_ray(local, leave);
+    let begin = (*state).t;
+    var walk = LightWalk(begin, (*state).transmittance, (*state).color, cell_at(ray, begin), 0.0, 1.0);
+    var goes_on = walk.t < leave;
+    while (goes_on) {
+        leap_on(slot, ray, &walk);
         macro_cells += 1u;
         work += ROUND;
         for (var i = 0u; i < ROUND; i += 1u) {
-            let exits = (cell + ahead) * inverse + offset;
-            let cell_leave = max(min(min(exits.x, exits.y), min(exits.z, leave)), t);
-            let length = cell_leave - t;
-            // The next part.
-            let rest = 1.0 - at;
-            let is_last = next + LEAST_PART >= rest;
-            let size = select(next, rest, is_last);
-            let end = select(at + size, 1.0, is_last);
-            let entry = o + t * d - cell;
-            let way = length * d;
-            let field = light_cell(slot, vec3<i32>(cell), entry, entry + way);
-            let begin_value = value_in(field, entry + at * way);
-            let middle_value = value_in(field, entry + (at + 0.5 * size) * way);
-            let end_value = value_in(field, entry + end * way);
-            let part_way = size * way;
-            let cubic = twist_of(field) * part_way.x * part_way.y * part_way.z;
-            let chord = LightChord(vec3<f32>(begin_value, middle_value, end_value), cubic, length * extent_per_t * size);
-            var part = integrate_chord(chord);
-            if (!field.is_present) {
-                part = LightPart(vec3<f32>(0.0), 1.0, 0.0);
-            }
-            let ratio = part.error * transmittance / config.cell_error;
-            let allowed = max(size, LEAST_SHARE);
-            let taken = ratio <= allowed || size <= LEAST_PART;
-            if (taken) {
-                color += transmittance * part.color;
-                transmittance *= part.transmittance;
-            }
-            let parts = clamp(floor(PARTS_PER_ROOT * sqrt(min(ratio, 1.0e4))) + 1.0, 2.0, PARTS_LIMIT);
-            let shorter = select(select(0.5, 0.25, ratio > allowed * HARD), 1.0 / parts, size == 1.0);
-            let longer = select(1.0, 2.0, ratio < allowed * EASY);
-            next = max(size * select(shorter, longer, taken), LEAST_PART);
-            at = select(at, end, taken);
-            if (at >= 1.0) {
-                cell += select(vec3<f32>(0.0), way_on, exits <= vec3<f32>(cell_leave));
-                t = cell_leave;
-                at = 0.0;
-                next = 1.0;
-                cells += 1u;
-            }
-            samples += 2u;
-            if (t >= leave || transmittance <= config.transmittance_limit) {
+            try_part(slot, ray, &walk);
+            goes_on = walk.t < leave && walk.transmittance > config.transmittance_limit;
+            if (!goes_on) {
                 break;
             }
         }
+        goes_on = goes_on && (!is_worked_off() || walk.at > 0.0);
     }
-    (*state).t = select(t, leave, transmittance <= config.transmittance_limit);
-    (*state).transmittance = transmittance;
-    (*state).color = color;
+    (*state).t = walk.t;
+    (*state).transmittance = walk.transmittance;
+    (*state).color = walk.color;
 }
