@@ -340,7 +340,8 @@ impl Caster {
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.feedback, 0, None);
         self.gpu.queue.submit([encoder.finish()]);
-        let mut round = Round { later: 0, rays: vec![0..self.grid.places() as u32] };
+        let all = 0..self.grid.places() as u32;
+        let mut round = Round { later: 0, rays: std::iter::once(all).collect() };
         for _ in 0..ROUND_LIMIT {
             let left = self.cast_round(round, &mut raw, stop)?;
             if left.is_empty() || raw.is_stopped {
