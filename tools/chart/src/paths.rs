@@ -406,7 +406,7 @@ mod tests {
         let [cpu, gpu] = &rides[..] else { panic!("two rides instead of {}", rides.len()) };
         assert_eq!([cpu.backend, gpu.backend], ["cpu", "gpu"]);
         assert!(cpu.pictures[0].1.distance(&gpu.pictures[0].1) < 1.0, "other pictures");
-        assert!(table(&rides).contains("| 80 x 80 x 80 | gpu |"));
+        assert!(table(&rides).contains("| 80 x 80 x 80 | gpu "));
     }
 
     fn rides(path: &CameraPath, backends: Vec<Backend>) -> Vec<Ride> {
