@@ -26,6 +26,10 @@ struct TwinResult {
     search: vec4<f32>,
     // Gauss pairs for a variation and for a turning normal.
     counts: vec4<f32>,
+    // Of a chord: colour and transmittance; error, and value and twist of a cell; channels at a value.
+    part: vec4<f32>,
+    cell: vec4<f32>,
+    channels: vec4<f32>,
 }
 
 @group(2) @binding(0) var<storage, read> twin_cases: array<TwinCase>;
@@ -45,7 +49,6 @@ fn test_twins(@builtin(global_invocation_id) id: vec3<u32>) {
     let intervals = monotone_intervals(cubic);
     let knots = knots_in(value, value + u);
     let knot_count = knots.y - knots.x;
-    let root = monotone_root(cubic, intervals.x, intervals.y, value);
     var result: TwinResult;
     result.cubic = cubic;
     result.intervals = intervals;
@@ -56,14 +59,22 @@ fn test_twins(@builtin(global_invocation_id) id: vec3<u32>) {
     // A corner layer serves as a gradient, the chord as a line of sight.
     result.shaded = vec4<f32>(shade(c.near.rgb, c.low.xyz, normalize(a - c.b_u.xyz)), 0.0);
     result.search = vec4<f32>(
-        min(root, 2.0),
+        min(monotone_root(cubic, intervals.x, intervals.y, value), 2.0),
         f32(is_visible(value, value + u)),
         f32(select(0u, knots.x, knot_count > 0u)),
         f32(knot_count),
     );
     // Squared: small variations are most frequent.
-    let pairs = pair_count(c.near.x * c.near.x, 8.0 * c.near.y);
-    let shaded_pairs = shaded_pair_count(2.0 * c.far.x, 8.0 * c.far.y);
-    result.counts = vec4<f32>(f32(pairs), f32(shaded_pairs), 0.0, 0.0);
+    result.counts.x = f32(pair_count(c.near.x * c.near.x, 8.0 * c.near.y));
+    result.counts.y = f32(shaded_pair_count(2.0 * c.far.x, 8.0 * c.far.y));
+    // Chords of a bin and of all bins, also outside.
+    let bins = f32(LIGHT_BINS) * (1.2 * c.low - 0.1);
+    let spread = c.high.w * c.high.w * c.high.w * c.high.w;
+    let values = mix(bins.xxx, bins.xyz, spread);
+    let part = integrate_chord(LightChord(values, 100.0 * spread * c.high.x, 4.0 * u));
+    let field = LightCell(vec4<f32>(c.low.xz, c.high.xz), vec4<f32>(c.low.yw - c.low.xz, c.high.yw - c.high.xz), true);
+    result.part = vec4<f32>(part.color, part.transmittance);
+    result.cell = vec4<f32>(part.error, value_in(field, a), twist_of(field), 0.0);
+    result.channels = light_at(bins.w).value;
     twin_results[id.x] = result;
 }

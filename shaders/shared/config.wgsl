@@ -14,12 +14,14 @@
 @group(0) @binding(2) var points: texture_2d<u32>;
 // `config.bin_count` bins, then the bits of the knots' values.
 @group(0) @binding(3) var transfer_index: texture_2d<u32>;
+// Extinction and emission by bins (light.wgsl).
+@group(0) @binding(4) var light_table: texture_2d<u32>;
 
 // For each slot the (least, greatest) render value of each macro cell, x fastest; least > greatest: nothing is there.
-@group(0) @binding(4) var<storage, read> macro_ranges: array<vec2<f32>>;
+@group(0) @binding(5) var<storage, read> macro_ranges: array<vec2<f32>>;
 // For each of these how many macro cells away, along the axis on which it is furthest, the nearest one is that shows
 // something under this look, but no further than the brick's edge needs; 0: it does so itself.
-@group(0) @binding(5) var<storage, read_write> proximity: array<u32>;
+@group(0) @binding(6) var<storage, read_write> proximity: array<u32>;
 
 struct Feedback {
     counters: array<atomic<u32>, 12>,
@@ -32,13 +34,13 @@ struct Feedback {
     // `config.wait_words` on the rays waiting for each entry.
     words: array<atomic<u32>>,
 }
-@group(0) @binding(6) var<storage, read_write> feedback: Feedback;
+@group(0) @binding(7) var<storage, read_write> feedback: Feedback;
 
 // Slots of stored voxels: integers biased to unsigned, floats as their bits. Unused ones hold one texel.
-@group(0) @binding(7) var cache_0: texture_3d<u32>;
-@group(0) @binding(8) var cache_1: texture_3d<u32>;
-@group(0) @binding(9) var cache_2: texture_3d<u32>;
-@group(0) @binding(10) var cache_3: texture_3d<u32>;
+@group(0) @binding(8) var cache_0: texture_3d<u32>;
+@group(0) @binding(9) var cache_1: texture_3d<u32>;
+@group(0) @binding(10) var cache_2: texture_3d<u32>;
+@group(0) @binding(11) var cache_3: texture_3d<u32>;
 
 // `scene.config`, read once by every entry.
 var<private> config: Config;
@@ -62,7 +64,10 @@ fn has_flag(flag: u32) -> bool {
     return (flags() & flag) != 0u;
 }
 
+// Bits that all NaNs and infinities have.
+const NON_FINITE: u32 = 0x7f800000u;
+
 // Whether the bits are those of a NaN or an infinity: tested on bits, since WGSL may assume that neither occurs.
 fn is_non_finite(bits: u32) -> bool {
-    return (bits & 0x7f800000u) == 0x7f800000u;
+    return (bits & NON_FINITE) == NON_FINITE;
 }

@@ -2,6 +2,10 @@
 
 // Texels of a row of a table.
 const TABLE_WIDTH: u32 = 1024u;
+// Bins of the transfer function's width: gpu/light_table.rs.
+const LIGHT_BINS: u32 = 4096u;
+// Rows of one of the three planes of that table.
+const LIGHT_ROWS: u32 = 5u;
 // Rays of one workgroup: one tile of 8 x 8 pixels.
 const WORKGROUP_RAYS: u32 = 64u;
 // The ray has more to do at once: it stopped at the dispatch's limit.
@@ -46,6 +50,8 @@ const FLAG_SHADED: u32 = 4u;
 const FLAG_SKIPPING: u32 = 8u;
 // Flag: voxels can be absent at all.
 const FLAG_HOLES: u32 = 16u;
+// Flag: antiderivatives of the transfer function are used (light_walk.wgsl): mode dvr, unshaded, without steps.
+const FLAG_LIGHT: u32 = 32u;
 // Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, scene.rs.
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
@@ -195,6 +201,20 @@ struct Config {
     use_words: u32,
     // First word of the feedback that counts rays waiting for a brick.
     wait_words: u32,
+    // Stored number from which bins of the transfer function are counted, before it is scaled.
+    light_centre: f32,
+    // Bins per stored step.
+    light_scale: f32,
+    // Bin of `light_centre`.
+    light_offset: f32,
+    // Error of one cell, of colour or opacity times the transmittance in front, from which it is cut into parts.
+    cell_error: f32,
+    // What one of an antiderivative's whole numbers stands for.
+    light_unit: f32,
+    // Greatest channel: extinction per unit distance, or that times a colour.
+    light_most: f32,
+    // Zero: the size is a multiple of 16.
+    light_padding: vec2<u32>,
     // The cache textures.
     grids: array<SlotGrid, 4>,
 }

@@ -159,7 +159,7 @@ fn gpu_far_image(
 ) -> Image {
     let geometry = &Geometry::IDENTITY;
     let volume = GpuVolume { pyramid, geometry, value_map, value_range, storage: VoxelStorage::F32 };
-    let options = GpuOptions { memory_bytes: 64 << 20, skipping: Skipping::On };
+    let options = GpuOptions { memory_bytes: 64 << 20, ..GpuOptions::default() };
     let mut renderer = GpuRenderer::new(gpu, &volume, scene, FINEST, options).expect("a renderer");
     for other in pyramid.keys_of(Lod(0)).filter(|&k| k != far.key) {
         renderer.set_state(other, PageEntry::Nothing);
@@ -177,7 +177,7 @@ fn a_budget_too_small_says_what_is_needed() {
     let volume = volume();
     let scene = volume.scene(SCENE);
     let new = |memory_bytes| {
-        let options = GpuOptions { memory_bytes, skipping: Skipping::On };
+        let options = GpuOptions { memory_bytes, ..GpuOptions::default() };
         GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options)
     };
     let Err(GpuError::Budget { needed, min_slots: 2, .. }) = new(1000) else { panic!("1000 bytes were enough") };
@@ -194,7 +194,7 @@ fn feedback_names_misses_uses_and_evictions() {
     let volume = volume();
     let scene = volume.scene(SCENE);
     let memory_bytes = volume.memory_for(&gpu, &scene, FINEST, 2);
-    let options = GpuOptions { memory_bytes, skipping: Skipping::On };
+    let options = GpuOptions { memory_bytes, ..GpuOptions::default() };
     let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options).unwrap();
     let first = renderer.cast_pass().unwrap();
     assert!(first.misses.len() > 2 && first.uses.is_empty());
@@ -233,7 +233,7 @@ const ROUNDING: f64 = 1e-3;
 fn another_look_or_view_uploads_no_brick() {
     let Some(gpu) = gpu() else { return };
     let volume = volume();
-    let options = GpuOptions { memory_bytes: 64 << 20, skipping: Skipping::On };
+    let options = GpuOptions { memory_bytes: 64 << 20, ..GpuOptions::default() };
     let first = volume.scene(SCENE);
     let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &first, FINEST, options).unwrap();
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
@@ -263,7 +263,7 @@ fn a_pass_that_is_stopped_goes_on() {
     let volume = volume();
     let large = SCENE.replace(r#""width": 32, "height": 24"#, r#""width": 128, "height": 96"#);
     let scene = volume.scene(&large);
-    let options = GpuOptions { memory_bytes: 64 << 20, skipping: Skipping::On };
+    let options = GpuOptions { memory_bytes: 64 << 20, ..GpuOptions::default() };
     let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options).unwrap();
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
     let stopped = renderer.cast_pass_until(&Stop::at(Some(Instant::now()))).unwrap();
@@ -280,7 +280,7 @@ fn bands_are_rows_of_the_picture() {
     let Some(gpu) = gpu() else { return };
     let volume = volume();
     let scene = volume.scene(SCENE);
-    let options = GpuOptions { memory_bytes: 64 << 20, skipping: Skipping::On };
+    let options = GpuOptions { memory_bytes: 64 << 20, ..GpuOptions::default() };
     let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options).unwrap();
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
     renderer.cast_pass().unwrap();
@@ -305,7 +305,7 @@ fn resident_bytes() -> Option<u64> {
 /// first tenth of them, and how many dispatches there were.
 fn memory_growth(gpu: &GpuDevice, frames: u64, passes: u64) -> Option<(u64, u64)> {
     let volume = volume();
-    let options = GpuOptions { memory_bytes: 16 << 20, skipping: Skipping::On };
+    let options = GpuOptions { memory_bytes: 16 << 20, ..GpuOptions::default() };
     let mut renderer =
         GpuRenderer::new(gpu, &volume.gpu_volume(), &volume.scene(SCENE), FINEST, options).expect("a renderer");
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
@@ -348,7 +348,7 @@ fn wrong_bricks_are_refused() {
     let Some(gpu) = gpu() else { return };
     let volume = volume();
     let scene = volume.scene(SCENE);
-    let options = GpuOptions { memory_bytes: 16 << 20, skipping: Skipping::On };
+    let options = GpuOptions { memory_bytes: 16 << 20, ..GpuOptions::default() };
     let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options).unwrap();
     let good = &volume.bricks[&BrickKey::new(Lod(0), BrickIndex([0; 3]))];
     let refused = |renderer: &mut GpuRenderer, brick: &DecodedBrick| {
@@ -369,7 +369,7 @@ fn a_lost_device_is_reported_and_replaced() {
     let Some(lost) = gpu() else { return };
     let volume = volume();
     let scene = volume.scene(SCENE);
-    let options = GpuOptions { memory_bytes: 16 << 20, skipping: Skipping::On };
+    let options = GpuOptions { memory_bytes: 16 << 20, ..GpuOptions::default() };
     let mut renderer = GpuRenderer::new(&lost, &volume.gpu_volume(), &scene, FINEST, options).unwrap();
     renderer.cast_pass().unwrap();
     lost.device.destroy();

@@ -7,7 +7,7 @@ use gpu_support::{F32, I16, Storage, TestVolume, U8, gpu, greatest_difference, m
 use supervol_format::{BrickIndex, BrickKey, Geometry, Lod};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::Skipping;
-use supervol_runtime::raycast::gpu::{GpuDevice, PageEntry};
+use supervol_runtime::raycast::gpu::{GpuDevice, GpuOptions, GpuRenderer, Insertion, PageEntry};
 
 const FINEST: LodChoice = LodChoice::Fixed(Lod::FINEST);
 /// Half a grey level.
@@ -169,6 +169,30 @@ fn levels_of_detail_geometry_clipping_and_subgrid() {
             check(&gpu, &format!("{lod:?}, {mode}"), &volume, &scene, lod, 20);
         }
     }
+}
+
+/// The error that is asked for decides how finely cells are cut, and is kept; also by a renderer that goes on.
+#[test]
+fn the_error_asked_for_steers_the_shader() {
+    let Some(gpu) = gpu() else { return };
+    let volume = TestVolume::new([37, 35, 33], 16, Geometry::IDENTITY, F32, noise);
+    let scene = volume.scene(&scene(CAMERA, ""));
+    let expected = volume.reference_image(&scene);
+    let mut samples = Vec::new();
+    let options = GpuOptions { max_error: 16.0 / 255.0, ..GpuOptions::default() };
+    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options).expect("a renderer");
+    volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
+    for levels in [16.0, 2.0, 0.5, 0.1] {
+        renderer.set_max_error(levels / 255.0);
+        assert!(renderer.set_scene(&volume.gpu_volume(), &scene, FINEST, true).expect("a scene"));
+        let feedback = renderer.cast_pass().expect("a pass");
+        assert!(feedback.is_converged());
+        let error = greatest_difference(&renderer.image().expect("an image"), &expected);
+        println!("{levels}: {error:.4}/255, {} samples", feedback.counters.samples);
+        assert!(error <= levels, "{error} of {levels}");
+        samples.push(feedback.counters.samples);
+    }
+    assert!(samples.is_sorted() && 3 * samples[3] > 4 * samples[0], "{samples:?}");
 }
 
 /// Steps and narrow peaks: where a ray grazes one, an error e of the value moves the crossing by the square root of e.

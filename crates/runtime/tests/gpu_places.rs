@@ -18,8 +18,9 @@ use supervol_runtime::facts::{DataKind, Frame, VolumeFacts};
 use supervol_runtime::gpu::layout::{
     PAGE_FAILED, PAGE_MISSING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, STATUS_ACTIVE, Scene as GpuScene, SlotGrid,
 };
+use supervol_runtime::gpu::light_table::LightTable;
 use supervol_runtime::gpu::rays::ViewLines;
-use supervol_runtime::gpu::scene_tables::{self, FeedbackPlaces};
+use supervol_runtime::gpu::scene_tables::{self, Exactness, FeedbackPlaces};
 use supervol_runtime::gpu::shaders;
 use supervol_runtime::image::greatest;
 use supervol_runtime::lod::{LodChoice, LodRule};
@@ -284,8 +285,11 @@ fn gpu_results(
     let unused = SlotGrid { slots: [1; 3], first: u32::MAX };
     let grids = [SlotGrid { slots: [1; 3], first: 0 }, unused, unused, unused];
     let volume = setting.volume();
-    let places = FeedbackPlaces { grids, slots: 1, work_limit: 1 };
-    let mut config = scene_tables::config(&volume, &setting.scene, &tf, Skipping::On, places).expect("a configuration");
+    let places = FeedbackPlaces { grids, slots: 1 };
+    let light = LightTable::new(&setting.scene.transfer_function, setting.map.shift, 1e-3);
+    let exactness = Exactness { skipping: Skipping::On, max_error: 0.5 / 255.0 };
+    let mut config =
+        scene_tables::config(&volume, &setting.scene, &tf, &light, exactness, places).expect("a configuration");
     let tables = scene_tables::tables(&volume, &setting.scene).expect("tables");
     let (camera, dims) = (&setting.scene.camera, setting.pyramid.level_at(Lod::FINEST).dims);
     let lines = ViewLines::new(camera, &setting.geometry, dims);
@@ -296,10 +300,10 @@ fn gpu_results(
     let group_0 = [
         (0, Resource::Storage(bytemuck::bytes_of(&scene))),
         (1, Resource::Storage(bytemuck::cast_slice(pages))),
-        (7, Resource::Texture(&bits, voxels.1)),
-        (8, Resource::Texture(&[0], 1)),
+        (8, Resource::Texture(&bits, voxels.1)),
         (9, Resource::Texture(&[0], 1)),
         (10, Resource::Texture(&[0], 1)),
+        (11, Resource::Texture(&[0], 1)),
     ];
     run(gpu, shaders::TEST_PLACES, &group_0, cases)
 }

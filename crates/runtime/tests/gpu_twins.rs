@@ -8,8 +8,10 @@ use glam::Vec3;
 use gpu_support::compute::{Resource, run};
 use gpu_support::{F32, Random, TestVolume, gpu, marschner_lobb};
 use supervol_format::Geometry;
-use supervol_runtime::gpu::layout::{Scene as GpuScene, SlotGrid, View};
-use supervol_runtime::gpu::scene_tables::{self, FeedbackPlaces};
+use supervol_runtime::gpu::layout::{LIGHT_BINS, Scene as GpuScene, SlotGrid, View};
+use supervol_runtime::gpu::light::{LightChord, LightPart, integrate_chord, light_at, twist_of, value_in};
+use supervol_runtime::gpu::light_table::LightTable;
+use supervol_runtime::gpu::scene_tables::{self, Exactness, FeedbackPlaces};
 use supervol_runtime::gpu::shaders;
 use supervol_runtime::image::greatest;
 use supervol_runtime::raycast::cpu::Skipping;
@@ -25,6 +27,7 @@ use supervol_runtime::transfer_function::render::absorbance;
 
 const SEED: u64 = 20_261_120;
 const CASES: usize = 4096;
+const EXACTNESS: Exactness = Exactness { skipping: Skipping::On, max_error: 0.5 / 255.0 };
 /// What stands for a root that is not there; in [0, 1] all roots are.
 const NO_ROOT: f32 = 2.0;
 
@@ -52,12 +55,24 @@ struct Outcome {
     search: [f32; 4],
     /// Numbers of Gauss pairs; checked by [`check_counts`].
     counts: [f32; 4],
+    part: [f32; 4],
+    cell: [f32; 4],
+    channels: [f32; 4],
 }
 
 /// The same through the Rust functions.
-fn outcome(case: &Case, tf: &RenderTransferFunction, lighting: &Lighting) -> Outcome {
+fn outcome(case: &Case, tf: &RenderTransferFunction, light: &LightTable, lighting: &Lighting) -> Outcome {
+    let bins = case.low.map(|v| LIGHT_BINS as f32 * (1.2 * v - 0.1));
+    let spread = case.high[3].powi(4);
+    let chord = LightChord {
+        values: [0, 1, 2].map(|i| bins[0] * (1.0 - spread) + bins[i] * spread),
+        cubic: 100.0 * spread * case.high[0],
+        extent: 4.0 * case.b_u[3],
+    };
+    let LightPart { color: [r, g, blue], transmittance, error } = integrate_chord(light, &chord);
     let corners: [f32; 8] = std::array::from_fn(|i| if i < 4 { case.low[i] } else { case.high[i - 4] });
     let [a, b] = [case.a_value, case.b_u].map(|v| [v[0], v[1], v[2]].map(f64::from));
+    let place = [case.a_value[0], case.a_value[1], case.a_value[2]];
     let (value, u) = (case.a_value[3], case.b_u[3]);
     let cubic = cubic_of_cell(&corners, a, b);
     let ends = monotone_intervals(&cubic);
@@ -86,6 +101,9 @@ fn outcome(case: &Case, tf: &RenderTransferFunction, lighting: &Lighting) -> Out
             knots.len() as f32,
         ],
         counts: [0.0; 4],
+        part: [r, g, blue, transmittance],
+        cell: [error, value_in(&corners, place), twist_of(&corners), 0.0],
+        channels: light_at(light, bins[3]).value,
     }
 }
 
@@ -145,12 +163,13 @@ fn shader_functions_equal_their_twins() {
             "shading": {"lights": [{"direction": [1, 2, 3], "intensity": 0.7}, {"direction": [-1, 0, 1]}]}}"#,
     );
     let tf = RenderTransferFunction::new(&scene.transfer_function, volume.map.shift);
+    let light = LightTable::new(&scene.transfer_function, volume.map.shift, 1e-3);
     let shading = scene.shading.as_ref().expect("the scene is shaded");
     let lighting = Lighting::new(shading, &volume.geometry, volume.range.width());
     let grids = [SlotGrid { slots: [1; 3], first: 0 }; 4];
-    let places = FeedbackPlaces { grids, slots: 1, work_limit: 1 };
+    let places = FeedbackPlaces { grids, slots: 1 };
     let config =
-        scene_tables::config(&volume.gpu_volume(), &scene, &tf, Skipping::On, places).expect("a configuration");
+        scene_tables::config(&volume.gpu_volume(), &scene, &tf, &light, EXACTNESS, places).expect("a configuration");
     let tables = scene_tables::tables(&volume.gpu_volume(), &scene).expect("tables");
     let scene = GpuScene { config, tables, view: View::zeroed() };
     let (points, index) = (scene_tables::points(&tf), scene_tables::transfer_index(&tf));
@@ -158,16 +177,18 @@ fn shader_functions_equal_their_twins() {
         (0, Resource::Storage(bytemuck::bytes_of(&scene))),
         (2, Resource::Table(bytemuck::cast_slice(&points), 4)),
         (3, Resource::Table(&index, 1)),
+        (4, Resource::Table(&light.words, 4)),
     ];
     let cases = cases();
     let found: Vec<Outcome> = run(&gpu, shaders::TEST_TWINS, &group_0, &cases);
     check_counts(&cases, &found);
 
-    let names = ["cubic", "intervals", "field", "rgba", "light", "pair", "shaded", "search"];
+    let names =
+        ["cubic", "intervals", "field", "rgba", "light", "pair", "shaded", "search", "", "part", "cell", "channels"];
     // Roots and turning points are ill-conditioned where the cubic is flat.
-    let tolerances = [2e-6, 2e-3, 2e-6, 2e-6, 4e-6, 4e-6, 2e-5, 2e-3];
-    let expected: Vec<Outcome> = cases.iter().map(|case| outcome(case, &tf, &lighting)).collect();
-    let numbers = |outcomes: &[Outcome]| -> Vec<[[f32; 4]; 9]> { bytemuck::pod_collect_to_vec(outcomes) };
+    let tolerances = [2e-6, 2e-3, 2e-6, 2e-6, 4e-6, 4e-6, 2e-5, 2e-3, f64::INFINITY, 2e-4, 2e-3, 2e-4];
+    let expected: Vec<Outcome> = cases.iter().map(|case| outcome(case, &tf, &light, &lighting)).collect();
+    let numbers = |outcomes: &[Outcome]| -> Vec<[[f32; 4]; 12]> { bytemuck::pod_collect_to_vec(outcomes) };
     let (found, expected) = (numbers(&found), numbers(&expected));
     for (i, (name, tolerance)) in names.into_iter().zip(tolerances).enumerate() {
         let pairs = found.iter().zip(&expected).flat_map(|(f, e)| (0..4).map(move |c| [f[i][c], e[i][c]]));

@@ -100,7 +100,7 @@ pub fn of_rides(path: &str, rides: &[Ride], threads: usize, image: [u32; 2]) -> 
         ]
         .map(|(unit, summary)| Entry {
             case: format!("path {path}, {}", case(&ride.scene, ride.dims, ride.shading, image)),
-            program: "Supervol, default".into(),
+            program: if ride.backend == "gpu" { "Supervol, GPU" } else { "Supervol, default" }.into(),
             unit,
             median: summary.spread.median_ms,
             fastest: summary.spread.least_ms,

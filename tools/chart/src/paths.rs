@@ -11,6 +11,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use supervol_runtime::frame::Backend;
 use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::process;
 use supervol_runtime::scene::ResolvedScene;
@@ -114,6 +115,8 @@ pub struct Options {
     pub cache_bytes: Option<u64>,
     /// Milliseconds after which a frame is handed over; `None`: when it has converged.
     pub frame_budget_ms: Option<u64>,
+    /// Who casts the rays, one after the other.
+    pub backends: Vec<Backend>,
 }
 
 /// Cost of one frame, and how good it is.
@@ -146,6 +149,8 @@ pub struct Ride {
     pub dims: [u64; 3],
     /// `unshaded`, `shaded`, or `default`.
     pub shading: &'static str,
+    /// `cpu` or `gpu`.
+    pub backend: &'static str,
     /// In order.
     pub frames: Vec<FrameCost>,
     /// First, middle and last frame, by the name of their file.
@@ -192,17 +197,30 @@ pub fn run(context: &Context<'_>, path: &CameraPath, options: &Options) -> Resul
     for plan in planned(context, &options.subject, options.edge)? {
         let built = plan.build(context, options.looks, options.carp_nifti_gz)?;
         for case in built.cases() {
-            (context.say)(&format!("{}, {}: {} frames", built.name, case.look, path.frames.len()));
-            rides.push(ride(context, path, &case, options)?);
+            for &backend in &options.backends {
+                let (name, look, frames) = (&built.name, case.look, path.frames.len());
+                (context.say)(&format!("{name}, {look}, {}: {frames} frames", name_of(backend)));
+                rides.push(ride(context, path, &case, options, backend)?);
+            }
         }
     }
     Ok(rides)
 }
 
-fn ride(context: &Context<'_>, path: &CameraPath, case: &Case<'_>, options: &Options) -> Result<Ride, ChartError> {
+fn name_of(backend: Backend) -> &'static str {
+    if backend == Backend::Gpu { "gpu" } else { "cpu" }
+}
+
+fn ride(
+    context: &Context<'_>,
+    path: &CameraPath,
+    case: &Case<'_>,
+    options: &Options,
+    backend: Backend,
+) -> Result<Ride, ChartError> {
     let settings =
         Settings { threads: options.threads, host_memory_bytes: options.host_memory_bytes, ..Settings::default() };
-    let settings = Settings { cache_bytes: options.cache_bytes, ..settings };
+    let settings = Settings { cache_bytes: options.cache_bytes, backend, ..settings };
     let mut session = Session::new(&case.built.volume.container, settings)?;
     let mut whole = Session::new(&case.built.volume.container, Settings { cache_bytes: None, ..settings })?;
     let kept = [0, path.frames.len() / 2, path.frames.len() - 1];
@@ -230,11 +248,12 @@ fn ride(context: &Context<'_>, path: &CameraPath, case: &Case<'_>, options: &Opt
         });
         pace.tell(|| format!("  frame {} of {}: {:.0} ms", i + 1, path.frames.len(), frame.ms));
         if kept.contains(&i) {
-            pictures.push((format!("{}-{}-{i:02}.png", case.name(), path.name), frame.image));
+            let of_backend = if backend == Backend::Gpu { "-gpu" } else { "" };
+            pictures.push((format!("{}-{}{of_backend}-{i:02}.png", case.name(), path.name), frame.image));
         }
     }
     let dims = case.built.dims().0;
-    Ok(Ride { scene: case.built.name.clone(), dims, shading: case.look, frames, pictures })
+    Ok(Ride { scene: case.built.name.clone(), dims, shading: case.look, backend: name_of(backend), frames, pictures })
 }
 
 /// Writes `path-NAME.json` (every frame), `path-NAME.md` and some pictures into a folder; makes it where it is not there.
@@ -285,6 +304,7 @@ pub fn table(rides: &[Ride]) -> String {
         "scene",
         "shading",
         "voxels",
+        "backend",
         "ms, median",
         "ms, 95th percentile",
         "CPU ms, median",
@@ -306,6 +326,7 @@ pub fn table(rides: &[Ride]) -> String {
             ride.scene.clone(),
             ride.shading.into(),
             ride.dims.map(|n| n.to_string()).join(" x "),
+            ride.backend.into(),
             format!("{:.0}", wall.spread.median_ms),
             format!("{:.0}", wall.p95),
             format!("{:.0}", cpu.spread.median_ms),
@@ -369,12 +390,28 @@ mod tests {
         assert!(wrong(&empty.replace("up", "upp")).contains("upp"));
     }
 
+    /// The same frames by both backends, in one table.
     #[test]
-    fn a_ride_counts_each_brick_once_where_memory_suffices() {
+    #[allow(clippy::print_stderr, reason = "a skipped test must be seen")]
+    fn both_backends_ride_the_same_path() {
+        if let Err(error) = supervol_runtime::raycast::gpu::GpuDevice::open() {
+            let is_required = std::env::var_os("SUPERVOL_REQUIRE_GPU").is_some_and(|v| v == "1");
+            assert!(!is_required, "SUPERVOL_REQUIRE_GPU=1, but {error}");
+            eprintln!("SKIPPED: no GPU adapter ({error})");
+            return;
+        }
+        let mut path = built_in("orbit");
+        path.frames.truncate(1);
+        let rides = rides(&path, vec![Backend::Cpu, Backend::Gpu]);
+        let [cpu, gpu] = &rides[..] else { panic!("two rides instead of {}", rides.len()) };
+        assert_eq!([cpu.backend, gpu.backend], ["cpu", "gpu"]);
+        assert!(cpu.pictures[0].1.distance(&gpu.pictures[0].1) < 1.0, "other pictures");
+        assert!(table(&rides).contains("| 80 x 80 x 80 | gpu "));
+    }
+
+    fn rides(path: &CameraPath, backends: Vec<Backend>) -> Vec<Ride> {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
-        let mut path = built_in("dolly");
-        path.frames = path.frames.into_iter().step_by(12).collect();
         let options = Options {
             subject: Subject::Scenes(vec!["vessels".into()]),
             looks: Looks::Unshaded,
@@ -385,8 +422,16 @@ mod tests {
             host_memory_bytes: 64 << 20,
             cache_bytes: None,
             frame_budget_ms: None,
+            backends,
         };
-        let rides = run(&context, &path, &options).expect("frames");
+        run(&context, path, &options).expect("frames")
+    }
+
+    #[test]
+    fn a_ride_counts_each_brick_once_where_memory_suffices() {
+        let mut path = built_in("dolly");
+        path.frames = path.frames.into_iter().step_by(12).collect();
+        let rides = rides(&path, vec![Backend::Cpu]);
         let [ride] = &rides[..] else { panic!("one ride instead of {}", rides.len()) };
         assert_eq!((ride.frames.len(), ride.pictures.len()), (5, 3));
         let [first, others] = ride.page_ins();

@@ -15,6 +15,7 @@ use supervol_chart::{ChartError, Context, Scale, random_scenes};
 use supervol_format::Container;
 use supervol_preprocess::output::unfinished::UnfinishedFolder;
 use supervol_preprocess::{BuildOptions, Existing};
+use supervol_runtime::frame::Backend;
 
 use crate::build::SourceArguments;
 use crate::demo::CARP;
@@ -42,6 +43,9 @@ pub struct Arguments {
     /// Hand over each frame of the path after this time, and measure how far it is from the converged one
     #[arg(long, value_name = "MS", requires = "path", value_parser = quantity::milliseconds)]
     frame_budget: Option<u64>,
+    /// Who casts the rays of the path
+    #[arg(long, value_name = "BACKEND", requires = "path", default_value = "cpu")]
+    backend: PathBackend,
     /// Along the path, a cube of N voxels along an edge of which nothing is stored: every byte is computed when it is read.
     /// 10321 is 1 TiB
     #[arg(long = "virtual", value_name = "N", requires = "path", conflicts_with_all = ["scene", "volume", "edge", "shading"],
@@ -120,6 +124,14 @@ pub struct Arguments {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
+enum PathBackend {
+    Cpu,
+    Gpu,
+    /// One after the other, in one table.
+    Both,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
 enum ShadingName {
     Both,
     Unshaded,
@@ -188,6 +200,11 @@ impl Arguments {
             host_memory_bytes: sizes.host_memory_bytes,
             cache_bytes: self.cache,
             frame_budget_ms: self.frame_budget,
+            backends: match self.backend {
+                PathBackend::Cpu => vec![Backend::Cpu],
+                PathBackend::Gpu => vec![Backend::Gpu],
+                PathBackend::Both => vec![Backend::Cpu, Backend::Gpu],
+            },
         };
         let ledger = self.ledger()?;
         let rides = paths::run(context, &path, &options)?;

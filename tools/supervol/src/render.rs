@@ -73,8 +73,8 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value = "auto")]
     backend: BackendName,
     /// Largest error of any channel of any pixel that is aimed for, as a share of full scale, 0.05/255 to 16/255: it sets
-    /// how finely the CPU backend integrates (dvr), and with --level auto, coarser levels are drawn only where it allows
-    /// them; or 1: levels go by the size of a pixel alone, and the CPU backend integrates within 16/255
+    /// how finely rays are integrated (dvr; on the GPU unshaded pictures only), and with --level auto, coarser levels are drawn
+    /// only where it allows them; or 1: levels go by the size of a pixel alone, and rays are integrated within 16/255
     #[arg(long, value_name = "E", default_value = "0.5/255", value_parser = quantity::picture_error)]
     max_error: f64,
     /// Instructions for packets of rays (CPU backend): avx512, avx2 or portable; by default the best that the

@@ -148,10 +148,17 @@ impl GpuBackend {
         };
         let lod = lod_choice(options);
         let kept = match caster {
-            Some(mut kept) => kept.renderer.set_scene(&volume, scene, lod, keeps_answers)?.then_some(kept.renderer),
+            Some(mut kept) => {
+                kept.renderer.set_max_error(options.max_error);
+                kept.renderer.set_scene(&volume, scene, lod, keeps_answers)?.then_some(kept.renderer)
+            }
             None => None,
         };
-        let gpu_options = GpuOptions { memory_bytes: options.gpu_memory_bytes, skipping: options.skipping };
+        let gpu_options = GpuOptions {
+            memory_bytes: options.gpu_memory_bytes,
+            skipping: options.skipping,
+            max_error: options.max_error,
+        };
         let mut renderer = match kept {
             Some(renderer) => renderer,
             None => GpuRenderer::new(&self.device, &volume, scene, lod, gpu_options)?,

@@ -236,6 +236,20 @@ impl GpuDevice {
     /// # Errors
     /// A lost device, or a failed mapping.
     pub fn read<T>(&self, buffer: &wgpu::Buffer, bytes: u64, read: impl FnOnce(&[u8]) -> T) -> Result<T, GpuError> {
+        self.read_after(None, buffer, bytes, read)
+    }
+
+    /// The same once this submission has run, whatever was submitted after it.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_after<T>(
+        &self,
+        submission: Option<wgpu::SubmissionIndex>,
+        buffer: &wgpu::Buffer,
+        bytes: u64,
+        read: impl FnOnce(&[u8]) -> T,
+    ) -> Result<T, GpuError> {
         let failed = |message: String| GpuError::Refused { doing: "a read-back".to_owned(), message };
         let outcome = Arc::new(OnceLock::new());
         let tell = Arc::clone(&outcome);
@@ -243,7 +257,12 @@ impl GpuDevice {
             // Called once: the cell is empty.
             let _ = tell.set(result.map_err(|error| error.to_string()));
         });
-        self.wait()?;
+        let waited = self.wait_for(submission);
+        if !matches!((&waited, outcome.get()), (Ok(()), Some(Ok(())))) {
+            // A lost device is told of where everything is waited for.
+            self.wait()?;
+        }
+        waited?;
         match outcome.get() {
             Some(Ok(())) => {}
             Some(Err(message)) => return Err(failed(message.clone())),
@@ -261,7 +280,11 @@ impl GpuDevice {
     /// # Errors
     /// A lost device, or an error that a submission raised outside any scope (each kind once).
     pub fn wait(&self) -> Result<(), GpuError> {
-        let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
+        self.wait_for(None)
+    }
+
+    fn wait_for(&self, submission_index: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
+        let polled = self.device.poll(wgpu::PollType::Wait { submission_index, timeout: None });
         self.alive()?;
         polled.map_err(|error| GpuError::Refused { doing: "a wait".to_owned(), message: error.to_string() })?;
         let first = self.uncaptured.lock().ok().and_then(|mut errors| errors.drain(..).next());

@@ -106,6 +106,10 @@ const _: () = assert!(crate::scene::PLANE_LIMIT == 64);
 shared_constants! {
     /// Texels of a row of a table.
     TABLE_WIDTH = 1024;
+    /// Bins of the transfer function's width: gpu/light_table.rs.
+    LIGHT_BINS = 4096;
+    /// Rows of one of the three planes of that table.
+    LIGHT_ROWS = super::light_table::PLANE_ROWS as u32;
     /// Rays of one workgroup: one tile of 8 x 8 pixels.
     WORKGROUP_RAYS = 64;
     /// The ray has more to do at once: it stopped at the dispatch's limit.
@@ -150,6 +154,8 @@ shared_constants! {
     FLAG_SKIPPING = 8;
     /// Flag: voxels can be absent at all.
     FLAG_HOLES = 16;
+    /// Flag: antiderivatives of the transfer function are used (light_walk.wgsl): mode dvr, unshaded, without steps.
+    FLAG_LIGHT = 32;
 }
 
 shared_struct! {
@@ -297,6 +303,20 @@ shared_struct! {
         use_words: u32,
         /// First word of the feedback that counts rays waiting for a brick.
         wait_words: u32,
+        /// Stored number from which bins of the transfer function are counted, before it is scaled.
+        light_centre: f32,
+        /// Bins per stored step.
+        light_scale: f32,
+        /// Bin of `light_centre`.
+        light_offset: f32,
+        /// Error of one cell, of colour or opacity times the transmittance in front, from which it is cut into parts.
+        cell_error: f32,
+        /// What one of an antiderivative's whole numbers stands for.
+        light_unit: f32,
+        /// Greatest channel: extinction per unit distance, or that times a colour.
+        light_most: f32,
+        /// Zero: the size is a multiple of 16.
+        light_padding: [u32; 2],
         /// The cache textures.
         grids: [SlotGrid; 4],
     }

@@ -3,6 +3,7 @@
 //! - [`device`]: which adapter, which limits, and wgpu's errors as ours;
 //! - [`layout`]: every struct and constant that Rust and WGSL share, defined once;
 //! - [`shaders`]: the WGSL files, in the order in which they are joined;
+//! - [`light_table`], [`light`]: the transfer function as rays integrate it, and the twins of the shader that does so;
 //! - [`memory`]: bytes of everything, computed before anything is allocated;
 //! - [`pipelines`]: the compute pipelines and what they bind;
 //! - [`rays`]: pixels to rays that hold no large number in an `f32`;
@@ -18,6 +19,8 @@ pub mod cache;
 pub mod device;
 pub mod feedback;
 pub mod layout;
+pub mod light;
+pub mod light_table;
 pub mod memory;
 pub mod pipelines;
 pub mod rays;

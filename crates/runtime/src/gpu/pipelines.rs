@@ -46,6 +46,8 @@ pub struct SceneBindings<'a> {
     pub points: &'a wgpu::TextureView,
     /// Bins and knots.
     pub transfer_index: &'a wgpu::TextureView,
+    /// Extinction and emission by bins.
+    pub light: &'a wgpu::TextureView,
     /// Macro ranges.
     pub macro_ranges: &'a wgpu::Buffer,
     /// Proximity.
@@ -65,8 +67,16 @@ enum Access {
 }
 
 /// Bindings of group 0 before the cache textures.
-const SCENE_TABLES: [Access; 7] =
-    [Access::Read, Access::Read, Access::Table, Access::Table, Access::Read, Access::ReadWrite, Access::ReadWrite];
+const SCENE_TABLES: [Access; 8] = [
+    Access::Read,
+    Access::Read,
+    Access::Table,
+    Access::Table,
+    Access::Table,
+    Access::Read,
+    Access::ReadWrite,
+    Access::ReadWrite,
+];
 
 impl Pipelines {
     /// Compiles the shaders.
@@ -100,7 +110,7 @@ impl Pipelines {
     /// If the device refuses it.
     pub fn bind_scene(&self, gpu: &GpuDevice, bindings: &SceneBindings<'_>) -> Result<wgpu::BindGroup, GpuError> {
         let b = bindings;
-        let tables = [b.points, b.transfer_index].map(wgpu::BindingResource::TextureView);
+        let tables = [b.points, b.transfer_index, b.light].map(wgpu::BindingResource::TextureView);
         let (first, last) = ([b.scene, b.page_table], [b.macro_ranges, b.proximity, b.feedback]);
         let mut resources: Vec<_> = first.map(wgpu::Buffer::as_entire_binding).into_iter().chain(tables).collect();
         resources.extend(last.map(wgpu::Buffer::as_entire_binding));

@@ -8,9 +8,10 @@ use super::cache::VoxelStorage;
 use super::device::GpuError;
 use super::feedback::{MISS_LIMIT, use_words, wait_words};
 use super::layout::{
-    Config, FLAG_ABSENT, FLAG_FLOAT, FLAG_HOLES, FLAG_SHADED, FLAG_SKIPPING, GpuIso, GpuLevel, GpuLight, GpuPoint,
-    MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
+    Config, FLAG_ABSENT, FLAG_FLOAT, FLAG_HOLES, FLAG_LIGHT, FLAG_SHADED, FLAG_SKIPPING, GpuIso, GpuLevel, GpuLight,
+    GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
 };
+use super::light_table::LightTable;
 use crate::raycast::cpu::{Skipping, TERMINATION_OPACITY};
 use crate::raycast::scalar::shade::Lighting;
 use crate::raycast::volume::ValueMap;
@@ -32,6 +33,20 @@ pub struct GpuVolume<'a> {
     pub storage: VoxelStorage,
 }
 
+/// How exactly rays are integrated, and what they may leave out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Exactness {
+    /// Whether macro cells that cannot change the picture are skipped.
+    pub skipping: Skipping,
+    /// Largest error of any channel of any pixel that is aimed at, 1 being white.
+    pub max_error: f64,
+}
+
+/// Share of the largest error that one cell may be off by: errors have either sign, and few cells of a ray are near it.
+const CELL_SHARE: f64 = 0.28;
+/// Share of the largest error that is left out behind the point where a ray ends.
+const END_SHARE: f64 = 0.15;
+
 /// What the tables need to know of the device's memory.
 #[derive(Debug, Clone, Copy)]
 pub struct FeedbackPlaces {
@@ -39,11 +54,10 @@ pub struct FeedbackPlaces {
     pub grids: [SlotGrid; 4],
     /// How many there are.
     pub slots: u64,
-    /// Loop iterations after which a ray stops at the next cell.
-    pub work_limit: u32,
 }
 
-/// The scene's and the volume's numbers; [`Config::stride`] is that of the view.
+/// The scene's and the volume's numbers; [`Config::stride`] is that of the view, [`Config::work_limit`] the
+/// adapter's.
 ///
 /// # Errors
 /// [`GpuError::Scene`] for a mode that this backend does not draw.
@@ -51,9 +65,12 @@ pub fn config(
     volume: &GpuVolume<'_>,
     scene: &ResolvedScene,
     tf: &RenderTransferFunction,
-    skipping: Skipping,
+    light: &LightTable,
+    options: Exactness,
     places: FeedbackPlaces,
 ) -> Result<Config, GpuError> {
+    let Exactness { skipping, max_error } = options;
+    let [light_centre, light_scale, light_offset] = light.bins_of_stored(volume.storage, volume.value_map);
     let (world, map) = (volume.geometry.linear(), volume.value_map);
     let lighting = scene.shading.as_ref().map(|s| Lighting::new(s, volume.geometry, volume.value_range.width()));
     let gradient = volume.geometry.world_from_index_gradient();
@@ -65,6 +82,7 @@ pub fn config(
         (lighting.is_some(), FLAG_SHADED),
         (skipping == Skipping::On, FLAG_SKIPPING),
         (has_holes, FLAG_HOLES),
+        (scene.mode == Mode::Dvr && lighting.is_none() && light.is_resolved, FLAG_LIGHT),
     ];
     let mut config = Config {
         world_x: column(world.x_axis),
@@ -86,10 +104,18 @@ pub fn config(
         alpha_limit: ALPHA_LIMIT as f32,
         bins_per_value: tf.bins_per_value,
         inverse_unit_distance: tf.inverse_unit_distance,
-        transmittance_limit: (1.0 - TERMINATION_OPACITY) as f32,
+        transmittance_limit: match scene.mode {
+            Mode::Dvr => (END_SHARE * max_error) as f32,
+            _ => (1.0 - TERMINATION_OPACITY) as f32,
+        },
+        light_centre,
+        light_scale,
+        light_offset,
+        light_unit: light.unit,
+        light_most: light.most,
+        cell_error: (CELL_SHARE * max_error) as f32,
         miss_limit: MISS_LIMIT,
         visible_points: tf.points.iter().filter(|p| p.rgba[3] > 0.0).count() as u32,
-        work_limit: places.work_limit,
         use_words: use_words(),
         wait_words: wait_words(places.slots) as u32,
         grids: places.grids,

@@ -38,7 +38,9 @@ const RAY: &[ShaderFile] = &[
     file!("shared/shading.wgsl"),
     file!("shared/quadrature.wgsl"),
     file!("shared/compositing.wgsl"),
+    file!("shared/light.wgsl"),
     file!("shared/cell.wgsl"),
+    file!("shared/light_walk.wgsl"),
     file!("shared/feedback.wgsl"),
     file!("shared/walk.wgsl"),
 ];

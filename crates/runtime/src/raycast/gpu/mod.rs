@@ -27,15 +27,16 @@ pub use crate::gpu::device::{GpuDevice, GpuError, may_have_hardware};
 pub use crate::gpu::feedback::{GpuPassCounters, PassFeedback};
 pub use crate::gpu::scene_tables::GpuVolume;
 
-use super::cpu::Skipping;
+use super::cpu::{MAX_ERROR_LIMITS, PacketRule, Skipping};
 use super::volume::{DecodedBrick, Voxels};
 use crate::gpu::cache::{CacheShape, EMPTY_RANGE, GpuCache};
 use crate::gpu::layout::{
     PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, RayState, Scene,
 };
+use crate::gpu::light_table::LightTable;
 use crate::gpu::memory::{MemoryPlan, MemoryRequest, SLOT_LIMIT};
 use crate::gpu::rays::{RayGrid, ViewLines};
-use crate::gpu::scene_tables::{self, FeedbackPlaces};
+use crate::gpu::scene_tables::{self, Exactness, FeedbackPlaces};
 use crate::gpu::slots::{SlotIndex, Slots};
 use crate::image::Image;
 use crate::lod::{LodChoice, LodRule};
@@ -45,17 +46,20 @@ use crate::transfer_function::RenderTransferFunction;
 use pass::{Capacity, Caster};
 
 /// What a renderer may use, and how.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GpuOptions {
     /// Bytes of GPU memory in all: cache, tables, rays, staging.
     pub memory_bytes: u64,
     /// Whether macro cells that cannot change the picture are skipped.
     pub skipping: Skipping,
+    /// Largest error of any channel of any pixel that is aimed at in mode `dvr`, 1 being white; brought to
+    /// [`MAX_ERROR_LIMITS`].
+    pub max_error: f64,
 }
 
 impl Default for GpuOptions {
     fn default() -> Self {
-        Self { memory_bytes: 1 << 30, skipping: Skipping::On }
+        Self { memory_bytes: 1 << 30, skipping: Skipping::On, max_error: PacketRule::DEFAULT.max_error }
     }
 }
 
@@ -140,12 +144,17 @@ pub struct GpuRenderer {
     stats: GpuStats,
 }
 
+/// Share of the largest error that extinction, in parts of itself, may be off by.
+const FIT_SHARE: f64 = 0.25;
+
 /// What belongs to one picture.
 struct Picture {
     mode: Mode,
     subgrid: u32,
     size: [u32; 2],
     tf: RenderTransferFunction,
+    light: LightTable,
+    exactness: Exactness,
     /// How far a brick is, and how fine it must be.
     lod: LodRule,
     /// For each entry from level 1 on, in order: whether the brick is too coarse.
@@ -155,13 +164,18 @@ struct Picture {
 }
 
 impl Picture {
-    fn new(volume: &GpuVolume<'_>, scene: &ResolvedScene, lod: LodChoice) -> Self {
+    fn new(volume: &GpuVolume<'_>, scene: &ResolvedScene, lod: LodChoice, options: &GpuOptions) -> Self {
+        let [least, most] = MAX_ERROR_LIMITS;
+        let max_error = options.max_error.clamp(least, most);
+        let shift = volume.value_map.shift;
         let lod = LodRule::new(lod, &scene.camera, volume.geometry);
         Self {
             mode: scene.mode,
             subgrid: scene.subgrid,
             size: [scene.camera.width, scene.camera.height],
-            tf: RenderTransferFunction::new(&scene.transfer_function, volume.value_map.shift),
+            tf: RenderTransferFunction::new(&scene.transfer_function, shift),
+            light: LightTable::new(&scene.transfer_function, shift, FIT_SHARE * max_error),
+            exactness: Exactness { skipping: options.skipping, max_error },
             refine: bricks_to_refine(volume.pyramid, &lod),
             lod,
             failed: Vec::new(),
@@ -188,7 +202,7 @@ impl GpuRenderer {
         options: GpuOptions,
     ) -> Result<Self, GpuError> {
         let pyramid = volume.pyramid;
-        let picture = Picture::new(volume, scene, lod);
+        let picture = Picture::new(volume, scene, lod, &options);
         let capacity = picture.capacity(pyramid.brick_count());
         let plan = plan_memory(device, volume, &capacity, options)?;
         let shape = CacheShape {
@@ -224,6 +238,11 @@ impl GpuRenderer {
         Ok(renderer)
     }
 
+    /// The largest error that is aimed at from the next picture on; see [`GpuOptions::max_error`].
+    pub fn set_max_error(&mut self, max_error: f64) {
+        self.options.max_error = max_error;
+    }
+
     /// Begins another picture of the same volume: whether there is room for one of this size. Bricks stay resident. What was
     /// said of others is forgotten, as is which are too coarse, unless `keeps_answers` says that the answers would be the
     /// same; what had failed is asked for again in any case.
@@ -237,7 +256,7 @@ impl GpuRenderer {
         lod: LodChoice,
         keeps_answers: bool,
     ) -> Result<bool, GpuError> {
-        let mut picture = Picture::new(volume, scene, lod);
+        let mut picture = Picture::new(volume, scene, lod, &self.options);
         if !self.capacity.holds(&picture.capacity(self.pyramid.brick_count())) {
             return Ok(false);
         }
@@ -260,12 +279,10 @@ impl GpuRenderer {
 
     /// Hands the tables of the picture over.
     fn write_tables(&mut self, volume: &GpuVolume<'_>, scene: &ResolvedScene) -> Result<(), GpuError> {
-        let places = FeedbackPlaces {
-            grids: self.cache.grids(),
-            slots: self.cache.slot_count(),
-            work_limit: pass::work_limit(&self.gpu),
-        };
-        let mut config = scene_tables::config(volume, scene, &self.picture.tf, self.options.skipping, places)?;
+        let places = FeedbackPlaces { grids: self.cache.grids(), slots: self.cache.slot_count() };
+        let Picture { tf, light, exactness, .. } = &self.picture;
+        let mut config = scene_tables::config(volume, scene, tf, light, *exactness, places)?;
+        config.work_limit = pass::work_limit(&self.gpu, config.flags);
         let tables = scene_tables::tables(volume, scene)?;
         let dims = self.pyramid.level_at(Lod::FINEST).dims;
         let lines = ViewLines::new(&scene.camera, volume.geometry, dims);
@@ -276,7 +293,7 @@ impl GpuRenderer {
             Mode::Minip => f32::MAX,
             _ => 0.0,
         };
-        self.caster.set_scene(&self.cache, &Scene { config, tables, view }, &self.picture.tf)
+        self.caster.set_scene(&self.cache, &Scene { config, tables, view }, tf, light)
     }
 
     /// Notes what is known of all bricks when a picture begins: which are resident, and which are too coarse.

@@ -5,6 +5,7 @@
 //! submit blocks the GPU for ever; rays that reach the limit go on in the next one. That decides how the work is dealt out,
 //! never what comes of it.
 
+use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
@@ -14,7 +15,8 @@ use bytemuck::Zeroable;
 use crate::gpu::cache::GpuCache;
 use crate::gpu::device::{GpuDevice, GpuError};
 use crate::gpu::feedback::{MISS_LIMIT, PassFeedback, buffer_words, read_misses, read_uses, read_words};
-use crate::gpu::layout::{Dispatch, GpuCounters, GpuPoint, RayState, Scene, View, WORKGROUP_RAYS};
+use crate::gpu::layout::{Dispatch, FLAG_LIGHT, GpuCounters, GpuPoint, RayState, Scene, View, WORKGROUP_RAYS};
+use crate::gpu::light_table::{LightTable, TEXELS};
 use crate::gpu::pipelines::{Pipeline, Pipelines, SceneBindings, Variant};
 use crate::gpu::rays::{RayGrid, TILE};
 use crate::gpu::scene_tables;
@@ -51,12 +53,22 @@ const WORK_LIMIT: u32 = 1 << 14;
 /// The same on software adapters: llvmpipe ends all loops, without a word, after 65535 iterations of a group of at most 16
 /// lanes; lanes that part ways add up, and it goes once through loops that no lane enters.
 const SOFTWARE_WORK_LIMIT: u32 = 1 << 8;
-/// Rounds of one dispatch; every round brings every ray at least one cell further.
+/// The same where all rays of a group are in one loop (`light_walk.wgsl`).
+const SOFTWARE_LIGHT_WORK_LIMIT: u32 = 1 << 11;
+/// Runs that are submitted before the first of them is waited for: while one is cast, the next is there.
+const RUNS_IN_FLIGHT: usize = 2;
+/// Bytes of the counters of a dispatch.
+const COUNTERS_BYTES: u64 = size_of::<GpuCounters>() as u64;
+/// Rounds of a pass; every round brings every ray at least one cell further.
 const ROUND_LIMIT: usize = 1 << 22;
 
 /// Loop iterations after which a ray stops at the next cell.
-pub(super) fn work_limit(gpu: &GpuDevice) -> u32 {
-    if gpu.is_software() { SOFTWARE_WORK_LIMIT } else { WORK_LIMIT }
+pub(super) fn work_limit(gpu: &GpuDevice, flags: u32) -> u32 {
+    match (gpu.is_software(), flags & FLAG_LIGHT != 0) {
+        (false, _) => WORK_LIMIT,
+        (true, false) => SOFTWARE_WORK_LIMIT,
+        (true, true) => SOFTWARE_LIGHT_WORK_LIMIT,
+    }
 }
 
 /// Rows of rays, for whole pixels of so many rows each, that fit [`STATES_LIMIT`] in a picture of this width; at least one
@@ -98,7 +110,9 @@ impl Capacity {
             + 4 * (buffer_words(slots, self.entries) + read_words(slots))
             + Table::bytes(self.points * POINT_TEXELS, 4)
             + Table::bytes(self.index, 1)
+            + Table::bytes(TEXELS, 4)
             + size_of::<Scene>() as u64
+            + RUNS_IN_FLIGHT as u64 * COUNTERS_BYTES
             + read_back_bytes(self.places)
     }
 }
@@ -118,6 +132,24 @@ pub(super) struct RawFeedback {
     pub(super) dispatch_ms_max: f64,
     /// Whether it was time to stop before all rays were finished or waited.
     pub(super) is_stopped: bool,
+    /// Rays of the last round that have to go on.
+    interrupted: u64,
+}
+
+/// Rays that are cast one run after the other.
+struct Round {
+    /// See [`Dispatch::later_round`].
+    later: u32,
+    rays: Vec<Range<u32>>,
+}
+
+/// A dispatch that was submitted.
+struct Run {
+    rays: Range<u32>,
+    /// Which of the buffers for counters.
+    buffer: usize,
+    submission: wgpu::SubmissionIndex,
+    begin: Instant,
 }
 
 /// Pipelines, and what they bind.
@@ -139,9 +171,13 @@ pub(super) struct Caster {
     scene: wgpu::Buffer,
     points: Table,
     transfer_index: Table,
+    light: Table,
     feedback: wgpu::Buffer,
     states: wgpu::Buffer,
     job: wgpu::Buffer,
+    /// Counters of the runs in flight, one after the other, and which is next.
+    counters: Vec<wgpu::Buffer>,
+    next_read_back: usize,
     read_back: wgpu::Buffer,
     read_bytes: u64,
     /// Rays of the band in progress.
@@ -159,9 +195,12 @@ impl Caster {
         let scene = gpu.buffer("the scene's tables", size_of::<Scene>() as u64, storage)?;
         let points = Table::new(gpu, "the transfer function", capacity.points * POINT_TEXELS, 4)?;
         let transfer_index = Table::new(gpu, "the transfer function's index", capacity.index, 1)?;
+        let light = Table::new(gpu, "the transfer function's light", TEXELS, 4)?;
         let feedback = gpu.buffer("feedback", 4 * buffer_words(slots, capacity.entries), storage)?;
         let states = gpu.buffer("ray states", capacity.places * size_of::<RayState>() as u64, storage)?;
         let job = gpu.buffer("a dispatch", size_of::<Dispatch>() as u64, uniform)?;
+        let counters = (0..RUNS_IN_FLIGHT).map(|_| gpu.read_buffer("counters", COUNTERS_BYTES));
+        let counters = counters.collect::<Result<_, _>>()?;
         let read_back = gpu.read_buffer("read-back", read_bytes.max(read_back_bytes(capacity.places)))?;
         Ok(Self {
             bound: None,
@@ -169,9 +208,12 @@ impl Caster {
             scene,
             points,
             transfer_index,
+            light,
             feedback,
             states,
             job,
+            counters,
+            next_read_back: 0,
             read_back,
             read_bytes,
             grid: RayGrid { width: 0, height: 0 },
@@ -193,6 +235,7 @@ impl Caster {
             page_table: &cache.page_table,
             points: &self.points.view,
             transfer_index: &self.transfer_index.view,
+            light: &self.light.view,
             macro_ranges: &cache.macro_ranges,
             proximity: &cache.proximity,
             feedback: &self.feedback,
@@ -222,6 +265,7 @@ impl Caster {
         cache: &GpuCache,
         scene: &Scene,
         tf: &RenderTransferFunction,
+        light: &LightTable,
     ) -> Result<(), GpuError> {
         let (mode, flags) = (scene.config.mode, scene.config.flags);
         let variant = Variant { mode, flags, textures: cache.texture_count() };
@@ -232,6 +276,7 @@ impl Caster {
         self.gpu.queue.write_buffer(&self.scene, 0, bytemuck::bytes_of(scene));
         self.points.write(&self.gpu, bytemuck::cast_slice(&scene_tables::points(tf)));
         self.transfer_index.write(&self.gpu, &scene_tables::transfer_index(tf));
+        self.light.write(&self.gpu, &light.words);
         Ok(())
     }
 
@@ -287,52 +332,92 @@ impl Caster {
     }
 
     /// Casts every unfinished ray until it is finished or waits for a brick, or that is to stop.
+    ///
+    /// Runs of rays are submitted without waiting for those before them, [`RUNS_IN_FLIGHT`] at a time; what is read of one is
+    /// how many of its rays have to go on, in the next round.
     pub(super) fn cast_pass(&mut self, stop: &Stop) -> Result<RawFeedback, GpuError> {
         let mut raw = RawFeedback::default();
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.feedback, 0, None);
         self.gpu.queue.submit([encoder.finish()]);
-        let places = self.grid.places() as u32;
-        let mut first_ray = 0;
-        while first_ray < places && !raw.is_stopped {
-            let rays = self.run_rays.min(places - first_ray);
-            raw.is_stopped = !self.cast_run(first_ray, rays, &mut raw, stop)?;
-            first_ray += rays;
-            raw.is_stopped |= first_ray < places && stop.is_due();
+        let all = 0..self.grid.places() as u32;
+        let mut round = Round { later: 0, rays: std::iter::once(all).collect() };
+        for _ in 0..ROUND_LIMIT {
+            let left = self.cast_round(round, &mut raw, stop)?;
+            if left.is_empty() || raw.is_stopped {
+                break;
+            }
+            round = Round { later: 1, rays: left };
         }
+        raw.feedback.unfinished_rays += raw.interrupted;
         self.read_feedback(&mut raw)?;
         Ok(raw)
     }
 
-    /// Casts a run of rays until each is finished or waits: whether that is so, and not time to stop before.
-    fn cast_run(&mut self, first_ray: u32, rays: u32, raw: &mut RawFeedback, stop: &Stop) -> Result<bool, GpuError> {
-        for round in 0..ROUND_LIMIT {
-            let begin = Instant::now();
-            let job = Dispatch { first_ray, later_round: u32::from(round > 0) };
-            self.gpu.queue.write_buffer(&self.job, 0, bytemuck::bytes_of(&job));
-            let counters_bytes = size_of::<GpuCounters>() as u64;
-            let mut encoder = self.encoder();
-            encoder.clear_buffer(&self.feedback, 0, Some(counters_bytes));
-            let bound = self.bound();
-            self.dispatch(&mut encoder, &bound.pipelines.raycast, &bound.cast, rays.div_ceil(WORKGROUP_RAYS));
-            encoder.copy_buffer_to_buffer(&self.feedback, 0, &self.read_back, 0, counters_bytes);
-            self.gpu.queue.submit([encoder.finish()]);
-            let counters =
-                self.gpu.read(&self.read_back, counters_bytes, bytemuck::pod_read_unaligned::<GpuCounters>)?;
-            raw.feedback.add(&counters);
-            raw.feedback.unfinished_rays += u64::from(counters.waiting);
-            let ms = begin.elapsed().as_secs_f64() * 1e3;
-            raw.dispatch_ms_max = raw.dispatch_ms_max.max(ms);
-            self.adapt_run(ms);
-            if counters.interrupted == 0 {
-                return Ok(true);
-            }
-            if stop.is_due() {
-                raw.feedback.unfinished_rays += u64::from(counters.interrupted);
-                return Ok(false);
+    /// Submits the rays of a round, run by run; returns the runs that have to go on.
+    fn cast_round(&mut self, round: Round, raw: &mut RawFeedback, stop: &Stop) -> Result<Vec<Range<u32>>, GpuError> {
+        raw.interrupted = 0;
+        let mut left: Vec<Range<u32>> = Vec::new();
+        let mut flying: VecDeque<Run> = VecDeque::new();
+        let mut last_end = Instant::now();
+        for mut rays in round.rays {
+            while !rays.is_empty() && !raw.is_stopped {
+                if flying.len() == RUNS_IN_FLIGHT {
+                    self.land(&mut flying, &mut last_end, raw, &mut left)?;
+                    raw.is_stopped = stop.is_due();
+                    continue;
+                }
+                let end = rays.end.min(rays.start + self.run_rays);
+                let run = self.submit(rays.start..end, round.later);
+                flying.push_back(run);
+                rays.start = end;
             }
         }
-        Ok(false)
+        while !flying.is_empty() {
+            self.land(&mut flying, &mut last_end, raw, &mut left)?;
+        }
+        raw.is_stopped |= !left.is_empty() && stop.is_due();
+        Ok(left)
+    }
+
+    fn submit(&mut self, rays: Range<u32>, later_round: u32) -> Run {
+        let buffer = self.next_read_back;
+        self.next_read_back = (buffer + 1) % RUNS_IN_FLIGHT;
+        let job = Dispatch { first_ray: rays.start, later_round };
+        self.gpu.queue.write_buffer(&self.job, 0, bytemuck::bytes_of(&job));
+        let mut encoder = self.encoder();
+        encoder.clear_buffer(&self.feedback, 0, Some(COUNTERS_BYTES));
+        let bound = self.bound();
+        let groups = (rays.end - rays.start).div_ceil(WORKGROUP_RAYS);
+        self.dispatch(&mut encoder, &bound.pipelines.raycast, &bound.cast, groups);
+        encoder.copy_buffer_to_buffer(&self.feedback, 0, &self.counters[buffer], 0, COUNTERS_BYTES);
+        let submission = self.gpu.queue.submit([encoder.finish()]);
+        Run { rays, buffer, submission, begin: Instant::now() }
+    }
+
+    /// Waits for the oldest run, and takes what it counted.
+    fn land(
+        &mut self,
+        flying: &mut VecDeque<Run>,
+        last_end: &mut Instant,
+        raw: &mut RawFeedback,
+        left: &mut Vec<Range<u32>>,
+    ) -> Result<(), GpuError> {
+        let Some(run) = flying.pop_front() else { return Ok(()) };
+        let read = bytemuck::pod_read_unaligned::<GpuCounters>;
+        let counters = self.gpu.read_after(Some(run.submission), &self.counters[run.buffer], COUNTERS_BYTES, read)?;
+        raw.feedback.add(&counters);
+        raw.feedback.unfinished_rays += u64::from(counters.waiting);
+        // It began when it was submitted, or when the one before it had ended.
+        let ms = run.begin.max(*last_end).elapsed().as_secs_f64() * 1e3;
+        *last_end = Instant::now();
+        raw.dispatch_ms_max = raw.dispatch_ms_max.max(ms);
+        self.adapt_run(ms);
+        raw.interrupted += u64::from(counters.interrupted);
+        if counters.interrupted > 0 {
+            left.push(run.rays);
+        }
+        Ok(())
     }
 
     fn adapt_run(&mut self, ms: f64) {

@@ -97,6 +97,7 @@ const SETTINGS: Settings = Settings {
     level: supervol_runtime::frame::LevelChoice::Fixed(supervol_format::Lod::FINEST),
     host_memory_bytes: 256 << 20,
     cache_bytes: None,
+    backend: supervol_runtime::frame::Backend::Cpu,
 };
 
 impl Subject {

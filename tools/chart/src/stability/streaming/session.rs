@@ -1,6 +1,6 @@
 //! Frames by one renderer, one after the other: what a viewer does, and a headless run does not.
 //!
-//! The CPU ray caster throughout.
+//! By the CPU ray caster, unless paths ask for the other.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -30,11 +30,19 @@ pub struct Settings {
     pub host_memory_bytes: u64,
     /// Bytes of the host cache, where it is not to have all that is left of the host memory.
     pub cache_bytes: Option<u64>,
+    /// Who casts the rays.
+    pub backend: Backend,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { threads: 2, level: LevelChoice::Auto, host_memory_bytes: HOST_MEMORY_BYTES, cache_bytes: None }
+        Self {
+            threads: 2,
+            level: LevelChoice::Auto,
+            host_memory_bytes: HOST_MEMORY_BYTES,
+            cache_bytes: None,
+            backend: Backend::Cpu,
+        }
     }
 }
 
@@ -46,7 +54,7 @@ impl Settings {
 
     fn options(&self) -> RenderOptions {
         RenderOptions {
-            backend: Backend::Cpu,
+            backend: self.backend,
             level: self.level,
             host_memory_bytes: self.host_memory_bytes,
             cache_bytes: self.cache_bytes,

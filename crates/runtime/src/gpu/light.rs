@@ -1,0 +1,210 @@
+//! Twins of `shaders/shared/light.wgsl` and of the arithmetic of `light_walk.wgsl`: the same functions in Rust, by which tests
+//! hold the shader to account. The rule and its error are derived in `raycast::cpu::integrate`.
+//!
+//! Values are bins of the transfer function ([`super::light_table`]), extents are in unit distances.
+
+use super::layout::{LIGHT_BINS, TABLE_WIDTH};
+use super::light_table::{LightTable, PLANE_ROWS};
+
+/// Width, in bins, below which the mean of an interval is that of its ends.
+pub const NARROW: f32 = 1.0;
+
+/// The channels at a value: red, green, blue (times extinction), extinction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LightAt {
+    /// Antiderivatives where the bin begins, in [`LightTable::unit`].
+    pub start: [u32; 4],
+    /// Antiderivatives from there on.
+    pub rest: [f32; 4],
+    /// The channels themselves.
+    pub value: [f32; 4],
+}
+
+/// The field along a part of a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LightChord {
+    /// At its beginning, middle and end.
+    pub values: [f32; 3],
+    /// Coefficient of the third power.
+    pub cubic: f32,
+    /// Length.
+    pub extent: f32,
+}
+
+/// What a part of a ray adds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LightPart {
+    /// Premultiplied.
+    pub color: [f32; 3],
+    /// Share of light from behind that gets through.
+    pub transmittance: f32,
+    /// Bound on the error of both.
+    pub error: f32,
+}
+
+fn light_bin(value: f32) -> f32 {
+    value.floor().clamp(-1.0, LIGHT_BINS as f32)
+}
+
+fn texel(table: &LightTable, plane: usize, bin: f32) -> [u32; 4] {
+    let first = 4 * (plane * PLANE_ROWS * TABLE_WIDTH as usize + (bin + 1.0) as usize);
+    std::array::from_fn(|i| table.words[first + i])
+}
+
+/// The channels at a value.
+#[must_use]
+pub fn light_at(table: &LightTable, value: f32) -> LightAt {
+    let bin = light_bin(value);
+    let y = value - bin.max(0.0);
+    let ends = texel(table, 1, bin);
+    let channel = |end: usize, c: usize| {
+        let root = (ends[2 * end + c / 2] >> (16 * (c % 2)) & 0xffff) as f32 / 65535.0;
+        table.most * root * root
+    };
+    let [left, right] = [0, 1].map(|end| std::array::from_fn::<f32, 4, _>(|c| channel(end, c)));
+    let rise = |c: usize| right[c] - left[c];
+    LightAt {
+        start: texel(table, 0, bin),
+        rest: std::array::from_fn(|c| y * (left[c] + 0.5 * y * rise(c))),
+        value: std::array::from_fn(|c| left[c] + y * rise(c)),
+    }
+}
+
+/// Bends and variation of colour below a value's bin, or below the one `behind` bins further.
+#[must_use]
+pub fn light_sums(table: &LightTable, value: f32, behind: f32) -> [f32; 2] {
+    let words = texel(table, 2, (light_bin(value) + behind).min(LIGHT_BINS as f32));
+    std::array::from_fn(|i| f32::from_bits(words[i]))
+}
+
+/// Integrates a chord.
+#[must_use]
+pub fn integrate_chord(table: &LightTable, chord: &LightChord) -> LightPart {
+    let ([first, middle, last], extent) = (chord.values, chord.extent);
+    let rise = last - first;
+    let mean = middle * (4.0 / 6.0) + (first + last) * (1.0 / 6.0);
+    let [a, b] = [-0.5, 0.5].map(|share| light_at(table, mean + share * rise));
+    let is_narrow = rise.abs() <= NARROW;
+    let means: [f32; 4] = std::array::from_fn(|c| {
+        let whole = b.start[c].wrapping_sub(a.start[c]).cast_signed() as f32 * table.unit;
+        let of_sums = (whole + (b.rest[c] - a.rest[c])) / rise;
+        (if is_narrow { 0.5 * (a.value[c] + b.value[c]) } else { of_sums }).max(0.0)
+    });
+    let kappa = means[3];
+    let tau = kappa * extent;
+    let transmittance = (-tau).exp();
+    let opacity = 1.0 - transmittance;
+    let emitting = if tau < 1e-6 { extent } else { opacity / kappa };
+    let order = extent * extent / (12.0 + tau * (6.0 + 1.2 * tau));
+    let between = |c: usize| b.value[c] - a.value[c];
+    let color = std::array::from_fn(|c| {
+        let ordered = between(c) * kappa - means[c] * between(3);
+        (means[c] * emitting - order * ordered).clamp(0.0, opacity)
+    });
+    LightPart { color, transmittance, error: error_of(table, chord, kappa) }
+}
+
+/// What the line misses.
+fn error_of(table: &LightTable, chord: &LightChord, kappa: f32) -> f32 {
+    let ([first, middle, last], extent) = (chord.values, chord.extent);
+    let (bump, cubic) = ((middle - 0.5 * (first + last)).abs(), chord.cubic.abs());
+    let most = 2.0 / 3.0 * bump + 0.05 * cubic;
+    let average = 0.26 * bump + 0.03 * cubic;
+    let margin = most + 0.05 * cubic;
+    let high = light_sums(table, first.max(last).max(middle) + margin, 1.0);
+    let low = light_sums(table, first.min(last).min(middle) - margin, 0.0);
+    let [bends, colors] = std::array::from_fn(|i| high[i] - low[i]);
+    let width = (last - first).abs();
+    let of_mean = 0.5 * bends * average * extent;
+    let uneven = (0.25 * bends * width / kappa.max(1e-12)).min(1.0);
+    let tau = kappa * extent;
+    let of_order = (1.0 - (-tau).exp()) * colors * (0.06 + 0.84 * uneven) * tau / (4.0 + tau);
+    of_mean.clamp(0.0, 1.0) + of_order
+}
+
+/// The value at a place of a cell, both in [0, 1]^3; corner c has the offsets (c & 1, c >> 1 & 1, c >> 2).
+#[must_use]
+pub fn value_in(corners: &[f32; 8], [x, y, z]: [f32; 3]) -> f32 {
+    let row = |c: usize| corners[c] + x * (corners[c + 1] - corners[c]);
+    let layer = |c: usize| row(c) + y * (row(c + 2) - row(c));
+    layer(0) + z * (layer(4) - layer(0))
+}
+
+/// Coefficient of xyz.
+#[must_use]
+pub fn twist_of(corners: &[f32; 8]) -> f32 {
+    let rise = |c: usize| corners[c + 1] - corners[c];
+    (rise(6) - rise(4)) - (rise(2) - rise(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transfer_function::{ControlPoint, TransferFunction};
+
+    fn cubic(k: [f64; 4], u: f64) -> f64 {
+        k[0] + u * (k[1] + u * (k[2] + u * k[3]))
+    }
+
+    /// Colour and transmittance by 20,000 steps.
+    fn exact(tf: &TransferFunction, k: [f64; 4], length: f64) -> [f64; 4] {
+        let steps = 20_000;
+        let h = length / f64::from(steps);
+        let (mut color, mut transmittance) = ([0.0; 3], 1.0);
+        for i in 0..steps {
+            let (c, alpha) = tf.classify(cubic(k, (f64::from(i) + 0.5) / f64::from(steps)));
+            let through = (-tf.kappa(alpha) * h).exp();
+            (0..3).for_each(|i| color[i] += transmittance * (1.0 - through) * c[i]);
+            transmittance *= through;
+        }
+        [color[0], color[1], color[2], transmittance]
+    }
+
+    /// The error that a part states is never far below the one that it has, whatever bends lie in it.
+    #[test]
+    fn stated_errors_are_errors() {
+        let mut seed = 17u64;
+        let mut random = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 11) as f64 / (1u64 << 53) as f64
+        };
+        let (mut worst, mut looked_at) = (0.0f64, 0);
+        for _ in 0..3000 {
+            let mut values: Vec<f64> = (0..2 + (random() * 4.0) as usize).map(|_| 100.0 + 20.0 * random()).collect();
+            values.sort_by(f64::total_cmp);
+            let steep = if random() < 0.5 { 0.05 } else { 0.9 };
+            let points = values.into_iter().map(|value| ControlPoint {
+                value: f64::from(value as f32),
+                color: [0; 3].map(|_| random()),
+                alpha: if random() < 0.3 { 0.0 } else { steep * random() },
+            });
+            let tf = TransferFunction::new(points.collect(), 2.0).unwrap();
+            let table = LightTable::new(&tf, 0.0, 1e-3);
+            let wide = if random() < 0.5 { 1.0 } else { 0.1 };
+            let k = [
+                100.0 + 20.0 * random(),
+                wide * 10.0 * (random() - 0.5),
+                wide * 6.0 * (random() - 0.5),
+                wide * (random() - 0.5),
+            ];
+            let length = 3.0 * random();
+            let bins = |v: f64| ((v - f64::from(table.first)) * f64::from(table.bins_per_value)) as f32;
+            let chord = LightChord {
+                values: [0.0, 0.5, 1.0].map(|u| bins(cubic(k, u))),
+                cubic: (k[3] * f64::from(table.bins_per_value)) as f32,
+                extent: (length / tf.unit_distance()) as f32,
+            };
+            let found = integrate_chord(&table, &chord);
+            let expected = exact(&tf, k, length);
+            let [r, g, b] = found.color;
+            let off = [r, g, b, found.transmittance].into_iter().zip(expected);
+            let error = off.map(|(f, e)| (f64::from(f) - e).abs()).fold(0.0, f64::max);
+            // The fit of the table, and the exact sum's own steps.
+            let allowed = 1.5e-3 + 1.5 * f64::from(found.error);
+            worst = worst.max(error / allowed);
+            looked_at += usize::from(error > 1.5e-3);
+            assert!(error <= allowed, "{found:?} for {expected:?}, {chord:?}, {:?}", tf.points());
+        }
+        assert!(looked_at > 100 && worst > 0.3, "{looked_at} chords with an error; at worst {worst} of what is stated");
+    }
+}

@@ -1,0 +1,102 @@
+// Emission and absorption on a chord by antiderivatives of the transfer function, with what the rule can miss; twin of
+// gpu/twins.rs. raycast/cpu/integrate.rs derives the rule and its error.
+//
+// Values are bins of the transfer function (gpu/light_table.rs), extents are in unit distances.
+
+// Width, in bins, below which the mean of an interval is that of its ends.
+const NARROW: f32 = 1.0;
+
+// The channels at a value: red, green, blue (times extinction), extinction.
+struct LightAt {
+    // Antiderivatives: where the bin begins, and from there on.
+    start: vec4<i32>,
+    rest: vec4<f32>,
+    // The channels themselves.
+    value: vec4<f32>,
+}
+
+// The bin of a value, one on either side for those beyond.
+fn light_bin(value: f32) -> f32 {
+    return clamp(floor(value), -1.0, f32(LIGHT_BINS));
+}
+
+fn light_texel(bin: f32) -> vec2<u32> {
+    let place = u32(bin + 1.0);
+    return vec2<u32>(place % TABLE_WIDTH, place / TABLE_WIDTH);
+}
+
+fn light_at(value: f32) -> LightAt {
+    let bin = light_bin(value);
+    let texel = light_texel(bin);
+    let y = value - max(bin, 0.0);
+    let start = textureLoad(light_table, texel, 0);
+    let ends = textureLoad(light_table, texel + vec2<u32>(0u, LIGHT_ROWS), 0);
+    let left_root = vec4<f32>(unpack2x16unorm(ends.x), unpack2x16unorm(ends.y));
+    let right_root = vec4<f32>(unpack2x16unorm(ends.z), unpack2x16unorm(ends.w));
+    let left = config.light_most * left_root * left_root;
+    let rise = config.light_most * right_root * right_root - left;
+    return LightAt(bitcast<vec4<i32>>(start), y * (left + (0.5 * y) * rise), left + y * rise);
+}
+
+// Bends and variation of colour below a value's bin, or below the bin behind it.
+fn light_sums(value: f32, behind: f32) -> vec2<f32> {
+    let texel = light_texel(min(light_bin(value) + behind, f32(LIGHT_BINS)));
+    return bitcast<vec2<f32>>(textureLoad(light_table, texel + vec2<u32>(0u, 2u * LIGHT_ROWS), 0).xy);
+}
+
+// The field along a part of a ray: at its beginning, middle and end, and the coefficient of the third power.
+struct LightChord {
+    values: vec3<f32>,
+    cubic: f32,
+    extent: f32,
+}
+
+// What a part of a ray adds.
+struct LightPart {
+    // Premultiplied colour, and the share of light from behind that gets through.
+    color: vec3<f32>,
+    transmittance: f32,
+    // Bound on the error of both.
+    error: f32,
+}
+
+// Integrates a chord.
+fn integrate_chord(chord: LightChord) -> LightPart {
+    let first = chord.values.x;
+    let middle = chord.values.y;
+    let last = chord.values.z;
+    // The line with the field's mean and the difference between its ends.
+    let rise = last - first;
+    let mean = middle * (4.0 / 6.0) + (first + last) * (1.0 / 6.0);
+    let a = light_at(mean - 0.5 * rise);
+    let b = light_at(mean + 0.5 * rise);
+    let is_narrow = abs(rise) <= NARROW;
+    let per_rise = 1.0 / select(rise, 1.0, is_narrow);
+    let of_sums = (vec4<f32>(b.start - a.start) * config.light_unit + (b.rest - a.rest)) * per_rise;
+    let means = max(select(of_sums, 0.5 * (a.value + b.value), is_narrow), vec4<f32>(0.0));
+    let extent = chord.extent;
+    let kappa = means.w;
+    let tau = kappa * extent;
+    let transmittance = exp(-tau);
+    let opacity = 1.0 - transmittance;
+    let is_clear = tau < 1.0e-6;
+    let emitting = select(opacity / select(kappa, 1.0, is_clear), extent, is_clear);
+    let order = extent * extent / (12.0 + tau * (6.0 + 1.2 * tau));
+    let between = b.value - a.value;
+    let ordered = between.rgb * kappa - means.rgb * between.w;
+    let color = clamp(means.rgb * emitting - order * ordered, vec3<f32>(0.0), vec3<f32>(opacity));
+
+    // What the line misses.
+    let bump = abs(middle - 0.5 * (first + last));
+    let cubic = abs(chord.cubic);
+    let most = (2.0 / 3.0) * bump + 0.05 * cubic;
+    let average = 0.26 * bump + 0.03 * cubic;
+    let margin = most + 0.05 * cubic;
+    let low = min(min(first, last), middle) - margin;
+    let high = max(max(first, last), middle) + margin;
+    let sums = light_sums(high, 1.0) - light_sums(low, 0.0);
+    let of_mean = 0.5 * sums.x * average * extent;
+    let uneven = min(0.25 * sums.x * abs(rise) / max(kappa, 1.0e-12), 1.0);
+    let of_order = opacity * sums.y * (0.06 + 0.84 * uneven) * tau / (4.0 + tau);
+    return LightPart(color, transmittance, clamp(of_mean, 0.0, 1.0) + of_order);
+}

@@ -1,0 +1,234 @@
+// Mode dvr: the walk of a ray through a brick, part by part.
+//
+// One loop without branches: whatever a ray does next, a cell, a part of a cell that one rule did not settle, or a leap, is
+// one turn of it. Rays of a group then wait for each other only where the brick ends.
+
+// Turns of the loop between two leaps.
+const ROUND: u32 = 8u;
+// No stored number.
+const NO_NUMBER: u32 = 0xffffffffu;
+// Shortest part, in cells.
+const LEAST_PART: f32 = 1.0 / 4096.0;
+// Most parts that a cell is cut into at once.
+const PARTS_LIMIT: f32 = 64.0;
+// Parts per square root of the error: what is left is then well below the tolerance.
+const PARTS_PER_ROOT: f32 = 1.4;
+// Least share of a cell's tolerance that a part may use up, however short it is.
+const LEAST_SHARE: f32 = 0.25;
+// Share of what is allowed, below which the next part is twice as long.
+const EASY: f32 = 0.125;
+// Multiple of what is allowed, from which the next part is a quarter as long, not half.
+const HARD: f32 = 16.0;
+// How far beyond a face a leap ends, in voxels: a few roundings.
+const LEAP_MARGIN: f32 = 2.0e-5;
+// Beyond everything, in world lengths.
+const FAR: f32 = 1.0e30;
+
+// The field of a cell, in bins: corners with x = 0, as (y, z) = 00, 10, 01, 11, and how it rises along x.
+struct LightCell {
+    first: vec4<f32>,
+    rise: vec4<f32>,
+    // False where an absent voxel has weight on the ray's way.
+    is_present: bool,
+}
+
+// Stored numbers as bins; absent ones are 0.
+fn bins_of(bits: vec4<u32>) -> vec4<f32> {
+    var numbers = vec4<f32>(bits);
+    if (has_flag(FLAG_FLOAT)) {
+        numbers = bitcast<vec4<f32>>(select(bits, vec4<u32>(0u), is_absent(bits)));
+    }
+    return (numbers - config.light_centre) * config.light_scale + config.light_offset;
+}
+
+fn is_absent(bits: vec4<u32>) -> vec4<bool> {
+    if (has_flag(FLAG_FLOAT)) {
+        return (bits & vec4<u32>(NON_FINITE)) == vec4<u32>(NON_FINITE);
+    }
+    return bits == vec4<u32>(select(NO_NUMBER, config.absent, has_flag(FLAG_ABSENT)));
+}
+
+// The cell that begins at a voxel, for a ray that crosses it from `a` to `b`.
+fn light_cell(slot: Slot, voxel: vec3<i32>, a: vec3<f32>, b: vec3<f32>) -> LightCell {
+    let x = vec3<i32>(1, 0, 0);
+    let y = vec3<i32>(0, 1, 0);
+    let z = vec3<i32>(0, 0, 1);
+    let near = vec4<u32>(
+        stored(slot, voxel), stored(slot, voxel + y), stored(slot, voxel + z), stored(slot, voxel + y + z));
+    let far = vec4<u32>(
+        stored(slot, voxel + x), stored(slot, voxel + x + y), stored(slot, voxel + x + z), stored(slot, voxel + x + y + z));
+    let first = bins_of(near);
+    let second = bins_of(far);
+    if (!has_flag(FLAG_HOLES)) {
+        return LightCell(first, second - first, true);
+    }
+    let present = 1.0 - vec4<f32>(is_absent(near));
+    let far_present = 1.0 - vec4<f32>(is_absent(far));
+    let corners = replace_unreached(
+        Corners(
+            vec4<f32>(first.x, second.x, first.y, second.y),
+            vec4<f32>(first.z, second.z, first.w, second.w),
+            vec4<f32>(present.x, far_present.x, present.y, far_present.y),
+            vec4<f32>(present.z, far_present.z, present.w, far_present.w),
+        ),
+        a,
+        b,
+    );
+    let reached = vec4<f32>(corners.low.xz, corners.high.xz);
+    return LightCell(reached, vec4<f32>(corners.low.yw, corners.high.yw) - reached, !has_holes(corners));
+}
+
+fn value_in(cell: LightCell, p: vec3<f32>) -> f32 {
+    let rows = cell.first + p.x * cell.rise;
+    let layers = rows.xz + p.y * (rows.yw - rows.xz);
+    return layers.x + p.z * (layers.y - layers.x);
+}
+
+// Coefficient of xyz.
+fn twist_of(cell: LightCell) -> f32 {
+    return (cell.rise.w - cell.rise.z) - (cell.rise.y - cell.rise.x);
+}
+
+// A ray in a brick, so that a crossing costs a product and a sum.
+struct LightRay {
+    origin: vec3<f32>,
+    direction: vec3<f32>,
+    // Parameter per voxel, and that of plane 0; FAR where the ray runs along the plane.
+    inverse: vec3<f32>,
+    offset: vec3<f32>,
+    // 1 where the ray ascends, else 0: the plane ahead is that much further than the cell; and 1 or -1.
+    ahead: vec3<f32>,
+    step: vec3<f32>,
+    // Unit distances per unit of t.
+    extent_per_t: f32,
+    // How far beyond a face a leap ends.
+    margin: f32,
+    // Where the ray leaves the brick.
+    leave: f32,
+}
+
+fn light_ray(ray: LocalRay, leave: f32) -> LightRay {
+    let d = ray.direction;
+    let moves = d != vec3<f32>(0.0);
+    let inverse = select(vec3<f32>(0.0), 1.0 / select(vec3<f32>(1.0), d, moves), moves);
+    let offset = select(vec3<f32>(FAR), -ray.origin * inverse, moves);
+    let ahead = vec3<f32>(d > vec3<f32>(0.0));
+    let extent_per_t = ray.level.length * config.inverse_unit_distance;
+    let margin = LEAP_MARGIN / max(max(abs(d.x), abs(d.y)), abs(d.z));
+    return LightRay(ray.origin, d, inverse, offset, ahead, 2.0 * ahead - 1.0, extent_per_t, margin, leave);
+}
+
+// How far a ray has come in a brick, and what it has gathered.
+struct LightWalk {
+    t: f32,
+    transmittance: f32,
+    color: vec3<f32>,
+    // First corner of the cell.
+    cell: vec3<f32>,
+    // Share of the cell that is done, and length of the next part, in cells.
+    at: f32,
+    next: f32,
+}
+
+fn cell_at(ray: LightRay, t: f32) -> vec3<f32> {
+    return clamp(floor(ray.origin + t * ray.direction), vec3<f32>(-1.0), vec3<f32>(f32(config.core) - 1.0));
+}
+
+// Takes the ray out of what shows nothing, to where something near does, or the brick ends.
+fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>) {
+    let last = vec3<i32>(macro_edge() - 1);
+    var is_near = (*walk).at > 0.0;
+    while (!is_near && (*walk).t < ray.leave) {
+        work += 1u;
+        let place = (ray.origin + (*walk).t * ray.direction + 0.5) * (1.0 / f32(MACRO_CELL));
+        let block = clamp(vec3<i32>(floor(place)), vec3<i32>(0), last);
+        let reach = f32(proximity[macro_place(slot, block)]) - 1.0;
+        is_near = reach < 0.0;
+        if (!is_near) {
+            let face = (vec3<f32>(block) + ray.ahead + reach * ray.step) * f32(MACRO_CELL) - 0.5;
+            let exit = first_crossing(face * ray.inverse + ray.offset);
+            // Rounding must not hold it.
+            (*walk).t = min(max(exit, (*walk).t) + ray.margin, ray.leave);
+            (*walk).cell = cell_at(ray, (*walk).t);
+            macro_cells_skipped += 1u;
+        }
+    }
+}
+
+// Integrates the next part of a cell, and takes it or makes it shorter; behind the last one the next cell begins.
+fn try_part(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>) {
+    let exits = ((*walk).cell + ray.ahead) * ray.inverse + ray.offset;
+    let cell_leave = max(min(first_crossing(exits), ray.leave), (*walk).t);
+    let length = cell_leave - (*walk).t;
+    // Nothing shorter than the shortest part is left over.
+    let at = (*walk).at;
+    let is_last = (*walk).next + LEAST_PART >= 1.0 - at;
+    let size = select((*walk).next, 1.0 - at, is_last);
+    let end = select(at + size, 1.0, is_last);
+    let entry = ray.origin + (*walk).t * ray.direction - (*walk).cell;
+    let way = length * ray.direction;
+    let field = light_cell(slot, vec3<i32>((*walk).cell), entry, entry + way);
+    let values = vec3<f32>(
+        value_in(field, entry + at * way),
+        value_in(field, entry + (at + 0.5 * size) * way),
+        value_in(field, entry + end * way),
+    );
+    let part_way = size * way;
+    let cubic = twist_of(field) * part_way.x * part_way.y * part_way.z;
+    var part = integrate_chord(LightChord(values, cubic, length * ray.extent_per_t * size));
+    if (!field.is_present) {
+        part = LightPart(vec3<f32>(0.0), 1.0, 0.0);
+    }
+    samples += 2u;
+
+    let ratio = part.error * (*walk).transmittance / config.cell_error;
+    let is_taken = ratio <= max(size, LEAST_SHARE) || size <= LEAST_PART;
+    (*walk).next = next_size(size, ratio, is_taken);
+    if (is_taken) {
+        (*walk).color += (*walk).transmittance * part.color;
+        (*walk).transmittance *= part.transmittance;
+        (*walk).at = end;
+    }
+    if ((*walk).at >= 1.0) {
+        (*walk).cell += select(vec3<f32>(0.0), ray.step, exits <= vec3<f32>(cell_leave));
+        (*walk).t = cell_leave;
+        (*walk).at = 0.0;
+        (*walk).next = 1.0;
+        cells += 1u;
+    }
+}
+
+// Length of the part behind one of this length that was taken, or in its place; `ratio`: its error in tolerances of a cell.
+fn next_size(size: f32, ratio: f32, is_taken: bool) -> f32 {
+    let allowed = max(size, LEAST_SHARE);
+    // Of a whole cell, the error falls with the square of the number of parts.
+    let root = sqrt(min(ratio, PARTS_LIMIT * PARTS_LIMIT));
+    let parts = clamp(floor(PARTS_PER_ROOT * root) + 1.0, 2.0, PARTS_LIMIT);
+    let shorter = select(select(0.5, 0.25, ratio > allowed * HARD), 1.0 / parts, size == 1.0);
+    let longer = select(1.0, 2.0, ratio < allowed * EASY);
+    return max(size * select(shorter, longer, is_taken), LEAST_PART);
+}
+
+// Walks a brick; stops between two cells when the ray has done its share.
+fn cast_brick_light(slot: Slot, local: LocalRay, leave: f32, state: ptr<function, RayState>) {
+    let ray = light_ray(local, leave);
+    let begin = (*state).t;
+    var walk = LightWalk(begin, (*state).transmittance, (*state).color, cell_at(ray, begin), 0.0, 1.0);
+    var goes_on = walk.t < leave;
+    while (goes_on) {
+        leap_on(slot, ray, &walk);
+        macro_cells += 1u;
+        work += ROUND;
+        for (var i = 0u; i < ROUND; i += 1u) {
+            try_part(slot, ray, &walk);
+            goes_on = walk.t < leave && walk.transmittance > config.transmittance_limit;
+            if (!goes_on) {
+                break;
+            }
+        }
+        goes_on = goes_on && (!is_worked_off() || walk.at > 0.0);
+    }
+    (*state).t = walk.t;
+    (*state).transmittance = walk.transmittance;
+    (*state).color = walk.color;
+}
