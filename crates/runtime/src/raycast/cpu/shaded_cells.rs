@@ -111,7 +111,8 @@ impl CellShader<'_> {
         let (mut color, mut error) = self.lighting.shade::<S>(part, &lit);
         // Where the rest leaves room for it, the light alone may be made certain.
         let of_rest = self.lighting.error_but_light::<S>(part, &lit);
-        let is_turning = S::lt(one, error * per_error) & S::lt(of_rest.at_most * per_error, S::splat(REST_SHARE)) & shows;
+        let is_turning =
+            S::lt(one, error * per_error) & S::lt(of_rest.at_most * per_error, S::splat(REST_SHARE)) & shows;
         if S::bits(is_turning) != 0 {
             let mut cells = TurningCells::new::<S>(part, along, to_eye, &color, of_rest.certain);
             S::apart(SettleLight { lighting: self.lighting, cells: &mut cells, lanes: S::bits(is_turning) });
