@@ -129,7 +129,7 @@ fn images_have_levels_axes_and_a_place() {
             ([0.5, 1.0, 4.0], [20.0, 10.0, 1.0])
         );
         options.selection.level = Some(2);
-        assert_refused(open(&path, &options).map(|_| ()), &["--level 2", "the last is number 1"]);
+        assert_refused(open(&path, &options).map(|_| ()), &["--source-level 2", "the last is number 1"]);
         // An array of the image, by its name.
         let array = opened(&named(&path, "1")).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!((array.info().dims, array.info().format), (Dims(half), "zarr"));

@@ -201,7 +201,7 @@ struct SelectionArguments {
     channel: Option<u64>,
     /// Level of the input's own pyramid (OME-Zarr, N5); the finest is 0
     #[arg(long, value_name = "N")]
-    level: Option<u64>,
+    source_level: Option<u64>,
     /// Number or UID of the DICOM series; all are listed where none is given
     #[arg(long, value_name = "N|UID")]
     series: Option<String>,
@@ -380,8 +380,8 @@ impl SourceArguments {
             }),
         };
         let outside = if self.nrrd.allow_outside { Outside::Allowed } else { Outside::Refused };
-        let SelectionArguments { frame, channel, level, series } = &self.selection;
-        let (frame, channel, level) = (*frame, *channel, *level);
+        let SelectionArguments { frame, channel, source_level, series } = &self.selection;
+        let (frame, channel, level) = (*frame, *channel, *source_level);
         let selection = Selection { frame, channel, level, series: series.clone(), array: None };
         let options = OpenOptions { raw, outside, segy, selection, ..OpenOptions::default() };
         Ok(Reading { options, placing: self.place.placing() })

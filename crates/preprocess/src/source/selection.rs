@@ -32,7 +32,7 @@ impl Selection {
 
     /// The level that is wanted of `count`, the finest where nobody says.
     pub(super) fn level_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
-        pick(path, "--level", self.level, count)
+        pick(path, "--source-level", self.level, count)
     }
 
     /// As [`Self::frame_of`]; the notes say what there is where nobody has chosen. `what` names them: `time points`.
@@ -81,7 +81,7 @@ impl std::fmt::Display for Selection {
         series.iter().try_for_each(|series| write!(f, " --series {series}"))?;
         frame.iter().try_for_each(|frame| write!(f, " --frame {frame}"))?;
         channel.iter().try_for_each(|channel| write!(f, " --channel {channel}"))?;
-        level.iter().try_for_each(|level| write!(f, " --level {level}"))
+        level.iter().try_for_each(|level| write!(f, " --source-level {level}"))
     }
 }
 

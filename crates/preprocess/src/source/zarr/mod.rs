@@ -1,6 +1,6 @@
 //! Zarr (versions 2 and 3), OME-Zarr and N5: folders of chunks, read chunk by chunk.
 //!
-//! A folder is an array, or a group: of an OME-Zarr image or an N5 pyramid the finest level is read, or `--level N`; of other
+//! A folder is an array, or a group: of an OME-Zarr image or an N5 pyramid the finest level is read, or `--source-level N`; of other
 //! groups the one array, or the one that is named (`FOLDER:/PATH`). Axes that are neither x, y nor z are `--frame` (time) and
 //! `--channel`. Chunks that do not exist hold the fill value. Codecs: gzip, zlib, zstd, Blosc (without Snappy), LZ4, CRC-32C, byte
 //! shuffle, transposition, shards; others are refused by name.
@@ -194,7 +194,7 @@ fn image_level(
 /// The level that is wanted of an image.
 fn level_of(folder: &Path, levels: usize, selection: &Selection, notes: &mut Vec<String>) -> Result<u64, SourceError> {
     if levels > 1 && selection.level.is_none() {
-        notes.push(format!("{levels} levels; the finest is used; --level 0 to {} takes another", levels - 1));
+        notes.push(format!("{levels} levels; the finest is used; --source-level 0 to {} takes another", levels - 1));
     }
     selection.level_of(folder, levels as u64)
 }
