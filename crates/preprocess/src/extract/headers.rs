@@ -107,16 +107,7 @@ impl Place<'_> {
 
     /// NPY format 1.0 (NEP 1): magic, version, header length, a Python dictionary padded to 64 bytes.
     fn npy(&self) -> Vec<u8> {
-        let descr = match self.voxel_type {
-            VoxelType::U8 => "|u1",
-            VoxelType::I8 => "|i1",
-            VoxelType::U16 => "<u2",
-            VoxelType::I16 => "<i2",
-            VoxelType::U32 => "<u4",
-            VoxelType::I32 => "<i4",
-            VoxelType::F32 => "<f4",
-            VoxelType::F64 => "<f8",
-        };
+        let descr = numpy_name(self.voxel_type);
         let [nx, ny, nz] = self.sizes;
         let mut dictionary = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({nz}, {ny}, {nx}), }}");
         let padding = 64 - (10 + dictionary.len() + 1) % 64;
@@ -374,4 +365,18 @@ fn anatomical(matrix: &[f64; 9]) -> String {
         if axis[world] < 0.0 { to } else { from }
     };
     matrix.chunks(3).map(letter).collect()
+}
+
+/// A type as NumPy and Zarr call it, lowest byte first (`numpy.lib.format`).
+pub(super) fn numpy_name(voxel_type: VoxelType) -> &'static str {
+    match voxel_type {
+        VoxelType::U8 => "|u1",
+        VoxelType::I8 => "|i1",
+        VoxelType::U16 => "<u2",
+        VoxelType::I16 => "<i2",
+        VoxelType::U32 => "<u4",
+        VoxelType::I32 => "<i4",
+        VoxelType::F32 => "<f4",
+        VoxelType::F64 => "<f8",
+    }
 }

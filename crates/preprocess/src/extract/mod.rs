@@ -163,31 +163,30 @@ impl Plan {
                 + WRITE_BUFFER_BYTES as u64
                 + threads as u64 * voxels * voxel
         };
-        let needed = fixed(1) + LEAST_BOX_BYTES;
-        if memory_bytes < needed {
-            let what = "to decode bricks on one thread and to write".into();
-            return Err(BuildError::memory(needed, memory_bytes, what, "Allow more with --memory"));
-        }
-        let fits = |threads: &usize| *threads == 1 || fixed(*threads) <= memory_bytes / 2;
-        let threads = (1..=rayon::current_num_threads()).rev().find(fits).unwrap_or(1);
-        let rest = memory_bytes - fixed(threads);
+        let (threads, rest) = Self::share_out(memory_bytes, LEAST_BOX_BYTES, fixed)?;
         Ok(Self { threads, cache_bytes: (rest / 2) as usize, box_voxels: voxels.max(rest / 2 / voxel) })
     }
 
     fn new(descriptor: &Descriptor, written_type: VoxelType, memory_bytes: u64) -> Result<Self, BuildError> {
         let fixed = |threads: usize| LevelReader::working_bytes(descriptor, threads) + WRITE_BUFFER_BYTES as u64;
-        let needed = fixed(1) + 2 * LEAST_BOX_BYTES;
+        let (threads, rest) = Self::share_out(memory_bytes, 2 * LEAST_BOX_BYTES, fixed)?;
+        // Scaled voxels are there as stored, as doubles and as written.
+        let voxel = descriptor.voxel_type.bytes() + size_of::<f64>() + written_type.bytes();
+        Ok(Self { threads, cache_bytes: (rest / 2) as usize, box_voxels: rest / 2 / voxel as u64 })
+    }
+
+    /// How many threads fit into the memory, by what so many take, and the bytes left for the cache and for voxels on their
+    /// way: at least so many.
+    fn share_out(memory_bytes: u64, least: u64, fixed: impl Fn(usize) -> u64) -> Result<(usize, u64), BuildError> {
+        let needed = fixed(1) + least;
         if memory_bytes < needed {
             let what = "to decode bricks on one thread and to write".into();
             return Err(BuildError::memory(needed, memory_bytes, what, "Allow more with --memory"));
         }
-        // At most half for the threads; the rest for the cache and for voxels on their way.
+        // At most half for the threads.
         let fits = |threads: &usize| *threads == 1 || fixed(*threads) <= memory_bytes / 2;
         let threads = (1..=rayon::current_num_threads()).rev().find(fits).unwrap_or(1);
-        let rest = memory_bytes - fixed(threads);
-        // Scaled voxels are there as stored, as doubles and as written.
-        let voxel = descriptor.voxel_type.bytes() + size_of::<f64>() + written_type.bytes();
-        Ok(Self { threads, cache_bytes: (rest / 2) as usize, box_voxels: rest / 2 / voxel as u64 })
+        Ok((threads, memory_bytes - fixed(threads)))
     }
 }
 

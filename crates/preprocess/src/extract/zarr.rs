@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 use supervol_format::{Container, VoxelBox, VoxelType};
 
-use super::headers::Place;
+use super::headers::{Place, numpy_name};
 use super::{Extraction, Plan, scaled};
 use crate::error::BuildError;
 use crate::level_reader::LevelReader;
@@ -99,16 +99,7 @@ fn filled_up(bytes: Vec<u8>, extent: [usize; 3], chunk: [u64; 3], voxel: usize) 
 }
 
 fn array(voxel_type: VoxelType, extent: [u64; 3], chunk: [u64; 3]) -> Value {
-    let dtype = match voxel_type {
-        VoxelType::U8 => "|u1",
-        VoxelType::I8 => "|i1",
-        VoxelType::U16 => "<u2",
-        VoxelType::I16 => "<i2",
-        VoxelType::U32 => "<u4",
-        VoxelType::I32 => "<i4",
-        VoxelType::F32 => "<f4",
-        VoxelType::F64 => "<f8",
-    };
+    let dtype = numpy_name(voxel_type);
     let reversed = |[x, y, z]: [u64; 3]| [z, y, x];
     json!({
         "zarr_format": 2, "shape": reversed(extent), "chunks": reversed(chunk), "dtype": dtype, "order": "C", "fill_value": 0,

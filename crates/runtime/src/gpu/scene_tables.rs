@@ -12,7 +12,7 @@ use super::layout::{
     GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
 };
 use super::light_table::LightTable;
-use crate::raycast::cpu::{Skipping, TERMINATION_OPACITY};
+use crate::raycast::cpu::{CELL_SHARE, END_SHARE, Skipping, TERMINATION_OPACITY};
 use crate::raycast::scalar::shade::Lighting;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{Mode, ResolvedScene};
@@ -41,11 +41,6 @@ pub struct Exactness {
     /// Largest error of any channel of any pixel that is aimed at, 1 being white.
     pub max_error: f64,
 }
-
-/// Share of the largest error that one cell may be off by: errors have either sign, and few cells of a ray are near it.
-const CELL_SHARE: f64 = 0.28;
-/// Share of the largest error that is left out behind the point where a ray ends.
-const END_SHARE: f64 = 0.15;
 
 /// What the tables need to know of the device's memory.
 #[derive(Debug, Clone, Copy)]

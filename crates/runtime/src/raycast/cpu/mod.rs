@@ -73,6 +73,7 @@ use crate::stop::Stop;
 use crate::streamer::budget::{Bands, CasterBytes, MADE_LIMIT};
 use crate::transfer_function::RenderTransferFunction;
 use levels::ErrorsByReason;
+pub(crate) use packets::{CELL_SHARE, END_SHARE, FIT_SHARE};
 use packets::{PacketTables, Tile, cast_tiles, error_pixels_of, pixels_of, tiles_of};
 use simd::InstructionSet;
 

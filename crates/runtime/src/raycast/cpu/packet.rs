@@ -20,11 +20,12 @@ use super::shaded_cells::{AlongRay, CellShader, ShadeCells, ShadeQueue, ShadeRou
 use super::simd::{LANES_LIMIT, Simd, for_three};
 use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, VALUE_ERROR, Walker};
 
-/// The number of each lane.
-/// Share of the lanes of a round's cells that must show for them to be shaded as they are: packing costs a third of shading.
+/// Share of the lanes that must show for a round's cells to be shaded where they lie: packing costs, too.
 const DENSE: usize = 5;
+/// The whole of [`DENSE`].
 const DENSE_OF: usize = 8;
 
+/// The number of each lane.
 const LANE_NUMBERS: [i32; LANES_LIMIT] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
 /// The transfer function, as packets look it up.

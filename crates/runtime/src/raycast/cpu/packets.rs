@@ -319,11 +319,11 @@ impl PacketTables {
 }
 
 /// Share of the largest error that one cell may be off by: errors have either sign, and few cells of a ray are near it.
-const CELL_SHARE: f64 = 0.28;
+pub(crate) const CELL_SHARE: f64 = 0.28;
 /// Share of the largest error that extinction, in parts of itself, may be off by.
-const FIT_SHARE: f64 = 0.25;
+pub(crate) const FIT_SHARE: f64 = 0.25;
 /// Share of the largest error that is left out behind the point where a ray ends.
-const END_SHARE: f64 = 0.15;
+pub(crate) const END_SHARE: f64 = 0.15;
 
 /// Share of the largest error that a cell's light may be, and not be shaded.
 const LEAST_SHADED_SHARE: f64 = 5e-4;

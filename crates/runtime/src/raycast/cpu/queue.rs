@@ -1,7 +1,7 @@
 //! Cells that need more than the others of their round: packed densely, so that no lane runs for nothing.
 
 use super::integrate::Chord;
-use super::simd::{Simd, for_three};
+use super::simd::{Simd, for_three, load_from};
 
 /// Numbers of a [`QueuedCell`]: slot and base as bits.
 pub const CELL_NUMBERS: usize = 9;
@@ -89,7 +89,7 @@ impl<const CAPACITY: usize, const MORE: usize> Queue<CAPACITY, MORE> {
     pub fn cells<S: Simd>(&self, first: usize) -> QueuedCell<S> {
         let mut n = [S::splat(0.0); CELL_NUMBERS];
         for (into, numbers) in n.iter_mut().zip(&self.cells) {
-            *into = load::<S>(numbers, first);
+            *into = load_from::<S>(numbers, first);
         }
         QueuedCell::from_numbers(n)
     }
@@ -104,7 +104,7 @@ impl<const CAPACITY: usize, const MORE: usize> Queue<CAPACITY, MORE> {
     #[inline(always)]
     pub fn refill<S: Simd>(&self, first: usize, mask: S::M, cells: &mut [S::F; CELL_NUMBERS], more: &mut [S::F; MORE]) {
         for (into, numbers) in cells.iter_mut().zip(&self.cells).chain(more.iter_mut().zip(&self.more)) {
-            *into = S::expand(load::<S>(numbers, first), mask, *into);
+            *into = S::expand(load_from::<S>(numbers, first), mask, *into);
         }
     }
 
@@ -112,18 +112,13 @@ impl<const CAPACITY: usize, const MORE: usize> Queue<CAPACITY, MORE> {
     #[inline(always)]
     #[must_use]
     pub fn three<S: Simd>(&self, number: usize, first: usize) -> [S::F; 3] {
-        for_three!(i => load::<S>(&self.more[number + i], first))
+        for_three!(i => load_from::<S>(&self.more[number + i], first))
     }
 
     /// See [`Queue::three`].
     #[inline(always)]
     #[must_use]
     pub fn one<S: Simd>(&self, number: usize, first: usize) -> S::F {
-        load::<S>(&self.more[number], first)
+        load_from::<S>(&self.more[number], first)
     }
-}
-
-#[inline(always)]
-fn load<S: Simd>(numbers: &[f32], first: usize) -> S::F {
-    S::load(numbers[first..].first_chunk().expect("the queue ends with room for all lanes"))
 }

@@ -219,14 +219,14 @@ impl<'a> PacketLighting<'a> {
         let (mean_diffuse, mean_specular) = (mean_along::<S>(part, diffuse), mean_along::<S>(part, specular));
         let of_specular = opacity * mean_specular;
         let mut color = for_three!(c => S::mul_add(part.color[c], mean_diffuse, of_specular));
-        let of_sides = self.error_of_sides::<S>(along);
+        let (of_sides, goes_over) = self.error_of_sides::<S>(along);
         // Range and bend of a channel are convex in its colour: greatest at the strongest, or at black.
         let brightest = for_three!(i => along[i].of(strongest));
         let range = S::max(range_of::<S>(brightest), range_of::<S>(specular));
         let bend = S::max(bend_of::<S>(brightest), bend_of::<S>(specular));
         let uneven = uneven(part);
         let normals = along[0].inverse_length * along[1].inverse_length * along[2].inverse_length;
-        let has_kink = of_sides.1 | S::le(normals, zero);
+        let has_kink = goes_over | S::le(normals, zero);
         let share = S::select(has_kink, S::splat(KINK_SHARE), S::splat(BEND_SHARE));
         let mut of_place = S::mul_add(share, bend, range * uneven);
         let most = S::max(S::max(brightest[0], brightest[1]), brightest[2]);
@@ -248,7 +248,7 @@ impl<'a> PacketLighting<'a> {
             );
             of_place = S::select(is_cut & S::lt(low, one), of_cut, of_place);
         }
-        let of_place = S::max(of_place, of_sides.0) + self.error_of_turn::<S>(along);
+        let of_place = S::max(of_place, of_sides) + self.error_of_turn::<S>(along);
         // What the part itself is off by is lit as the part is; its opacity is not.
         let lit = for_three!(i => along[i].diffuse + along[i].specular);
         let gain = S::max(S::max(S::max(lit[0], lit[1]), lit[2]), one);

@@ -110,15 +110,17 @@ impl CellShader<'_> {
         let lit = self.lighting.at::<S, 3>(&along.gradients, to_eye);
         let (mut color, mut error) = self.lighting.shade::<S>(part, &lit);
         // Where the rest leaves room for it, the light alone may be made certain.
-        let of_rest = self.lighting.error_but_light::<S>(part, &lit);
-        let is_turning =
-            S::lt(one, error * per_error) & S::lt(of_rest.at_most * per_error, S::splat(REST_SHARE)) & shows;
-        if S::bits(is_turning) != 0 {
-            let mut cells = TurningCells::new::<S>(part, along, to_eye, &color, of_rest.certain);
-            S::apart(SettleLight { lighting: self.lighting, cells: &mut cells, lanes: S::bits(is_turning) });
-            let (lit, settled) = cells.outcome::<S>();
-            color = for_three!(c => S::select(is_turning, lit[c], color[c]));
-            error = S::select(is_turning, settled, error);
+        let is_unsettled = S::lt(one, error * per_error) & shows;
+        if S::bits(is_unsettled) != 0 {
+            let of_rest = self.lighting.error_but_light::<S>(part, &lit);
+            let is_turning = is_unsettled & S::lt(of_rest.at_most * per_error, S::splat(REST_SHARE));
+            if S::bits(is_turning) != 0 {
+                let mut cells = TurningCells::new::<S>(part, along, to_eye, &color, of_rest.certain);
+                S::apart(SettleLight { lighting: self.lighting, cells: &mut cells, lanes: S::bits(is_turning) });
+                let (lit, settled) = cells.outcome::<S>();
+                color = for_three!(c => S::select(is_turning, lit[c], color[c]));
+                error = S::select(is_turning, settled, error);
+            }
         }
         (color, S::select(along.is_unknown & in_plane, S::splat(f32::NAN), error))
     }

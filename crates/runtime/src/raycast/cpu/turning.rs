@@ -11,7 +11,7 @@ use super::shade::{
     HIGHLIGHT_REACH, HIGHLIGHT_SHARE, KINK_SHARE, LightAt, PacketLighting, TURN_SHARE, UNEVEN_SHARE, uneven,
 };
 use super::shaded_cells::AlongRay;
-use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes};
+use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes, load_from};
 use super::walk::PerLane;
 
 /// Places along a cell.
@@ -173,7 +173,7 @@ fn light<S: Simd>(lighting: &PacketLighting<'_>, cells: &TurningCells, lane: usi
     let at_front = 2.0 * cells.front_share[lane];
     let mut sums = [zero; 3];
     for first in (0..PLACES).step_by(S::LANES) {
-        let at = load::<S>(&MIDDLES, first);
+        let at = load_from::<S>(&MIDDLES, first);
         let gradient = for_three!(a => cubic_at::<S>(cubics[a], at));
         let [lit] = lighting.at::<S, 1>(&[gradient], &to_eye);
         let weight = S::mul_add(at, S::splat(2.0 - 2.0 * at_front), S::splat(at_front));
@@ -198,7 +198,7 @@ fn missed<S: Simd>(lighting: &PacketLighting<'_>, uneven: f32, places: &Places) 
     let (zero, one) = (S::splat(0.0), S::splat(1.0));
     let mut sum = zero;
     for first in (0..PLACES).step_by(S::LANES) {
-        let at = load::<S>(&MIDDLES, first);
+        let at = load_from::<S>(&MIDDLES, first);
         // Of the last place there is no next one, of the last two none after that.
         let has_next = S::lt(at, S::splat(1.0 - PART));
         let has_second = S::lt(at, S::splat(1.0 - 2.0 * PART));
@@ -210,7 +210,7 @@ fn missed<S: Simd>(lighting: &PacketLighting<'_>, uneven: f32, places: &Places) 
             let (rise, _) = differences::<S>(normal, first);
             turn = S::mul_add(rise, rise, turn);
         }
-        let nearest = S::max(load::<S>(&places.nearest, first), load::<S>(&places.nearest, first + 1));
+        let nearest = S::max(load_from::<S>(&places.nearest, first), load_from::<S>(&places.nearest, first + 1));
         let nearest = S::min(S::mul_add(S::sqrt(turn), S::splat(HIGHLIGHT_REACH), nearest), one);
         let [seen] = lighting.highlights::<S, 1>([nearest * nearest]);
         let widths = turn * S::splat(lighting.lighting.shininess);
@@ -228,14 +228,9 @@ fn missed<S: Simd>(lighting: &PacketLighting<'_>, uneven: f32, places: &Places) 
 /// First and second differences between places from number `first` on, without sign.
 #[inline(always)]
 fn differences<S: Simd>(numbers: &PerPlace, first: usize) -> (S::F, S::F) {
-    let (here, next) = (load::<S>(numbers, first), load::<S>(numbers, first + 1));
+    let (here, next) = (load_from::<S>(numbers, first), load_from::<S>(numbers, first + 1));
     let rise = next - here;
-    (S::abs(rise), S::abs(load::<S>(numbers, first + 2) - next - rise))
-}
-
-#[inline(always)]
-fn load<S: Simd>(numbers: &[f32], first: usize) -> S::F {
-    S::load(numbers[first..].first_chunk().expect("there are whole lanes behind each place"))
+    (S::abs(rise), S::abs(load_from::<S>(numbers, first + 2) - next - rise))
 }
 
 #[inline(always)]

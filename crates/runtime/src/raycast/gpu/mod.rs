@@ -27,7 +27,7 @@ pub use crate::gpu::device::{GpuDevice, GpuError, may_have_hardware};
 pub use crate::gpu::feedback::{GpuPassCounters, PassFeedback};
 pub use crate::gpu::scene_tables::GpuVolume;
 
-use super::cpu::{MAX_ERROR_LIMITS, PacketRule, Skipping};
+use super::cpu::{FIT_SHARE, MAX_ERROR_LIMITS, PacketRule, Skipping};
 use super::volume::{DecodedBrick, Voxels};
 use crate::gpu::cache::{CacheShape, EMPTY_RANGE, GpuCache};
 use crate::gpu::layout::{
@@ -143,9 +143,6 @@ pub struct GpuRenderer {
     unclassified: Vec<SlotIndex>,
     stats: GpuStats,
 }
-
-/// Share of the largest error that extinction, in parts of itself, may be off by.
-const FIT_SHARE: f64 = 0.25;
 
 /// What belongs to one picture.
 struct Picture {

@@ -118,6 +118,15 @@ pub fn lanes(mask: u32) -> impl Iterator<Item = usize> {
     (0..LANES_LIMIT).filter(move |lane| mask >> lane & 1 == 1)
 }
 
+/// Numbers from number `first` on.
+///
+/// # Panics
+/// If there are none for the last lanes of any set.
+#[inline(always)]
+pub fn load_from<S: Simd>(numbers: &[f32], first: usize) -> S::F {
+    S::load(numbers[first..].first_chunk().expect("there is room for all lanes behind the last number"))
+}
+
 /// Something to be done with whatever lanes the processor has.
 pub trait Task {
     /// What comes of it.
