@@ -59,12 +59,12 @@ impl<S: ByteSource> ByteSource for ShortBytes<S> {
     }
 }
 
-/// A byte source that counts reads and bytes.
+/// A byte source that counts requests and bytes.
 #[derive(Debug)]
 pub struct CountingBytes<S> {
     /// What is read.
     pub inner: S,
-    /// Reads so far.
+    /// Requests so far, however many ranges they ask for.
     pub reads: AtomicU64,
     /// Bytes so far.
     pub bytes: AtomicU64,
@@ -86,6 +86,13 @@ impl<S: ByteSource> ByteSource for CountingBytes<S> {
         self.reads.fetch_add(1, Ordering::Relaxed);
         self.bytes.fetch_add(buffer.len() as u64, Ordering::Relaxed);
         self.inner.read_exact_at(offset, buffer)
+    }
+
+    fn read_several(&self, ranges: &mut [(u64, &mut [u8])]) -> io::Result<()> {
+        self.reads.fetch_add(1, Ordering::Relaxed);
+        let bytes: usize = ranges.iter().map(|(_, buffer)| buffer.len()).sum();
+        self.bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+        self.inner.read_several(ranges)
     }
 }
 

@@ -1,12 +1,18 @@
 //! What a built container promises, checked against the definitions in [`supervol_tests::oracle`]: every voxel type,
 //! every brick size, odd dims, holes, noise, constants.
 
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
 use rayon::prelude::*;
-use supervol_format::container::toc::BrickEntry;
+use supervol_format::container::header::PAGE_BYTES;
+use supervol_format::container::reader::TAIL_BYTES;
+use supervol_format::container::toc::{BrickEntry, ENTRIES_PER_PAGE};
 use supervol_format::{BrickKey, Container, Lod, VoxelType};
 use supervol_preprocess::extract::{Extraction, extract};
 use supervol_preprocess::verify::verify;
 use supervol_preprocess::{Existing, source::VolumeSource};
+use supervol_tests::faults::CountingBytes;
 use supervol_tests::fields::{Built, Content, Field, built, options};
 use supervol_tests::oracle::Grid;
 use supervol_tests::{Random, mix};
@@ -271,4 +277,29 @@ fn check_lattice(container: &Container, key: BrickKey, entry: &BrickEntry, grids
             assert!(distance <= entry.error + 1e-9, "{key}: {distance} at {p:?} exceeds {}", entry.error);
         }
     }
+}
+
+/// A source that is far away is asked as rarely as can be: once to open, once for all entries that are wanted together.
+#[test]
+fn opening_takes_one_request_and_entries_come_together() {
+    let field = Field::of(Content::Noise, [163, 150, 161], VoxelType::U8);
+    let bytes = std::fs::read(&built(&field, &options(16)).path).expect("it was just built");
+    let source = Arc::new(CountingBytes::new(bytes));
+    let requests = || source.reads.load(Ordering::Relaxed);
+    let container = Container::from_source(source.clone()).expect("it is whole");
+    assert_eq!(requests(), 1);
+    assert!(source.bytes.load(Ordering::Relaxed) <= TAIL_BYTES + PAGE_BYTES as u64);
+
+    let pyramid = container.pyramid();
+    let coarsest = pyramid.keys_of(pyramid.coarsest()).next().expect("a level has bricks");
+    container.entry(coarsest).expect("its page lies at the end");
+    assert_eq!(requests(), 1, "the entries of the coarsest level came with the tail");
+
+    let finest: Vec<BrickKey> = pyramid.keys_of(Lod(0)).collect();
+    assert!(finest.len() > ENTRIES_PER_PAGE, "several pages");
+    container.read_entries_ahead(finest.iter().copied());
+    assert_eq!(requests(), 2);
+    finest.iter().for_each(|&key| assert!(container.entry(key).is_ok(), "{key}"));
+    container.read_entries_ahead(finest.iter().copied());
+    assert_eq!(requests(), 2, "they are in memory");
 }

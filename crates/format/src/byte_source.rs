@@ -47,6 +47,14 @@ pub trait ByteSource: Send + Sync {
     /// `UnexpectedEof` where the source ends first; otherwise whatever the system says.
     fn read_exact_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()>;
 
+    /// Fills each buffer from its offset on. A source that is far away asks for all of them at once.
+    ///
+    /// # Errors
+    /// As [`Self::read_exact_at`]; what the buffers hold then is not said.
+    fn read_several(&self, ranges: &mut [(u64, &mut [u8])]) -> io::Result<()> {
+        ranges.iter_mut().try_for_each(|(offset, buffer)| self.read_exact_at(*offset, buffer))
+    }
+
     /// How it is best read: a source that is far away reads over larger gaps.
     fn read_shape(&self) -> ReadShape {
         ReadShape::FILE

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! All numbers are little endian. Reserved bytes are zero, and readers check that they are. A reader needs one read at
-//! the tail: the footer holds everything the header does and where the TOC and the manifest lie; the coarsest bricks
+//! the tail, and the header page to see that it is a container: the footer holds everything the header does and where the TOC and the manifest lie; the coarsest bricks
 //! lie next to the TOC, and their entries at its end.
 //!
 //! # Header and footer page
@@ -82,8 +82,10 @@
 
 pub mod header;
 pub mod manifest;
+mod opening;
 pub mod reader;
 pub mod toc;
+mod toc_pages;
 pub mod validate;
 pub mod writer;
 

@@ -1,16 +1,19 @@
 //! Reading a container: its description at once, TOC entries page by page, bricks one by one.
 //!
-//! Opening reads the two pages and the manifest. Entries are read lazily; at most [`CACHED_TOC_PAGES`] pages of them are
-//! kept (64 KiB each), so that memory does not grow with the number of bricks. Everything may be called from any thread.
+//! Opening takes one request for the header page and the last [`TAIL_BYTES`] of the file, in which footer, manifest and the entries
+//! of the coarsest bricks lie (`opening`). Other entries are read page by page when somebody asks for them; at most
+//! [`CACHED_TOC_PAGES`] pages are kept (64 KiB each), so that memory does not grow with the number of bricks. Everything may be called from any thread.
 //! Nothing read from the file is trusted before its checksum fits and its numbers make sense.
 
-use std::collections::HashMap;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use super::header::{self, Descriptor, Sections};
-use super::manifest::{self, Manifest};
+use super::manifest::Manifest;
+use super::opening;
 use super::toc::{self, BrickEntry, ENTRIES_PER_PAGE, ENTRY_BYTES};
+use super::toc_pages::TocPages;
 use super::{ContainerError, checksum};
 use crate::byte_source::{ByteSource, ReadShape};
 use crate::codec::{self, BrickShape, Codec};
@@ -18,8 +21,11 @@ use crate::macro_cells::{MACRO_CELL_BYTES, dequantize_cells};
 use crate::voxel_type::Voxel;
 use crate::{BrickKey, Geometry, Pyramid, ValueRange, with_voxel};
 
-/// Most TOC pages kept in memory: 1024 pages are 64 MiB and name 837,632 bricks.
-pub const CACHED_TOC_PAGES: usize = 1024;
+pub use super::opening::TAIL_BYTES;
+pub use super::toc_pages::CACHED_TOC_PAGES;
+
+/// Most TOC pages that one request asks for: 4 MiB.
+const PAGES_AT_ONCE: usize = 64;
 
 /// Bytes that must lie before the records: the header page.
 pub const RECORDS_START: u64 = header::PAGE_BYTES as u64;
@@ -32,14 +38,7 @@ pub struct Container {
     manifest: Manifest,
     file_bytes: u64,
     path: PathBuf,
-    toc_pages: Mutex<TocPages>,
-}
-
-/// The most recently read TOC pages.
-#[derive(Default)]
-struct TocPages {
-    pages: HashMap<u64, (u64, Arc<[u8]>)>,
-    clock: u64,
+    toc_pages: TocPages,
 }
 
 impl std::fmt::Debug for Container {
@@ -48,7 +47,7 @@ impl std::fmt::Debug for Container {
     }
 }
 
-fn read(source: &dyn ByteSource, what: &str, offset: u64, buffer: &mut [u8]) -> Result<(), ContainerError> {
+pub(super) fn read(source: &dyn ByteSource, what: &str, offset: u64, buffer: &mut [u8]) -> Result<(), ContainerError> {
     let bytes = buffer.len() as u64;
     source.read_exact_at(offset, buffer).map_err(|source| ContainerError::Io {
         what: what.into(),
@@ -74,36 +73,35 @@ impl Container {
     /// # Errors
     /// If the bytes cannot be read or are no whole container.
     pub fn from_source(source: Arc<dyn ByteSource>) -> Result<Self, ContainerError> {
-        let io = |source| ContainerError::Io { what: "length of the file".into(), offset: 0, bytes: 0, source };
-        let file_bytes = source.len().map_err(io)?;
-        if file_bytes < 2 * header::PAGE_BYTES as u64 {
-            let expected = format!("at least {} bytes", 2 * header::PAGE_BYTES);
-            return Err(ContainerError::invalid("container", 0, expected, format!("{file_bytes} bytes")));
-        }
-        // The header first: a file that is no container at all should be called that.
-        let (from_header, header_sections) = read_page(source.as_ref(), "header", 0)?;
-        let footer_offset = file_bytes - header::PAGE_BYTES as u64;
-        let (descriptor, sections) = read_page(source.as_ref(), "footer", footer_offset).map_err(unfinished)?;
-        if from_header != descriptor || header_sections != Sections::default() {
-            let found = format!("{from_header:?}, {header_sections:?}");
-            return Err(ContainerError::invalid(
-                "header",
-                0,
-                format!("the footer's {descriptor:?}, no sections"),
-                found,
-            ));
-        }
-        check_sections(&sections, &descriptor.pyramid, footer_offset)?;
-        let manifest = read_manifest(source.as_ref(), &sections)?;
-        Ok(Self {
+        let opening::Opened { file_bytes, descriptor, sections, manifest, tail } = opening::open(source.as_ref())?;
+        let container = Self {
             source,
             descriptor,
             sections,
             manifest,
             file_bytes,
             path: PathBuf::new(),
-            toc_pages: Mutex::default(),
-        })
+            toc_pages: TocPages::default(),
+        };
+        container.keep_pages_of(&tail);
+        Ok(container)
+    }
+
+    /// Keeps the TOC pages that lie whole in the tail of the file. Damaged ones are left to be read again, and refused, when
+    /// somebody wants an entry of theirs.
+    fn keep_pages_of(&self, tail: &[u8]) {
+        let tail_offset = self.file_bytes - tail.len() as u64;
+        let first = tail_offset.saturating_sub(self.sections.toc_offset).div_ceil(toc::PAGE_BYTES as u64);
+        for number in first..toc::pages_for(self.pyramid().brick_count()) {
+            let at = (self.page_offset(number) - tail_offset) as usize;
+            self.keep_page(number, &tail[at..at + toc::PAGE_BYTES]);
+        }
+    }
+
+    fn keep_page(&self, number: u64, page: &[u8]) {
+        if self.check_page(page, number).is_ok() {
+            self.toc_pages.insert(number, page.into());
+        }
     }
 
     /// The same voxels placed elsewhere in the world: stretched, turned or moved.
@@ -171,7 +169,7 @@ impl Container {
         let page_number = number / ENTRIES_PER_PAGE as u64;
         let page = self.toc_page(page_number)?;
         let at = (number % ENTRIES_PER_PAGE as u64) as usize * ENTRY_BYTES;
-        let offset = self.sections.toc_offset + page_number * toc::PAGE_BYTES as u64 + at as u64;
+        let offset = self.page_offset(page_number) + at as u64;
         let bytes: &[u8; ENTRY_BYTES] = page[at..at + ENTRY_BYTES].try_into().expect("an entry has its size");
         let entry = BrickEntry::decode(bytes, key, offset)?;
         check_entry(&self.descriptor, key, &entry, self.sections.toc_offset).map_err(|(expected, found)| {
@@ -180,30 +178,48 @@ impl Container {
         Ok(entry)
     }
 
-    fn toc_page(&self, number: u64) -> Result<Arc<[u8]>, ContainerError> {
-        {
-            let mut pages = self.toc_pages.lock().unwrap_or_else(PoisonError::into_inner);
-            pages.clock += 1;
-            let now = pages.clock;
-            if let Some((used, page)) = pages.pages.get_mut(&number) {
-                *used = now;
-                return Ok(page.clone());
+    /// Reads the TOC pages in which the entries of these bricks stand and that are not in memory, as many as are kept at most, all
+    /// in one request, or some. What cannot be read is left to [`Self::entry`], which says why.
+    ///
+    /// # Panics
+    /// If a key names no brick of the pyramid.
+    pub fn read_entries_ahead(&self, keys: impl IntoIterator<Item = BrickKey>) {
+        let numbers = keys.into_iter().map(|key| self.pyramid().entry(key) / ENTRIES_PER_PAGE as u64);
+        let missing: BTreeSet<u64> = numbers.filter(|&number| !self.toc_pages.contains(number)).collect();
+        let missing: Vec<u64> = missing.into_iter().take(CACHED_TOC_PAGES).collect();
+        for numbers in missing.chunks(PAGES_AT_ONCE) {
+            let mut bytes = vec![0; numbers.len() * toc::PAGE_BYTES];
+            let pages = bytes.chunks_exact_mut(toc::PAGE_BYTES);
+            let mut ranges: Vec<_> = numbers.iter().map(|&number| self.page_offset(number)).zip(pages).collect();
+            if self.source.read_several(&mut ranges).is_err() {
+                return;
+            }
+            for (&number, page) in numbers.iter().zip(bytes.chunks_exact(toc::PAGE_BYTES)) {
+                self.keep_page(number, page);
             }
         }
-        let offset = self.sections.toc_offset + number * toc::PAGE_BYTES as u64;
-        let mut bytes = vec![0; toc::PAGE_BYTES];
-        read(self.source.as_ref(), "TOC page", offset, &mut bytes)?;
-        let entries = self.pyramid().brick_count() - number * ENTRIES_PER_PAGE as u64;
-        toc::check_page(&bytes, number, entries.min(ENTRIES_PER_PAGE as u64) as usize, offset)?;
-        let page: Arc<[u8]> = bytes.into();
-        let mut pages = self.toc_pages.lock().unwrap_or_else(PoisonError::into_inner);
-        if pages.pages.len() >= CACHED_TOC_PAGES {
-            let oldest = pages.pages.iter().min_by_key(|(_, (used, _))| *used).map(|(&n, _)| n);
-            oldest.and_then(|n| pages.pages.remove(&n));
+    }
+
+    fn toc_page(&self, number: u64) -> Result<Arc<[u8]>, ContainerError> {
+        if let Some(page) = self.toc_pages.get(number) {
+            return Ok(page);
         }
-        let now = pages.clock;
-        pages.pages.insert(number, (now, page.clone()));
+        let mut bytes = vec![0; toc::PAGE_BYTES];
+        read(self.source.as_ref(), "TOC page", self.page_offset(number), &mut bytes)?;
+        self.check_page(&bytes, number)?;
+        let page: Arc<[u8]> = bytes.into();
+        self.toc_pages.insert(number, page.clone());
         Ok(page)
+    }
+
+    fn page_offset(&self, number: u64) -> u64 {
+        self.sections.toc_offset + number * toc::PAGE_BYTES as u64
+    }
+
+    fn check_page(&self, page: &[u8], number: u64) -> Result<(), ContainerError> {
+        let entries = self.pyramid().brick_count() - number * ENTRIES_PER_PAGE as u64;
+        let entries = entries.min(ENTRIES_PER_PAGE as u64) as usize;
+        toc::check_page(page, number, entries, self.page_offset(number))
     }
 
     /// How its source is best read.
@@ -340,52 +356,4 @@ fn check_entry(
         return Err(("an empty range exactly where absent, and no fill".into(), format!("{entry:?}")));
     }
     Ok(())
-}
-
-fn read_page(source: &dyn ByteSource, what: &str, offset: u64) -> Result<(Descriptor, Sections), ContainerError> {
-    let mut page = [0; header::PAGE_BYTES];
-    read(source, what, offset, &mut page)?;
-    header::decode(&page, what, offset)
-}
-
-/// A good header without a footer is the mark of an unfinished or truncated file: say so.
-fn unfinished(error: ContainerError) -> ContainerError {
-    match error {
-        ContainerError::Magic { offset, expected, found, .. } => {
-            let what = "the file is truncated or was never finished; footer".into();
-            ContainerError::Invalid { what, offset, expected, found }
-        }
-        other => other,
-    }
-}
-
-/// The sections must follow one another without a gap and have the sizes that the pyramid demands.
-fn check_sections(s: &Sections, pyramid: &Pyramid, footer_offset: u64) -> Result<(), ContainerError> {
-    let toc_bytes = toc::pages_for(pyramid.brick_count()) * toc::PAGE_BYTES as u64;
-    let follows = |start: u64, length: u64, next: u64| start.checked_add(length) == Some(next);
-    let whole = s.toc_offset >= RECORDS_START
-        && s.toc_bytes == toc_bytes
-        && follows(s.toc_offset, s.toc_bytes, s.manifest_offset)
-        && follows(s.manifest_offset, s.manifest_bytes, footer_offset)
-        && s.manifest_bytes <= manifest::BYTES_LIMIT;
-    if whole {
-        return Ok(());
-    }
-    let expected = format!(
-        "a TOC of {toc_bytes} bytes, then a manifest of at most {} bytes, then the footer at {footer_offset}, without gaps",
-        manifest::BYTES_LIMIT
-    );
-    Err(ContainerError::invalid("footer: sections", footer_offset, expected, format!("{s:?}")))
-}
-
-fn read_manifest(source: &dyn ByteSource, sections: &Sections) -> Result<Manifest, ContainerError> {
-    let offset = sections.manifest_offset;
-    let mut bytes = vec![0; sections.manifest_bytes as usize];
-    read(source, "manifest", offset, &mut bytes)?;
-    let sum = checksum(&bytes);
-    if sum != sections.manifest_checksum {
-        let (expected, found) = (format!("{:016x}", sections.manifest_checksum), format!("{sum:016x}"));
-        return Err(ContainerError::invalid("manifest: checksum", offset, expected, found));
-    }
-    Manifest::from_json(&bytes).map_err(|e| ContainerError::invalid("manifest", offset, "the manifest's JSON", e))
 }

@@ -353,6 +353,8 @@ impl Streamer {
         let Some(frontier) = ranked.first().map(|r| r.rank) else { return Ok(Fetched::default()) };
 
         // The table of contents decides what it can; the rest are candidates for the cache.
+        let is_unknown = |key: &BrickKey| self.states.state(*key) == BrickState::Unknown;
+        self.container.read_entries_ahead(ranked.iter().map(|r| r.key).filter(is_unknown));
         let mut fetched = Fetched::default();
         let mut candidates = Vec::new();
         let mut loads = KeyMap::default();
