@@ -4,7 +4,7 @@
 //! row 0 is on top; a pixel's ray runs through its centre. A ray's direction is a unit vector, so that its parameter t
 //! is a world length. Perspective rays begin at the eye; orthographic rays extend both ways.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// How pixels spread into rays.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -148,6 +148,18 @@ impl Camera {
         Self { width: self.width.div_ceil(factor), height: self.height.div_ceil(factor), extent, ..self }
     }
 
+    /// Where the camera comes to if it goes on as it came here from `before`: turned and moved once more by the same rigid
+    /// motion. Lens and pixels are its own.
+    #[must_use]
+    pub fn moved_on_from(&self, before: &Self) -> Self {
+        let axes = |camera: &Self| DMat3::from_cols(camera.right, camera.up, camera.forward);
+        let turn = axes(self) * axes(before).transpose();
+        let [forward, right] = [self.forward, self.right].map(|axis| turn * axis);
+        let (forward, across) = (forward.normalize(), right - right.project_onto(forward));
+        let right = across.normalize();
+        Self { eye: self.eye + turn * (self.eye - before.eye), forward, right, up: right.cross(forward), ..*self }
+    }
+
     /// Normalised device coordinates of a pixel's centre: x to the right, y up, both in (-1, 1) where the pixel does not stand
     /// over.
     #[must_use]
@@ -235,6 +247,28 @@ mod tests {
         assert!((ray.origin - DVec3::new(0.0, 6.0, 2.0)).length() < 1e-12);
         assert!((camera.ray(3, 1).origin - DVec3::new(0.0, -6.0, -2.0)).length() < 1e-12);
         assert_eq!(camera.pixel_height(), 4.0);
+    }
+
+    /// Around the volume, through it, and zooming.
+    #[test]
+    fn cameras_that_go_on_stay_on_their_path() {
+        let projection = Projection::Perspective { fov_y: 30.0 };
+        let look = |eye, target| Camera::look_at(eye, target, DVec3::Z, projection, [40, 30]).unwrap();
+        let around = |degrees: f64| {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            look(DVec3::new(5.0 + 3.0 * cos, 3.0 * sin, 1.0), DVec3::new(5.0, 0.0, 0.0))
+        };
+        let through = |t: f64| look(DVec3::new(t, 0.3 * t, 0.1), DVec3::new(t + 1.0, 0.3 * t + 0.2, 0.1));
+        for [before, now, next] in [[10.0, 16.0, 22.0].map(around), [0.0, 0.5, 1.0].map(through)] {
+            let found = now.moved_on_from(&before);
+            let pairs =
+                [(found.eye, next.eye), (found.forward, next.forward), (found.right, next.right), (found.up, next.up)];
+            assert!(pairs.iter().all(|(a, b)| (*a - *b).length() < 1e-12), "{found:?} instead of {next:?}");
+        }
+        let zoomed = Camera { projection: Projection::Perspective { fov_y: 20.0 }, ..around(0.0) };
+        let found = zoomed.moved_on_from(&around(0.0));
+        assert_eq!((found.eye, found.projection), (zoomed.eye, zoomed.projection), "nothing but the lens has changed");
+        assert!((found.forward - zoomed.forward).length() < 1e-15);
     }
 
     #[test]

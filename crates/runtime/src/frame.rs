@@ -245,13 +245,19 @@ pub fn lod_choice(options: &RenderOptions) -> LodChoice {
 /// What all rays of the CPU ray caster share in a frame.
 #[must_use]
 pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderOptions, plan: &HostPlan) -> CpuFrame {
+    cpu_frame_of(container, scene, options, (lod_choice(options), plan))
+}
+
+/// The same with levels of its own.
+pub(crate) fn cpu_frame_of(
+    container: &Container,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+    (lod, plan): (LodChoice, &HostPlan),
+) -> CpuFrame {
     let InUnits { geometry, value_range, .. } = InUnits::of(container);
-    let quality = CpuQuality {
-        lod: lod_choice(options),
-        skipping: options.skipping,
-        caster: caster_of(options),
-        made_bytes: plan.made_bytes,
-    };
+    let quality =
+        CpuQuality { lod, skipping: options.skipping, caster: caster_of(options), made_bytes: plan.made_bytes };
     let frame = CpuFrame::new(scene, container.pyramid(), &geometry, value_map(container), value_range, quality);
     let frame = frame.counting(options.rays_finished.clone());
     if !options.predict_error {

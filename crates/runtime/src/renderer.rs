@@ -9,8 +9,9 @@
 //! it better, until it is the very picture that a new renderer makes without one (`drawing`). Other casters than packets on
 //! the CPU, with slices in `layers`, and on a GPU (`stages`) draw a picture in one go, and complete it from coarser bricks when the time is up.
 //!
-//! [`render`] is all of this for one picture.
+//! [`Renderer::look_ahead`] reads for the next picture when there is time (`ahead`). [`render`] is all of this for one picture.
 
+mod ahead;
 mod drawing;
 mod layers;
 mod resident;
@@ -24,6 +25,7 @@ use std::time::{Duration, Instant};
 
 use supervol_format::Container;
 
+use crate::camera::Camera;
 use crate::frame::gpu::GpuBackend;
 use crate::frame::{
     Backend, LevelChoice, RenderError, RenderOptions, caster_of, milliseconds, render_cpu, render_from_reference,
@@ -38,6 +40,7 @@ use crate::stop::{Canceller, Stop};
 use crate::streamer::Streamer;
 use crate::streamer::budget::CasterBytes;
 use crate::volume::Volume;
+pub use ahead::Ahead;
 use drawing::Drawing;
 use layers::Layers;
 use resident::Resident;
@@ -54,6 +57,8 @@ pub struct Renderer {
     has_deadline: bool,
     resident: Option<Resident>,
     scene: Option<ResolvedScene>,
+    /// Where the camera came from, if nothing but the camera has changed.
+    came_from: Option<Camera>,
     work: Work,
     /// What streaming had cost before this picture.
     before: FrameStats,
@@ -122,6 +127,7 @@ impl Renderer {
             has_deadline: false,
             resident: None,
             scene: None,
+            came_from: None,
             work: Work::Nothing,
             before: FrameStats::default(),
             spent: Duration::ZERO,
@@ -154,9 +160,34 @@ impl Renderer {
     /// From now on this is drawn. Where it is what has been drawn all along, the picture stays.
     pub fn set_scene(&mut self, scene: ResolvedScene) {
         if self.scene.as_ref() != Some(&scene) {
+            let is_moved = |before: &&ResolvedScene| before.has_look_of(&scene) && before.camera != scene.camera;
+            self.came_from = self.scene.as_ref().filter(is_moved).map(|before| before.camera);
             self.scene = Some(scene);
             self.begin_anew();
         }
+    }
+
+    /// Brings into memory what the next picture will want if the camera goes on as it came here: for when the picture has
+    /// converged and nobody has anything else to do. It takes spare room only, and stops at the deadline or when it is cancelled.
+    /// Does nothing while there is no motion to go by, while the picture has not converged, with slices, and on a GPU.
+    ///
+    /// # Errors
+    /// If threads cannot be started.
+    pub fn look_ahead(&mut self, deadline: Option<Instant>) -> Result<Ahead, RenderError> {
+        let Self { options, pool, engine, resident, scene, came_from, work, .. } = self;
+        let (Some(scene), Some(before), Some(resident)) = (scene, came_from, resident) else {
+            return Ok(Ahead::default());
+        };
+        let is_possible =
+            matches!((engine, &*work), (Engine::Cpu { .. }, Work::InSteps(drawing)) if drawing.is_finished());
+        if !is_possible {
+            return Ok(Ahead::default());
+        }
+        let next = ResolvedScene { camera: scene.camera.moved_on_from(before), ..scene.clone() };
+        let stop = Stop::at(deadline).or_by(self.canceller.clone());
+        let result = pool.install(|| ahead::look_ahead(resident, &next, options, &stop));
+        self.canceller.take();
+        result
     }
 
     /// The picture is drawn anew from what is loaded; bricks that failed long enough ago are tried again.

@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+/// What is begun before the time is up goes on so long at least: however short the steps are, each comes some way.
+pub const LEAST_STEP: Duration = Duration::from_millis(1);
 
 /// Stops work from another thread. Clones stop the same work.
 #[derive(Debug, Clone, Default)]
@@ -59,6 +62,12 @@ impl Stop {
     #[must_use]
     pub fn instead_at(&self, deadline: Option<Instant>) -> Self {
         Self { deadline, ..self.clone() }
+    }
+
+    /// The same, but its time is not up before this: what is begun comes some way.
+    #[must_use]
+    pub fn not_before(&self, time: Instant) -> Self {
+        self.instead_at(self.deadline.map(|deadline| deadline.max(time)))
     }
 
     /// Whether the time is up.

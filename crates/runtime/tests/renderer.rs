@@ -54,7 +54,7 @@ fn renderer(container: &Arc<Container>, options: RenderOptions) -> Renderer {
     Renderer::new(supervol_runtime::volume::Volume::of(container.clone()), options).unwrap()
 }
 
-/// Steps of some milliseconds until the picture has converged; how many there were.
+/// Steps until the picture has converged; how many there were.
 fn converge(renderer: &mut Renderer, step: Duration) -> u32 {
     for steps in 1..10_000 {
         let done = renderer.advance(Some(Instant::now() + step)).unwrap();
@@ -96,7 +96,8 @@ fn every_picture_becomes_that_of_a_new_renderer() {
                 renderer.set_scene(scene.clone());
                 let is_in_steps = i % 3 != 2;
                 if is_in_steps {
-                    converge(&mut renderer, Duration::from_millis(2));
+                    // Also steps for which there is no time at all come some way.
+                    converge(&mut renderer, Duration::from_millis(i as u64 % 3 * 2));
                 } else {
                     assert!(renderer.advance(None).unwrap().is_converged);
                 }
@@ -234,5 +235,53 @@ fn rays_are_counted_while_they_are_cast() {
         assert!(renderer.advance(None).unwrap().is_converged);
         let rays = u64::from(scene.camera.width) * u64::from(scene.camera.height);
         assert_eq!(finished.load(std::sync::atomic::Ordering::Relaxed), rays);
+    }
+}
+
+/// What was read ahead is not read by the picture that wants it; the picture is the same, and no brick of the last one has left.
+#[test]
+fn looking_ahead_reads_what_the_next_picture_wants() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    // From within, looking across the middle.
+    let station = |i: u32| {
+        let (sin, cos) = (0.4 * f64::from(i)).sin_cos();
+        scene_of(&volume, Wanted { eye: [31.0 + 20.0 * cos, 29.0 + 20.0 * sin, 24.0], ..FIRST })
+    };
+    for cache_bytes in [None, Some(400_000), Some(60_000)] {
+        let ride = |is_ahead: bool| {
+            let options = RenderOptions { cache_bytes, ..options(LevelChoice::Fixed(Lod::FINEST)) };
+            let mut renderer = renderer(&container, options);
+            let (mut of_frames, mut of_ahead) = (0, 0);
+            assert_eq!(renderer.look_ahead(None).unwrap(), Default::default(), "there is no picture");
+            for i in 0..5 {
+                let scene = station(i);
+                renderer.set_scene(scene.clone());
+                assert!(renderer.advance(None).unwrap().is_converged);
+                assert!(*renderer.picture().unwrap() == expected(&container, &scene, LevelChoice::Fixed(Lod::FINEST)));
+                of_frames += if i < 2 { 0 } else { renderer.stats().page_ins };
+                if is_ahead {
+                    let ahead = renderer.look_ahead(None).unwrap();
+                    assert!(i > 0 || ahead.page_ins == 0, "the camera has not moved");
+                    assert!(cache_bytes.is_some() || i == 0 || ahead.is_complete, "{i}: {ahead:?}");
+                    of_ahead += ahead.page_ins;
+                    // The picture stands, and costs nothing more.
+                    assert!(renderer.advance(None).unwrap().is_converged);
+                    renderer.begin_anew();
+                    renderer.advance(None).unwrap();
+                    assert!(renderer.stats().page_ins == 0 || cache_bytes == Some(60_000), "bricks of it have left");
+                }
+                let stats = renderer.stats();
+                assert!(stats.host_cache_peak_bytes <= stats.host_cache_budget_bytes);
+            }
+            (of_frames, of_ahead)
+        };
+        let ((without, none), (with, ahead)) = (ride(false), ride(true));
+        assert_eq!(none, 0);
+        assert!(without > 0, "the path wants new bricks");
+        match cache_bytes {
+            None => assert!(with * 4 <= without && ahead > 0, "{with} of {without}, {ahead} ahead"),
+            Some(_) => assert!(with <= without, "{with} of {without}, {ahead} ahead: too little room for harm"),
+        }
     }
 }

@@ -14,6 +14,7 @@ use serde_json::json;
 use supervol_runtime::frame::Backend;
 use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::process;
+use supervol_runtime::renderer::Ahead;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::transfer_function::TransferFunction;
 
@@ -115,6 +116,10 @@ pub struct Options {
     pub cache_bytes: Option<u64>,
     /// Milliseconds after which a frame is handed over; `None`: when it has converged.
     pub frame_budget_ms: Option<u64>,
+    /// Milliseconds after each frame that go into reading for the next one; `None`: it is read for when it is drawn.
+    pub ahead_ms: Option<u64>,
+    /// Error that is aimed for, a share of full scale.
+    pub max_error: f64,
     /// Who casts the rays, one after the other.
     pub backends: Vec<Backend>,
 }
@@ -130,8 +135,10 @@ pub struct FrameCost {
     pub page_ins: u64,
     /// Of these: bricks that had been there before.
     pub repeated_page_ins: u64,
-    /// Bytes read for them.
+    /// Bytes read for them, and for those that came ahead.
     pub bytes_read: u64,
+    /// Bricks that came into the cache after the frame, for the next one.
+    pub page_ins_ahead: u64,
     /// Share of the pixels that are taken from a coarser picture.
     pub unfinished: f64,
     /// How many pixels along an edge a pixel of that covers; 0 where all are finished.
@@ -220,7 +227,7 @@ fn ride(
 ) -> Result<Ride, ChartError> {
     let settings =
         Settings { threads: options.threads, host_memory_bytes: options.host_memory_bytes, ..Settings::default() };
-    let settings = Settings { cache_bytes: options.cache_bytes, backend, ..settings };
+    let settings = Settings { cache_bytes: options.cache_bytes, backend, max_error: options.max_error, ..settings };
     let mut session = Session::new(&case.built.volume.container, settings)?;
     let mut whole = Session::new(&case.built.volume.container, Settings { cache_bytes: None, ..settings })?;
     let kept = [0, path.frames.len() / 2, path.frames.len() - 1];
@@ -235,13 +242,15 @@ fn ride(
             true => 0.0,
             false => GREY_LEVELS * distance(&frame.image, &whole.frame(&scene, None)?.image).rmse,
         };
+        let ahead = options.ahead_ms.map_or(Ok(Ahead::default()), |most| session.look_ahead(most))?;
         let stats = &frame.stats;
         frames.push(FrameCost {
             ms: frame.ms,
             cpu_ms,
             page_ins: stats.page_ins,
             repeated_page_ins: stats.repeated_page_ins,
-            bytes_read: stats.bytes_read,
+            bytes_read: stats.bytes_read + ahead.bytes_read,
+            page_ins_ahead: ahead.page_ins,
             unfinished: stats.pixels_unfinished as f64 / frame.image.pixels.len() as f64,
             coarsest_pixel: stats.coarsest_pixel,
             rmse,
@@ -312,6 +321,7 @@ pub fn table(rides: &[Ride]) -> String {
         "first frame, ms",
         "bricks read, first frame",
         "bricks read, others",
+        "bricks read ahead",
         "read again",
         "MB read",
         "pixels unfinished, median",
@@ -334,6 +344,7 @@ pub fn table(rides: &[Ride]) -> String {
             format!("{:.0}", ride.frames.first().map_or(0.0, |f| f.ms)),
             first.to_string(),
             others.to_string(),
+            ride.frames.iter().map(|f| f.page_ins_ahead).sum::<u64>().to_string(),
             ride.frames.iter().map(|f| f.repeated_page_ins).sum::<u64>().to_string(),
             format!("{:.1}", ride.frames.iter().map(|f| f.bytes_read).sum::<u64>() as f64 / 1e6),
             format!("{:.0} %", 100.0 * ride.summary(|f| f.unfinished).spread.median_ms),
@@ -349,6 +360,7 @@ pub fn table(rides: &[Ride]) -> String {
 mod tests {
     use super::*;
     use crate::Scale;
+    use supervol_runtime::lod::by_error::ANY_ERROR;
 
     fn built_in(name: &str) -> CameraPath {
         let text = BUILT_IN.iter().find(|(known, _)| *known == name).expect("it comes with the program").1;
@@ -422,6 +434,8 @@ mod tests {
             host_memory_bytes: 64 << 20,
             cache_bytes: None,
             frame_budget_ms: None,
+            ahead_ms: None,
+            max_error: ANY_ERROR,
             backends,
         };
         run(&context, path, &options).expect("frames")

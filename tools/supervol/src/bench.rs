@@ -16,6 +16,7 @@ use supervol_format::Container;
 use supervol_preprocess::output::unfinished::UnfinishedFolder;
 use supervol_preprocess::{BuildOptions, Existing};
 use supervol_runtime::frame::Backend;
+use supervol_runtime::lod::by_error::ANY_ERROR;
 
 use crate::build::SourceArguments;
 use crate::demo::CARP;
@@ -43,6 +44,12 @@ pub struct Arguments {
     /// Hand over each frame of the path after this time, and measure how far it is from the converged one
     #[arg(long, value_name = "MS", requires = "path", value_parser = quantity::milliseconds)]
     frame_budget: Option<u64>,
+    /// After each frame of the path, read for the next one for at most this time
+    #[arg(long, value_name = "MS", requires = "path", value_parser = quantity::milliseconds)]
+    ahead: Option<u64>,
+    /// Error of the frames of the path that is aimed for, a share of full scale [default: 1, levels by the size of voxels alone]
+    #[arg(long, value_name = "E", requires = "path", value_parser = quantity::picture_error)]
+    max_error: Option<f64>,
     /// Who casts the rays of the path
     #[arg(long, value_name = "BACKEND", requires = "path", default_value = "cpu")]
     backend: PathBackend,
@@ -200,6 +207,8 @@ impl Arguments {
             host_memory_bytes: sizes.host_memory_bytes,
             cache_bytes: self.cache,
             frame_budget_ms: self.frame_budget,
+            ahead_ms: self.ahead,
+            max_error: self.max_error.unwrap_or(ANY_ERROR),
             backends: match self.backend {
                 PathBackend::Cpu => vec![Backend::Cpu],
                 PathBackend::Gpu => vec![Backend::Gpu],

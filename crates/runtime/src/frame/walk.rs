@@ -9,7 +9,7 @@ use super::caster::{CpuCaster, PassReport, RayCaster};
 use super::{LevelChoice, Progress, RenderError, RenderOptions, check, milliseconds, predict};
 use crate::image::Image;
 use crate::stats::FrameStats;
-use crate::stop::Stop;
+use crate::stop::{LEAST_STEP, Stop};
 use crate::streamer::budget::{BrickBytes, HostPlan};
 use crate::streamer::{OnMissing, Room, Streamer};
 
@@ -110,6 +110,7 @@ impl<'a> FrameWalk<'a> {
         bands: &mut Bands,
     ) -> Result<u64, RenderError> {
         self.rows = picture.height;
+        self.stop = self.stop.not_before(Instant::now() + LEAST_STEP);
         caster.stop_at(&self.stop);
         if bands.rows == (0..0) {
             self.streamer.begin_frame();

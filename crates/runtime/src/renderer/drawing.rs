@@ -25,7 +25,7 @@ use crate::lod::by_error::ANY_ERROR;
 use crate::raycast::cpu::levels::ErrorsByReason;
 use crate::scene::ResolvedScene;
 use crate::stats::FrameStats;
-use crate::stop::Stop;
+use crate::stop::{LEAST_STEP, Stop};
 
 /// Rays of a sketch, at most: some milliseconds.
 const SKETCH_RAYS: u64 = 8192;
@@ -92,10 +92,16 @@ impl Drawing {
         self.finished == self.scene.pixels()
     }
 
+    /// Whether something is known of each pixel.
+    #[must_use]
+    pub fn has_picture(&self) -> bool {
+        self.picture.is_some() && self.behind.is_some()
+    }
+
     /// The picture so far, with as many pixels as are wanted; none before something is known of each.
     #[must_use]
     pub fn picture(&self) -> Option<Cow<'_, Image>> {
-        let picture = self.picture.as_ref().filter(|_| self.behind.is_some())?;
+        let picture = self.picture.as_ref().filter(|_| self.has_picture())?;
         Some(match self.pixel {
             1 => Cow::Borrowed(picture),
             pixel => Cow::Owned(picture.clone().enlarged(pixel, self.scene.image_size)),
@@ -138,8 +144,8 @@ impl Drawing {
         stats
     }
 
-    /// Makes the picture better until it is finished or that is to stop. With a deadline there is a whole picture afterwards,
-    /// however little time there was.
+    /// Makes the picture better until it is finished or that is to stop: a little, if the time is already up. With a deadline there is a
+    /// whole picture afterwards, however little time there was.
     ///
     /// # Errors
     /// If memory does not suffice, there is no progress, or it is cancelled before there is a whole picture.
@@ -152,14 +158,17 @@ impl Drawing {
         if options.predict_error && self.errors.is_none() {
             self.errors = Some(Image::unknown(self.scene.image_size));
         }
+        let mut stop = stop.clone();
         if self.behind.is_none() && stop.deadline().is_some() {
-            self.sketch(resident, options, stop)?;
+            self.sketch(resident, options, &stop)?;
+        } else {
+            stop = stop.not_before(Instant::now() + LEAST_STEP);
         }
         while !self.is_finished() && !stop.is_due() {
             let mut stage = match self.stage.take() {
                 // Without a deadline nobody needs the pictures between.
                 Some(stage) if stage.pixel == 1 || stop.deadline().is_some() => stage,
-                _ => self.next_stage(resident, options, stop),
+                _ => self.next_stage(resident, options, &stop),
             };
             // A sketch may have come between.
             resident.aim(&stage.scene, &stage.options);

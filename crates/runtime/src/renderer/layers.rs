@@ -6,6 +6,7 @@
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
+use std::time::Instant;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -25,7 +26,7 @@ use crate::raycast::cpu::levels::ErrorsByReason;
 use crate::scene::{Mode, ResolvedScene};
 use crate::slices::{SLICE_LIMIT, SlicePlane, crossings};
 use crate::stats::FrameStats;
-use crate::stop::Stop;
+use crate::stop::{LEAST_STEP, Stop};
 use crate::streamer::budget::CasterBytes;
 use crate::units::{InUnits, edges};
 
@@ -143,6 +144,14 @@ impl Layers {
         self.sampled == self.cut.scene.slices.len() && self.regions.iter().all(|region| region.drawing.is_finished())
     }
 
+    /// Whether something is known of each pixel.
+    fn has_picture(&self) -> bool {
+        let has_colors = |sheet: &Sheet| !sheet.colors.is_empty();
+        self.sheets.len() == self.cut.scene.slices.len()
+            && self.sheets.iter().all(has_colors)
+            && self.regions.iter().all(|region| region.drawing.has_picture())
+    }
+
     /// Makes the picture better until it is finished or that is to stop. With a deadline there is a whole picture afterwards.
     ///
     /// # Errors
@@ -158,16 +167,19 @@ impl Layers {
         let parts = (self.cut.scene.slices.len() + 1) as f64;
         let max_error = if options.max_error >= ANY_ERROR { options.max_error } else { options.max_error / parts };
         let options = RenderOptions { max_error, ..options.clone() };
-        if stop.deadline().is_some() {
-            let at_once = stop.instead_at(Some(std::time::Instant::now()));
-            for region in self.regions.iter_mut().filter(|region| region.drawing.picture().is_none()) {
+        let mut stop = stop.clone();
+        if self.has_picture() {
+            stop = stop.not_before(Instant::now() + LEAST_STEP);
+        } else if stop.deadline().is_some() {
+            let at_once = stop.instead_at(Some(Instant::now()));
+            for region in self.regions.iter_mut().filter(|region| !region.drawing.has_picture()) {
                 region.drawing.advance(resident, &options, &at_once)?;
             }
         }
-        self.sample(resident, &options, stop)?;
+        self.sample(resident, &options, &stop)?;
         for region in &mut self.regions {
-            if !region.drawing.is_finished() && (!stop.is_due() || region.drawing.picture().is_none()) {
-                region.drawing.advance(resident, &options, stop)?;
+            if !region.drawing.is_finished() && (!stop.is_due() || !region.drawing.has_picture()) {
+                region.drawing.advance(resident, &options, &stop)?;
             }
         }
         self.gather_stats(resident);
@@ -228,9 +240,11 @@ impl Layers {
     #[must_use]
     pub fn picture(&self) -> Option<Image> {
         let scene = &self.cut.scene;
+        if !self.has_picture() {
+            return None;
+        }
         let pictures: Option<Vec<_>> = self.regions.iter().map(|region| region.drawing.picture()).collect();
-        let pictures = pictures
-            .filter(|_| self.sheets.len() == scene.slices.len() && self.sheets.iter().all(|s| !s.colors.is_empty()))?;
+        let pictures = pictures?;
         let [width, height] = self.cut.rays_size();
         let pixel = |x: u32, y: u32| {
             let ray = y as usize * width as usize + x as usize;

@@ -4,6 +4,7 @@
 //! there is no time, coarser bricks stand in, and where there are none, nothing.
 
 use std::collections::BTreeSet;
+use std::time::Instant;
 
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
@@ -14,7 +15,7 @@ use crate::facts::value_map;
 use crate::frame::RenderError;
 use crate::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap, Voxels};
 use crate::slices::{Interpolation, interpolate};
-use crate::stop::Stop;
+use crate::stop::{LEAST_STEP, Stop};
 use crate::streamer::{HostView, OnMissing, Room, Streamer};
 
 /// Points that one task looks up.
@@ -93,6 +94,7 @@ impl<'a> Sampler<'a> {
     /// # Errors
     /// If memory does not suffice, there is no progress, or it is cancelled.
     pub fn advance(&mut self, points: &[[f64; 3]], how: Interpolation, chunk: &mut Chunk) -> Result<bool, RenderError> {
+        self.stop = self.stop.not_before(Instant::now() + LEAST_STEP);
         if chunk.values.len() != points.len() {
             *chunk = Chunk { values: vec![f32::NAN; points.len()], waiting: (0..points.len()).collect() };
         }

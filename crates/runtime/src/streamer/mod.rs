@@ -160,6 +160,8 @@ pub struct Streamer {
     classified_pages: HashSet<u64>,
     /// First pass of this frame.
     first_pass: u64,
+    /// The pass since which bricks that were used stay, where only spare room is to be taken.
+    kept_since: Option<u64>,
     counters: StreamCounters,
 }
 
@@ -212,6 +214,7 @@ impl Streamer {
             attempts: KeyMap::default(),
             classified_pages: HashSet::new(),
             first_pass: 0,
+            kept_since: None,
             counters: StreamCounters { record_bytes: vec![0; levels], ..StreamCounters::default() },
             container,
         }
@@ -243,6 +246,12 @@ impl Streamer {
     pub fn begin_band(&mut self) {
         self.cache.begin_pass();
         self.first_pass = self.cache.pass();
+    }
+
+    /// From now on the bricks of the last frame, and all that come from now on, stay in the cache: what is fetched takes spare
+    /// room only. Or no longer.
+    pub fn keep_last_frame(&mut self, is_kept: bool) {
+        self.kept_since = is_kept.then_some(self.first_pass);
     }
 
     /// Another camera looks at the volume. Where levels are chosen by brick, it needs another classifier, too.
@@ -495,6 +504,7 @@ impl Streamer {
             let rank = self.order.rank(pyramid, key);
             match stays(key) {
                 _ if self.kept.contains_key(&key) => Standing::Kept,
+                _ if self.kept_since.is_some_and(|pass| last_used >= pass) => Standing::Kept,
                 Some(true) => Standing::Kept,
                 Some(false) => Standing::Live(rank),
                 None if last_used < self.first_pass || rank < frontier => Standing::Free,

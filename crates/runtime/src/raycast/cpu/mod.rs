@@ -402,7 +402,7 @@ impl CpuFrame {
         Self { deviations: sums_errors.then(|| Arc::new(deviations)), ..self }
     }
 
-    /// Packets stop where they are when this is due: tiles that are not finished by then stay as they were before the pass.
+    /// Packets stop when this is due: rays wait where they are, and go on from there in the next pass.
     pub(crate) fn set_stop(&mut self, stop: Stop) {
         self.stop = stop;
     }

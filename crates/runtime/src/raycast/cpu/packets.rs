@@ -400,9 +400,6 @@ pub(super) fn cast_tiles(
                 rays.bound();
                 CastTile { view, frame, tables, corner, rays, queues, feedback: &mut feedback }.run();
             }
-            if feedback.is_stopped {
-                return feedback;
-            }
             *tile = end_tile((frame, tables), rays);
             feedback.counters.rays_waiting += tile.waiting();
             feedback.counters.rays_finished += begun as u64 - tile.waiting();
@@ -521,16 +518,15 @@ pub(super) struct CastTile<'a> {
 }
 
 impl CastTile<'_> {
+    /// As far as the bricks that are there allow. When it is time to stop, rays wait for whatever brick they come to next: what they
+    /// have gathered stands, and after one brick at least.
     fn run(mut self) {
+        let mut has_come_some_way = false;
         let pyramid = &self.frame.pyramid;
         let mut stack = vec![BrickKey::new(pyramid.coarsest(), supervol_format::BrickIndex([0; 3]))];
         while let Some(key) = stack.pop() {
             if self.rays.going() == 0 {
                 break;
-            }
-            if self.frame.is_due() {
-                self.feedback.is_stopped = true;
-                return;
             }
             let region = region_of(pyramid, key);
             if !self.rays.may_meet(&region) {
@@ -544,8 +540,14 @@ impl CastTile<'_> {
             if dispatch(self.tables.set, Enter { rays: self.rays, region: &region }) == 0 {
                 continue;
             }
-            if self.visit(key) == Visit::GoesOnBeneath {
-                push_children(pyramid, key, self.tables.view, &mut stack);
+            if has_come_some_way && (self.feedback.is_stopped || self.frame.is_due()) {
+                self.feedback.is_stopped = true;
+                self.rays.wait(key);
+                continue;
+            }
+            match self.visit(key) {
+                Visit::Done => has_come_some_way = true,
+                Visit::GoesOnBeneath => push_children(pyramid, key, self.tables.view, &mut stack),
             }
         }
     }

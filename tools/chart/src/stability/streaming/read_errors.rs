@@ -98,6 +98,7 @@ const SETTINGS: Settings = Settings {
     host_memory_bytes: 256 << 20,
     cache_bytes: None,
     backend: supervol_runtime::frame::Backend::Cpu,
+    max_error: supervol_runtime::lod::by_error::ANY_ERROR,
 };
 
 impl Subject {

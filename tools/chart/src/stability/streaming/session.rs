@@ -10,7 +10,7 @@ use supervol_format::{Container, Lod};
 use supervol_runtime::frame::{Backend, LevelChoice, Progress, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::by_error::ANY_ERROR;
-use supervol_runtime::renderer::Renderer;
+use supervol_runtime::renderer::{Ahead, Renderer};
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::Streamer;
@@ -32,6 +32,9 @@ pub struct Settings {
     pub cache_bytes: Option<u64>,
     /// Who casts the rays.
     pub backend: Backend,
+    /// Error that is aimed for, a share of full scale. `ANY_ERROR` by default, so that levels go by the size of voxels alone: BRICKID
+    /// states the width of all values as the error of every brick, and the number of bricks is to follow the picture.
+    pub max_error: f64,
 }
 
 impl Default for Settings {
@@ -42,6 +45,7 @@ impl Default for Settings {
             host_memory_bytes: HOST_MEMORY_BYTES,
             cache_bytes: None,
             backend: Backend::Cpu,
+            max_error: ANY_ERROR,
         }
     }
 }
@@ -59,9 +63,7 @@ impl Settings {
             host_memory_bytes: self.host_memory_bytes,
             cache_bytes: self.cache_bytes,
             threads: Some(self.threads),
-            // Levels go by the size of voxels alone: BRICKID states the width of all values as the error of every brick,
-            // and the number of bricks is to follow the picture.
-            max_error: ANY_ERROR,
+            max_error: self.max_error,
             ..RenderOptions::default()
         }
     }
@@ -148,6 +150,14 @@ impl Session {
             |w: &&[Progress]| w[0].rays_waiting > 0 && w[1].rays_waiting > 0 && w[0].bytes_read == w[1].bytes_read;
         let idle_passes = passes.windows(2).filter(is_idle).count() as u64;
         Ok(Frame { image, idle_passes, stats: self.renderer.stats(), ms })
+    }
+
+    /// Reads for the frame that comes next if the camera goes on like this, for so many milliseconds at most.
+    ///
+    /// # Errors
+    /// If threads cannot be started.
+    pub fn look_ahead(&mut self, most_ms: u64) -> Result<Ahead, ChartError> {
+        Ok(self.renderer.look_ahead(Some(Instant::now() + Duration::from_millis(most_ms)))?)
     }
 
     /// Every frame is a new one, even of the same scene.
