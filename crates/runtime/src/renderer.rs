@@ -17,6 +17,7 @@ mod layers;
 mod resident;
 mod sampling;
 mod sheet;
+mod spread;
 mod stages;
 
 use std::borrow::Cow;

@@ -30,11 +30,12 @@ use crate::build::SourceArguments;
 use crate::cache::CacheArguments;
 use crate::failure::{Failure, with_container, with_output};
 use crate::look::{LookArguments, empty};
-use crate::output::{Force, PictureFile, RenderOutputs};
+use crate::output::{self, Force, PictureFile, RenderOutputs};
 use crate::panels::Panels;
 use crate::progress::{RayBar, Reporter};
 use crate::quantity::{self, show_bytes};
 use crate::sequence::Sequence;
+use crate::terminal;
 
 /// Options of a single picture.
 const OF_ONE_PICTURE: [&str; 4] = ["stats", "error_map", "check", "time_budget"];
@@ -56,8 +57,8 @@ pub struct Arguments {
     /// no picture is drawn
     #[arg(long)]
     print_scene: bool,
-    /// Picture to write: .png (8 bit, with background), .exr or .npy (float, premultiplied RGBA without background); with
-    /// --turntable or --path the folder for frame-00000.png and so on
+    /// Picture to write: .png (8 bit, with background), .exr or .npy (float, premultiplied RGBA without background), or - for
+    /// PNG on standard output; with --turntable or --path the folder for frame-00000.png and so on
     #[arg(short, long, value_name = "IMAGE|FOLDER", required_unless_present = "print_scene")]
     output: Option<PathBuf>,
     /// Write N pictures, once around the volume; the same command again goes on where it was stopped
@@ -120,9 +121,11 @@ pub struct Arguments {
     #[arg(long)]
     allow_failed: bool,
     /// Draw beside the volume its box with the ends of its axes, which way it is turned (a patient's sides, the points of the
-    /// compass), a scale where rays are parallel, what the colours stand for, and its name
-    #[arg(long, requires = "output")]
-    decorate: bool,
+    /// compass), a scale where rays are parallel, what the colours stand for, and its name. auto: in PNG files, where somebody
+    /// sits at a terminal; never in .exr, .npy, sequences, and what scripts and pipes run
+    #[arg(long, value_enum, value_name = "WHEN", requires = "output", default_value = "auto", default_missing_value = "on",
+          num_args = 0..=1, require_equals = true)]
+    decorate: Decorate,
     #[command(flatten)]
     force: Force,
     #[command(flatten)]
@@ -139,6 +142,22 @@ enum BackendName {
     Cpu,
     Gpu,
     Reference,
+}
+
+/// Whether a picture shows more than the volume.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Decorate {
+    Auto,
+    On,
+    Off,
+}
+
+impl Decorate {
+    /// Whether a picture in this file does, where somebody sits at a terminal or nobody does.
+    fn applies_to(self, output: &Path, is_at_terminal: bool) -> bool {
+        let is_png = || output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+        self == Self::On || (self == Self::Auto && is_at_terminal && is_png())
+    }
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -215,6 +234,11 @@ struct Motion {
 }
 
 impl Arguments {
+    /// Whether there is more than the volume in its one picture.
+    fn decorates(&self, output: &Path) -> bool {
+        self.decorate.applies_to(output, terminal::is_at_terminal())
+    }
+
     /// Where several slices go; what is said of one picture is refused.
     fn output_of_panels(&self) -> Result<&Path, Failure> {
         let of_one = [
@@ -269,6 +293,10 @@ impl Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = Instant::now();
+    if arguments.print_scene && arguments.output.as_deref().is_some_and(output::is_standard) {
+        let message = "--print-scene: expected a file for the picture, found -o -, which is where the scene goes";
+        return Err(Failure::Command(message.into()));
+    }
     let path = &arguments.container()?;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
     let scene = match &arguments.scene {
@@ -296,7 +324,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
         let output = arguments.output_of_panels()?;
         let file = RenderOutputs::begin(output, None, None, &inputs, arguments.force)?.picture;
-        let (decorate, allow_failed) = (arguments.decorate, arguments.allow_failed);
+        let (decorate, allow_failed) = (arguments.decorates(output), arguments.allow_failed);
         let panels =
             Panels { container: &container, facts: &facts, scene: &scene, looks: &looks, grid, decorate, allow_failed };
         return panels.run(file, (path, output), &arguments.options(start));
@@ -304,10 +332,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (scene, motion) = arguments.shown(scene, &container, &facts)?;
     if arguments.print_scene {
         let text = serde_json::to_string_pretty(&scene).map_err(|e| Failure::Machine(e.to_string()))?;
-        writeln!(crate::terminal::stdout(), "{text}").map_err(with_output)?;
+        writeln!(terminal::stdout(), "{text}").map_err(with_output)?;
     }
     let Some(output) = &arguments.output else { return Ok(()) };
-    let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate: arguments.decorate };
+    let is_one = motion.is_none();
+    let decorate = if is_one { arguments.decorates(output) } else { arguments.decorate == Decorate::On };
+    let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate };
     if let Some(Motion { cameras, asked }) = &motion {
         let (force, allow_failed) = (arguments.force, arguments.allow_failed);
         let sequence =
@@ -445,7 +475,7 @@ pub fn write_picture(
 /// Says why a picture shows nothing, where it does.
 pub fn warn_of_nothing(image: &Image, resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<(), Failure> {
     let Some(why) = empty::reason(image, resolved, facts) else { return Ok(()) };
-    writeln!(crate::terminal::stderr(), "supervol: warning: the picture shows nothing but its background: {why}")
+    writeln!(terminal::stderr(), "supervol: warning: the picture shows nothing but its background: {why}")
         .map_err(with_output)
 }
 
@@ -488,7 +518,7 @@ fn about_backend(asked: Backend, stats: &FrameStats) -> Option<String> {
 }
 
 fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
-    let mut out = crate::terminal::remarks();
+    let mut out = output::remarks_on(output);
     writeln!(
         out,
         "{}: {} x {}, {}, {:.0} ms, {} read ({}), peak memory {}{}",
@@ -557,6 +587,16 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_pictures_for_people_are_decorated_unasked() {
+        let unasked = |name: &str, at| Decorate::Auto.applies_to(Path::new(name), at);
+        assert!(unasked("a.png", true) && unasked("a.PNG", true));
+        assert!(!unasked("a.png", false) && !unasked("a.exr", true) && !unasked("a.npy", true) && !unasked("-", true));
+        assert!(
+            Decorate::On.applies_to(Path::new("a.npy"), false) && !Decorate::Off.applies_to(Path::new("a.png"), true)
+        );
+    }
 
     #[test]
     fn budgets_that_are_too_small_are_wrong_commands_on_every_backend() {

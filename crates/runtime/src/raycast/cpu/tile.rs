@@ -234,6 +234,13 @@ impl TileRays {
         let [mut near, mut far] = self.bounds.t;
         for a in 0..3 {
             let (origin, inverse) = (self.bounds.origin[a], self.bounds.inverse[a]);
+            if inverse[0] == f64::INFINITY {
+                // All rays lie across this axis.
+                if origin[1] < cube.low[a] || cube.high[a] <= origin[0] {
+                    return false;
+                }
+                continue;
+            }
             // Of one sign and finite, or nothing can be said.
             if inverse[0] * inverse[1] > 0.0 && inverse.iter().all(|v| v.is_finite()) {
                 let crossing = |plane: f64| {
