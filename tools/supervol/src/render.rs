@@ -32,6 +32,7 @@ use crate::failure::{Failure, with_container, with_output};
 use crate::look::{LookArguments, empty};
 use crate::output::{Force, PictureFile, RenderOutputs};
 use crate::panels::Panels;
+use crate::pick;
 use crate::progress::{RayBar, Reporter};
 use crate::quantity::{self, show_bytes};
 use crate::sequence::Sequence;
@@ -58,7 +59,7 @@ pub struct Arguments {
     print_scene: bool,
     /// Picture to write: .png (8 bit, with background), .exr or .npy (float, premultiplied RGBA without background); with
     /// --turntable or --path the folder for frame-00000.png and so on
-    #[arg(short, long, value_name = "IMAGE|FOLDER", required_unless_present = "print_scene")]
+    #[arg(short, long, value_name = "IMAGE|FOLDER", required_unless_present_any = ["print_scene", "pick"])]
     output: Option<PathBuf>,
     /// Write N pictures, once around the volume; the same command again goes on where it was stopped
     #[arg(long, value_name = "N", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
@@ -123,6 +124,14 @@ pub struct Arguments {
     /// compass), a scale where rays are parallel, what the colours stand for, and its name
     #[arg(long, requires = "output")]
     decorate: bool,
+    /// Say what is under pixel X,Y (0,0 is at the top left): value, world position, voxel, and line numbers of a survey, of the first
+    /// point that is to be seen there: dvr where half of the opacity is gathered, iso the surface, mip and minip the extreme, or
+    /// the slice. May be given again. Without --output no picture is drawn
+    #[arg(long, value_name = "X,Y", value_parser = quantity::pixel, conflicts_with_all = ["turntable", "path"])]
+    pick: Vec<[u32; 2]>,
+    /// What --pick says, as JSON
+    #[arg(long, requires = "pick", conflicts_with = "print_scene")]
+    json: bool,
     #[command(flatten)]
     force: Force,
     #[command(flatten)]
@@ -223,6 +232,7 @@ impl Arguments {
             ("--check", self.check.is_some()),
             ("--time-budget", self.time_budget.is_some()),
             ("--print-scene", self.print_scene),
+            ("--pick", !self.pick.is_empty()),
         ];
         if let Some((option, _)) = of_one.iter().find(|(_, given)| *given) {
             return Err(Failure::Command(format!("{option} is of one picture; give one --slice")));
@@ -302,9 +312,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return panels.run(file, (path, output), &arguments.options(start));
     }
     let (scene, motion) = arguments.shown(scene, &container, &facts)?;
+    let inputs: Vec<&Path> = inputs.into_iter().chain(scene.files()).collect();
     if arguments.print_scene {
         let text = serde_json::to_string_pretty(&scene).map_err(|e| Failure::Machine(e.to_string()))?;
         writeln!(crate::terminal::stdout(), "{text}").map_err(with_output)?;
+    }
+    if !arguments.pick.is_empty() {
+        let format = if arguments.json { pick::Format::Json } else { pick::Format::Text };
+        pick::run((&container, &facts, &scene), &arguments.options(start), &arguments.pick, format)
+            .map_err(|failure| failure.named(arguments.scene.as_deref()))?;
     }
     let Some(output) = &arguments.output else { return Ok(()) };
     let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate: arguments.decorate };
@@ -372,7 +388,12 @@ fn overview(container: &Container) -> Option<Overview> {
 /// The scene of a scene file.
 pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
     let text = crate::input::read_text(file, "a scene")?;
-    Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())))
+    let scene = Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())));
+    // Files that a scene names lie beside it.
+    scene.map(|mut scene| {
+        scene.begin_paths_at(file.parent().unwrap_or_else(|| Path::new("")));
+        scene
+    })
 }
 
 /// What a picture is made of.
@@ -467,6 +488,8 @@ pub fn with_render(error: RenderError) -> Failure {
         RenderError::Budget(_) | RenderError::ReferenceTooLarge { .. } | RenderError::Gpu(GpuError::Budget { .. }) => {
             Failure::Command(message)
         }
+        RenderError::NoPlace | RenderError::NoSuchPixel { .. } => Failure::Command(format!("--pick: {message}")),
+        RenderError::SolidsOnGpu => Failure::Command(format!("--backend: {message}")),
         RenderError::Container(_) => Failure::Data(message),
         _ => Failure::Machine(message),
     }
