@@ -23,7 +23,7 @@ use supervol_runtime::scene::{ResolvedScene, Scene};
 use supervol_runtime::volume::Volume as Opened;
 use support::{Volume, difference, marschner_lobb, points, reference, scene};
 
-const SIZE: [u32; 2] = [60, 44];
+const SIZE: [u32; 2] = [44, 32];
 const ISO: &str = r#", "mode": "iso", "iso": [{"value": 130, "color": [1, 0.5, 0.2], "alpha": 0.5}, {"value": 190, "color": [0.2, 0.5, 1]}]"#;
 
 fn volume() -> Volume {
@@ -87,7 +87,6 @@ fn assert_agree(exact: &Image, picture: &Image, silhouettes: usize, what: &str) 
 fn pictures_clipped_by_solids_are_those_of_the_reference() {
     let volume = volume();
     let container = open(&container_bytes(&volume, 16));
-    let whole = |more: &str| reference(&volume, &scene(&volume, &wanted("", more)));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("ring.obj");
     write_ring(&path, DVec3::new(24.0, 19.0, 17.0), [9.0, 4.0]);
@@ -96,11 +95,12 @@ fn pictures_clipped_by_solids_are_those_of_the_reference() {
     let parallel = r#", "camera": {"eye": [80, 60, -40], "target": [22, 19, 18], "up": [0, 0, 1], "height": 50}"#;
     let inside = r#", "camera": {"eye": [24, 18, 17], "target": [30, 30, 20], "up": [0, 0, 1], "fov_y": 70}"#;
     for more in ["", r#", "shading": {}"#, r#", "mode": "mip""#, r#", "mode": "minip""#, r#", "mode": "mean""#, ISO] {
+        let whole = reference(&volume, &scene(&volume, &wanted("", more)));
         for solids in [BALL_AND_BOX.to_owned(), ring("inside"), format!("{},{drum}", ring("outside"))] {
             let scene = scene(&volume, &wanted(&solids, more));
             let (exact, picture) = (reference(&volume, &scene), drawn(&container, &scene));
             assert_agree(&exact, &picture, 0, &format!("{more} {solids}"));
-            assert!(difference(&exact, &whole(more)) > 20.0, "{more} {solids}: nothing is cut away");
+            assert!(difference(&exact, &whole) > 20.0, "{more} {solids}: nothing is cut away");
         }
     }
     for more in [parallel, inside, r#", "samples_per_pixel": 4"#] {

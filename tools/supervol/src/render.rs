@@ -389,8 +389,9 @@ fn overview(container: &Container) -> Option<Overview> {
 pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
     let text = crate::input::read_text(file, "a scene")?;
     let scene = Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())));
-    // Files that a scene names lie beside it.
+    // Files that a scene names lie beside it, wherever the scene that is printed goes.
     scene.map(|mut scene| {
+        let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
         scene.begin_paths_at(file.parent().unwrap_or_else(|| Path::new("")));
         scene
     })

@@ -101,7 +101,9 @@ fn mistakes_are_named_with_their_place() {
     assert!(message("[0, 0, 2]", "[0, 0, 0]").contains("lights[0].direction"));
     assert!(message("\"radius\": 4", "\"radius\": -4").contains("clip.solids[0].sphere.radius"));
     assert!(message("\"keep\": \"outside\"", "\"mesh\": \"a.ply\"").contains("found several"));
-    assert!(message("\"sphere\": {\"center\": [1, 2, 3], \"radius\": 4}", "\"keep\": \"inside\"").contains("duplicate"));
+    assert!(
+        message("\"sphere\": {\"center\": [1, 2, 3], \"radius\": 4}", "\"keep\": \"inside\"").contains("duplicate")
+    );
     assert!(message("{\"keep\": \"outside\"", "{}, {\"keep\": \"outside\"").contains("clip.solids[0]"));
     let skew = "\"edges\": [2, 4, 6], \"axes\": [[1, 0, 0], [1, 1, 0], [0, 0, 1]]";
     assert!(message("\"edges\": [2, 4, 6]", skew).contains("right angles"));

@@ -121,7 +121,10 @@ pub fn cutter(text: &str) -> Result<Cutter, String> {
         ("cylinder", &[x0, y0, z0, x1, y1, z1, radius]) => {
             solid.cylinder = Some(CylinderSpec { from: [x0, y0, z0], to: [x1, y1, z1], radius });
         }
-        ("mesh", _) if !rest.is_empty() => solid.mesh = Some(rest.into()),
+        // The scene that is printed may go anywhere.
+        ("mesh", _) if !rest.is_empty() => {
+            solid.mesh = Some(std::path::absolute(rest).map_err(|e| format!("{rest}: {e}"))?)
+        }
         _ => {
             return Err(format!(
                 "'{text}': expected NX,NY,NZ,D, sphere:X,Y,Z,R, box:X0,Y0,Z0,X1,Y1,Z1, cylinder:X0,Y0,Z0,X1,Y1,Z1,R or \
