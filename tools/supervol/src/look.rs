@@ -15,7 +15,7 @@ use supervol_runtime::preset::overview::Overview;
 use supervol_runtime::preset::view::{Framed, View, upright};
 use supervol_runtime::preset::{colormap, looks, placing, ramps};
 use supervol_runtime::scene::{
-    CameraSpec, ImageSpec, IsoSpec, Mode, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec,
+    CameraSpec, ImageSpec, IsoSpec, Mode, PointsSpec, Scene, ShadingSpec, SolidSpec, TransferFunctionSpec,
 };
 
 use self::parse::{CameraWish, Cutter};
@@ -205,7 +205,7 @@ impl LookArguments {
         for cutter in &self.clip {
             match cutter {
                 Cutter::Plane(plane) => scene.clip.planes.push(*plane),
-                Cutter::Solid(solid) => scene.clip.solids.push(solid.clone()),
+                Cutter::Solid(solid) => scene.clip.solids.push(SolidSpec::clone(solid)),
             }
         }
         self.set_mode(&mut scene, facts, overview);

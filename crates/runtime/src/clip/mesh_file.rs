@@ -165,7 +165,7 @@ fn stl(reader: &mut impl BufRead, length: u64) -> Result<Soup, Reason> {
     let is_long = length >= STL_BYTES[0];
     let begins = reader.fill_buf()?.starts_with(b"solid");
     let mut soup = Soup::default();
-    if is_long && !begins || is_long && has_counted_length(reader, length)? {
+    if is_long && (!begins || has_counted_length(reader, length)?) {
         reader.read_exact(&mut title)?;
         let count = u32::from_le_bytes([title[80], title[81], title[82], title[83]]);
         if length != STL_BYTES[0] + STL_BYTES[1] * u64::from(count) {

@@ -158,7 +158,7 @@ fn round(origin: DVec3, direction: DVec3, radius: f64) -> Option<(f64, f64)> {
     let nearest = -origin.dot(direction) / (speed * speed);
     let distance = (origin + nearest * direction).length();
     let half = ((radius - distance) * (radius + distance)).sqrt() / speed;
-    (distance < radius && half.is_finite()).then(|| (nearest - half, nearest + half))
+    (distance < radius && half.is_finite()).then_some((nearest - half, nearest + half))
 }
 
 /// What two sorted lists have in common.

@@ -24,7 +24,7 @@ pub enum Cutter {
     /// Half of the world.
     Plane(PlaneSpec),
     /// The inside or the outside of a solid.
-    Solid(SolidSpec),
+    Solid(Box<SolidSpec>),
 }
 
 /// Before the name of a solid of which the outside is kept.
@@ -132,7 +132,7 @@ pub fn cutter(text: &str) -> Result<Cutter, String> {
             ));
         }
     }
-    Ok(Cutter::Solid(solid))
+    Ok(Cutter::Solid(Box::new(solid)))
 }
 
 fn plane(text: &str) -> Result<PlaneSpec, String> {
