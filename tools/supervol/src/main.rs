@@ -20,6 +20,7 @@ mod look;
 mod mesh;
 mod output;
 mod panels;
+mod pick;
 mod progress;
 mod quantity;
 mod render;

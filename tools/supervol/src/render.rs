@@ -32,6 +32,7 @@ use crate::failure::{Failure, with_container, with_output};
 use crate::look::{LookArguments, empty};
 use crate::output::{self, Force, PictureFile, RenderOutputs};
 use crate::panels::Panels;
+use crate::pick;
 use crate::progress::{RayBar, Reporter};
 use crate::quantity::{self, show_bytes};
 use crate::sequence::Sequence;
@@ -59,7 +60,7 @@ pub struct Arguments {
     print_scene: bool,
     /// Picture to write: .png (8 bit, with background), .exr or .npy (float, premultiplied RGBA without background), or - for
     /// PNG on standard output; with --turntable or --path the folder for frame-00000.png and so on
-    #[arg(short, long, value_name = "IMAGE|FOLDER", required_unless_present = "print_scene")]
+    #[arg(short, long, value_name = "IMAGE|FOLDER", required_unless_present_any = ["print_scene", "pick"])]
     output: Option<PathBuf>,
     /// Write N pictures, once around the volume; the same command again goes on where it was stopped
     #[arg(long, value_name = "N", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
@@ -126,6 +127,14 @@ pub struct Arguments {
     #[arg(long, value_enum, value_name = "WHEN", requires = "output", default_value = "auto", default_missing_value = "on",
           num_args = 0..=1, require_equals = true)]
     decorate: Decorate,
+    /// Say what is under pixel X,Y (0,0 is at the top left): value, world position, voxel, and line numbers of a survey, of the first
+    /// point that is to be seen there: dvr where half of the opacity is gathered, iso the surface, mip and minip the extreme, or
+    /// the slice. May be given again. Without --output no picture is drawn
+    #[arg(long, value_name = "X,Y", value_parser = quantity::pixel, conflicts_with_all = ["turntable", "path"])]
+    pick: Vec<[u32; 2]>,
+    /// What --pick says, as JSON
+    #[arg(long, requires = "pick", conflicts_with = "print_scene")]
+    json: bool,
     #[command(flatten)]
     force: Force,
     #[command(flatten)]
@@ -239,6 +248,21 @@ impl Arguments {
         self.decorate.applies_to(output, terminal::is_at_terminal())
     }
 
+    /// Refuses options that cannot be meant together.
+    fn check(&self) -> Result<(), Failure> {
+        let is_said = self.print_scene || !self.pick.is_empty();
+        let wrong = if is_said && self.output.as_deref().is_some_and(output::is_standard) {
+            "-o -: expected a file for the picture: --print-scene and --pick write to standard output"
+        } else if self.error_map.is_some() && matches!(self.backend, BackendName::Gpu | BackendName::Reference) {
+            "--error-map: only --backend cpu says how far pixels may be off"
+        } else if self.look.shows_panels() && (self.turntable.is_some() || self.path.is_some()) {
+            "--slice: the camera of a slice that is shown face on does not move; --slices volume shows slices within the volume"
+        } else {
+            return Ok(());
+        };
+        Err(Failure::Command(wrong.into()))
+    }
+
     /// Where several slices go; what is said of one picture is refused.
     fn output_of_panels(&self) -> Result<&Path, Failure> {
         let of_one = [
@@ -247,6 +271,7 @@ impl Arguments {
             ("--check", self.check.is_some()),
             ("--time-budget", self.time_budget.is_some()),
             ("--print-scene", self.print_scene),
+            ("--pick", !self.pick.is_empty()),
         ];
         if let Some((option, _)) = of_one.iter().find(|(_, given)| *given) {
             return Err(Failure::Command(format!("{option} is of one picture; give one --slice")));
@@ -293,10 +318,7 @@ impl Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = Instant::now();
-    if arguments.print_scene && arguments.output.as_deref().is_some_and(output::is_standard) {
-        let message = "--print-scene: expected a file for the picture, found -o -, which is where the scene goes";
-        return Err(Failure::Command(message.into()));
-    }
+    arguments.check()?;
     let path = &arguments.container()?;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
     let scene = match &arguments.scene {
@@ -311,16 +333,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             format!("--level {}: {} has levels 0 to {}", lod.0, path.display(), container.pyramid().coarsest().0);
         return Err(Failure::Command(message));
     }
-    if arguments.error_map.is_some() && matches!(arguments.backend, BackendName::Gpu | BackendName::Reference) {
-        return Err(Failure::Command("--error-map: only --backend cpu says how far pixels may be off".into()));
-    }
     let facts = arguments.look.facts(&container);
     let inputs = [Some(path), Some(&arguments.volume), arguments.scene.as_ref(), arguments.path.as_ref()];
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
-    if arguments.look.shows_panels() && (arguments.turntable.is_some() || arguments.path.is_some()) {
-        let message = "--slice: the camera of a slice that is shown face on does not move; --slices volume shows slices within the volume";
-        return Err(Failure::Command(message.into()));
-    }
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
         let output = arguments.output_of_panels()?;
         let file = RenderOutputs::begin(output, None, None, &inputs, arguments.force)?.picture;
@@ -330,9 +345,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return panels.run(file, (path, output), &arguments.options(start));
     }
     let (scene, motion) = arguments.shown(scene, &container, &facts)?;
+    let inputs: Vec<&Path> = inputs.into_iter().chain(scene.files()).collect();
     if arguments.print_scene {
         let text = serde_json::to_string_pretty(&scene).map_err(|e| Failure::Machine(e.to_string()))?;
         writeln!(terminal::stdout(), "{text}").map_err(with_output)?;
+    }
+    if !arguments.pick.is_empty() {
+        let format = if arguments.json { pick::Format::Json } else { pick::Format::Text };
+        pick::run((&container, &facts, &scene), &arguments.options(start), &arguments.pick, format)
+            .map_err(|failure| failure.named(arguments.scene.as_deref()))?;
     }
     let Some(output) = &arguments.output else { return Ok(()) };
     let is_one = motion.is_none();
@@ -402,7 +423,13 @@ fn overview(container: &Container) -> Option<Overview> {
 /// The scene of a scene file.
 pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
     let text = crate::input::read_text(file, "a scene")?;
-    Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())))
+    let scene = Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())));
+    // Files that a scene names lie beside it, wherever the scene that is printed goes.
+    scene.map(|mut scene| {
+        let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+        scene.begin_paths_at(file.parent().unwrap_or_else(|| Path::new("")));
+        scene
+    })
 }
 
 /// What a picture is made of.
@@ -497,6 +524,8 @@ pub fn with_render(error: RenderError) -> Failure {
         RenderError::Budget(_) | RenderError::ReferenceTooLarge { .. } | RenderError::Gpu(GpuError::Budget { .. }) => {
             Failure::Command(message)
         }
+        RenderError::NoPlace | RenderError::NoSuchPixel { .. } => Failure::Command(format!("--pick: {message}")),
+        RenderError::SolidsOnGpu => Failure::Command(format!("--backend: {message}")),
         RenderError::Container(_) => Failure::Data(message),
         _ => Failure::Machine(message),
     }

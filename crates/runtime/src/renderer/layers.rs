@@ -381,7 +381,10 @@ impl Cut {
         };
         for (t, number) in crossings(slices, &ray, segment) {
             parts.extend(volume(before, t));
-            parts.push(Part::Slice(number, t));
+            let point = ray.origin + t * ray.direction;
+            if self.scene.clip.solids.iter().all(|solid| solid.keeps(point)) {
+                parts.push(Part::Slice(number, t));
+            }
             before = t;
         }
         parts.extend(volume(before, segment.t1));
