@@ -5,6 +5,7 @@
 //! error. What may be overwritten: [`output`].
 
 mod allocation;
+mod batch;
 mod bench;
 mod build;
 mod cache;
