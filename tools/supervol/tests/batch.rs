@@ -19,7 +19,7 @@ fn npy(folder: &Folder, name: &str, first: u8) {
     let header = format!("{:117}\n", "{'descr': '|u1', 'fortran_order': False, 'shape': (20, 24, 28), }");
     let mut bytes = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
     bytes.extend(header.into_bytes());
-    bytes.extend((0..20 * 24 * 28).map(|i: u32| (i * i >> 5) as u8 ^ first));
+    bytes.extend((0..20 * 24 * 28).map(|i: u32| ((i * i) >> 5) as u8 ^ first));
     std::fs::write(path, bytes).expect("room");
 }
 
