@@ -86,6 +86,12 @@ impl BuildError {
         }
     }
 
+    /// Whether there is no source any more.
+    #[must_use]
+    pub fn is_source_gone(&self) -> bool {
+        matches!(self, Self::Source(SourceError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound)
+    }
+
     /// Whether the machine failed us (disk, memory, I/O) rather than the data or the command.
     #[must_use]
     pub fn is_machine_failure(&self) -> bool {

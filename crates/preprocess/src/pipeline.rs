@@ -183,10 +183,11 @@ pub fn build(
     })
 }
 
-/// What is left of a build that the machine has failed, so that it can go on later; where nothing is finished, or nobody could
-/// tell that it is the same build, nothing is.
+/// What is left of a build that the machine has failed, so that it can go on later; where nothing is finished, the source is gone, or
+/// nobody could tell that it is the same build, nothing is.
 fn leave(error: BuildError, container: OutputFile, journal: Option<Journal>, progress: Progress) -> BuildError {
-    let Some(journal) = journal.filter(|_| error.is_machine_failure() && progress.bricks_done > 0) else {
+    let may_go_on = error.is_machine_failure() && !error.is_source_gone() && progress.bricks_done > 0;
+    let Some(journal) = journal.filter(|_| may_go_on) else {
         return error;
     };
     let written_bytes = container.file().metadata().map_or(0, |metadata| metadata.len());
