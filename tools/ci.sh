@@ -121,7 +121,8 @@ prepare() {
     export XDG_RUNTIME_DIR="$work/runtime"
     mkdir -m 700 "$XDG_RUNTIME_DIR"
     export SUPERVOL_REQUIRE_GPU=1
-    export RUST_BACKTRACE=1
+    # Many tests see to it that something panics, and pass: their backtraces would hide what fails.
+    export RUST_BACKTRACE=0
     say "ci: $(rustc --version), $(nproc) cores, $free_gb GB free, Vulkan driver ${VK_DRIVER_FILES:-of the system}"
 }
 
@@ -129,10 +130,16 @@ clippy() { cargo clippy --workspace --all-targets --locked -- -D warnings; }
 
 documents() { RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked; }
 
-# Tests print what they skip and measure on standard error; --success-output shows it for those that pass, too.
+# Tests print what they skip and measure on standard error; --success-output shows it for those that pass, too. The whole output
+# goes to a log; on the terminal there is of tests that pass only that, and of others everything, at the end.
 tests() {
     if command -v cargo-nextest >/dev/null; then
-        cargo nextest run --workspace --locked --no-fail-fast --success-output final --status-level slow
+        cargo nextest run --workspace --locked --no-fail-fast --color never \
+            --status-level slow --final-status-level fail --success-output final --failure-output final 2>&1 |
+            tee "$logs/tests-in-full.txt" |
+            awk '/^ +(PASS|LEAK) +\[/ { hidden = 1 }
+                 /^ +[A-Z-]+ +\[/ && !/^ +(PASS|LEAK) +\[/ { hidden = 0 }
+                 !hidden || /SKIPPED:|MEASURED:/ { print; fflush() }'
     else
         cargo test --workspace --locked --no-fail-fast --lib --bins --tests -- --show-output
     fi
@@ -287,6 +294,11 @@ main() {
         say "ci: nothing was skipped"
     fi
     if [ "${#failed_steps[@]}" -gt 0 ]; then
+        for name in "${failed_steps[@]}"; do
+            say ""
+            say "=== $name failed; the end of what it said:"
+            tail -n 60 "$logs/${name// /-}.log"
+        done
         fail "${failed_steps[*]/%/,} see above"
     fi
     say "ci: passed"

@@ -14,6 +14,7 @@ use supervol_runtime::frame::{Backend, LevelChoice, Progress, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::renderer::{Renderer, render};
 use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::stop::LEAST_STEP;
 use supervol_runtime::streamer::state::StateKind;
 use support::{Volume, marschner_lobb, points, scene};
 
@@ -109,6 +110,22 @@ fn every_picture_becomes_that_of_a_new_renderer() {
             }
         }
     }
+}
+
+/// On a machine that is busy each pass may take longer than a step: what was read meanwhile is taken by the next step all the same.
+#[test]
+fn steps_that_are_over_before_anything_is_fetched_come_some_way() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let level = LevelChoice::Fixed(Lod::FINEST);
+    let scene = scene_of(&volume, Wanted { eye: [33.0, 20.0, 20.0], ..FIRST });
+    let progress = |_: Progress| std::thread::sleep(2 * LEAST_STEP);
+    let options = RenderOptions { progress: Some(Arc::new(progress)), cache_bytes: Some(60_000), ..options(level) };
+    let mut renderer = renderer(&container, options);
+    renderer.set_scene(scene.clone());
+    let steps = converge(&mut renderer, Duration::ZERO);
+    assert!((10..300).contains(&steps), "{steps} steps, where some 25 bricks are wanted, a few at a time");
+    assert!(*renderer.picture().unwrap() == expected(&container, &scene, level));
 }
 
 /// What is loaded serves every later picture: from another side, through another transfer function, or again.

@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 use containers::{Fault, Faulty, container_bytes, open, plan};
 use supervol_format::{BrickKey, Container, Lod, VoxelType};
 use supervol_runtime::facts::value_map;
-use supervol_runtime::frame::caster::CpuCaster;
-use supervol_runtime::frame::{FrameWalk, LevelChoice, RenderOptions, classifier_for, streamer_for};
+use supervol_runtime::frame::caster::{CpuCaster, RayCaster};
+use supervol_runtime::frame::{FrameWalk, LevelChoice, RenderOptions, classifier_for, cpu_frame, streamer_for};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, Skipping};
 use supervol_runtime::raycast::volume::{BrickView, Resident};
@@ -184,6 +184,40 @@ fn states_and_cache_agree_under_random_wishes_and_faults() {
     for (from, to) in ALLOWED.into_iter().filter(|t| !rare.contains(t)) {
         assert!(seen.contains(&(from as usize, to as usize)), "{from:?} to {to:?} never happened");
     }
+}
+
+/// Passes that begin when the time is up ask for a brick all the same, and take it when it has come.
+#[test]
+fn a_pass_that_begins_late_comes_some_way() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let scene = scene_from(&volume, 30.0);
+    let options = RenderOptions { level: LevelChoice::Fixed(Lod(0)), ..RenderOptions::default() };
+    let plan = plan(&container, &scene, 100);
+    let mut streamer = streamer_for(&container, &scene, &options, plan);
+    let mut caster = CpuCaster::new(cpu_frame(&container, &scene, &options, &plan));
+    let late = Stop::at(Some(Instant::now()));
+    caster.stop_at(&late);
+    caster.begin(0..scene.image_size[1]).unwrap();
+    let mut passes = 0;
+    loop {
+        passes += 1;
+        assert!(passes < 2_000, "{:?}", streamer.counters());
+        streamer.begin_pass();
+        let report = caster.cast_pass(&streamer.view(OnMissing::Wait)).unwrap();
+        if report.unfinished_rays == 0 && !report.is_stopped {
+            break;
+        }
+        assert!(!report.misses.is_empty() || !report.uses.is_empty(), "pass {passes}");
+        streamer.note_uses(&report.uses, report.misses.len() as u64);
+        let room = Room { bricks: usize::MAX, stop: late.clone(), patience: Some(Duration::ZERO) };
+        streamer.fetch(&report.misses, room).unwrap();
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let mut at_once = streamer_for(&container, &scene, &options, plan);
+    let mut walk = FrameWalk::new(&mut at_once, plan, &options, Instant::now());
+    let mut expected = CpuCaster::new(cpu_frame(&container, &scene, &options, &plan));
+    assert!(caster.image().unwrap() == walk.run(&mut expected, scene.image_size).unwrap());
 }
 
 /// S32: a still camera reads nothing more once its bricks are in the cache.

@@ -274,9 +274,10 @@ impl Streamer {
         self.container.entry(key).is_ok_and(|entry| self.class_of(key, &entry) == Class::TooCoarse)
     }
 
-    /// A new pass begins.
+    /// A new pass begins, with some of what has come since the last one: when that ended it may have been too late to take anything.
     pub fn begin_pass(&mut self) {
         self.cache.begin_pass();
+        self.take_arrived();
     }
 
     /// What the ray caster may read in this pass.

@@ -79,6 +79,18 @@ impl Streamer {
             self.counters.wait_time += start.elapsed();
             self.arrived.extend(finished);
         }
+        self.take_some(fetched);
+    }
+
+    /// Makes some of what has come resident, without waiting for anything.
+    pub(super) fn take_arrived(&mut self) {
+        let Some(loader) = &mut self.loader else { return };
+        self.arrived.extend(loader.take_finished());
+        // Whoever waits for it asks again, and is answered from the cache.
+        self.take_some(&mut Fetched::default());
+    }
+
+    fn take_some(&mut self, fetched: &mut Fetched) {
         self.decode_some(fetched);
         // Nobody can be told here that threads cannot be started: they run already.
         self.ask_for_due().expect("the loader runs");

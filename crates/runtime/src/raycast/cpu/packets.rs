@@ -7,6 +7,7 @@
 //! Protocol as in [`super`]: a tile keeps what its rays have gathered only while some of them wait.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -375,7 +376,8 @@ pub fn tiles_of(frame: &CpuFrame) -> [u32; 2] {
     [frame.camera.width.div_ceil(TILE_SIDE), (frame.rows.len() as u32).div_ceil(TILE_SIDE)]
 }
 
-/// Casts every unfinished ray as far as resident bricks allow.
+/// Casts every unfinished ray as far as resident bricks allow. The first tile comes some way even when it is time to stop: else passes
+/// that begin late would neither cast a ray nor ask for a brick.
 pub(super) fn cast_tiles(
     view: &dyn BrickView,
     frame: &CpuFrame,
@@ -383,6 +385,7 @@ pub(super) fn cast_tiles(
     tiles: &mut [Tile],
 ) -> Vec<BlockFeedback> {
     let columns = tiles_of(frame)[0] as usize;
+    let has_begun = AtomicBool::new(false);
     let pass = tiles.par_iter_mut().enumerate().with_max_len(TASK_TILES).map_init(
         || (Box::new(TileRays::new()), Box::new(Queues::new())),
         |(rays, queues), (index, tile)| {
@@ -390,7 +393,7 @@ pub(super) fn cast_tiles(
             if matches!(tile, Tile::Finished(_)) {
                 return feedback;
             }
-            if frame.is_due() {
+            if has_begun.swap(true, Ordering::Relaxed) && frame.is_due() {
                 feedback.is_stopped = true;
                 return feedback;
             }
