@@ -3,10 +3,10 @@
 #
 #     tools/release.sh [OUTPUT_FOLDER]            # default: target/release-archive
 #
-# The program is for Linux x86-64. Where the toolchain has the target x86_64-unknown-linux-musl and musl-gcc is there, it is static and
-# runs on any such Linux; but then without the window (`view`) and without graphics devices, whose drivers are loaded at run
-# time. One crate of the measurements is C++ (nv-flip): CXX_x86_64_unknown_linux_musl must name a compiler for it. Elsewhere the program
-# needs glibc and libstdc++, and the archive says which (in NEEDS). Environment:
+# The program is for Linux x86-64. Where the toolchain has the target x86_64-unknown-linux-musl (rustup target add) and musl-gcc is there
+# (Debian: musl-tools), it is static and runs on any such Linux; but then without the window (`view`), without graphics devices, whose
+# drivers are loaded at run time, and without FLIP on the chart, which is C++. Elsewhere the program needs glibc and libstdc++, and the
+# archive says which (in NEEDS). Environment:
 #   RELEASE_TARGET (musl if it can be had)    the target to build for
 set -euo pipefail
 cd "$(dirname "$0")/.."

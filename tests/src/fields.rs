@@ -12,7 +12,7 @@ use supervol_preprocess::source::computed::Computed;
 use supervol_preprocess::source::{SourceError, SourceInfo, VolumeSource};
 use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError, build};
 
-use crate::mix;
+use supervol_format::random::mix;
 
 /// What a field holds; values are in stored units and rounded to the voxel type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

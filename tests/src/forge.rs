@@ -7,8 +7,8 @@ use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::checksum;
 use supervol_format::container::header::{self, Sections};
 use supervol_format::container::manifest::Manifest;
+use supervol_format::container::seal::seal_brick;
 use supervol_format::container::toc::{self, BrickEntry, ENTRIES_PER_PAGE, ENTRY_BYTES};
-use supervol_format::container::validate::seal_brick;
 use supervol_format::{BrickKey, Container, ValueRange};
 
 /// The bytes of a whole container, and what they said before they were changed.

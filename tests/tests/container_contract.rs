@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use supervol_format::container::header::PAGE_BYTES;
 use supervol_format::container::reader::TAIL_BYTES;
 use supervol_format::container::toc::{BrickEntry, ENTRIES_PER_PAGE};
+use supervol_format::random::{Random, mix};
 use supervol_format::{BrickKey, Container, Lod, VoxelType};
 use supervol_preprocess::extract::{Extraction, extract};
 use supervol_preprocess::verify::verify;
@@ -15,7 +16,6 @@ use supervol_preprocess::{Existing, source::VolumeSource};
 use supervol_tests::faults::CountingBytes;
 use supervol_tests::fields::{Built, Content, Field, built, options};
 use supervol_tests::oracle::Grid;
-use supervol_tests::{Random, mix};
 
 /// Random points at which each brick is sampled.
 const POINTS: usize = 150;

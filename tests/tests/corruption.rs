@@ -7,12 +7,12 @@ use std::sync::Arc;
 use rayon::prelude::*;
 use supervol_format::container::header::PAGE_BYTES;
 use supervol_format::container::toc::ENTRY_BYTES;
+use supervol_format::random::{Random, mix};
 use supervol_format::{BrickKey, Container, VoxelType};
 use supervol_preprocess::verify::verify;
 use supervol_tests::faults::{CountingBytes, FailingBytes, ShortBytes};
 use supervol_tests::fields::{Field, built, options};
 use supervol_tests::forge::{Forge, reseal};
-use supervol_tests::{Random, mix};
 
 /// Flips over the whole file, and as many again over header, TOC entries, manifest and footer.
 const FLIPS: u64 = 5000;

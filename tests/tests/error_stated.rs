@@ -4,6 +4,7 @@
 
 use std::time::{Duration, Instant};
 
+use supervol_format::random::Random;
 use supervol_format::{Lod, VoxelType};
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::{BuildOptions, MaxError};
@@ -13,7 +14,6 @@ use supervol_runtime::renderer::Renderer;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::volume::Volume;
-use supervol_tests::Random;
 use supervol_tests::fields::{Content, Field, options};
 use supervol_tests::pictures::{Subject, finest};
 

@@ -4,7 +4,8 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use rayon::prelude::*;
-use supervol_tests::{Random, fuzz_bodies};
+use supervol_format::random::Random;
+use supervol_tests::fuzz_bodies;
 
 /// Mutations per target.
 const ROUNDS: u64 = 4000;

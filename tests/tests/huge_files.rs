@@ -2,10 +2,10 @@
 
 use std::io::{Seek, SeekFrom, Write};
 
+use supervol_format::random::Random;
 use supervol_format::{Dims, Geometry, VoxelBox, VoxelType};
 use supervol_preprocess::source::raw::{RawOptions, RawSource};
 use supervol_preprocess::source::{Endian, VolumeSource};
-use supervol_tests::Random;
 
 /// 2000 x 1500 x 1000 voxels of u16 are 6 GB.
 const DIMS: [u64; 3] = [2000, 1500, 1000];

@@ -6,12 +6,12 @@
 
 #![allow(clippy::print_stdout, reason = "the distances measured are what these tests are for")]
 
+use supervol_format::random::Random;
 use supervol_format::{Lod, VoxelType};
 use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::scene::Mode;
 use supervol_runtime::stats::FrameStats;
-use supervol_tests::Random;
 use supervol_tests::fields::{Field, options};
 use supervol_tests::pictures::{BOUND, Subject, distance, finest, mean_distance};
 

@@ -9,6 +9,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use supervol_format::random::mix;
 use supervol_format::{Dims, Lod, VoxelBox, VoxelType};
 use supervol_preprocess::source::open::{OpenOptions, open};
 use supervol_preprocess::source::synthetic::Synthetic;
@@ -21,7 +22,6 @@ use supervol_runtime::raycast::scalar::CellRule;
 use supervol_runtime::renderer::render;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_tests::fields::{Field, options};
-use supervol_tests::mix;
 use supervol_tests::pictures::{
     BOUND, EYE_SHIFT_VOXELS, SubBox, Subject, covered, distance, finest, gpu_name, mean_distance, stable_pixels,
     stored_file,

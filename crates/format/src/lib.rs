@@ -13,7 +13,8 @@
 //! - [`codec`]: brick voxels to bytes and back;
 //! - [`container`]: the `.svol` file, byte by byte;
 //! - [`byte_source`]: where a container's bytes are read from;
-//! - [`readable`]: numbers in messages and listings.
+//! - [`readable`]: numbers in messages and listings;
+//! - [`random`]: numbers that are the same everywhere, for what is made and tested by chance.
 //!
 //! This crate knows no GPU, starts no thread, prints nothing, and holds no more than one brick that it was not handed.
 
@@ -24,6 +25,7 @@ pub mod codec;
 pub mod container;
 pub mod macro_cells;
 pub mod pyramid;
+pub mod random;
 pub mod readable;
 pub mod space;
 pub mod value_range;

@@ -23,6 +23,7 @@ pub mod level_reader;
 pub mod lod_axes;
 pub mod memory;
 pub mod mesh;
+pub mod naming;
 pub mod output;
 pub mod pipeline;
 pub mod provenance;

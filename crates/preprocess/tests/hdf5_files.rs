@@ -7,6 +7,7 @@ mod grid_support;
 use std::path::{Path, PathBuf};
 
 use grid_support::*;
+use supervol_format::random::Random;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
 use supervol_preprocess::source::open::{OpenOptions, open};
@@ -127,16 +128,16 @@ fn damaged_files_are_errors_or_other_voxels() {
     let path = work.path().join("damaged.h5");
     for name in FILES {
         let whole = std::fs::read(file(name)).unwrap();
-        let mut rng = Rng(3);
+        let mut random = Random::new(3);
         for round in 0..1500 {
             let mut damaged = whole.clone();
             if round % 4 == 0 {
-                damaged.truncate(rng.below(whole.len() as u64) as usize);
+                damaged.truncate(random.below(whole.len() as u64) as usize);
             } else {
-                for _ in 0..=rng.below(4) {
+                for _ in 0..=random.below(4) {
                     // Most of what decides stands at the beginning.
-                    let room = if rng.below(2) == 0 { whole.len() as u64 } else { 4096 };
-                    damaged[rng.below(room) as usize] ^= 1 << rng.below(8);
+                    let room = if random.below(2) == 0 { whole.len() as u64 } else { 4096 };
+                    damaged[random.below(room) as usize] ^= 1 << random.below(8);
                 }
             }
             std::fs::write(&path, &damaged).unwrap();

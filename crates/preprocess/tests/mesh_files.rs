@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use grid_support::largest_allocation;
 use supervol_format::container::manifest::Source;
+use supervol_format::random::Random;
 use supervol_format::{BrickLayout, Container, Geometry, Lod, VoxelBox, VoxelType};
 use supervol_preprocess::mesh::{MeshOptions, mesh};
 use supervol_preprocess::source::SourceInfo;
@@ -126,7 +127,7 @@ fn volume_and_area(triangles: &[[DVec3; 3]]) -> (f64, f64) {
 /// Noise inside, nothing at the border.
 fn noise([x, y, z]: [u64; 3]) -> f64 {
     let is_border = [x, y, z].iter().any(|i| *i == 0 || *i == N - 1);
-    let hash = grid_support::Rng(x + (y << 20) + (z << 40)).next();
+    let hash = Random::new(x + (y << 20) + (z << 40)).next_u64();
     if is_border { 0.0 } else { (hash % 200 + 20) as f64 }
 }
 

@@ -18,11 +18,11 @@ fn files_are_known_by_their_first_bytes_or_their_names() {
     let folder = tempfile::tempdir().unwrap();
     let files: [(&str, Vec<u8>, &str); 8] = [
         ("c", b"CDF\x01".to_vec(), "xarray"),
-        ("d", b"PK\x03\x04".to_vec(), "unzip"),
+        ("d", b"PK\x03\x04".to_vec(), "`unzip "),
         ("e.vtu", b"<VTKFil".to_vec(), "ParaView"),
         ("f", b"\x1f\x8b\x08".to_vec(), "unpack"),
         ("g.czi", vec![0; 9], "Bio-Formats"),
-        ("h.mgz", vec![0; 9], "mri_convert"),
+        ("h.mgz", vec![0; 9], "h.mgz OUT.nii.gz`"),
         ("i.svol", supervol_format::container::header::MAGIC.to_vec(), "supervol render"),
         ("j.su", vec![0; 300], "segywrite"),
     ];
@@ -37,6 +37,11 @@ fn files_are_known_by_their_first_bytes_or_their_names() {
         let mark = &b"DICM\x02\0\0\0"[..];
         std::fs::write(&path, [preamble, &vec![0; 128 - preamble.len()], mark].concat()).unwrap();
         refused(&path, &["transfer syntax"]);
+    }
+    for name in ["zarr.json", ".zattrs", "attributes.json"] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, b"{}").unwrap();
+        refused(&path, &["describes the Zarr or N5", &format!("give the folder: {}", folder.path().display())]);
     }
     let unknown = folder.path().join("unknown");
     std::fs::write(&unknown, [9; 20]).unwrap();

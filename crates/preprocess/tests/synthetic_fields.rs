@@ -6,7 +6,8 @@ mod grid_support;
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use grid_support::{Rng, assert_refused, check_boxes, read_all, value_at};
+use grid_support::{assert_refused, check_boxes, read_all, sub_box, value_at};
+use supervol_format::random::Random;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Dims, VoxelBox, VoxelType};
 use supervol_preprocess::source::VolumeSource;
@@ -38,14 +39,14 @@ fn boxes_agree_in_huge_volumes() {
     for name in NAMES {
         for dims in [[1 << 16; 3], [8_000_000, 3, 8_000_000]] {
             let source = Synthetic::new(name, Dims(dims), None, 5).unwrap();
-            let mut rng = Rng(83);
+            let mut random = Random::new(83);
             for _ in 0..4 {
-                let start = dims.map(|n| rng.below(n.saturating_sub(80).max(1)));
+                let start = dims.map(|n| random.below(n.saturating_sub(80).max(1)));
                 let whole = VoxelBox { start, end: [0, 1, 2].map(|a| (start[a] + 80).min(dims[a])) };
                 let all = grid_support::read(&source, whole).unwrap();
                 let extent = whole.extent().map(|n| n as u64);
                 for _ in 0..4 {
-                    let inside = rng.sub_box(extent);
+                    let inside = sub_box(&mut random, extent);
                     let shift = |at: [u64; 3]| [0, 1, 2].map(|a| at[a] + start[a]);
                     let part = VoxelBox { start: shift(inside.start), end: shift(inside.end) };
                     let expected = grid_support::naive_box(&all, extent, 1, inside);
@@ -61,9 +62,9 @@ fn marschner_lobb_is_its_formula() {
     let dims = [41, 37, 64];
     let exact = new("marschner-lobb", dims, VoxelType::F64, 0);
     let bytes = new("marschner-lobb", dims, VoxelType::U8, 0);
-    let mut rng = Rng(89);
+    let mut random = Random::new(89);
     for _ in 0..500 {
-        let at = dims.map(|n| rng.below(n));
+        let at = dims.map(|n| random.below(n));
         let [x, y, z] = [0, 1, 2].map(|a| 2.0 * at[a] as f64 / (dims[a] - 1) as f64 - 1.0);
         let ripple = |r: f64| (TAU * 6.0 * (FRAC_PI_2 * r).cos()).cos();
         let rho = (1.0 - (FRAC_PI_2 * z).sin() + 0.25 * (1.0 + ripple((x * x + y * y).sqrt()))) / (2.0 * 1.25);

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use grid_support::*;
+use supervol_format::random::Random;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{Dims, VoxelType, with_voxel};
 use supervol_preprocess::source::open::{OpenOptions, open};
@@ -287,7 +288,7 @@ fn chunks_are_inflated_to_their_size_and_no_further() {
 #[test]
 fn damaged_files_are_errors_or_other_voxels() {
     let work = tempfile::tempdir().unwrap();
-    let mut rng = Rng(7);
+    let mut random = Random::new(7);
     for name in [
         "v2/blosclz-1",
         "v2/lz4-2",
@@ -304,14 +305,14 @@ fn damaged_files_are_errors_or_other_voxels() {
         let mut files = Vec::new();
         list(&folder, &mut files);
         for _ in 0..100 {
-            let file = &files[rng.below(files.len() as u64) as usize];
+            let file = &files[random.below(files.len() as u64) as usize];
             let whole = std::fs::read(file).unwrap();
             let mut damaged = whole.clone();
-            if rng.below(3) == 0 {
-                damaged.truncate(rng.below(whole.len() as u64) as usize);
+            if random.below(3) == 0 {
+                damaged.truncate(random.below(whole.len() as u64) as usize);
             } else {
-                for _ in 0..=rng.below(3) {
-                    damaged[rng.below(whole.len() as u64) as usize] ^= 1 << rng.below(8);
+                for _ in 0..=random.below(3) {
+                    damaged[random.below(whole.len() as u64) as usize] ^= 1 << random.below(8);
                 }
             }
             std::fs::write(file, &damaged).unwrap();

@@ -50,6 +50,9 @@ pub use pick::{Picked, PickedOn};
 use resident::Resident;
 use stages::Best;
 
+/// Why the processor casts the rays on most machines ([`FrameStats::no_gpu_because`]): what nobody who did not ask needs to hear.
+pub const NO_DEVICE: &str = "no graphics device is there";
+
 /// Draws pictures of one volume, one after the other.
 pub struct Renderer {
     volume: Volume,
@@ -305,7 +308,7 @@ impl Renderer {
             Backend::Cpu => Engine::Cpu { no_gpu_because: None },
             Backend::Gpu => gpu(self.pool.install(GpuDevice::open)?, false),
             Backend::Reference => Engine::Reference,
-            Backend::Auto if !may_have_hardware() => no_gpu("no graphics device is there".into()),
+            Backend::Auto if !may_have_hardware() => no_gpu(NO_DEVICE.into()),
             Backend::Auto => match GpuDevice::open() {
                 Ok(device) if device.is_software() => no_gpu(format!("{} is a processor", device.name())),
                 Ok(device) => gpu(device, true),

@@ -10,7 +10,8 @@ use std::collections::HashSet;
 
 use bytemuck::{Pod, Zeroable};
 use gpu_support::compute::{Resource, run};
-use gpu_support::{F32, Random, gpu, marschner_lobb, pyramid};
+use gpu_support::{F32, gpu, marschner_lobb, pyramid};
+use supervol_format::random::Random;
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_runtime::camera::Projection;
 use supervol_runtime::clip::{IndexRay, Segment, clip_ray};
@@ -122,9 +123,9 @@ impl Setting {
         let page = |entry: u64| {
             let key = self.pyramid.key(entry).expect("entries below the count have keys");
             let states = [PAGE_MISSING, PAGE_UNIFORM, PAGE_RESIDENT];
-            let state = if failed.contains(&key) { PAGE_FAILED } else { states[(random.next() % 3) as usize] };
+            let state = if failed.contains(&key) { PAGE_FAILED } else { states[(random.next_u64() % 3) as usize] };
             let refine = if rule.is_fine_enough(&self.pyramid, key) { 0 } else { PAGE_REFINE };
-            [state | refine, random.next() as u32]
+            [state | refine, random.next_u64() as u32]
         };
         (0..self.pyramid.brick_count()).map(page).collect()
     }
@@ -193,13 +194,13 @@ fn places(setting: &Setting, random: &mut Random) -> Vec<Place> {
         let (stride, origin) = (lines.stride() * unit, lines.depth() * unit);
         let strides_to = |t: f64| ((t - origin) / stride).floor().max(0.0) as u64;
         let first = strides_to(segment.t0);
-        let strides = first + random.next() % (strides_to(segment.t1) - first + 1);
+        let strides = first + random.next_u64() % (strides_to(segment.t1) - first + 1);
         let base = origin + strides as f64 * stride;
         // A ray goes through a whole brick from one base point. Some places lie in a face, as nearly as f32 can say.
-        let reach = stride * [1.0, 8.0][(random.next() % 2) as usize];
+        let reach = stride * [1.0, 8.0][(random.next_u64() % 2) as usize];
         let least = (segment.t0 - base).max(0.0);
         let t = random.between(least, reach.min(segment.t1 - base).max(least));
-        let is_at_face = random.next().is_multiple_of(4);
+        let is_at_face = random.next_u64().is_multiple_of(4);
         let t = if is_at_face { setting.leave(&index_ray, setting.brick_at(index_ray.at(base + t))) - base } else { t };
         // Exactly what the shader gets.
         let t = f64::from((t / unit) as f32) * unit;
@@ -207,19 +208,19 @@ fn places(setting: &Setting, random: &mut Random) -> Vec<Place> {
         if base + t > segment.t1 - 0.01 || base + t < segment.t0 {
             return None;
         }
-        let level = Lod((random.next() % setting.pyramid.levels().len() as u64) as u8);
+        let level = Lod((random.next_u64() % setting.pyramid.levels().len() as u64) as u8);
         let near = setting.at_level(index_ray.at(base + t), level).map(|v| v.floor() as i32);
         // A chord in a face of the cell reaches four corners only.
         let chord: [[f32; 2]; 3] = std::array::from_fn(|_| {
             let ends = [random.between(0.0, 1.0), random.between(0.0, 1.0)];
-            [ends, ends, [0.0; 2], [1.0; 2]][(random.next() % 4) as usize].map(|end| end as f32)
+            [ends, ends, [0.0; 2], [1.0; 2]][(random.next_u64() % 4) as usize].map(|end| end as f32)
         });
         let case = Case {
             pixel: [pixel % camera.width, pixel / camera.width],
             padding_0: 0,
             near,
             level: u32::from(level.0),
-            cell: std::array::from_fn(|_| (random.next() % (core as u64 + 1)) as i32 - 1),
+            cell: std::array::from_fn(|_| (random.next_u64() % (core as u64 + 1)) as i32 - 1),
             strides: strides as u32,
             a: chord.map(|ends| ends[0]),
             padding_1: 0,
@@ -446,10 +447,10 @@ fn places_bricks_and_gradients_equal_their_twins() {
     ];
     for (i, (name, setting)) in settings.iter().enumerate() {
         println!("{name}:");
-        let mut random = Random(SEED + i as u64);
+        let mut random = Random::new(SEED + i as u64);
         let failed: HashSet<BrickKey> = (0..setting.pyramid.brick_count())
             .filter_map(|entry| setting.pyramid.key(entry))
-            .filter(|key| key.lod() != setting.pyramid.coarsest() && random.next().is_multiple_of(3))
+            .filter(|key| key.lod() != setting.pyramid.coarsest() && random.next_u64().is_multiple_of(3))
             .collect();
         let pages = setting.page_table(&failed, &mut random);
         let places = places(setting, &mut random);

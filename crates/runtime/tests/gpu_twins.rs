@@ -6,8 +6,9 @@ mod gpu_support;
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use gpu_support::compute::{Resource, run};
-use gpu_support::{F32, Random, TestVolume, gpu, marschner_lobb};
+use gpu_support::{F32, TestVolume, gpu, marschner_lobb};
 use supervol_format::Geometry;
+use supervol_format::random::Random;
 use supervol_runtime::gpu::layout::{LIGHT_BINS, Scene as GpuScene, SlotGrid, View};
 use supervol_runtime::gpu::light::{LightChord, LightPart, integrate_chord, light_at, twist_of, value_in};
 use supervol_runtime::gpu::light_table::LightTable;
@@ -133,7 +134,7 @@ fn check_counts(cases: &[Case], found: &[Outcome]) {
 }
 
 fn cases() -> Vec<Case> {
-    let mut random = Random(SEED);
+    let mut random = Random::new(SEED);
     println!("seed {SEED}");
     let mut number = |low: f64, high: f64| random.between(low, high) as f32;
     (0..CASES)

@@ -11,6 +11,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use containers::{Fault, Faulty, container_bytes, open, plan};
+use supervol_format::random::Random;
 use supervol_format::{BrickKey, Container, Lod, VoxelType};
 use supervol_runtime::facts::value_map;
 use supervol_runtime::frame::caster::{CpuCaster, RayCaster};
@@ -26,19 +27,6 @@ use supervol_runtime::streamer::priority::FrontToBack;
 use supervol_runtime::streamer::state::{ALLOWED, StateKind};
 use supervol_runtime::streamer::{Fetched, OnMissing, Room, Streamer};
 use support::{Volume, noise, points, scene};
-
-/// SplitMix64.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, n: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) % n
-    }
-}
 
 /// 4 x 3 x 3 bricks: noise whose peaks coarser levels lose, a constant part, an absent part.
 fn volume() -> Volume {
@@ -132,7 +120,7 @@ fn states_and_cache_agree_under_random_wishes_and_faults() {
     let descriptor = container.descriptor().clone();
 
     let mut seen = BTreeSet::new();
-    let mut random = Random(2024);
+    let mut random = Random::new(2024);
     for run in 0..12u64 {
         let fails = move |n: u64| if n < 5 { n == 1 && run % 2 == 0 } else { (n + run) % 5 < 2 };
         let faulty = Faulty::new(bytes.clone(), move |n, _| if fails(n) { Fault::Error } else { Fault::None });

@@ -32,7 +32,6 @@ pub mod methods;
 pub mod paths;
 pub mod peers;
 pub mod points;
-pub mod random;
 pub mod random_scenes;
 pub mod record;
 pub mod report;

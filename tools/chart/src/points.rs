@@ -50,8 +50,8 @@ pub struct Point {
     pub psnr_db: Option<f64>,
     /// Mean signed difference: picture minus exact picture.
     pub bias: f64,
-    /// FLIP, mean over all pixels: 0 (same) to 1.
-    pub flip: f64,
+    /// FLIP, mean over all pixels: 0 (same) to 1; none where the program was built without it.
+    pub flip: Option<f64>,
     /// Whether no CPU method of this scene and transfer function is both cheaper (`cpu_ms`) and nearer (`linf`).
     pub pareto: bool,
     /// Whether this is what users get.
@@ -184,7 +184,7 @@ pub(crate) mod tests {
             rmse: linf / 3.0,
             psnr_db: (linf > 0.0).then_some(40.0),
             bias: 0.0,
-            flip: 0.0,
+            flip: Some(0.0),
             pareto: false,
             default: method == "default",
         }

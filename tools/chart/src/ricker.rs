@@ -7,9 +7,8 @@
 use std::f64::consts::PI;
 
 use supervol_format::VoxelType;
+use supervol_format::random::{Random, mix};
 use supervol_preprocess::source::computed::Computed;
-
-use crate::random::{Random, mix};
 
 /// Seconds between neighbours along z.
 pub const SAMPLE_SECONDS: f64 = 0.004;

@@ -7,9 +7,10 @@ use supervol_format::readable::counted;
 use supervol_preprocess::batch::inputs::{Headerless, INPUTS_LIMIT, Inputs, of_folder, of_list};
 use supervol_preprocess::batch::results::{FILE_NAME, Record, Results, Status};
 use supervol_preprocess::batch::{
-    Standing, check_outside, checksum_of, checksum_of_container, container_names, describe_options, others_of, standing,
+    Standing, check_outside, checksum_of, checksum_of_container, describe_options, others_of, standing,
 };
 use supervol_preprocess::kept::Reading;
+use supervol_preprocess::naming::container_names;
 use supervol_preprocess::{BuildError, Existing};
 
 use crate::build::{OutputArguments, SourceArguments, open};
@@ -39,7 +40,7 @@ enum Came {
 
 /// Runs the command.
 pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> Result<(), Failure> {
-    let folder = output.output.as_path();
+    let folder = output.named("a folder")?;
     let headerless = if source.is_raw() { Headerless::Taken } else { Headerless::PassedOver };
     let Inputs { paths, passed_over } = find(batch, folder, headerless)?;
     if paths.is_empty() {

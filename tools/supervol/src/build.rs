@@ -12,6 +12,7 @@ use supervol_format::{BrickLayout, Dims, Geometry};
 use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::lod_axes::LodAxes;
+use supervol_preprocess::naming::container_beside;
 use supervol_preprocess::output::{check_distinct, folder_of};
 use supervol_preprocess::report::BuildReport;
 use supervol_preprocess::source::VolumeSource;
@@ -24,6 +25,7 @@ use supervol_preprocess::source::selection::Selection;
 use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError};
 
 use crate::failure::{Failure, with_output};
+use crate::input::{Input, is_piped};
 use crate::progress::Reporter;
 use crate::quantity::{self, Dtype, ErrorBound, Offset, Spacing, show_bytes};
 
@@ -32,7 +34,7 @@ use crate::quantity::{self, Dtype, ErrorBound, Offset, Spacing, show_bytes};
 pub struct Arguments {
     /// Volume file: SEG-Y, DICOM, NRRD, NIfTI, MetaImage, VTK, TIFF, npy, npz, or raw with --dims and --dtype; an
     /// OME-Zarr, Zarr or N5 (FOLDER:/NAME is an array in it); or a folder with the slices of one volume: a DICOM series, or
-    /// pictures (PNG, JPEG, TIFF) in natural order
+    /// pictures (PNG, JPEG, TIFF) in natural order; or - for what standard input gives, which is kept beside the output meanwhile
     #[arg(required_unless_present = "batch", conflicts_with = "batch")]
     input: Option<PathBuf>,
     /// Build many volumes into the folder -o: those that a text file names, one path a line (- is standard input), or those that
@@ -64,9 +66,10 @@ pub struct SourceArguments {
 /// What every command that writes a container takes.
 #[derive(Debug, Args)]
 pub struct OutputArguments {
-    /// Container to write; of several (--batch), the folder that they go to
+    /// Container to write; of a volume file, that is NAME.svol beside it where nothing is said. Of several (--batch), the folder that
+    /// they go to
     #[arg(short, long, value_name = "OUT.svol")]
-    pub output: PathBuf,
+    output: Option<PathBuf>,
     /// Core voxels of a brick along each axis: 16, 32, 64 or 128
     #[arg(long, default_value = "64", value_parser = brick_layout)]
     brick: BrickLayout,
@@ -256,6 +259,11 @@ impl OutputArguments {
         if self.force { Existing::Replace } else { Existing::Keep }
     }
 
+    /// Where the output is to go, where somebody must say it; `what` it is to be.
+    pub fn named(&self, what: &str) -> Result<&Path, Failure> {
+        self.output.as_deref().ok_or_else(|| Failure::command(format!("expected {what} to write to: name it with -o")))
+    }
+
     /// What `--memory` allows.
     pub fn memory_bytes(&self) -> u64 {
         self.memory
@@ -319,33 +327,33 @@ impl OutputArguments {
     }
 
     /// Builds a container from an open source, with progress and a report.
-    pub fn build(&self, source: &dyn VolumeSource, origin: Source) -> Result<(), Failure> {
-        let report = self.build_at(&self.output, self.existing(), source, origin)?;
+    pub fn build(&self, output: &Path, source: &dyn VolumeSource, origin: Source) -> Result<(), Failure> {
+        let report = self.build_at(output, self.existing(), source, origin)?;
         if self.json {
             let mut out = crate::terminal::stdout();
             writeln!(out, "{}", serde_json::json!({ "report": report })).map_err(with_output)
         } else {
-            self.print(&report, &mut crate::terminal::remarks()).map_err(with_output)
+            print(&report, output, &mut crate::terminal::remarks()).map_err(with_output)
         }
     }
+}
 
-    fn print(&self, report: &BuildReport, out: &mut impl Write) -> std::io::Result<()> {
-        for note in &report.notes {
-            writeln!(out, "note: {note}")?;
-        }
-        writeln!(
-            out,
-            "{}: {} from {} of voxels ({:.1} %), {} in {}, {:.1} s, {}/s",
-            self.output.display(),
-            show_bytes(report.container_bytes),
-            show_bytes(report.source_bytes),
-            100.0 * report.container_bytes as f64 / report.source_bytes as f64,
-            counted(report.bricks, "brick"),
-            counted(report.levels.len() as u64, "level"),
-            report.wall_ms / 1e3,
-            show_bytes(report.bytes_per_second as u64),
-        )
+fn print(report: &BuildReport, output: &Path, out: &mut impl Write) -> std::io::Result<()> {
+    for note in &report.notes {
+        writeln!(out, "note: {note}")?;
     }
+    writeln!(
+        out,
+        "{}: {} from {} of voxels ({:.1} %), {} in {}, {:.1} s, {}/s",
+        output.display(),
+        show_bytes(report.container_bytes),
+        show_bytes(report.source_bytes),
+        100.0 * report.container_bytes as f64 / report.source_bytes as f64,
+        counted(report.bricks, "brick"),
+        counted(report.levels.len() as u64, "level"),
+        report.wall_ms / 1e3,
+        show_bytes(report.bytes_per_second as u64),
+    )
 }
 
 impl SourceArguments {
@@ -407,6 +415,15 @@ impl SourceArguments {
     }
 }
 
+/// A container says all about itself: what is said of how volume files are read would change nothing.
+pub fn refuse_for_container(reading: &Reading, container: &Path) -> Result<(), Failure> {
+    if reading.is_default() {
+        return Ok(());
+    }
+    let message = "a container says all about itself: options for volume files change nothing";
+    Err(Failure::Command(format!("{}: {message}", container.display())))
+}
+
 /// Opens a volume file, and says which one it is.
 pub fn open(reading: &Reading, input: &Path, folder: &Path) -> Result<(Box<dyn VolumeSource>, Source), BuildError> {
     let source = reading.open(input, folder)?;
@@ -422,8 +439,17 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return crate::batch::run(batch, output, source);
     };
     // Decoded copies of compressed inputs go where the output goes: that disk has room for a volume.
-    let folder = folder_of(&output.output);
-    check_distinct(&output.output, [split_array(input).0.as_path()])?;
-    let (source, origin) = source.open(input, folder, output.memory)?;
-    output.build(source.as_ref(), origin)
+    let path = match &output.output {
+        Some(path) => path.clone(),
+        None if is_piped(input) => output.named("a container (OUT.svol)")?.into(),
+        None => container_beside(input),
+    };
+    let folder = folder_of(&path);
+    check_distinct(&path, [split_array(input).0.as_path()])?;
+    let file = Input::kept_in(input, folder)?;
+    let (source, mut origin) = source.open(file.path(), folder, output.memory)?;
+    if is_piped(input) {
+        origin.name = "standard input".into();
+    }
+    output.build(&path, source.as_ref(), origin)
 }

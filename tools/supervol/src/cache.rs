@@ -7,6 +7,7 @@ use clap::Args;
 use supervol_preprocess::BuildOptions;
 use supervol_preprocess::kept::{CACHE_LIMIT_BYTES, Cache, Reading, Told, is_container};
 
+use crate::build::refuse_for_container;
 use crate::failure::Failure;
 use crate::progress::{Reporter, announce};
 use crate::quantity::{self, show_bytes};
@@ -40,11 +41,8 @@ impl CacheArguments {
         memory_bytes: u64,
     ) -> Result<PathBuf, Failure> {
         if is_container(input) {
-            if reading.is_default() {
-                return Ok(input.into());
-            }
-            let message = "a container says all about itself: options for volume files change nothing";
-            return Err(Failure::Command(format!("{}: {message}", input.display())));
+            refuse_for_container(reading, input)?;
+            return Ok(input.into());
         }
         let cache = Cache::below(self.cache.as_deref(), self.limit_bytes())?;
         let options = BuildOptions::default();

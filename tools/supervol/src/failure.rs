@@ -1,7 +1,7 @@
 //! Failures and their exit codes.
 
 use std::fmt::Display;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
 use supervol_chart::ChartError;
@@ -103,13 +103,17 @@ impl From<ChartError> for Failure {
 
 /// A failure with a container, named by its file.
 pub fn with_container(path: &std::path::Path, error: ContainerError) -> Failure {
+    let is_missing = matches!(&error, ContainerError::Io { source, .. } if source.kind() == ErrorKind::NotFound);
+    if is_missing && !path.exists() {
+        return Failure::Command(format!("{}: there is no such file", path.display()));
+    }
     BuildError::Container { path: path.into(), source: error }.into()
 }
 
 /// A failure to write to standard output or a small file.
 pub fn with_output(error: std::io::Error) -> Failure {
     match error.kind() {
-        std::io::ErrorKind::BrokenPipe => Failure::Unread,
+        ErrorKind::BrokenPipe => Failure::Unread,
         _ => Failure::Machine(format!("cannot write: {error}")),
     }
 }

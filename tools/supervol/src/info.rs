@@ -1,4 +1,6 @@
-//! `supervol info`: what a container holds.
+//! `supervol info`: what a container holds, or what a volume file says of itself.
+
+mod source;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -6,11 +8,13 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::Serialize;
 use supervol_format::container::manifest::{AxisName, Json, Source};
-use supervol_format::{Container, Lod, ValueRange};
+use supervol_format::{Container, Dims, Geometry, Lod, ValueRange};
+use supervol_preprocess::kept::{Reading, is_container};
 use supervol_preprocess::output::unfinished::{self, Leftover, Writer};
 use supervol_preprocess::source::{LineNumbers, Survey};
 use supervol_runtime::facts::kind;
 
+use crate::build::{SourceArguments, refuse_for_container};
 use crate::failure::{Failure, with_container, with_output};
 use crate::input::{Input, for_each};
 use crate::quantity::show_bytes;
@@ -18,15 +22,18 @@ use crate::quantity::show_bytes;
 /// Which containers.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Containers, - for what standard input gives; or folders, to learn which unfinished files lie in them
-    #[arg(value_name = "CONTAINER|FOLDER", required = true)]
-    containers: Vec<PathBuf>,
+    /// Containers, - for what standard input gives; volume files, to learn what they say of themselves; or folders, to learn which
+    /// unfinished files lie in them, and which volume they are
+    #[arg(value_name = "CONTAINER|FILE|FOLDER", required = true)]
+    inputs: Vec<PathBuf>,
     /// As JSON: an object for each
     #[arg(long)]
     json: bool,
-    /// The text header of the SEG-Y file that the container was built from, and nothing else
+    /// The text header of a SEG-Y file, or of the one that a container was built from, and nothing else
     #[arg(long, conflicts_with = "json")]
     text_header: bool,
+    #[command(flatten)]
+    source: SourceArguments,
 }
 
 /// The JSON that `--json` prints; its keys are a contract.
@@ -76,8 +83,8 @@ struct LevelInfo {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    for_each(&arguments.containers, |path| {
-        if arguments.containers.len() > 1 && !arguments.json {
+    for_each(&arguments.inputs, |path| {
+        if arguments.inputs.len() > 1 && !arguments.json {
             writeln!(crate::terminal::stdout(), "file       {}", path.display()).map_err(with_output)?;
         }
         describe(path, arguments)
@@ -85,27 +92,62 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
+    let Arguments { json, text_header, source, .. } = arguments;
     if path.is_dir() {
-        return list_unfinished(path, arguments.json);
+        return describe_folder(path, arguments);
     }
     let input = Input::named(path)?;
-    let container = Container::open(input.path()).map_err(|e| with_container(path, e))?;
-    if arguments.text_header {
-        return print_text_header(path, &container);
+    let reading = source.reading(source::MEMORY_BYTES)?;
+    let container = match Container::open(input.path()) {
+        Err(_) if !is_container(input.path()) => {
+            let described = source::Described::of(input.path(), &reading).map_err(|why| neither(why, &reading))?;
+            return if *text_header { print_text_header(path, described.survey()) } else { described.print(*json) };
+        }
+        opened => opened.map_err(|e| with_container(path, e))?,
+    };
+    refuse_for_container(&reading, path)?;
+    let survey = Survey::of(container.manifest());
+    if *text_header {
+        return print_text_header(path, survey.as_ref());
     }
     let info = gather(&container).map_err(|e| with_container(path, e))?;
     let mut out = crate::terminal::stdout();
-    let printed = if arguments.json {
+    let printed = if *json {
         serde_json::to_string_pretty(&info).map_err(std::io::Error::other).and_then(|text| writeln!(out, "{text}"))
     } else {
-        print(&info, Survey::of(container.manifest()), &mut out)
+        print(&info, &container, survey.as_ref(), &mut out)
     };
     printed.map_err(with_output)
 }
 
-fn print_text_header(path: &Path, container: &Container) -> Result<(), Failure> {
-    let Some(survey) = Survey::of(container.manifest()) else {
-        let message = "--text-header: the container was not built from a SEG-Y file";
+/// What to say of a file that is no container and cannot be read as a volume file.
+fn neither(no_volume: Failure, reading: &Reading) -> Failure {
+    match no_volume {
+        Failure::Data(why) | Failure::Command(why) if reading.is_default() => Failure::Data(format!(
+            "no Supervol container (`supervol build` makes one of a volume file), and no volume file that is read: {why}"
+        )),
+        other => other,
+    }
+}
+
+/// The unfinished files of a folder, and the volume that it is, if it is one.
+fn describe_folder(folder: &Path, arguments: &Arguments) -> Result<(), Failure> {
+    let Arguments { json, text_header, source, .. } = arguments;
+    if *text_header {
+        return print_text_header(folder, None);
+    }
+    // Most folders are no volume, and are not asked to be one.
+    let described = source::Described::of(folder, &source.reading(source::MEMORY_BYTES)?).ok();
+    list_unfinished(folder, *json, described.as_ref())?;
+    match described {
+        Some(described) if !json => described.print(false),
+        _ => Ok(()),
+    }
+}
+
+fn print_text_header(path: &Path, survey: Option<&Survey>) -> Result<(), Failure> {
+    let Some(survey) = survey else {
+        let message = "--text-header: expected a SEG-Y file, or a container built from one";
         return Err(Failure::Command(format!("{}: {message}", path.display())));
     };
     let mut out = crate::terminal::stdout();
@@ -113,7 +155,7 @@ fn print_text_header(path: &Path, container: &Container) -> Result<(), Failure> 
 }
 
 /// Names what builds and other commands have not finished, or never will.
-fn list_unfinished(folder: &Path, json: bool) -> Result<(), Failure> {
+fn list_unfinished(folder: &Path, json: bool, volume: Option<&source::Described>) -> Result<(), Failure> {
     let found =
         unfinished::list(folder).map_err(|e| Failure::Machine(format!("cannot read {}: {e}", folder.display())))?;
     let mut out = crate::terminal::stdout();
@@ -123,9 +165,13 @@ fn list_unfinished(folder: &Path, json: bool) -> Result<(), Failure> {
             serde_json::json!({ "path": partial.path, "bytes": partial.bytes, "writer": writer })
         };
         let entries: Vec<_> = found.iter().map(entry).collect();
-        return writeln!(out, "{:#}", serde_json::json!({ "unfinished": entries })).map_err(with_output);
+        let mut object = serde_json::json!({ "unfinished": entries });
+        if let Some(volume) = volume {
+            object["volume"] = volume.to_json();
+        }
+        return writeln!(out, "{object:#}").map_err(with_output);
     }
-    if found.is_empty() {
+    if found.is_empty() && volume.is_none() {
         return writeln!(out, "{}: a folder without unfinished files", folder.display()).map_err(with_output);
     }
     found
@@ -207,14 +253,38 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
     })
 }
 
-fn print(info: &Info<'_>, survey: Option<Survey>, out: &mut impl Write) -> std::io::Result<()> {
-    let [nx, ny, nz] = info.dims;
-    let axes =
-        info.axes.iter().map(|a| if a.unit.is_empty() { a.name.clone() } else { format!("{} ({})", a.name, a.unit) });
-    writeln!(out, "volume     {nx} x {ny} x {nz} {} voxels", info.dtype)?;
-    writeln!(out, "axes       {}", axes.collect::<Vec<_>>().join(", "))?;
-    writeln!(out, "spacing    {:?}, origin {:?}", info.spacing, info.origin)?;
-    print_orientation(info, survey, out)?;
+/// Where voxels lie, and what the axes are called: of a container, or of a volume file.
+struct Place<'a> {
+    dims: Dims,
+    dtype: &'static str,
+    /// Names and units.
+    axes: [(&'a str, &'a str); 3],
+    geometry: &'a Geometry,
+    space: &'a str,
+    survey: Option<&'a Survey>,
+}
+
+impl Place<'_> {
+    fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        let [nx, ny, nz] = self.dims.0;
+        let axes = self.axes.map(|(name, unit)| if unit.is_empty() { name.into() } else { format!("{name} ({unit})") });
+        writeln!(out, "volume     {nx} x {ny} x {nz} {} voxels", self.dtype)?;
+        writeln!(out, "axes       {}", axes.join(", "))?;
+        writeln!(out, "spacing    {:?}, origin {:?}", self.geometry.spacing, self.geometry.origin)?;
+        print_orientation(self, out)
+    }
+}
+
+fn print(info: &Info<'_>, container: &Container, survey: Option<&Survey>, out: &mut impl Write) -> std::io::Result<()> {
+    let place = Place {
+        dims: Dims(info.dims),
+        dtype: info.dtype,
+        axes: info.axes.each_ref().map(|axis| (&*axis.name, &*axis.unit)),
+        geometry: &container.descriptor().geometry,
+        space: info.space,
+        survey,
+    };
+    place.print(out)?;
     writeln!(out, "kind       {}: {}", info.kind, info.kind_because)?;
     match info.value_range {
         Some([min, max]) => writeln!(out, "values     {} {}", ValueRange { min, max }, info.unit)?,
@@ -226,8 +296,7 @@ fn print(info: &Info<'_>, survey: Option<Survey>, out: &mut impl Write) -> std::
     if info.max_error > 0.0 {
         writeln!(out, "accuracy   voxels within {} of the source's", info.max_error)?;
     }
-    let total = nx * ny * nz;
-    writeln!(out, "present    {} of {total} voxels", info.present_voxels)?;
+    writeln!(out, "present    {} of {} voxels", info.present_voxels, info.dims.iter().product::<u64>())?;
     writeln!(out, "source     {} ({}, {})", info.source.name, info.source.format, show_bytes(info.source.bytes))?;
     writeln!(
         out,
@@ -261,11 +330,12 @@ fn print(info: &Info<'_>, survey: Option<Survey>, out: &mut impl Write) -> std::
 }
 
 /// Which way the grid lies, and where the survey is.
-fn print_orientation(info: &Info<'_>, survey: Option<Survey>, out: &mut impl Write) -> std::io::Result<()> {
-    let d = info.direction;
+fn print_orientation(place: &Place<'_>, out: &mut impl Write) -> std::io::Result<()> {
+    let Place { geometry, space, survey, .. } = place;
+    let d = geometry.direction;
     let axes: Vec<String> = (0..3).map(|a| format!("({}, {}, {})", d[a], d[3 + a], d[6 + a])).collect();
-    let hand = if info.left_handed { "left" } else { "right" };
-    let space = if info.space.is_empty() { String::new() } else { format!(", world {}", info.space) };
+    let hand = if geometry.is_left_handed() { "left" } else { "right" };
+    let space = if space.is_empty() { String::new() } else { format!(", world {space}") };
     writeln!(out, "direction  x {}, y {}, z {}: {hand}-handed{space}", axes[0], axes[1], axes[2])?;
     let Some(survey) = survey else { return Ok(()) };
     let lines = |name: &str, lines: LineNumbers| {
@@ -282,10 +352,9 @@ fn print_orientation(info: &Info<'_>, survey: Option<Survey>, out: &mut impl Wri
             let [east, north] = [0, 1].map(|k| corners[to][k] - corners[0][k]);
             east.atan2(north).to_degrees().rem_euclid(360.0)
         };
-        let turn = if info.left_handed { "left" } else { "right" };
         writeln!(
             out,
-            "map        crosslines ascend towards {:.1} degrees from north, inlines towards {:.1}: to the {turn} of it",
+            "map        crosslines ascend towards {:.1} degrees from north, inlines towards {:.1}: to the {hand} of it",
             azimuth(1),
             azimuth(2)
         )?;

@@ -13,6 +13,11 @@ const LIMIT_BYTES: u64 = 1_000_000;
 /// The name that stands for standard input.
 const STANDARD_INPUT: &str = "-";
 
+/// Whether a name stands for standard input.
+pub fn is_piped(path: &Path) -> bool {
+    path == Path::new(STANDARD_INPUT)
+}
+
 /// The text of a small file, or of standard input for `-`; `what` it should hold is said where it cannot be read.
 pub fn read_text(file: &Path, what: &str) -> Result<String, Failure> {
     read_text_up_to(LIMIT_BYTES, file, what)
@@ -21,7 +26,7 @@ pub fn read_text(file: &Path, what: &str) -> Result<String, Failure> {
 /// The same, of at most so many bytes.
 pub fn read_text_up_to(limit_bytes: u64, file: &Path, what: &str) -> Result<String, Failure> {
     let cannot = |e: std::io::Error| Failure::Command(format!("cannot read {what} {}: {e}", file.display()));
-    let is_piped = file == Path::new(STANDARD_INPUT);
+    let is_piped = is_piped(file);
     let opened: Box<dyn Read> = if is_piped {
         Box::new(std::io::stdin().lock())
     } else {
@@ -40,7 +45,7 @@ pub fn read_text_up_to(limit_bytes: u64, file: &Path, what: &str) -> Result<Stri
     Ok(text)
 }
 
-/// A container that a person has named: a file, or standard input, which is kept in a file as long as this is.
+/// What a person has named: a file, or standard input, which is kept in a file as long as this is.
 #[derive(Debug)]
 pub struct Input {
     path: PathBuf,
@@ -48,17 +53,23 @@ pub struct Input {
 }
 
 impl Input {
-    /// The file of this name, or what standard input gives for `-`.
+    /// The file of this name, or what standard input gives for `-`, kept where the system keeps such files.
     pub fn named(path: &Path) -> Result<Self, Failure> {
-        if path != Path::new(STANDARD_INPUT) {
+        Self::kept_in(path, &std::env::temp_dir())
+    }
+
+    /// The same; standard input is kept in this folder.
+    pub fn kept_in(path: &Path, folder: &Path) -> Result<Self, Failure> {
+        if !is_piped(path) {
             return Ok(Self { path: path.into(), _piped: None });
         }
-        let kept = NamedTempFile::new().and_then(|mut file| {
+        let kept = NamedTempFile::new_in(folder).and_then(|mut file| {
             std::io::copy(&mut std::io::stdin().lock(), file.as_file_mut())?;
             Ok(file)
         });
-        let kept =
-            kept.map_err(|e| Failure::Machine(format!("cannot keep standard input in a temporary file: {e}")))?;
+        let kept = kept.map_err(|e| {
+            Failure::Machine(format!("cannot keep standard input in a file in {}: {e}", folder.display()))
+        })?;
         Ok(Self { path: kept.path().into(), _piped: Some(kept) })
     }
 

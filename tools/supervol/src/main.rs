@@ -56,7 +56,7 @@ enum Command {
     /// Make a synthetic volume: as a container, or as a raw file
     Synth(synth::Arguments),
     /// Say what containers hold
-    Info(info::Arguments),
+    Info(Box<info::Arguments>),
     /// Draw the histogram of a container, with the opacities of its default picture
     Histogram(Box<histogram::Arguments>),
     /// Check every rule of containers

@@ -21,7 +21,7 @@ use supervol_runtime::preset::view::upright;
 use supervol_runtime::process;
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, PacketRule, Skipping};
-use supervol_runtime::renderer::render_with_errors;
+use supervol_runtime::renderer::{NO_DEVICE, render_with_errors};
 use supervol_runtime::scene::{CameraSpec, ResolvedScene, Scene};
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::loader::READERS;
@@ -71,9 +71,9 @@ pub struct Arguments {
     #[arg(long, value_name = "KEYS.json", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
           conflicts_with_all = ["turntable", "camera", "zoom"])]
     path: Option<PathBuf>,
-    /// Who casts the rays
-    #[arg(long, value_enum, default_value = "auto")]
-    backend: BackendName,
+    /// Who casts the rays [default: auto]
+    #[arg(long, value_enum)]
+    backend: Option<BackendName>,
     /// Largest error of any channel of any pixel that is aimed for, as a share of full scale, 0.05/255 to 16/255: it sets
     /// how finely rays are integrated (dvr; on the GPU unshaded pictures only), and with --level auto, coarser levels are drawn
     /// only where it allows them; or 1: levels go by the size of a pixel alone, and rays are integrated within 16/255
@@ -197,7 +197,7 @@ impl Arguments {
     fn options(&self, start: Instant) -> RenderOptions {
         let passed = u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX);
         RenderOptions {
-            backend: match self.backend {
+            backend: match self.backend.unwrap_or(BackendName::Auto) {
                 // Graphics devices do not say it.
                 BackendName::Auto if self.error_map.is_some() => Backend::Cpu,
                 BackendName::Auto => Backend::Auto,
@@ -253,7 +253,7 @@ impl Arguments {
         let is_said = self.print_scene || !self.pick.is_empty();
         let wrong = if is_said && self.output.as_deref().is_some_and(output::is_standard) {
             "-o -: expected a file for the picture: --print-scene and --pick write to standard output"
-        } else if self.error_map.is_some() && matches!(self.backend, BackendName::Gpu | BackendName::Reference) {
+        } else if self.error_map.is_some() && matches!(self.backend, Some(BackendName::Gpu | BackendName::Reference)) {
             "--error-map: only --backend cpu says how far pixels may be off"
         } else if self.look.shows_panels() && (self.turntable.is_some() || self.path.is_some()) {
             "--slice: the camera of a slice that is shown face on does not move; --slices volume shows slices within the volume"
@@ -380,7 +380,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !arguments.print_scene {
         print(output, &stats).map_err(with_output)?;
     }
-    if let Some(why) = about_backend(options.backend, &stats) {
+    // Who has asked for nothing is told only what is not as on most machines.
+    if let Some(why) = about_backend(options.backend, &stats)
+        && (arguments.backend.is_some() || stats.no_gpu_because.as_deref() != Some(NO_DEVICE))
+    {
         crate::progress::announce(&why);
     }
     check_all_read(path, stats.bricks_failed, arguments.allow_failed)

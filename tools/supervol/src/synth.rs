@@ -1,6 +1,7 @@
 //! `supervol synth`: synthetic volumes, as a container or as a raw file.
 
 use std::io::Write;
+use std::path::Path;
 
 use clap::Args;
 use supervol_format::container::manifest::Source;
@@ -40,21 +41,21 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let voxel_type = arguments.dtype.map(|d| d.voxel_type);
     let source =
         Synthetic::new(&arguments.name, arguments.dims, voxel_type, arguments.seed).map_err(BuildError::from)?;
-    if arguments.output.output.extension().is_some_and(|e| e == "raw") {
-        return write_raw(arguments, &source);
+    let output = arguments.output.named("a container (OUT.svol), or a file of bare voxels (OUT.raw)")?;
+    if output.extension().is_some_and(|e| e == "raw") {
+        return write_raw(arguments, output, &source);
     }
     let origin = Source::computed(format!("{} seed {}", arguments.name, arguments.seed));
-    arguments.output.build(&source, origin)
+    arguments.output.build(output, &source, origin)
 }
 
 /// Most bytes that are made before they are written, and the least: more makes nothing faster, less everything slower.
 const BATCH_BYTES: [u64; 2] = [64 << 10, 64 << 20];
 
 /// Makes as many boxes at a time as there are threads, and writes them under a temporary name that the finished file loses.
-fn write_raw(arguments: &Arguments, source: &dyn VolumeSource) -> Result<(), Failure> {
+fn write_raw(arguments: &Arguments, output: &Path, source: &dyn VolumeSource) -> Result<(), Failure> {
     use rayon::prelude::*;
-    let output = &arguments.output.output;
-    let write_error = |e| Failure::from(BuildError::Write { path: output.clone(), source: e });
+    let write_error = |e| Failure::from(BuildError::Write { path: output.into(), source: e });
     let unfinished = OutputFile::begin(output, arguments.output.existing())?;
     let info = source.info();
     let voxel_bytes = info.voxel_type.bytes() as u64;

@@ -67,6 +67,61 @@ fn what_is_no_container_is_called_so() {
 }
 
 #[test]
+fn volume_files_say_what_they_are_before_they_are_built() {
+    let folder = Folder::new();
+    let header =
+        "NRRD0004\ntype: int16\ndimension: 3\nsizes: 5 4 3\nspacings: 1 2 3\nencoding: raw\nendian: little\n\n";
+    write(&folder, "v.nrrd", [header.as_bytes(), &[7; 120]].concat());
+    let text = folder.expect(0, &["info", "v.nrrd"]);
+    for said in ["5 x 4 x 3 i16 voxels", "[1.0, 2.0, 3.0]", "v.nrrd (nrrd, ", "`supervol build` makes v.svol"] {
+        assert!(text.contains(said), "{said}: {text}");
+    }
+    let before = json(&folder.expect(0, &["info", "v.nrrd", "--json"]));
+    // Where nothing is said, the container lies beside its source.
+    folder.expect(0, &["build", "v.nrrd"]);
+    let after = json(&folder.expect(0, &["info", "v.svol", "--json"]));
+    for (key, value) in before.as_object().expect("an object") {
+        let same = if key == "source" { value["name"] == after[key]["name"] } else { *value == after[key] };
+        assert!(same, "{key}: {value} before, {} after", after[key]);
+    }
+    assert!(folder.expect(2, &["build", "v.nrrd"]).contains("v.svol"), "it is not replaced");
+    // Bare voxels are what somebody says they are; a container is what it says itself.
+    write(&folder, "v.raw", [7; 120]);
+    let raw = ["--dims", "5,4,6", "--dtype", "u8"];
+    assert!(folder.expect(0, &[&["info", "v.raw"], &raw[..]].concat()).contains("5 x 4 x 6 u8"));
+    assert!(folder.expect(2, &["info", "v.svol", "--dims", "5,4,6", "--dtype", "u8"]).contains("change nothing"));
+    assert!(folder.expect(2, &["info", "v.svo"]).contains("v.svo: there is no such file"));
+    assert!(folder.expect(2, &["info", "v.nrrd", "--text-header"]).contains("expected a SEG-Y file"));
+    // A folder may be a volume, too.
+    std::fs::create_dir(folder.path("stack")).expect("a folder");
+    assert!(folder.expect(0, &["info", "stack"]).contains("a folder without unfinished files"));
+}
+
+#[test]
+fn volumes_come_through_pipes() {
+    let folder = Folder::new();
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 5 4 3\nencoding: raw\n\n";
+    let voxels: Vec<u8> = (0..60).collect();
+    write(&folder, "v.nrrd", [header.as_bytes(), &voxels].concat());
+    let build = |arguments: &[&str]| {
+        let input = std::fs::File::open(folder.path("v.nrrd")).expect("it has just been written");
+        let mut command = Command::new(env!("CARGO_BIN_EXE_supervol"));
+        command.arg("build").arg("-").args(arguments).current_dir(folder.0.path()).stdin(input);
+        let output = command.output().expect("the program starts");
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    assert_eq!(build(&["-o", "piped.svol"]).0, Some(0));
+    let info = json(&folder.expect(0, &["info", "piped.svol", "--json"]));
+    assert_eq!(info["source"]["name"], "standard input");
+    assert_eq!(info["source"]["bytes"], header.len() + 60);
+    folder.expect(0, &["extract", "piped.svol", "-o", "voxels.raw"]);
+    assert_eq!(std::fs::read(folder.path("voxels.raw")).expect("it was written"), voxels);
+    let (code, message) = build(&[]);
+    assert!(code == Some(2) && message.contains("-o"), "{message}");
+    assert_eq!(std::fs::read_dir(folder.0.path()).expect("a folder").count(), 3, "nothing is left of what was piped");
+}
+
+#[test]
 fn outputs_that_cannot_be_begun_are_named_as_they_were_given() {
     let folder = Folder::new();
     folder.expect(0, &["synth", "ramp", "--dims", "8,8,8", "-o", "v.svol"]);

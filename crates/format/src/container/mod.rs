@@ -84,6 +84,7 @@ pub mod header;
 pub mod manifest;
 mod opening;
 pub mod reader;
+pub mod seal;
 pub mod toc;
 mod toc_pages;
 pub mod validate;

@@ -4,12 +4,11 @@
 //! 2. What came of each is a line of a file beside the containers ([`results`]): the last line of an input counts.
 //! 3. An input is done if its files are what they were, its container is what was written, and the same was asked for
 //!    ([`Standing`]): all of that is read again, nothing is taken from a name or a time.
-//! 4. Containers have the names of their inputs; where two inputs would share one, a number from their paths is added.
+//! 4. Containers are called after their inputs ([`crate::naming`]).
 
 pub mod inputs;
 pub mod results;
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use supervol_format::Container;
@@ -23,9 +22,6 @@ use crate::source::open::split_array;
 use crate::source::{SourceError, VolumeSource};
 use results::{Record, Status};
 
-/// Endings that stand behind another ending.
-const COMPRESSIONS: [&str; 1] = ["gz"];
-
 /// What there is of an input already.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Standing {
@@ -35,45 +31,6 @@ pub enum Standing {
     Interrupted,
     /// Done: source, container and options are what they were.
     Done,
-}
-
-/// Names of containers for inputs, in their order: those that `known` inputs have already, new ones for all others. No two are
-/// equal, also where letters of both cases count as one.
-#[must_use]
-pub fn container_names(inputs: &[PathBuf], known: &BTreeMap<String, Record>) -> Vec<String> {
-    let of_input = |input: &PathBuf| known.get(&*input.to_string_lossy()).map(|record| record.container.clone());
-    let mut taken: BTreeSet<String> = known.values().map(|record| record.container.to_lowercase()).collect();
-    let mut wanted: BTreeMap<String, usize> = BTreeMap::new();
-    for input in inputs.iter().filter(|input| of_input(input).is_none()) {
-        *wanted.entry(stem_of(input).to_lowercase()).or_default() += 1;
-    }
-    let mut name = |input: &PathBuf| {
-        let stem = stem_of(input);
-        let plain = format!("{stem}.svol");
-        if wanted[&stem.to_lowercase()] == 1 && taken.insert(plain.to_lowercase()) {
-            return plain;
-        }
-        let path = input.to_string_lossy();
-        let numbered = |n: u64| format!("{stem}-{:016x}.svol", xxh3_64(format!("{n}{path}").as_bytes()));
-        (0..).map(numbered).find(|name| taken.insert(name.to_lowercase())).expect("numbers do not end")
-    };
-    inputs.iter().map(|input| of_input(input).unwrap_or_else(|| name(input))).collect()
-}
-
-/// The name of an input without its ending.
-fn stem_of(input: &Path) -> String {
-    let (file, array) = split_array(input);
-    let whole = std::fs::canonicalize(&file).unwrap_or(file);
-    let mut stem = whole.clone();
-    if !whole.is_dir() {
-        if whole.extension().is_some_and(|ending| COMPRESSIONS.iter().any(|c| ending.eq_ignore_ascii_case(c))) {
-            stem.set_extension("");
-        }
-        stem.set_extension("");
-    }
-    let stem = stem.file_name().map_or_else(|| "volume".into(), |name| name.to_string_lossy().into_owned());
-    let array = array.map(|array| array.replace(['/', '\\'], "-")).filter(|array| !array.is_empty());
-    array.map_or(stem.clone(), |array| format!("{stem}-{array}"))
 }
 
 /// What was asked for, as far as it decides voxels: memory, threads and what may be overwritten do not.
@@ -173,27 +130,4 @@ pub fn check_outside(input: &Path, folder: &Path) -> Result<(), BuildError> {
     let message =
         || format!("{}: the output folder {} lies in it. Choose another with -o", input.display(), folder.display());
     if inside { Err(SourceError::Options(message()).into()) } else { Ok(()) }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn containers_have_names_of_their_own() {
-        let inputs = ["a/x.sgy", "b/x.sgy", "b/X.nii.gz", "c/y.nii.gz", "d/z.h5:/g/t", "e/new.raw"].map(PathBuf::from);
-        let known = BTreeMap::from([("q".to_owned(), Record { container: "New.svol".into(), ..Record::default() })]);
-        let names = container_names(&inputs, &known);
-        assert_eq!(names[3..5], ["y.svol", "z-g-t.svol"]);
-        for (name, stem) in names.iter().zip(["x-", "x-", "X-"]).chain([(&names[5], "new-")]) {
-            assert!(name.starts_with(stem) && name.len() == stem.len() + 16 + 5, "{name}");
-        }
-        let lower: BTreeSet<String> = names.iter().map(|name| name.to_lowercase()).collect();
-        assert_eq!(lower.len(), inputs.len(), "{names:?}");
-        // A name that an input has it keeps, whatever comes beside it.
-        let first = Record { container: "x.svol".into(), ..Record::default() };
-        let known = BTreeMap::from([("a/x.sgy".to_owned(), first)]);
-        let again = container_names(&inputs[..2], &known);
-        assert!(again[0] == "x.svol" && again[1].starts_with("x-"), "{again:?}");
-    }
 }

@@ -41,6 +41,12 @@ impl SourceFile {
         &self.path
     }
 
+    /// Bytes that it had when it was looked at.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.stamp.bytes
+    }
+
     /// # Errors
     /// If the file is not what it was.
     pub fn check_unchanged(&self) -> Result<(), SourceError> {

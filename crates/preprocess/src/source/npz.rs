@@ -14,6 +14,7 @@ use zip::{CompressionMethod, ZipArchive};
 use super::data_files::open_data;
 use super::file::SourceFile;
 use super::npy::NpySource;
+use super::others::refusal_of_zip;
 use super::selection::Selection;
 use super::spool::{DEFLATE_RATIO_LIMIT, Spool, SpoolFolder};
 use super::text::shortened;
@@ -93,7 +94,7 @@ where
         (None, [one]) => Ok((*one).to_owned()),
         (None, []) => {
             let what = "this is a ZIP archive without NumPy arrays, which is not read";
-            Err(SourceError::unsupported(path, what, "unpack it first: `unzip IN`"))
+            Err(refusal_of_zip(path, what))
         }
         (None, several) => {
             let what = format!("{} arrays: {}", several.len(), list());

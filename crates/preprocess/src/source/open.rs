@@ -14,7 +14,7 @@ use super::nifti::NiftiSource;
 use super::npy::NpySource;
 use super::npz::NpzSource;
 use super::nrrd::NrrdSource;
-use super::others::{HEAD_BYTES, refusal_of_file, refusal_of_folder};
+use super::others::{HEAD_BYTES, refusal_of_file, refusal_of_folder, refusal_of_member};
 use super::pictures::{Kind, PicturesSource};
 use super::raw::{RawOptions, RawSource};
 use super::segy::{self, SegyOptions};
@@ -272,7 +272,7 @@ fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>
         Some(Format::Picture) => return open_pictures(path, options),
         Some(Format::Segy) | None => {}
     }
-    if let Some(refusal) = refusal_of_file(path, &start, &name) {
+    if let Some(refusal) = refusal_of_file(path, &start, &name).or_else(|| refusal_of_member(path)) {
         return Err(refusal);
     }
     selection.refuse_all(path)?;
@@ -282,7 +282,7 @@ fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>
     Err(SourceError::unsupported(
         path,
         "neither its first bytes nor its name are those of a format we read",
-        "expected SEG-Y, DICOM, NRRD, NIfTI, MetaImage, VTK, TIFF, PNG, JPEG, npy, npz, or a headerless file together with --dims \
-         and --dtype",
+        "expected SEG-Y, DICOM, NRRD, NIfTI, MetaImage, VTK, TIFF, PNG, JPEG, HDF5, npy, npz, a folder of Zarr, N5 or slices, or a \
+         headerless file together with --dims and --dtype",
     ))
 }

@@ -3,7 +3,11 @@
 
 use std::path::Path;
 
-use super::SourceError;
+use super::{SourceError, zarr};
+use crate::output::folder_of;
+
+/// Stands for the file's own name in what converts it.
+const INPUT: &str = "{in}";
 
 /// A format, and what makes of it something that is read.
 struct Other {
@@ -22,11 +26,11 @@ const CONTAINER: Other = Other {
 };
 const PICTURE: Other = Other {
     name: "a picture of a kind that holds no slices",
-    way_out: "convert it to PNG or TIFF first, for example with `magick IN OUT.png`",
+    way_out: "convert it to PNG or TIFF first, for example with `magick {in} OUT.png`",
 };
 const ZIP: Other = Other {
     name: "a ZIP archive",
-    way_out: "unpack it first: `unzip IN`; archives of NumPy arrays are read where they are called .npz",
+    way_out: "unpack it first: `unzip {in}`; archives of NumPy arrays are read where they are called .npz",
 };
 const VTK_MESH: Other = Other {
     name: "a VTK file of meshes or of grids with uneven distances",
@@ -34,11 +38,11 @@ const VTK_MESH: Other = Other {
 };
 const NETCDF: Other = Other {
     name: "NetCDF 3 (also MINC 1)",
-    way_out: "convert it: `ncks`, or Python: `numpy.save(OUT, xarray.open_dataset(IN)[NAME].values)`; MINC with `mnc2nii`",
+    way_out: "convert it: `ncks`, or Python: `numpy.save(OUT, xarray.open_dataset('{in}')[NAME].values)`; MINC with `mnc2nii`",
 };
 const MRC: Other = Other {
     name: "MRC or CCP4",
-    way_out: "convert it with Python: `numpy.save(OUT, mrcfile.open(IN).data)`, or IMOD's `mrc2tif`",
+    way_out: "convert it with Python: `numpy.save(OUT, mrcfile.open('{in}').data)`, or IMOD's `mrc2tif`",
 };
 const AMIRA: Other =
     Other { name: "an AmiraMesh", way_out: "export it from Amira or Fiji as NRRD or raw (with --dims and --dtype)" };
@@ -46,21 +50,21 @@ const OPEN_VDB: Other =
     Other { name: "OpenVDB", way_out: "sample the grid into an array (pyopenvdb's `copyToArray`) and save it as .npy" };
 const MICROSCOPE: Other = Other {
     name: "a microscope's own format",
-    way_out: "convert it with Bio-Formats (`bfconvert IN OUT.ome.tif`) or Fiji",
+    way_out: "convert it with Bio-Formats (`bfconvert {in} OUT.ome.tif`) or Fiji",
 };
 const SEISMIC_STORE: Other = Other {
     name: "a seismic store (ZGY or OpenVDS)",
     way_out: "export it as SEG-Y, for example with `zgycopy` or OpenVDS' `VDSCopy`",
 };
 const SEISMIC_UNIX: Other =
-    Other { name: "Seismic Unix", way_out: "write it as SEG-Y: `segyhdrs < IN.su | segywrite tape=OUT.sgy`" };
+    Other { name: "Seismic Unix", way_out: "write it as SEG-Y: `segyhdrs < {in} | segywrite tape=OUT.sgy`" };
 const ANALYSE_IMAGES: Other =
-    Other { name: "FreeSurfer's MGH or MGZ", way_out: "convert it: `mri_convert IN OUT.nii.gz`" };
+    Other { name: "FreeSurfer's MGH or MGZ", way_out: "convert it: `mri_convert {in} OUT.nii.gz`" };
 const COMPRESSED: Other =
     Other { name: "a compressed file", way_out: "unpack it first (gunzip, bunzip2, unxz, zstd -d)" };
 const MATLAB: Other = Other {
     name: "MATLAB",
-    way_out: "save the array with `niftiwrite`, or with Python: `numpy.save(OUT, scipy.io.loadmat(IN)[NAME])`",
+    way_out: "save the array with `niftiwrite`, or with Python: `numpy.save(OUT, scipy.io.loadmat('{in}')[NAME])`",
 };
 
 /// What files begin with: place, bytes, format.
@@ -100,8 +104,21 @@ const NAMES: &[(&[&str], &Other)] = &[
 /// Files that make a folder what it is, exactly or by their ends.
 const FOLDERS: &[(&[&str], &Other)] = &[(&["layout.bin", "volumedatalayout"], &SEISMIC_STORE)];
 
-fn refused(path: &Path, other: &Other) -> SourceError {
-    SourceError::unsupported(path, format!("this is {}, which is not read", other.name), other.way_out)
+fn refused(path: &Path, what: &str, other: &Other) -> SourceError {
+    let way_out = other.way_out.replace(INPUT, &path.display().to_string());
+    SourceError::unsupported(path, format!("this is {what}{}, which is not read", other.name), way_out)
+}
+
+/// The refusal of a ZIP archive that holds nothing that is read.
+pub(super) fn refusal_of_zip(path: &Path, what: &str) -> SourceError {
+    SourceError::unsupported(path, what, format!("unpack it first: `unzip {}`", path.display()))
+}
+
+/// The refusal of a file that describes the folder that it lies in.
+pub(super) fn refusal_of_member(path: &Path) -> Option<SourceError> {
+    path.file_name().filter(|name| zarr::is_description(name))?;
+    let advice = format!("give the folder: {}", folder_of(path).display());
+    Some(SourceError::unsupported(path, "this describes the Zarr or N5 that it lies in", advice))
 }
 
 /// The refusal of a file of another format, by its first bytes or its name (in lower case); `None` where neither is known.
@@ -110,7 +127,7 @@ pub(super) fn refusal_of_file(path: &Path, head: &[u8], name: &str) -> Option<So
         |&&(at, bytes, _): &&(usize, &[u8], &Other)| head.get(at..).is_some_and(|head| head.starts_with(bytes));
     let by_start = STARTS.iter().find(begins).map(|(.., other)| *other);
     let by_name = || NAMES.iter().find(|(ends, _)| ends.iter().any(|end| name.ends_with(end))).map(|(_, other)| *other);
-    by_start.or_else(by_name).map(|other| refused(path, other))
+    by_start.or_else(by_name).map(|other| refused(path, "", other))
 }
 
 /// The refusal of a folder, by what lies in it; `None` where that is nothing we know, or it is none.
@@ -122,6 +139,5 @@ pub(super) fn refusal_of_folder(path: &Path) -> Option<SourceError> {
         names.iter().any(|name| ends.iter().any(|end| name == end || name.to_lowercase().ends_with(end)))
     };
     let (_, other) = FOLDERS.iter().find(holds)?;
-    let what = format!("this is a folder of {}, which is not read", other.name);
-    Some(SourceError::unsupported(path, what, other.way_out))
+    Some(refused(path, "a folder of ", other))
 }

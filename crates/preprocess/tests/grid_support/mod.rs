@@ -8,6 +8,7 @@ pub mod largest_allocation;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use supervol_format::random::Random;
 use supervol_format::voxel_type::{Voxel, voxels_as_f64};
 use supervol_format::{VoxelBox, VoxelType, with_voxel};
 use supervol_preprocess::source::Endian;
@@ -26,39 +27,19 @@ pub fn data_file(name: &str) -> Option<PathBuf> {
     found
 }
 
-/// Splitmix64: seeded, the same everywhere.
-pub struct Rng(pub u64);
-
-impl Rng {
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    pub fn below(&mut self, limit: u64) -> u64 {
-        self.next() % limit
-    }
-
-    pub fn bytes(&mut self, count: usize) -> Vec<u8> {
-        (0..count).map(|_| self.next() as u8).collect()
-    }
-
-    pub fn sub_box(&mut self, dims: [u64; 3]) -> VoxelBox {
-        let mut sides = dims.map(|n| {
-            let (a, b) = (self.below(n), self.below(n));
-            (a.min(b), a.max(b) + 1)
-        });
-        // Every other box has whole rows, which readers treat specially.
-        if self.below(2) == 0 {
-            sides[0] = (0, dims[0]);
-            if self.below(2) == 0 {
-                sides[1] = (0, dims[1]);
-            }
+pub fn sub_box(random: &mut Random, dims: [u64; 3]) -> VoxelBox {
+    let mut sides = dims.map(|n| {
+        let (a, b) = (random.below(n), random.below(n));
+        (a.min(b), a.max(b) + 1)
+    });
+    // Every other box has whole rows, which readers treat specially.
+    if random.below(2) == 0 {
+        sides[0] = (0, dims[0]);
+        if random.below(2) == 0 {
+            sides[1] = (0, dims[1]);
         }
-        VoxelBox { start: sides.map(|s| s.0), end: sides.map(|s| s.1) }
     }
+    VoxelBox { start: sides.map(|s| s.0), end: sides.map(|s| s.1) }
 }
 
 /// All voxels, little endian.
@@ -91,9 +72,9 @@ pub fn check_boxes(source: &dyn VolumeSource, expected: &[u8], seed: u64) {
     let dims = source.info().dims.0;
     let bytes = source.info().voxel_type.bytes();
     assert!(read_all(source).unwrap() == expected, "full read, {:?}", source.info());
-    let mut rng = Rng(seed);
+    let mut random = Random::new(seed);
     for _ in 0..40 {
-        let voxels = rng.sub_box(dims);
+        let voxels = sub_box(&mut random, dims);
         assert!(read(source, voxels).unwrap() == naive_box(expected, dims, bytes, voxels), "{voxels:?}, seed {seed}");
     }
 }
@@ -147,22 +128,22 @@ pub fn fuzz_header(
     let path = folder.join(name);
     let mut accepted = 0;
     for case in 0..cases {
-        let mut rng = Rng(case.wrapping_mul(0x1234_5678_9abc_def1) + 7);
+        let mut random = Random::new(case.wrapping_mul(0x1234_5678_9abc_def1) + 7);
         let mut damaged = whole.to_vec();
-        match rng.below(8) {
-            0 => damaged.truncate(rng.below(whole.len() as u64) as usize),
+        match random.below(8) {
+            0 => damaged.truncate(random.below(whole.len() as u64) as usize),
             1 => {
-                let at = rng.below(header_bytes as u64) as usize;
+                let at = random.below(header_bytes as u64) as usize;
                 damaged.remove(at);
             }
             2 => {
                 let digits = b"0123456789()-. \n:9999";
-                let at = rng.below(header_bytes as u64) as usize;
-                damaged[at] = digits[rng.below(digits.len() as u64) as usize];
+                let at = random.below(header_bytes as u64) as usize;
+                damaged[at] = digits[random.below(digits.len() as u64) as usize];
             }
             _ => {
-                for _ in 0..=rng.below(4) {
-                    damaged[rng.below(header_bytes as u64) as usize] ^= 1 << rng.below(8);
+                for _ in 0..=random.below(4) {
+                    damaged[random.below(header_bytes as u64) as usize] ^= 1 << random.below(8);
                 }
             }
         }
@@ -196,5 +177,6 @@ pub const BOTH_ORDERS: [Endian; 2] = [Endian::Little, Endian::Big];
 /// Random bytes that are present voxels for every type but the floats' NaNs, which stay bytes like others.
 pub fn random_voxels(dims: [u64; 3], voxel_type: VoxelType, seed: u64) -> Vec<u8> {
     let count = dims.iter().product::<u64>() as usize;
-    Rng(seed).bytes(count * voxel_type.bytes())
+    let mut random = Random::new(seed);
+    (0..count * voxel_type.bytes()).map(|_| random.next_u64() as u8).collect()
 }

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use serde::Serialize;
+use supervol_format::random::Random;
 use supervol_format::{Container, Lod};
 
 use super::reference::{load_level, reference_bytes, scene_of_level};
@@ -150,26 +151,18 @@ fn spread_pixels([width, height]: [u32; 2], count: u64, seed: u64) -> Vec<[u32; 
     // Fields as square as the picture allows; where that leaves too few of them, more columns.
     let columns = ((count as f64 * w as f64 / h as f64).sqrt().ceil() as u64).clamp(count.div_ceil(h), w);
     let rows = count.div_ceil(columns);
-    let mut state = seed;
+    let mut random = Random::new(seed);
     (0..count)
         .map(|i| {
             // Where the grid has more fields than are wanted, those left out are spread as well.
             let field = (2 * i + 1) * rows * columns / (2 * count);
             let mut within = |i: u64, fields: u64, size: u64| {
                 let (low, high) = (i * size / fields, (i + 1) * size / fields);
-                (low + random(&mut state) % (high - low)) as u32
+                (low + random.below(high - low)) as u32
             };
             [within(field % columns, columns, w), within(field / columns, rows, h)]
         })
         .collect()
-}
-
-/// The next 64 bits (splitmix64; Steele, Lea, Flood 2014).
-fn random(state: &mut u64) -> u64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let z = (*state ^ (*state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }
 
 #[cfg(test)]

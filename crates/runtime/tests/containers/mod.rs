@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use supervol_format::codec::CodecChoice;
 use supervol_format::container::header::Descriptor;
 use supervol_format::container::manifest::{AxisName, Manifest, Source};
-use supervol_format::container::validate::seal_brick;
+use supervol_format::container::seal::seal_brick;
 use supervol_format::container::writer::ContainerWriter;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, ByteSource, Container, Dims, Lod, Pyramid, ValueRange, VoxelType};

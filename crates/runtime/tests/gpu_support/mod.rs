@@ -7,6 +7,7 @@ pub mod compute;
 use std::collections::HashMap;
 
 use supervol_format::brick::{APRON, MACRO_CELL};
+use supervol_format::random::Random;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
 use supervol_runtime::facts::{DataKind, Frame, VolumeFacts};
@@ -32,27 +33,6 @@ pub fn gpu() -> Option<GpuDevice> {
             eprintln!("SKIPPED: no GPU adapter ({error})");
             None
         }
-    }
-}
-
-/// A generator with a fixed seed: SplitMix64.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    pub fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
     }
 }
 
@@ -330,7 +310,7 @@ pub fn marschner_lobb(n: usize) -> impl Fn([usize; 3]) -> f64 {
 /// Noise in [0, 1), the same for the same voxel.
 pub fn noise(voxel: [usize; 3]) -> f64 {
     let [x, y, z] = voxel.map(|i| i as u64);
-    Random(x | y << 20 | z << 40).unit()
+    Random::new(x | y << 20 | z << 40).unit()
 }
 
 /// The greatest difference of a channel, in 1/255; infinite where a pixel is not finite.

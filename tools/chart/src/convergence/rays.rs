@@ -5,6 +5,7 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
+use supervol_format::random::Random;
 use supervol_runtime::transfer_function::TransferFunction;
 
 use super::{FUNCTIONS, KNOWN, OrderRow, function};
@@ -12,7 +13,6 @@ use crate::comparison::preintegration::{Attenuation, PreIntegration};
 use crate::context::{ChartError, Context};
 use crate::fixtures::marschner_lobb_at;
 use crate::measure::order_of;
-use crate::random::Random;
 
 /// Names of the rules, in the order of the table.
 pub(super) const RULES: [&str; 4] =
@@ -89,7 +89,7 @@ impl Chord {
     fn random(random: &mut Random) -> Self {
         let last = EDGE as f64 - 1.0;
         let through = DVec3::from_array(std::array::from_fn(|_| last * (0.25 + 0.5 * random.unit())));
-        let direction = random.direction();
+        let direction = DVec3::from_array(random.direction());
         let (low, high) = ((DVec3::ZERO - through) / direction, (DVec3::splat(last) - through) / direction);
         let (enter, exit) = (low.min(high).max_element(), low.max(high).min_element());
         Self { begin: through + enter * direction, direction, length: exit - enter }

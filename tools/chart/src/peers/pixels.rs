@@ -4,6 +4,7 @@
 //! that every program and every run is measured at the same pixels. What is seldom wrong may be missed: the largest error
 //! is that of these pixels.
 
+use supervol_format::random::Random;
 use supervol_format::{Dims, Geometry};
 use supervol_runtime::clip::{IndexRay, clip_ray};
 use supervol_runtime::image::Image;
@@ -14,7 +15,6 @@ use super::Levels;
 use super::cases::Case;
 use crate::context::{ChartError, Pace};
 use crate::measure::{GREY_LEVELS, distance_of};
-use crate::random::Random;
 
 /// Seed of the choice of pixels.
 pub const SEED: u64 = 12_345;

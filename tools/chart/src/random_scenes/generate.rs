@@ -8,10 +8,10 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 use supervol_format::VoxelType;
+use supervol_format::random::{Random, mix};
 use supervol_preprocess::source::computed::Computed;
 
 use crate::fixtures::{marschner_lobb_at, point};
-use crate::random::{Random, mix};
 use crate::volume::{Point, image_size, transfer_function};
 
 /// Width and height of the picture, pixels; one ray each.
@@ -152,7 +152,7 @@ fn classification(random: &mut Random, shape: &Shape) -> String {
 fn camera(random: &mut Random, shape: &Shape) -> String {
     let radius = shape.radius();
     let along_axis = random.unit() < 0.2;
-    let mut away = random.direction();
+    let mut away = DVec3::from_array(random.direction());
     if along_axis {
         let axis = [DVec3::X, DVec3::Y, DVec3::Z][random.below(3) as usize];
         away = axis * if random.unit() < 0.5 { 1.0 } else { -1.0 };
@@ -194,7 +194,7 @@ fn shading(random: &mut Random) -> String {
     }
     let lights: Vec<String> = (0..1 + random.below(3))
         .map(|_| {
-            let direction = random.direction().to_array();
+            let direction = random.direction();
             format!(r#"{{"direction": {direction:?}, "intensity": {:?}}}"#, random.unit())
         })
         .collect();
@@ -217,7 +217,7 @@ fn clip(random: &mut Random, shape: &Shape) -> String {
     if random.unit() < 0.2 {
         let planes: Vec<String> = (0..1 + random.below(2))
             .map(|_| {
-                let normal = random.direction();
+                let normal = DVec3::from_array(random.direction());
                 let offset = normal.dot(shape.middle()) + 0.3 * shape.radius() * (random.unit() - 0.7);
                 format!(r#"{{"normal": {:?}, "offset": {offset:?}}}"#, normal.to_array())
             })

@@ -201,7 +201,7 @@ fn points_table(points: &[Point]) -> String {
         let rest = [
             number_or_dash(p.psnr_db),
             number(p.bias),
-            number(p.flip),
+            number_or_dash(p.flip),
             if p.pareto { "●".into() } else { String::new() },
         ];
         let counts = [p.samples.to_string(), bytes(p.bytes_read)];

@@ -5,6 +5,7 @@
 
 use glam::DVec3;
 use supervol_format::Lod;
+use supervol_format::random::Random;
 use supervol_preprocess::source::VolumeSource;
 use supervol_runtime::camera::{Camera, Projection};
 use supervol_runtime::frame::{Backend, RenderOptions};
@@ -19,7 +20,6 @@ use super::views::{BLUE, GOLD, HALF_A_LEVEL, SHADED, automatic, fractions, grey_
 use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures::{self, Thin};
-use crate::random::Random;
 use crate::resident::{Classified, ResidentBricks, at_level, cast};
 use crate::ricker::Ricker;
 use crate::volume::{Point, Volume, build_options, finest, image_size, transfer_function};
@@ -237,10 +237,11 @@ fn leaping(context: &Context<'_>) -> Result<Outcome, ChartError> {
             let width = i % SPIKE_WIDTHS.len();
             let tf = spiked(volume, SPIKE_WIDTHS[width], &mut random);
             let shading = if i % 3 == 0 { SHADED } else { r#""mode": "dvr""# };
-            let camera = volume.looking_from(random.direction(), 2.4);
+            let camera = volume.looking_from(DVec3::from_array(random.direction()), 2.4);
             let scene = volume.scene(&[&camera, &image_size(8, 6), &tf, shading])?;
             if i < AUTOMATIC_PICTURES {
-                let [on, off] = both_automatic(volume, &[&image_size(8, 6), &tf, shading], random.direction())?;
+                let [on, off] =
+                    both_automatic(volume, &[&image_size(8, 6), &tf, shading], DVec3::from_array(random.direction()))?;
                 worst[width] = worst[width].max(grey_levels(&on, &off));
                 differing += bits_differ(&on, &off);
             }
@@ -367,9 +368,14 @@ fn corner_rays(context: &Context<'_>) -> Result<Outcome, ChartError> {
                 let corner = if random.below(2) == 0 { 15.5 } else { 31.5 };
                 nudged(corner, if random.below(2) == 0 { ulps } else { -ulps })
             }));
-            let eye = target - random.direction() * (60.0 + 30.0 * random.unit());
-            let one_ray =
-                Camera::look_at(eye, target, random.direction(), Projection::Perspective { fov_y: 1.0 }, [1, 1]);
+            let eye = target - DVec3::from_array(random.direction()) * (60.0 + 30.0 * random.unit());
+            let one_ray = Camera::look_at(
+                eye,
+                target,
+                DVec3::from_array(random.direction()),
+                Projection::Perspective { fov_y: 1.0 },
+                [1, 1],
+            );
             let Ok(camera) = one_ray else { continue };
             scene.camera = camera;
             let frame = all.frame(&scene, by_cells.clone());

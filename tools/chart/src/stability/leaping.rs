@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
+use supervol_format::random::Random;
 use supervol_format::{BrickKey, Dims, Lod, VoxelType};
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::nifti::NiftiSource;
@@ -21,7 +22,6 @@ use super::parallel::worst;
 use super::views::{BLUE, GOLD, fractions};
 use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
-use crate::random::Random;
 use crate::resident::ResidentBricks;
 use crate::scenes::CARP;
 use crate::volume::{Point, Volume, build_options, image_size};
@@ -238,7 +238,7 @@ fn random_ray(random: &mut Random, core: [usize; 3], allowed: [Ahead; 3]) -> Loc
     loop {
         let ends = core.map(|n| [-0.5, n as f64 - 0.5]);
         let mut at: [f64; 3] = std::array::from_fn(|a| ends[a][0] + random.unit() * core[a] as f64);
-        let mut direction = random.direction().to_array();
+        let mut direction = random.direction();
         for a in 0..3 {
             match allowed[a] {
                 Ahead::Up => direction[a] = direction[a].abs(),

@@ -7,6 +7,7 @@
 use std::f64::consts::TAU;
 
 use glam::DVec3;
+use supervol_format::random::Random;
 use supervol_runtime::frame::Backend;
 use supervol_runtime::raycast::scalar::cell::trilinear;
 
@@ -18,7 +19,6 @@ use crate::comparison::{GradientOperator, Reconstruction, Sampling};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
 use crate::measure::distance;
-use crate::random::Random;
 use crate::volume::{Volume, build_options, image_size, transfer_function};
 
 /// The regimes of this file.
@@ -268,7 +268,7 @@ fn greatest_angle(gradient: impl Fn(DVec3) -> DVec3) -> f64 {
         let found = gradient(direction).normalize();
         found.cross(direction).length().atan2(found.dot(direction)).to_degrees()
     };
-    worst((0..DIRECTIONS).map(|_| angle(random.direction())))
+    worst((0..DIRECTIONS).map(|_| angle(DVec3::from_array(random.direction()))))
 }
 
 /// Differences of the trilinear field half a voxel to both sides of the middle of a cell, from a wave `sin(k . x)`

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use glam::DVec3;
 use supervol_format::codec::{BrickShape, Codec, CodecChoice, decode_into, encode};
+use supervol_format::random::{Random, mix};
 use supervol_format::{Lod, ValueRange, VoxelType};
 use supervol_preprocess::source::computed::Computed;
 use supervol_runtime::frame::{Backend, reference};
@@ -13,7 +14,6 @@ use super::views::{BLUE, GOLD, GREY_LEVEL, HALF_A_LEVEL, SHADED, WHITE, grey_lev
 use super::{CurvePoint, Gate, Outcome, Regime};
 use crate::context::{ChartError, Context};
 use crate::fixtures;
-use crate::random::{Random, mix};
 use crate::ricker::Ricker;
 use crate::volume::{HOST_MEMORY_BYTES, Volume, build_options, image_size, transfer_function};
 

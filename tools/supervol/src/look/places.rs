@@ -67,7 +67,11 @@ pub fn place(text: &str) -> Result<Place, String> {
 /// `AXIS=PLACE`, or `normal=NX,NY,NZ` with `@X,Y,Z` behind it for a point that the plane runs through.
 pub fn slice(text: &str) -> Result<Cut, String> {
     let Some(rest) = text.trim().strip_prefix("normal=") else { return place(text).map(Cut::Across) };
-    let expected = || format!("'{text}': expected normal=NX,NY,NZ@X,Y,Z, world, the first three not all zero");
+    let expected = || {
+        format!(
+            "'{text}': expected normal=NX,NY,NZ or normal=NX,NY,NZ@X,Y,Z: a direction that is not zero, and a point, in world units"
+        )
+    };
     let triple = |text: &str| -> Option<[f64; 3]> {
         let numbers: Option<Vec<f64>> = text.split(',').map(finite).collect();
         numbers?.try_into().ok()

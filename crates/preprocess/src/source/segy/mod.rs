@@ -350,6 +350,11 @@ fn describe(
         (_, true, false) => ("depth", "m"),
         (_, true, true) => ("depth", "ft"),
     };
+    if z_name == "time" && text_header::may_mean_depth(&text_header) {
+        notes.push(
+            "the third axis is taken for time; the text header speaks of depth, too: --domain depth says that".into(),
+        );
+    }
     // Without an interval the z axis counts samples, and a delay in ms has no place on it.
     let first_sample = interval.and(scan.delay_ms).map_or(0.0, |delay| delay.min.0);
     let spacing_z = interval.unwrap_or(1.0);

@@ -89,6 +89,19 @@ pub(super) fn says_depth_domain(text: &str) -> bool {
         && !compact.contains("DOMAINTIME")
 }
 
+/// Depths that a header names whatever its samples are spaced in.
+const OTHER_DEPTHS: [&str; 7] = ["water", "source", "receiver", "streamer", "cable", "gun", "shot"];
+
+/// Whether the text speaks of depth, in words that do not say whether samples are spaced in it.
+pub(super) fn may_mean_depth(text: &str) -> bool {
+    let words: Vec<String> = text.split(|c: char| !c.is_alphanumeric()).map(str::to_lowercase).collect();
+    let mut pairs = words
+        .iter()
+        .filter(|word| !word.is_empty())
+        .scan("", |before, word| Some((std::mem::replace(before, word), word)));
+    pairs.any(|(before, word)| word == "depth" && !OTHER_DEPTHS.contains(&before)) && !says_depth_domain(text)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -122,6 +135,12 @@ mod tests {
         assert!(is_end_stanza(&ebcdic("((SEG:ENDTEXT))")));
         assert!(!is_end_stanza(b"((SEG:Layout))"));
         assert!(!is_end_stanza(b""));
+    }
+
+    #[test]
+    fn what_may_be_depth_is_pointed_out() {
+        assert!(may_mean_depth("C 7 FIRST DEPTH 10") && may_mean_depth("C29 Trace start time/depth : bytes 109-110"));
+        assert!(!may_mean_depth("C 7 DOMAIN: DEPTH") && !may_mean_depth("C 7 4 ms; water depth in bytes 61"));
     }
 
     #[test]

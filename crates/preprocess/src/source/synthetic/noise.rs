@@ -2,32 +2,16 @@
 //!
 //! Integer arithmetic only, so that the same seed gives the same numbers everywhere.
 
-/// Splitmix64 (Steele, Lea, Flood 2014): for tables that are made once.
-#[derive(Debug, Clone)]
-pub(super) struct Generator(u64);
+use supervol_format::random::Random;
 
-impl Generator {
-    pub(super) fn new(seed: u64, purpose: u64) -> Self {
-        Self(seed ^ purpose.wrapping_mul(0xd6e8_feb8_6659_fd93))
-    }
+/// The numbers of a seed for one purpose: for tables that are made once.
+pub(super) fn numbers_for(purpose: u64, seed: u64) -> Random {
+    Random::new(seed ^ purpose.wrapping_mul(0xd6e8_feb8_6659_fd93))
+}
 
-    pub(super) fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Evenly spread over `low..high`.
-    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
-        // 53 bits: every value is a double exactly.
-        let unit = (self.next() >> 11) as f64 / (1_u64 << 53) as f64;
-        low + (high - low) * unit
-    }
-
-    pub(super) fn sign(&mut self) -> f64 {
-        if self.next() & 1 == 0 { 1.0 } else { -1.0 }
-    }
+/// 1 or -1.
+pub(super) fn sign(random: &mut Random) -> f64 {
+    if random.next_u64() & 1 == 0 { 1.0 } else { -1.0 }
 }
 
 /// Mixes 32 bits (the finaliser of MurmurHash3, Appleby 2011).

@@ -17,8 +17,9 @@ use std::f64::consts::{PI, TAU};
 
 use supervol_format::Dims;
 
-use super::noise::{Generator, row_hash, voxel_noise};
+use super::noise::{numbers_for, row_hash, sign, voxel_noise};
 use super::{CHUNK_VOXELS, Scale, Target};
+use supervol_format::random::Random;
 
 /// Voxels along depth after which the layers repeat; a power of two.
 pub const PERIOD_LIMIT: u64 = 1 << 16;
@@ -103,11 +104,11 @@ impl Seismic {
         // Room for what folds and faults add, so that small volumes do not repeat.
         let period = (dims.0[2] * 2 + 256).next_power_of_two().min(PERIOD_LIMIT);
         let index_mask = (period as u32) << TABLE_BITS;
-        let mut random = Generator::new(seed, 1);
+        let mut random = numbers_for(1, seed);
         Self {
             seed,
             depth_voxels: nz,
-            trace: trace(period as usize, &mut Generator::new(seed, 2)),
+            trace: trace(period as usize, &mut numbers_for(2, seed)),
             index_mask: index_mask - 1,
             waves: std::array::from_fn(|i| Wave::random(i, width, nz, &mut random)),
             faults: std::array::from_fn(|_| Fault::random([nx, ny, nz], &mut random)),
@@ -177,7 +178,7 @@ fn ricker(voxels: f64) -> f64 {
 }
 
 /// Random layers convolved with the wavelet, closed to a ring of `period` voxels.
-fn trace(period: usize, random: &mut Generator) -> Vec<f32> {
+fn trace(period: usize, random: &mut Random) -> Vec<f32> {
     let per_voxel = f64::from(1 << TABLE_BITS);
     let entries = period << TABLE_BITS;
     let mut amplitudes = vec![0.0; entries];
@@ -188,7 +189,7 @@ fn trace(period: usize, random: &mut Generator) -> Vec<f32> {
         if random.between(0.0, 1.0) < 0.08 {
             package = random.between(0.25, 1.5);
         }
-        let coefficient = package * random.between(0.1, 1.0) * random.sign();
+        let coefficient = package * random.between(0.1, 1.0) * sign(random);
         let first = ((depth - RICKER_SUPPORT) * per_voxel).ceil() as i64;
         let last = ((depth + RICKER_SUPPORT) * per_voxel).floor() as i64;
         for entry in first..=last {
@@ -205,7 +206,7 @@ fn trace(period: usize, random: &mut Generator) -> Vec<f32> {
 }
 
 impl Wave {
-    fn random(index: usize, width: f64, depth: f64, random: &mut Generator) -> Self {
+    fn random(index: usize, width: f64, depth: f64, random: &mut Random) -> Self {
         // Longer waves are stronger; directions are spread over the half circle.
         let cycles = 0.5 + 0.8 * index as f64 * random.between(0.7, 1.3);
         let angle = random.between(0.0, PI);
@@ -223,21 +224,21 @@ impl Wave {
 }
 
 impl Fault {
-    fn random([nx, ny, nz]: [f64; 3], random: &mut Generator) -> Self {
+    fn random([nx, ny, nz]: [f64; 3], random: &mut Random) -> Self {
         let angle = random.between(-0.6, 0.6);
         Self {
             centre: [nx * random.between(0.1, 0.9), ny * random.between(0.1, 0.9)],
             across: [angle.cos(), angle.sin()],
             z0: nz * random.between(0.2, 0.8),
-            slope: random.sign() * random.between(1.2, 2.5),
-            throw_voxels: random.sign() * (nz * random.between(0.015, 0.05)).clamp(2.0, 400.0),
+            slope: sign(random) * random.between(1.2, 2.5),
+            throw_voxels: sign(random) * (nz * random.between(0.015, 0.05)).clamp(2.0, 400.0),
             half_length: nx.max(ny) * random.between(0.3, 0.9),
         }
     }
 }
 
 impl Channel {
-    fn random(index: usize, [nx, ny, nz]: [f64; 3], random: &mut Generator) -> Self {
+    fn random(index: usize, [nx, ny, nz]: [f64; 3], random: &mut Random) -> Self {
         let fixed = |voxels: f64| (voxels * f64::from(1 << DEPTH_BITS)) as i32;
         let depth = nz * (index as f64 + random.between(0.3, 0.7)) / CHANNELS as f64;
         let k = TAU / nx.max(ny);
@@ -250,7 +251,7 @@ impl Channel {
             k: [k * random.between(0.8, 1.6), k * random.between(3.0, 6.0)],
             phase: [random.between(0.0, TAU), random.between(0.0, TAU)],
             half_width: (ny * random.between(0.015, 0.04)).max(1.5),
-            brightness: (random.between(0.6, 0.95) * random.sign()) as f32,
+            brightness: (random.between(0.6, 0.95) * sign(random)) as f32,
         }
     }
 

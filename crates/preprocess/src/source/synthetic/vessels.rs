@@ -10,8 +10,9 @@ use std::collections::VecDeque;
 use glam::{DVec3, Vec3};
 use supervol_format::{Dims, VoxelBox};
 
-use super::noise::Generator;
+use super::noise::numbers_for;
 use super::{Scale, Target};
+use supervol_format::random::Random;
 
 /// Share of the grid that tubes may fill, counted generously.
 const FILL_LIMIT: f64 = 0.045;
@@ -55,7 +56,7 @@ impl Vessels {
     /// The trees of this seed in a grid of these dims.
     #[must_use]
     pub fn new(dims: Dims, seed: u64) -> Self {
-        let pieces = grow(dims, &mut Generator::new(seed, 3));
+        let pieces = grow(dims, &mut numbers_for(3, seed));
         let mut cell_voxels = CELL_VOXELS;
         let cells_at = |edge: u64| dims.0.map(|n| n.div_ceil(edge));
         while cells_at(cell_voxels).iter().product::<u64>() > CELLS_LIMIT {
@@ -216,7 +217,7 @@ struct Tip {
 }
 
 /// Grows all trees at once, piece by piece, until tips leave the grid, become too thin, or a limit is reached.
-fn grow(dims: Dims, random: &mut Generator) -> Vec<Piece> {
+fn grow(dims: Dims, random: &mut Random) -> Vec<Piece> {
     let size = DVec3::from_array(dims.0.map(|n| n as f64));
     let shortest = size.min_element();
     let step = (0.03 * shortest).max(3.0);
@@ -237,9 +238,8 @@ fn grow(dims: Dims, random: &mut Generator) -> Vec<Piece> {
         if end.cmplt(DVec3::ZERO).any() || end.cmpgt(size).any() {
             continue;
         }
-        let turned = |random: &mut Generator, most: f64| {
-            (tip.direction + most * random_vector(random)).normalize_or(tip.direction)
-        };
+        let turned =
+            |random: &mut Random, most: f64| (tip.direction + most * random_vector(random)).normalize_or(tip.direction);
         if tip.until_fork > 0 {
             let direction = turned(random, 0.3);
             tips.push_back(Tip { position: end, direction, until_fork: tip.until_fork - 1, ..tip });
@@ -259,7 +259,7 @@ fn grow(dims: Dims, random: &mut Generator) -> Vec<Piece> {
 }
 
 /// A tip on a face of the grid that points inwards.
-fn root(index: usize, size: DVec3, radius: f64, random: &mut Generator) -> Tip {
+fn root(index: usize, size: DVec3, radius: f64, random: &mut Random) -> Tip {
     let axis = index % 3;
     let far_side = (index / 3) % 2 == 1;
     let mut position = size * DVec3::new(random.between(0.2, 0.8), random.between(0.2, 0.8), random.between(0.2, 0.8));
@@ -271,6 +271,6 @@ fn root(index: usize, size: DVec3, radius: f64, random: &mut Generator) -> Tip {
 }
 
 /// A vector in the cube [-1, 1]^3.
-fn random_vector(random: &mut Generator) -> DVec3 {
+fn random_vector(random: &mut Random) -> DVec3 {
     DVec3::new(random.between(-1.0, 1.0), random.between(-1.0, 1.0), random.between(-1.0, 1.0))
 }

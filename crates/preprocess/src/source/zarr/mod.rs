@@ -17,6 +17,7 @@ pub(super) mod placement;
 mod store;
 
 use std::collections::VecDeque;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -48,7 +49,16 @@ const TABLE_LIMIT: u64 = 1 << 18;
 
 /// Whether a folder is Zarr or N5.
 pub(crate) fn is_zarr(folder: &Path) -> bool {
-    ZARR_FILES.iter().chain([&".zattrs", &N5_FILE]).any(|name| folder.join(name).is_file())
+    descriptions().any(|name| folder.join(name).is_file())
+}
+
+/// Whether a file of this name describes the Zarr or N5 that it lies in.
+pub(super) fn is_description(name: &OsStr) -> bool {
+    descriptions().any(|known| name == known)
+}
+
+fn descriptions() -> impl Iterator<Item = &'static str> {
+    ZARR_FILES.into_iter().chain([".zattrs", N5_FILE])
 }
 
 /// Opens a folder of Zarr or N5.

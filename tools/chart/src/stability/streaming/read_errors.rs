@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use supervol_format::container::header;
+use supervol_format::random::Random;
 use supervol_format::{ByteSource, Container, VoxelType};
 use supervol_preprocess::source::computed::Computed;
 use supervol_runtime::scene::ResolvedScene;
@@ -15,7 +16,6 @@ use super::session::{Frame, Session, Settings, pixels_lost, scene, translucent};
 use super::sources::{Rule, Watched, pass};
 use crate::context::{ChartError, Context};
 use crate::fixtures::{marschner_lobb_at, point};
-use crate::random::Random;
 use crate::stability::{CurvePoint, Gate, Outcome, Regime};
 use crate::volume::{Volume, build_options, image_size};
 

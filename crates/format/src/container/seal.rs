@@ -1,0 +1,58 @@
+//! Voxels of a brick to the entry and the record that a container holds of it.
+
+use super::header::Descriptor;
+use super::reader::shape_of;
+use super::toc::BrickEntry;
+use super::writer::EncodedBrick;
+use crate::codec::{self, Codec, CodecChoice, CodecError, Coding};
+use crate::macro_cells;
+use crate::{BrickKey, ValueRange};
+
+/// Makes the entry and record of a brick from its stored voxels; the inverse of what
+/// [`check_brick`](super::validate::check_brick) checks.
+///
+/// `error` is the brick's error bound, `children` the union of its children's ranges beneath (empty at level 0).
+///
+/// # Errors
+/// If a codec fails, which means that it could not get memory.
+///
+/// # Panics
+/// If `voxels` are not as many as the brick stores.
+pub fn seal_brick(
+    descriptor: &Descriptor,
+    key: BrickKey,
+    voxels: &[u8],
+    choice: CodecChoice,
+    children: ValueRange,
+    error: f64,
+) -> Result<EncodedBrick, CodecError> {
+    let shape = shape_of(descriptor, key);
+    let measured = macro_cells::measure(shape, voxels, descriptor.absence);
+    let (codec, mut record, fill) = match measured.fill {
+        Some(fill) => (Codec::Uniform, Vec::new(), fill),
+        None => {
+            let coding = Coding { choice, absence: descriptor.absence, quantizer: descriptor.quantizer };
+            let (codec, payload) = codec::encode(coding, shape, voxels)?;
+            (codec, payload, 0)
+        }
+    };
+    let payload_bytes = record.len();
+    if codec != Codec::Uniform {
+        record.extend(macro_cells::quantize(&measured.cells, measured.range));
+    }
+    let entry = BrickEntry {
+        offset: 0,
+        payload_bytes: u32::try_from(payload_bytes).expect("a brick of 132^3 doubles has fewer than 2^32 bytes"),
+        macro_cell_bytes: (record.len() - payload_bytes) as u32,
+        codec,
+        absent: measured.absent,
+        uniform: measured.fill.is_some() && !measured.absent,
+        has_holes: measured.has_holes,
+        checksum: 0,
+        fill,
+        range: measured.range,
+        range_beneath: measured.range.union(children),
+        error,
+    };
+    Ok(EncodedBrick { key, entry, record })
+}

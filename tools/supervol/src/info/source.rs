@@ -1,0 +1,102 @@
+//! What a volume file says of itself: all that is known before its voxels have been read.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use supervol_preprocess::BuildError;
+use supervol_preprocess::kept::Reading;
+use supervol_preprocess::naming::container_beside;
+use supervol_preprocess::source::file::SourceFile;
+use supervol_preprocess::source::{SourceInfo, Survey, VolumeSource};
+
+use super::Place;
+use crate::failure::{Failure, with_output};
+use crate::quantity::show_bytes;
+
+/// Most memory that a reader may take.
+pub const MEMORY_BYTES: u64 = 1 << 30;
+
+/// A volume file that has been opened.
+pub struct Described {
+    path: PathBuf,
+    source: Box<dyn VolumeSource>,
+}
+
+impl Described {
+    /// Opens a volume file; its voxels are not read, except where it is compressed as a whole.
+    pub fn of(path: &Path, reading: &Reading) -> Result<Self, Failure> {
+        let source = reading.open(path, &std::env::temp_dir()).map_err(BuildError::from)?;
+        Ok(Self { path: path.into(), source })
+    }
+
+    fn info(&self) -> &SourceInfo {
+        self.source.info()
+    }
+
+    fn name(&self) -> String {
+        self.path.file_name().unwrap_or(self.path.as_os_str()).to_string_lossy().into_owned()
+    }
+
+    /// Bytes of all files that it is read from.
+    fn bytes(&self) -> u64 {
+        self.info().files.iter().map(SourceFile::bytes).sum()
+    }
+
+    /// Lines and corners, where it is a survey.
+    pub fn survey(&self) -> Option<&Survey> {
+        self.info().survey.as_ref()
+    }
+
+    /// As an object; the keys are those of a container, as far as they are known.
+    pub fn to_json(&self) -> serde_json::Value {
+        let info = self.info();
+        let axis =
+            |axis: &supervol_preprocess::source::Axis| serde_json::json!({ "name": axis.name, "unit": axis.unit });
+        serde_json::json!({
+            "dims": info.dims.0,
+            "spacing": info.geometry.spacing,
+            "origin": info.geometry.origin,
+            "direction": info.geometry.direction,
+            "left_handed": info.geometry.is_left_handed(),
+            "space": info.space.name(),
+            "dtype": info.voxel_type.name(),
+            "scale": info.scale,
+            "offset": info.offset,
+            "unit": info.unit,
+            "axes": info.axes.each_ref().map(axis),
+            "nodata": info.nodata.map(|stored| stored * info.scale + info.offset),
+            "source": { "name": self.name(), "format": info.format, "bytes": self.bytes() },
+            "survey": info.survey,
+            "notes": info.notes,
+        })
+    }
+
+    /// On standard output.
+    pub fn print(&self, json: bool) -> Result<(), Failure> {
+        let mut out = crate::terminal::stdout();
+        let printed = if json { writeln!(out, "{:#}", self.to_json()) } else { self.print_text(&mut out) };
+        printed.map_err(with_output)
+    }
+
+    fn print_text(&self, out: &mut impl Write) -> std::io::Result<()> {
+        let info = self.info();
+        let place = Place {
+            dims: info.dims,
+            dtype: info.voxel_type.name(),
+            axes: info.axes.each_ref().map(|axis| (&*axis.name, &*axis.unit)),
+            geometry: &info.geometry,
+            space: info.space.name(),
+            survey: self.survey(),
+        };
+        place.print(out)?;
+        if let Some(stored) = info.nodata {
+            writeln!(out, "no data    {}", stored * info.scale + info.offset)?;
+        }
+        writeln!(out, "source     {} ({}, {})", self.name(), info.format, show_bytes(self.bytes()))?;
+        for note in &info.notes {
+            writeln!(out, "note       {note}")?;
+        }
+        let more = "what it is and what values it has is known once it is built:";
+        writeln!(out, "container  none yet; {more} `supervol build` makes {}", container_beside(&self.path).display())
+    }
+}
