@@ -148,6 +148,9 @@ tests() {
 # Licences, known advisories and origin of all dependencies, held against tools/dependencies.json.
 audit() { cargo test --quiet --workspace --locked --test dependencies; }
 
+# The program and the examples as the tests have built them: naming one package would build most of it again, with other features.
+built() { cargo test --quiet --workspace --locked --no-run; }
+
 doc_tests() { cargo test --workspace --locked --doc; }
 
 # Builds the libFuzzer targets with the stable compiler: coverage, no sanitizer (our crates hold next to no unsafe
@@ -163,7 +166,8 @@ fuzz_build() {
     )
     CARGO_TARGET_DIR="$fuzz_target" RUSTFLAGS="${flags[*]}" \
         cargo build --release --locked --manifest-path fuzz/Cargo.toml --target "$host"
-    cargo run --quiet --locked -p supervol-tests --example fuzz_corpus -- "$work/corpus"
+    built
+    "$built_target/examples/fuzz_corpus" "$work/corpus"
 }
 
 fuzz_run() {
@@ -181,14 +185,14 @@ fuzz_run() {
     done
 }
 
-# With the profile the tests were built with: the release build would compile everything once more.
 demo() {
-    cargo run --quiet --locked -p supervol --bin supervol -- demo --output "$work/demo"
+    built
+    "$program" demo --output "$work/demo"
     local file
     for file in carp.svol carp.png seismic.svol seismic.png; do
         [ -s "$work/demo/$file" ] || fail "the demo made no $file"
     done
-    cargo run --quiet --locked -p supervol --bin supervol -- verify "$work/demo/seismic.svol"
+    "$program" verify "$work/demo/seismic.svol"
 }
 
 # The viewer in a real window, and the program without it.
@@ -201,12 +205,17 @@ window() {
         fi
     done
     has_library libxkbcommon-x11.so || install "what windows need" libxkbcommon-x11-0 libxcursor1 libxi6 libxrandr2
-    cargo build --quiet --locked -p supervol --bin supervol
-    tools/window.sh "${CARGO_TARGET_DIR:-target}/debug/supervol" "$logs/window"
+    built
+    tools/window.sh "$program" "$logs/window"
     if cargo tree --locked -p supervol --no-default-features -e normal | grep -E "eframe|winit"; then
         fail "the program without the viewer needs windowing libraries"
     fi
     cargo check --quiet --locked -p supervol --no-default-features
+}
+
+soak() {
+    built
+    SUPERVOL="$program" tools/soak.sh "$SOAK_MINUTES"
 }
 
 # Says what was not compared; a failure only where that is asked for.
@@ -232,8 +241,8 @@ readers() {
         fi
         cp tools/readers.txt "$readers_home/complete"
     fi
-    cargo build --quiet --locked -p supervol --bin supervol
-    "$python" tools/readers.py "${CARGO_TARGET_DIR:-target}/debug/supervol" "$data" "$work/readers" docs/formats.md
+    built
+    "$python" tools/readers.py "$program" "$data" "$work/readers" docs/formats.md
 }
 
 wanted() {
@@ -254,6 +263,8 @@ main() {
 
     prepare
     host="$(rustc -vV | awk '/^host:/ {print $2}')"
+    built_target="${CARGO_TARGET_DIR:-$PWD/target}/debug"
+    program="$built_target/supervol"
     fuzz_target="${CARGO_TARGET_DIR:-$PWD/target}/fuzz"
     readers_home="${CARGO_TARGET_DIR:-$PWD/target}/readers"
 
@@ -276,7 +287,7 @@ main() {
     if wanted demo; then step "demo" demo; fi
     if wanted window; then step "window" window; fi
     if wanted readers; then step "readers" readers; fi
-    if wanted soak; then step "soak" tools/soak.sh "$SOAK_MINUTES"; fi
+    if wanted soak; then step "soak" soak; fi
 
     say ""
     say "=== summary"

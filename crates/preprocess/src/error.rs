@@ -20,7 +20,7 @@ pub enum BuildError {
     #[error("cannot write {path}: {source}{}", advice(source))]
     Write { path: PathBuf, source: std::io::Error },
     #[error("{error}. {}", kept_advice(kept, *written_bytes, *missing_bytes))]
-    Kept { error: Box<BuildError>, kept: PathBuf, written_bytes: u64, missing_bytes: u64 },
+    Kept { error: Box<BuildError>, kept: [PathBuf; 2], written_bytes: u64, missing_bytes: u64 },
     #[error("{path} exists; --force overwrites it")]
     Exists { path: PathBuf },
     #[error(
@@ -126,12 +126,13 @@ impl BuildError {
 }
 
 /// What is kept of a build that failed, and what to do with it.
-fn kept_advice(kept: &Path, written_bytes: u64, missing_bytes: u64) -> String {
+fn kept_advice(kept: &[PathBuf; 2], written_bytes: u64, missing_bytes: u64) -> String {
     let (written, missing) = (Mib(written_bytes), Mib(missing_bytes));
     format!(
-        "What was written is kept, about {written} in {}; about {missing} more are needed. The same command goes on from there; \
-         remove the file to give it up",
-        kept.display()
+        "What was written is kept, about {written} in {} and its list {}; about {missing} more are needed. The same command goes \
+         on from there; remove both to give it up",
+        kept[0].display(),
+        kept[1].display(),
     )
 }
 

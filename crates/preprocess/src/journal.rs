@@ -16,7 +16,7 @@
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use supervol_format::container::toc::ENTRY_BYTES;
 use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
@@ -82,12 +82,12 @@ impl Journal {
         Ok(Self(file))
     }
 
-    /// Leaves it behind, for a build that goes on later.
+    /// Leaves it behind, for a build that goes on later; where it is.
     ///
     /// # Errors
     /// If the system does not let it be kept.
-    pub fn abandon(self) -> io::Result<()> {
-        self.0.abandon().map(drop)
+    pub fn abandon(self) -> io::Result<PathBuf> {
+        self.0.abandon()
     }
 
     /// Notes that the records of a tile have left the process.

@@ -194,9 +194,11 @@ fn leave(error: BuildError, container: OutputFile, journal: Option<Journal>, pro
     let left = progress.bricks_total - progress.bricks_done;
     let records = written_bytes as f64 / progress.bricks_done as f64 * left as f64;
     let missing_bytes = records as u64 + progress.bricks_total * ENTRY_BYTES as u64 + 2 * header::PAGE_BYTES as u64;
-    let kept = container.abandon().and_then(|kept| journal.abandon().map(|()| kept));
+    let kept = container.abandon().and_then(|container| Ok((container, journal.abandon()?)));
     match kept {
-        Ok(Some(kept)) => BuildError::Kept { error: Box::new(error), kept, written_bytes, missing_bytes },
+        Ok((Some(container), journal)) => {
+            BuildError::Kept { error: Box::new(error), kept: [container, journal], written_bytes, missing_bytes }
+        }
         _ => error,
     }
 }

@@ -212,7 +212,8 @@ fn reads_that_fail_cost_no_finished_brick() {
             };
             assert!(error.is_machine_failure() && error.to_string().contains("injected read failure"), "{error}");
             let left = list_builds(folder.path()).expect("the folder is there").len();
-            if matches!(error, BuildError::Kept { .. }) {
+            if let BuildError::Kept { kept: left, .. } = &error {
+                assert!(left.iter().all(|file| file.exists() && error.to_string().contains(&*file.to_string_lossy())));
                 kept += 1;
                 done = 2;
             }
