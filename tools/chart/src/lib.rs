@@ -18,7 +18,7 @@
 //! - [`report`]: what is written; [`ledger`]: records kept by machine and date.
 //!
 //! Nothing here is needed to build or to render: it calls the crates as any other program does. Everything random is
-//! seeded ([`random`]).
+//! seeded ([`supervol_format::random`]).
 
 pub mod chart;
 pub mod comparison;
