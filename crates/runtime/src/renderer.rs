@@ -274,11 +274,16 @@ impl Renderer {
 
     fn draw(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
         let backend = self.options.backend;
-        if !self.options.caster.is_default() && (backend != Backend::Cpu || scene.mode != Mode::Dvr) {
+        if !self.options.caster.is_default()
+            && (backend != Backend::Cpu || scene.mode != Mode::Dvr || scene.has_inner_surfaces())
+        {
             return Err(RenderError::Method { backend, mode: mode_name(scene.mode) });
         }
         if backend == Backend::Gpu && !scene.clip.solids.is_empty() {
             return Err(RenderError::SolidsOnGpu);
+        }
+        if backend == Backend::Gpu && scene.has_inner_surfaces() {
+            return Err(RenderError::SurfacesOnGpu);
         }
         if matches!(self.engine, Engine::Undecided) {
             self.engine = self.choose_engine()?;
@@ -338,8 +343,8 @@ impl Renderer {
     fn draw_by_engine(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
         let Self { volume, options, pool, engine, has_deadline, resident, work, .. } = self;
         let container = volume.container();
-        // Devices draw rays in one part; what they keep stays for the next picture.
-        let is_by_device = matches!(engine, Engine::Gpu { .. }) && scene.clip.solids.is_empty();
+        // What devices keep stays for the next picture.
+        let is_by_device = matches!(engine, Engine::Gpu { .. }) && is_drawn_by_devices(scene);
         let caster_bytes = match engine {
             Engine::Gpu { .. } if is_by_device => CasterBytes::ON_DEVICE,
             _ => caster_of(options).bytes(container.pyramid().layout().core()),
@@ -449,7 +454,11 @@ impl Renderer {
         if let Engine::Gpu { backend, .. } = &self.engine {
             match self.work {
                 Work::InLayers(_) => stats.no_gpu_because = Some("slices are drawn by the processor".into()),
-                Work::InSteps(_) => stats.no_gpu_because = Some("solids are cut by the processor".into()),
+                Work::InSteps(_) => {
+                    let has_surfaces = self.scene.as_ref().is_some_and(ResolvedScene::has_inner_surfaces);
+                    let what = if has_surfaces { "surfaces inside the volume are drawn" } else { "solids are cut" };
+                    stats.no_gpu_because = Some(format!("{what} by the processor"));
+                }
                 _ => stats.adapter_is_software = backend.is_software(),
             }
         }
@@ -521,4 +530,9 @@ pub fn render_with_errors(
     let pictures = renderer.into_pictures();
     let (picture, errors) = pictures.expect("nobody cancels, and with or without a deadline there is a picture");
     Ok((picture, errors, stats))
+}
+
+/// Whether a device draws the volume of this scene: with rays in one part, and no surfaces inside the volume.
+fn is_drawn_by_devices(scene: &ResolvedScene) -> bool {
+    scene.clip.solids.is_empty() && !scene.has_inner_surfaces()
 }

@@ -19,15 +19,18 @@ use crate::preset::looks;
 use crate::preset::overview::Overview;
 use crate::preset::view::{Framed, View};
 use crate::preset::{self, Look};
-use crate::slices::{ColorSpec, SLICE_LIMIT, SlicePlane, SliceSpec};
+use crate::slices::{ColorSpec, SlicePlane, SliceSpec};
 use crate::transfer_function::{ControlPoint, TransferFunction, TransferFunctionError};
 use crate::units::{Units, edges};
 pub use solids::{BoxSpec, CylinderSpec, SolidSpec, SphereSpec};
+use validate::check;
 
 /// Most rays of one picture: width times height times samples per pixel.
 pub const RAY_LIMIT: u64 = 64 << 20;
 /// Most iso surfaces of one scene; a ray keeps one bit for each.
 pub const ISO_LIMIT: usize = 32;
+/// Most surfaces inside the volume, in mode `dvr`.
+pub const INNER_SURFACE_LIMIT: usize = 8;
 /// Most lights of one scene.
 pub const LIGHT_LIMIT: usize = 16;
 /// Most clip planes of one scene.
@@ -52,8 +55,6 @@ pub enum SceneError {
     Json(#[from] serde_json::Error),
     #[error("scene key `{key}`: expected {expected}, found {found}")]
     Value { key: String, expected: String, found: String },
-    #[error("scene key `{key}`: {what} is not available yet")]
-    NotAvailable { key: &'static str, what: &'static str },
     #[error("scene key `camera`: {0}")]
     Camera(#[from] CameraError),
     #[error("scene key `transfer_function`: {0}")]
@@ -78,11 +79,11 @@ pub struct Scene {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transfer_function: Option<TransferFunctionSpec>,
     /// Shading, or null for none; left out: that of the data's kind where mode and transfer function are left out too, the
-    /// default one in mode `iso`, else none.
+    /// default one where there are iso surfaces, else none.
     #[serde(skip_serializing_if = "Option::is_none", deserialize_with = "said")]
     #[schemars(with = "Option<ShadingSpec>")]
     pub shading: Option<Option<ShadingSpec>>,
-    /// Iso surfaces, for mode `iso`.
+    /// Iso surfaces: all that is drawn in mode `iso`; in mode `dvr` inside the semi-transparent volume.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub iso: Vec<IsoSpec>,
     /// Planes within the picture, in modes `dvr` and `iso`, and all that there is in mode `slice`.
@@ -319,7 +320,7 @@ pub struct ResolvedScene {
     pub transfer_function: TransferFunction,
     /// Shading, if any.
     pub shading: Option<Shading>,
-    /// Iso surfaces; at least one in mode `iso`, none otherwise.
+    /// Iso surfaces; at least one in mode `iso`, perhaps some in `dvr`, none otherwise.
     pub iso: Vec<IsoSpec>,
     /// Planes within the picture; at least one in mode `slice`, none in `mip`, `minip` and `mean`.
     pub slices: Vec<SlicePlane>,
@@ -332,6 +333,12 @@ impl ResolvedScene {
     #[must_use]
     pub fn pixels(&self) -> u64 {
         self.image_size.map(u64::from).iter().product()
+    }
+
+    /// Whether there are surfaces inside the semi-transparent volume.
+    #[must_use]
+    pub fn has_inner_surfaces(&self) -> bool {
+        self.mode == Mode::Dvr && !self.iso.is_empty()
     }
 
     /// Whether both show the same of a volume, from wherever and in whatever size.
@@ -388,114 +395,6 @@ impl Scene {
         schemars::schema_for!(Self).to_value()
     }
 
-    /// Checks every number that does not depend on the volume.
-    ///
-    /// # Errors
-    /// As [`Scene::from_json`].
-    pub fn validate(&self) -> Result<(), SceneError> {
-        self.validate_image()?;
-        let factor = self.vertical_exaggeration.unwrap_or(1.0);
-        let [least, most] = EXAGGERATION_LIMITS;
-        let expected = || format!("a factor between {least:e} and {most:e}");
-        check((least..=most).contains(&factor), "vertical_exaggeration", expected, Number(factor))?;
-        if let Some(camera) = &self.camera {
-            camera.projection()?;
-            camera.camera(&Units::WORLD, [1, 1])?;
-        }
-        match &self.transfer_function {
-            Some(TransferFunctionSpec::Preset(name)) => check(
-                preset::NAMES.contains(&name.as_str()),
-                "transfer_function",
-                || format!("an object, or one of the presets {}", preset::NAMES.join(", ")),
-                name,
-            )?,
-            Some(TransferFunctionSpec::Points(points)) => drop(points.transfer_function(1.0)?),
-            None => {}
-        }
-        self.validate_surfaces()?;
-        self.validate_slices()?;
-        self.validate_shading()?;
-        self.validate_clip()
-    }
-
-    fn validate_image(&self) -> Result<(), SceneError> {
-        let ImageSpec { width, height, background } = self.image;
-        let samples = self.samples_per_pixel.unwrap_or(1);
-        check(width >= 1, "image.width", || "at least 1 pixel".into(), width)?;
-        check(height >= 1, "image.height", || "at least 1 pixel".into(), height)?;
-        let square = samples >= 1 && samples.isqrt().pow(2) == samples;
-        check(square, "samples_per_pixel", || "a square number (1, 4, 9, 16, ...)".into(), samples)?;
-        let rays = u64::from(width).saturating_mul(u64::from(height)).saturating_mul(u64::from(samples));
-        check(rays <= RAY_LIMIT, "image", || format!("at most {RAY_LIMIT} rays in all"), rays)?;
-        check_color("image.background", background)
-    }
-
-    fn validate_surfaces(&self) -> Result<(), SceneError> {
-        match self.gathers() {
-            Mode::Iso => check(!self.iso.is_empty(), "iso", || "at least one surface in mode `iso`".into(), "none")?,
-            Mode::Dvr if !self.iso.is_empty() => {
-                return Err(SceneError::NotAvailable { key: "iso", what: "an iso surface inside mode `dvr`" });
-            }
-            _ => check(self.iso.is_empty(), "iso", || "no surfaces in this mode".into(), self.iso.len())?,
-        }
-        check(self.iso.len() <= ISO_LIMIT, "iso", || format!("at most {ISO_LIMIT} surfaces"), self.iso.len())?;
-        for (i, iso) in self.iso.iter().enumerate() {
-            check(iso.value.is_finite(), &format!("iso[{i}].value"), || "a finite number".into(), Number(iso.value))?;
-            check_color(&format!("iso[{i}].color"), iso.color)?;
-            check_share(&format!("iso[{i}].alpha"), iso.alpha)?;
-        }
-        Ok(())
-    }
-
-    fn validate_slices(&self) -> Result<(), SceneError> {
-        let few = self.slices.len() <= SLICE_LIMIT;
-        check(few, "slices", || format!("at most {SLICE_LIMIT} slices"), self.slices.len())?;
-        match self.gathers() {
-            Mode::Slice => check(!self.slices.is_empty(), "slices", || "at least one in mode `slice`".into(), "none")?,
-            Mode::Dvr | Mode::Iso => {}
-            Mode::Mip | Mode::Minip | Mode::Mean => {
-                let expected = || "none in this mode, which knows no depth (`dvr`, `iso` or `slice` do)".into();
-                check(self.slices.is_empty(), "slices", expected, self.slices.len())?;
-            }
-        }
-        self.slices.iter().enumerate().try_for_each(|(i, slice)| slice.validate(&format!("slices[{i}]")))
-    }
-
-    fn validate_shading(&self) -> Result<(), SceneError> {
-        let Some(Some(shading)) = &self.shading else { return Ok(()) };
-        let factors = [("ambient", shading.ambient), ("diffuse", shading.diffuse), ("specular", shading.specular)];
-        for (name, factor) in factors {
-            check_factor(&format!("shading.{name}"), factor)?;
-        }
-        let good = shading.shininess > 0.0 && shading.shininess <= SHADING_LIMIT;
-        let expected = || format!("a positive number, at most {SHADING_LIMIT:e}");
-        check(good, "shading.shininess", expected, Number(shading.shininess))?;
-        let lights = shading.lights.as_deref().unwrap_or_default();
-        let few = lights.len() <= LIGHT_LIMIT;
-        check(few, "shading.lights", || format!("at most {LIGHT_LIMIT} lights"), lights.len())?;
-        for (i, light) in lights.iter().enumerate() {
-            check_direction(&format!("shading.lights[{i}].direction"), light.direction)?;
-            check_factor(&format!("shading.lights[{i}].intensity"), light.intensity)?;
-        }
-        Ok(())
-    }
-
-    fn validate_clip(&self) -> Result<(), SceneError> {
-        if let Some([low, high]) = self.clip.index_box {
-            let good = (0..3).all(|a| low[a].is_finite() && high[a].is_finite() && low[a] <= high[a]);
-            let expected = || "a least and a greatest corner, finite, least first on every axis".into();
-            check(good, "clip.box", expected, format!("{low:?} and {high:?}"))?;
-        }
-        let planes = &self.clip.planes;
-        check(planes.len() <= PLANE_LIMIT, "clip.planes", || format!("at most {PLANE_LIMIT} planes"), planes.len())?;
-        for (i, plane) in planes.iter().enumerate() {
-            check_direction(&format!("clip.planes[{i}].normal"), plane.normal)?;
-            let key = format!("clip.planes[{i}].offset");
-            check(plane.offset.is_finite(), &key, || "a finite number".into(), Number(plane.offset))?;
-        }
-        self.clip.validate_solids()
-    }
-
     /// What a ray gathers, as far as the scene says: surfaces where there are some, else emission and absorption.
     fn gathers(&self) -> Mode {
         self.mode.unwrap_or(if self.iso.is_empty() { Mode::Dvr } else { Mode::Iso })
@@ -527,7 +426,7 @@ impl Scene {
         }
         let mode = scene.gathers();
         scene.mode = Some(mode);
-        scene.shading.get_or_insert_with(|| (mode == Mode::Iso).then(ShadingSpec::default));
+        scene.shading.get_or_insert_with(|| (mode == Mode::Iso || !scene.iso.is_empty()).then(ShadingSpec::default));
         let samples = if left_open { look.samples_per_pixel } else { 1 };
         scene.samples_per_pixel =
             Some(self.samples_per_pixel.unwrap_or_else(|| samples_that_fit(&self.image, samples)));
@@ -562,7 +461,10 @@ impl Scene {
         let kept = if (0..3).all(|a| kept[0][a] < kept[1][a]) { kept } else { whole };
         // Slices reach from end to end.
         let seen = overview.filter(|_| self.slices.is_empty()).and_then(|overview| match self.gathers() {
-            Mode::Dvr => self.classification(facts).ok().and_then(|shown| overview.visible(facts, kept, &shown)),
+            Mode::Dvr => {
+                let seen = self.classification(facts).ok().and_then(|shown| overview.visible(facts, kept, &shown));
+                seen.or_else(|| self.iso.first().and_then(|iso| overview.beyond(facts, kept, iso.value)))
+            }
             Mode::Iso => self.iso.first().and_then(|iso| overview.beyond(facts, kept, iso.value)),
             _ => None,
         });
@@ -598,14 +500,17 @@ impl Scene {
         };
         let transfer_function = scene.classification(facts)?;
         check_unit_distance(&transfer_function, facts)?;
+        let mode = scene.gathers();
+        let of_surfaces = scene.iso.iter().filter(|_| mode == Mode::Dvr);
+        let inner = of_surfaces.filter(|surface| surface.alpha > 0.0).map(|surface| surface.value).collect();
         let subgrid = scene.samples_per_pixel.unwrap_or(1).isqrt();
         Ok(ResolvedScene {
             camera: camera.supersampled(subgrid),
             image_size,
             subgrid,
             background: scene.image.background,
-            mode: scene.gathers(),
-            transfer_function: transfer_function.in_units(&units),
+            mode,
+            transfer_function: transfer_function.with_surfaces(inner).in_units(&units),
             shading: scene.shading.as_ref().and_then(Option::as_ref).map(|s| s.resolve(&camera)),
             iso: scene.iso.iter().map(|iso| IsoSpec { value: units.value(iso.value), ..*iso }).collect(),
             slices: scene.slices.iter().map(|slice| slice.resolve(&units)).collect::<Result<_, _>>()?,
@@ -728,36 +633,6 @@ fn plane_in_units(normal: [f64; 3], offset: f64, units: &Units) -> (DVec3, f64) 
     (normal, (offset / scale - normal.dot(units.anchor)) / units.length)
 }
 
-fn check(
-    good: bool,
-    key: &str,
-    expected: impl FnOnce() -> String,
-    found: impl std::fmt::Display,
-) -> Result<(), SceneError> {
-    if good {
-        return Ok(());
-    }
-    Err(SceneError::Value { key: key.into(), expected: expected(), found: found.to_string() })
-}
-
-fn check_color(key: &str, color: [f64; 3]) -> Result<(), SceneError> {
-    let good = color.iter().all(|c| (0.0..=1.0).contains(c));
-    check(good, key, || "three numbers between 0 and 1".into(), format!("{color:?}"))
-}
-
-fn check_share(key: &str, share: f64) -> Result<(), SceneError> {
-    check((0.0..=1.0).contains(&share), key, || "a number between 0 and 1".into(), Number(share))
-}
-
-fn check_factor(key: &str, factor: f64) -> Result<(), SceneError> {
-    check(
-        (0.0..=SHADING_LIMIT).contains(&factor),
-        key,
-        || format!("a number between 0 and {SHADING_LIMIT:e}"),
-        Number(factor),
-    )
-}
-
 /// Refuses volumes whose voxels are too long for their width.
 fn check_edges(facts: &VolumeFacts) -> Result<(), SceneError> {
     let edges = edges(&facts.geometry);
@@ -774,12 +649,8 @@ fn check_unit_distance(function: &TransferFunction, facts: &VolumeFacts) -> Resu
     check((low..=high).contains(&found), key, expected, format!("{found:e}"))
 }
 
-fn check_direction(key: &str, v: [f64; 3]) -> Result<(), SceneError> {
-    let good = unit_vector(v.into()).is_some();
-    check(good, key, || "three finite numbers, not all zero".into(), format!("{v:?}"))
-}
-
 mod slices;
 mod solids;
 #[cfg(test)]
 mod tests;
+mod validate;

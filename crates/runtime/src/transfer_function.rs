@@ -40,6 +40,8 @@ pub struct ControlPoint {
 pub struct TransferFunction {
     points: Vec<ControlPoint>,
     unit_distance: f64,
+    /// Values that are seen whatever their opacity: of surfaces inside the volume.
+    surfaces: Vec<f64>,
 }
 
 /// Why points make no transfer function.
@@ -83,14 +85,33 @@ impl TransferFunction {
         if !(unit_distance.is_finite() && unit_distance > 0.0) {
             return Err(TransferFunctionError::UnitDistance { found: unit_distance });
         }
-        Ok(Self { points, unit_distance })
+        Ok(Self { points, unit_distance, surfaces: Vec::new() })
     }
 
     /// The same function in units of a volume; the unit distance must not run over there.
     #[must_use]
     pub fn in_units(&self, units: &Units) -> Self {
         let points = self.points.iter().map(|&point| ControlPoint { value: units.value(point.value), ..point });
-        Self { points: points.collect(), unit_distance: self.unit_distance / units.length }
+        let surfaces = self.surfaces.iter().map(|&value| units.value(value)).collect();
+        Self { points: points.collect(), unit_distance: self.unit_distance / units.length, surfaces }
+    }
+
+    /// The same function of a volume with surfaces at these values: nothing that holds one of them is left out as invisible.
+    #[must_use]
+    pub fn with_surfaces(self, surfaces: Vec<f64>) -> Self {
+        Self { surfaces, ..self }
+    }
+
+    /// The same function without them.
+    #[must_use]
+    pub fn without_surfaces(&self) -> Self {
+        self.clone().with_surfaces(Vec::new())
+    }
+
+    /// Values that are seen whatever their opacity.
+    #[must_use]
+    pub fn surfaces(&self) -> &[f64] {
+        &self.surfaces
     }
 
     /// The control points, sorted by value.

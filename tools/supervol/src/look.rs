@@ -18,7 +18,7 @@ use supervol_runtime::scene::{
     CameraSpec, ImageSpec, IsoSpec, Mode, PointsSpec, Scene, ShadingSpec, SolidSpec, TransferFunctionSpec,
 };
 
-use self::parse::{CameraWish, Cutter};
+use self::parse::{CameraWish, Cutter, SurfaceWish};
 use self::places::{Crop, Cut};
 use self::slices::SliceArguments;
 use crate::failure::Failure;
@@ -65,6 +65,11 @@ pub struct LookArguments {
     /// Surfaces at these values: all but the last are clear
     #[arg(long, value_name = "V[,V..]", value_delimiter = ',', allow_hyphen_values = true)]
     iso: Vec<f64>,
+    /// A surface inside the semi-transparent volume (mode dvr), at this value: VALUE, VALUE:COLOUR or VALUE:COLOUR:OPACITY. May be
+    /// given again, up to 8 times
+    #[arg(long, value_name = "VALUE[:COLOUR[:OPACITY]]", value_parser = parse::surface, allow_hyphen_values = true)]
+    #[arg(conflicts_with = "iso")]
+    surface: Vec<SurfaceWish>,
     /// Show this box only: I0:I1,J0:J1,K0:K1 in voxels, ends not included; or AXIS=FROM:TO,... with i, j, k (voxels), x, y, z
     /// (world), inline, crossline, time or depth, or sagittal, coronal, axial (world)
     #[arg(long, value_name = "BOX", value_parser = places::crop, allow_hyphen_values = true)]
@@ -177,6 +182,7 @@ impl LookArguments {
         let of_volumes = [
             ("--mode", self.mode.is_some()),
             ("--iso", !self.iso.is_empty()),
+            ("--surface", !self.surface.is_empty()),
             ("--opacity", self.opacity.is_some()),
             ("--unlit", self.unlit),
             ("--camera", self.camera.is_some()),
@@ -209,6 +215,7 @@ impl LookArguments {
             }
         }
         self.set_mode(&mut scene, facts, overview);
+        self.add_surfaces(&mut scene, facts)?;
         if let Some(text) = &self.tf {
             scene.transfer_function = Some(TransferFunctionSpec::Points(parse::transfer_function(text)?));
         }
@@ -249,6 +256,8 @@ impl LookArguments {
 
     fn set_mode(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
         let mode = self.mode.map(Mode::from).or((!self.iso.is_empty()).then_some(Mode::Iso));
+        let has_surfaces = !self.surface.is_empty() && scene.mode.is_none_or(|mode| mode == Mode::Dvr);
+        let mode = mode.or(has_surfaces.then_some(Mode::Dvr));
         let Some(mode) = mode else { return };
         // The look of the kind where it is of this mode, light and all.
         let usual = Scene { image: scene.image.clone(), clip: scene.clip.clone(), ..Scene::default() };
@@ -261,14 +270,35 @@ impl LookArguments {
         } else if mode == Mode::Dvr && scene.transfer_function.is_none() && !facts.kind.is_seismic() {
             scene.shading.get_or_insert_with(|| Some(ShadingSpec::default()));
         }
+        let keeps_surfaces = mode == Mode::Dvr && scene.mode == Some(Mode::Dvr);
         scene.mode = Some(mode);
-        if mode != Mode::Iso {
+        if keeps_surfaces {
+            // They are inside the volume as before.
+        } else if mode != Mode::Iso {
             scene.iso.clear();
         } else if !self.iso.is_empty() {
             scene.iso = surfaces(&self.iso, looks::default_surface(facts).color);
         } else if scene.iso.is_empty() {
             scene.iso = vec![looks::default_surface(facts)];
         }
+    }
+
+    /// Surfaces inside the volume that are asked for: instead of the scene's.
+    fn add_surfaces(&self, scene: &mut Scene, facts: &VolumeFacts) -> Result<(), Failure> {
+        if self.surface.is_empty() {
+            return Ok(());
+        }
+        if scene.mode != Some(Mode::Dvr) {
+            return Err(Failure::Command(
+                "--surface draws inside the semi-transparent volume, in mode dvr; in mode iso, --iso names surfaces"
+                    .into(),
+            ));
+        }
+        let usual = looks::default_surface(facts).color;
+        let spec =
+            |wish: &SurfaceWish| IsoSpec { value: wish.value, color: wish.color.unwrap_or(usual), alpha: wish.alpha };
+        scene.iso = self.surface.iter().map(spec).collect();
+        Ok(())
     }
 
     /// The camera of a scene that is complete, for going around what is seen: from there, all of it is in every picture.

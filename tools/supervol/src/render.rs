@@ -528,7 +528,7 @@ pub fn with_render(error: RenderError) -> Failure {
             Failure::Command(message)
         }
         RenderError::NoPlace | RenderError::NoSuchPixel { .. } => Failure::Command(format!("--pick: {message}")),
-        RenderError::SolidsOnGpu => Failure::Command(format!("--backend: {message}")),
+        RenderError::SolidsOnGpu | RenderError::SurfacesOnGpu => Failure::Command(format!("--backend: {message}")),
         RenderError::Container(_) => Failure::Data(message),
         _ => Failure::Machine(message),
     }

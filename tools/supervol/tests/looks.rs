@@ -357,3 +357,20 @@ fn options_of_a_picture_are_refused_where_none_is_written() {
         assert!(message.contains("--output"), "{message}");
     }
 }
+
+#[test]
+fn surfaces_stand_inside_the_volume() {
+    let folder = Folder::with_sphere();
+    let surfaces = ["--mode", "dvr", "--surface", "0.2:#ff0000:0.5", "--surface", "-0.3"];
+    let scene = folder.scene(&surfaces);
+    assert_eq!((scene["mode"].as_str(), scene["iso"].as_array().map(Vec::len)), (Some("dvr"), Some(2)));
+    assert_eq!((&scene["iso"][0]["value"], &scene["iso"][0]["alpha"]), (&0.2.into(), &0.5.into()));
+    assert_eq!(folder.scene(&surfaces[2..])["mode"], "dvr");
+    assert_ne!(folder.picture(&surfaces), folder.picture(&["--mode", "dvr"]));
+    // The scene that is printed means the same.
+    std::fs::write(folder.path("s.json"), scene.to_string()).expect("room");
+    assert_eq!(folder.picture(&["--scene", "s.json"]), folder.picture(&surfaces));
+    let refused = folder.expect(2, &["render", "v.svol", "-o", "p.png", "--mode", "mip", "--surface", "0.2"]);
+    assert!(refused.contains("mode dvr"), "{refused}");
+    folder.expect(2, &["render", "v.svol", "-o", "p.png", "--iso", "0.1", "--surface", "0.2"]);
+}

@@ -161,6 +161,8 @@ impl LevelsByError {
             return true;
         }
         match self.mode {
+            // Nobody knows where a surface would be on another level.
+            Mode::Dvr if self.meets_surface(beneath) => false,
             Mode::Dvr => self.holds_within(hull, error, hull, |extent, share| self.keeps_ray(extent, share)),
             // The ray's value lies in this brick's range, but what it is mistaken for need not.
             Mode::Mip | Mode::Minip => {
@@ -185,6 +187,7 @@ impl LevelsByError {
             return false;
         }
         match self.mode {
+            Mode::Dvr if !self.keeps_surfaces(own, beneath) => false,
             Mode::Dvr => {
                 let drawn = self.intervals.mean(own.min, own.max);
                 let exact = self.intervals.mean(beneath.min, beneath.max);
@@ -196,10 +199,7 @@ impl LevelsByError {
             Mode::Minip => self.changes_little(beneath.min, own.min),
             // Means are means of means.
             Mode::Mean => true,
-            Mode::Iso => {
-                let meets = |range: ValueRange, value: f64| range.min <= value && value <= range.max;
-                self.iso.iter().all(|&value| meets(own, value) || !meets(beneath, value))
-            }
+            Mode::Iso => self.keeps_surfaces(own, beneath),
             Mode::Slice => false,
         }
     }
@@ -208,10 +208,21 @@ impl LevelsByError {
     #[must_use]
     pub fn shows_nothing(&self, range: ValueRange) -> bool {
         match self.mode {
-            Mode::Dvr => self.intervals.extent(range.min, range.max).high[3] == 0.0,
-            Mode::Iso => !self.iso.iter().any(|&value| range.min <= value && value <= range.max),
+            Mode::Dvr => self.intervals.extent(range.min, range.max).high[3] == 0.0 && !self.meets_surface(range),
+            Mode::Iso => !self.meets_surface(range),
             _ => false,
         }
+    }
+
+    /// Whether a surface may lie where values have this range; data units.
+    fn meets_surface(&self, range: ValueRange) -> bool {
+        self.iso.iter().any(|&value| range.min <= value && value <= range.max)
+    }
+
+    /// Whether the brick's own values meet every surface that those beneath it do.
+    fn keeps_surfaces(&self, own: ValueRange, beneath: ValueRange) -> bool {
+        let meets = |range: ValueRange, value: f64| range.min <= value && value <= range.max;
+        self.iso.iter().all(|&value| meets(own, value) || !meets(beneath, value))
     }
 
     /// Whether opacity and colour change little over an interval.

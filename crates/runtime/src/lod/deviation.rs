@@ -89,6 +89,12 @@ impl Deviation {
         *self == Self::NONE
     }
 
+    /// Whether there may be surfaces elsewhere than they are drawn: no bound on what they hide.
+    #[must_use]
+    pub fn is_unbounded(&self) -> bool {
+        self.kappa_max.is_infinite()
+    }
+
     /// How much less optical depth the brick may really have for a ray that goes through `length` of it and keeps the share
     /// `through` of its light.
     #[must_use]
@@ -240,12 +246,12 @@ impl Deviations {
             presence_may_change: may_have_holes,
             ..Deviation::NONE
         };
+        let has_surface = self.iso.iter().any(|&value| beneath.min <= value && value <= beneath.max);
         match self.mode {
+            // Nobody knows where a surface would be on another level, or without the error.
+            Mode::Dvr | Mode::Iso if has_surface => Deviation { kappa_max: f64::INFINITY, ..known },
             Mode::Dvr => self.of_rays(self.data_range(entry.range), error, known),
-            Mode::Iso => {
-                let has_surface = self.iso.iter().any(|&value| beneath.min <= value && value <= beneath.max);
-                if has_surface { Deviation { kappa_max: f64::INFINITY, ..known } } else { Deviation::NONE }
-            }
+            Mode::Iso => Deviation::NONE,
             Mode::Mip | Mode::Minip | Mode::Mean | Mode::Slice => known,
         }
     }

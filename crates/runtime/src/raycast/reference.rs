@@ -247,10 +247,21 @@ impl<'a> Frame<'a> {
     }
 
     fn dvr(&self, pieces: &Pieces) -> [f64; 4] {
-        let mut color = DVec3::ZERO;
-        let mut transmittance = 1.0;
+        let surfaces = self.all_crossings(pieces);
+        let mut surfaces = surfaces.into_iter().peekable();
+        let (mut color, mut transmittance) = (DVec3::ZERO, 1.0);
         for end in &pieces.pieces {
-            (color, transmittance) = behind((color, transmittance), self.converged_piece(pieces, end[0], end[1]));
+            let mut from = end[0];
+            while let Some((t, index)) = surfaces.next_if(|(t, _)| *t <= end[1]) {
+                if from < t {
+                    (color, transmittance) = behind((color, transmittance), self.converged_piece(pieces, from, t));
+                    from = t;
+                }
+                (color, transmittance) = behind((color, transmittance), self.surface(pieces, t, index));
+            }
+            if from < end[1] {
+                (color, transmittance) = behind((color, transmittance), self.converged_piece(pieces, from, end[1]));
+            }
         }
         [color.x, color.y, color.z, 1.0 - transmittance]
     }
@@ -369,12 +380,47 @@ impl<'a> Frame<'a> {
         let mut color = DVec3::ZERO;
         let mut transmittance = 1.0;
         for (t, index) in hits {
-            let surface = self.scene.iso[index];
-            let c = self.shaded(surface.color.into(), pieces.ray.at(t), pieces.direction);
-            color += transmittance * surface.alpha * c;
-            transmittance *= 1.0 - surface.alpha;
+            (color, transmittance) = behind((color, transmittance), self.surface(pieces, t, index));
         }
         [color.x, color.y, color.z, 1.0 - transmittance]
+    }
+
+    /// Premultiplied colour and transmittance of a surface at t.
+    fn surface(&self, pieces: &Pieces, t: f64, index: usize) -> (DVec3, f64) {
+        let surface = self.scene.iso[index];
+        let color = self.shaded(surface.color.into(), pieces.ray.at(t), pieces.direction);
+        (surface.alpha * color, 1.0 - surface.alpha)
+    }
+
+    /// Every crossing of every surface's value, in order along the ray. A value on the surface counts as above it.
+    fn all_crossings(&self, pieces: &Pieces) -> Vec<(f64, usize)> {
+        let mut found = Vec::new();
+        let value = |t: f64| self.volume.sample(pieces.ray.at(t));
+        for (index, surface) in self.scene.iso.iter().enumerate() {
+            let mut places = Vec::new();
+            let mut before: Option<(f64, bool)> = None;
+            let mut left = f64::NAN;
+            for end in &pieces.pieces {
+                // What lies on both sides of something cut away, or of something absent, is not compared.
+                before = before.filter(|_| left == end[0]);
+                left = end[1];
+                let inset = END_INSET * (end[1] - end[0]);
+                let [first, last] = [end[0] + inset, end[1] - inset];
+                let (Some(begins), Some(ends)) = (value(first), value(last)) else {
+                    before = None;
+                    continue;
+                };
+                if let Some((t, side)) = before.filter(|(_, side)| *side != (begins >= surface.value)) {
+                    places.push(bisect(t, first, |t| value(t).is_some_and(|s| s >= surface.value) == side));
+                }
+                let at = |t: f64| value(t).unwrap_or(f64::NAN);
+                add_crossings([end[0], end[1]], at, [surface.value], &mut places);
+                before = Some((last, ends >= surface.value));
+            }
+            found.extend(places.into_iter().map(|t| (t, index)));
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        found
     }
 
     fn first_crossing(&self, pieces: &Pieces, value: f64) -> Option<f64> {

@@ -2,7 +2,8 @@
 
 use supervol_format::readable::Number;
 
-use super::{SceneError, check, check_color, check_direction, check_share, plane_in_units};
+use super::validate::{check, check_color, check_direction, check_share};
+use super::{SceneError, plane_in_units};
 use crate::slices::filter::FilterSpec;
 use crate::slices::{ColorSpec, SlicePlane, SliceSpec};
 use crate::transfer_function::{ControlPoint, TransferFunction};

@@ -7,7 +7,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supervol_format::readable::Number;
 
-use super::{ClipSpec, Scene, SceneError, check, check_direction};
+use super::validate::{check, check_direction};
+use super::{ClipSpec, Scene, SceneError};
 use crate::camera::unit_vector;
 use crate::clip::mesh_file;
 use crate::clip::solids::{Keep, PlacedMesh, SOLID_LIMIT, Shape, Solid};

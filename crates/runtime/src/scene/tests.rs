@@ -109,8 +109,8 @@ fn mistakes_are_named_with_their_place() {
     assert!(message("\"edges\": [2, 4, 6]", skew).contains("right angles"));
     assert!(message("\"to\": [0, 0, 9]", "\"to\": [0, 0, 1]").contains("two different ends"));
     assert!(
-        message("\"mode\": \"dvr\",", "\"mode\": \"dvr\", \"iso\": [{\"value\": 1, \"color\": [1, 1, 1]}],")
-            .contains("not available yet")
+        message("\"mode\": \"dvr\",", "\"mode\": \"mip\", \"iso\": [{\"value\": 1, \"color\": [1, 1, 1]}],")
+            .contains("no surfaces in this mode")
     );
 }
 

@@ -55,6 +55,8 @@ pub struct RenderTransferFunction {
     pub inverse_unit_distance: f32,
     /// Number of points whose alpha is positive.
     visible_points: u32,
+    /// Render values of surfaces inside the volume, which are seen whatever their opacity.
+    surfaces: Vec<f32>,
     /// Where it begins and ceases to be visible.
     pub(super) edges: Edges,
 }
@@ -74,7 +76,10 @@ impl RenderTransferFunction {
         let inverse_unit_distance = (1.0 / source.unit_distance()) as f32;
         let bins = vec![0; bin_count];
         let edges = Edges::default();
-        let mut table = Self { points, knots, bins, bins_per_value, inverse_unit_distance, visible_points, edges };
+        // As the surfaces' own values are rounded.
+        let surfaces = source.surfaces().iter().map(|value| (value - shift) as f32).collect();
+        let mut table =
+            Self { points, knots, bins, bins_per_value, inverse_unit_distance, visible_points, surfaces, edges };
         // A value maps to its bin by a monotone expression, so every point in an earlier bin lies below the value.
         let bins_of_points: Vec<usize> = values.iter().map(|&v| table.bin(v)).collect();
         let mut last = 0;
@@ -121,13 +126,13 @@ impl RenderTransferFunction {
         std::array::from_fn(|c| p.rgba[c] + x * p.delta[c])
     }
 
-    /// Whether a value of the closed interval can have positive opacity; false for the empty interval `low > high`. One of its
+    /// Whether a value of the closed interval can have positive opacity, or is a surface's; false for the empty interval `low > high`. One of its
     /// ends has, or a point above its lower end has that is not above its upper: points count, not what `f32` makes of the
     /// segments between them.
     #[inline]
     #[must_use]
     pub fn is_visible(&self, low: f32, high: f32) -> bool {
-        self.edges.is_visible(low, high)
+        self.edges.is_visible(low, high) || self.surfaces.iter().any(|value| (low..=high).contains(value))
     }
 
     /// Whether a value has positive opacity.

@@ -36,13 +36,14 @@ pub fn reason(image: &Image, scene: &ResolvedScene, facts: &VolumeFacts) -> Opti
         format!("values run from {range}, and no surface is at {}", values.join(", "))
     } else if scene.mode == Mode::Iso {
         "no surface of these values lies where the camera looks".into()
-    } else if data == DataKind::Constant {
+    } else if data == DataKind::Constant && scene.iso.is_empty() {
         format!("every voxel is {}, and the transfer function shows nothing there", Number(range.min))
     } else {
         let points = scene.transfer_function.points();
         let ends = [points.first(), points.last()].map(|p| p.map_or(f64::NAN, |p| p.value * units.value));
+        let with_surfaces = if scene.iso.is_empty() { "" } else { "no surface lies where the camera looks, and " };
         format!(
-            "the transfer function, from {} to {}, shows nothing where the camera looks of values that run from {range}; try \
+            "{with_surfaces}the transfer function, from {} to {}, shows nothing where the camera looks of values that run from {range}; try \
              --clip-percent 1",
             Number(ends[0]),
             Number(ends[1])

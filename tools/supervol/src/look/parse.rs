@@ -169,6 +169,30 @@ pub fn color(text: &str) -> Result<[f64; 3], String> {
     }
 }
 
+/// A surface inside the volume as it is asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SurfaceWish {
+    /// Data value.
+    pub value: f64,
+    /// Colour, each channel in [0, 1], where it is said.
+    pub color: Option<[f64; 3]>,
+    /// Opacity in [0, 1].
+    pub alpha: f64,
+}
+
+/// `VALUE[:COLOUR[:OPACITY]]`.
+pub fn surface(text: &str) -> Result<SurfaceWish, String> {
+    let expected = || format!("'{text}': expected VALUE, VALUE:COLOUR or VALUE:COLOUR:OPACITY, such as 300:white:0.5");
+    let mut parts = text.split(':');
+    let value = parts.next().and_then(|value| value.trim().parse().ok()).filter(|v: &f64| v.is_finite());
+    let color = parts.next().map(color).transpose()?;
+    let alpha = parts.next().map_or(Ok(1.0), share)?;
+    match (value, parts.next()) {
+        (Some(value), None) => Ok(SurfaceWish { value, color, alpha }),
+        _ => Err(expected()),
+    }
+}
+
 /// `VALUE:COLOUR:OPACITY,...`, or a file with a transfer function as in a scene.
 pub fn transfer_function(text: &str) -> Result<PointsSpec, Failure> {
     if text.ends_with(".json") || Path::new(text).is_file() {
@@ -220,6 +244,10 @@ mod tests {
         assert_eq!((solid.keep, cuboid.center, cuboid.edges), (Keep::Outside, [1.0, 2.0, 3.0], [2.0, 4.0, 6.0]));
         assert!(matches!(cutter("1,0,0,5"), Ok(Cutter::Plane(_))) && cutter("mesh:a:b.ply").is_ok());
         assert!(["sphere:1,2,3", "ball:1,2,3,4", "mesh:", "1,2,3"].iter().all(|text| cutter(text).is_err()));
+        let wish = SurfaceWish { value: -3.5, color: Some([1.0; 3]), alpha: 0.25 };
+        assert_eq!(surface("-3.5:white:0.25"), Ok(wish));
+        assert_eq!(surface("7").map(|wish| (wish.color, wish.alpha)), Ok((None, 1.0)));
+        assert!(["", "a", "1:", "1:white:2", "1:white:1:1"].iter().all(|text| surface(text).is_err()));
         let points = transfer_function("0:black:0,100:#ffffff:0.5").expect("two points").points;
         assert_eq!((points.len(), points[1].color, points[1].alpha), (2, [1.0; 3], 0.5));
         assert!(transfer_function("0:black").is_err() && transfer_function("0:black:2").is_err());

@@ -77,7 +77,9 @@ impl CastTile<'_> {
         if deviation.is_none() {
             return None;
         }
-        let is_drawn = matches!(resident, Resident::Brick(_) | Resident::Uniform(_)) && self.frame.mode != Mode::Iso;
+        // What surfaces let through says nothing of those that are elsewhere.
+        let has_surface = self.frame.mode == Mode::Iso || deviation.is_unbounded();
+        let is_drawn = matches!(resident, Resident::Brick(_) | Resident::Uniform(_)) && !has_surface;
         let gathered = &self.rays.gathered;
         let of = if has_transmittance(self.frame.mode) { &gathered.transmittance } else { &gathered.value };
         let rays = self.rays.hits().iter().map(|&ray| {

@@ -20,6 +20,7 @@
 pub mod blocks;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod fetch;
+mod inner_surfaces;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod integrate;
 pub mod leap;
@@ -32,6 +33,8 @@ mod packets;
 mod parts;
 mod pending;
 mod per_brick;
+mod pixels;
+mod quality;
 mod queue;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod refine;
@@ -61,7 +64,7 @@ use rayon::prelude::*;
 use supervol_format::{BrickKey, Geometry, Lod, Pyramid, ValueRange};
 
 use super::scalar::shade::Lighting;
-use super::scalar::{self, CellByCell, CellRule, Integration, Integrator};
+use super::scalar::{self, Integrator};
 use super::volume::{BrickView, KnownEntry, Resident, ValueMap};
 use crate::camera::{Camera, Ray};
 use crate::clip::{Clip, IndexRay, Segment, clip_parts, clip_ray};
@@ -71,11 +74,12 @@ use crate::lod::deviation::Deviations;
 use crate::lod::{LodChoice, LodRule};
 use crate::scene::{Mode, ResolvedScene};
 use crate::stop::Stop;
-use crate::streamer::budget::{Bands, CasterBytes, MADE_LIMIT};
 use crate::transfer_function::RenderTransferFunction;
 use levels::ErrorsByReason;
 pub(crate) use packets::{CELL_SHARE, END_SHARE, FIT_SHARE};
-use packets::{PacketTables, Tile, cast_tiles, error_pixels_of, pixels_of, tiles_of};
+use packets::{PacketTables, Tile, cast_tiles, tiles_of};
+use pixels::{error_pixels_of, pixels_of};
+pub use quality::{Caster, CpuQuality, MAX_ERROR_LIMITS, PacketRule};
 use simd::InstructionSet;
 
 /// A ray ends when its opacity reaches this; what lies behind can change no channel by more than 0.08/255, and no mean of
@@ -120,6 +124,10 @@ pub struct CpuFrame {
     pub(crate) transfer_function: RenderTransferFunction,
     pub(crate) lighting: Option<Lighting>,
     pub(crate) iso: Vec<IsoSurface>,
+    /// In mode `dvr` with surfaces: the frame of these, in mode `iso`, which lists all crossings and adds none.
+    pub(crate) inner: Option<Arc<CpuFrame>>,
+    /// Whether crossings are listed, all of them, and not composited.
+    pub(crate) lists_crossings: bool,
     pub(crate) map: ValueMap,
     pub(crate) lod: LodRule,
     /// The level at which the search for a brick begins.
@@ -156,6 +164,8 @@ pub struct RayState {
     pub length: f64,
     /// `iso`: sides and hits.
     pub iso: IsoSides,
+    /// Where it has met surfaces, in order, of frames that list them; with `t` as the begin of the present cell.
+    pub crossings: Vec<SurfaceCrossing>,
     /// The brick that the ray waits for.
     pub waiting: Option<BrickKey>,
     /// Nothing is left to do.
@@ -174,10 +184,22 @@ impl RayState {
             value: f64::NAN,
             length: 0.0,
             iso: IsoSides::default(),
+            crossings: Vec::new(),
             waiting: None,
             finished: segment.is_none(),
         }
     }
+}
+
+/// Where a ray meets a surface, and what that looks like.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfaceCrossing {
+    /// World length along the ray.
+    pub t: f64,
+    /// Colour after shading, premultiplied.
+    pub color: [f32; 3],
+    /// Opacity.
+    pub alpha: f32,
 }
 
 /// Which side of each iso value the ray is on, one bit per surface.
@@ -345,6 +367,9 @@ impl CpuFrame {
     /// The frame of a scene over one container: its levels, its place in the world, its values.
     ///
     /// `value_range` is that of the whole volume, data units.
+    ///
+    /// # Panics
+    /// If the scene has surfaces inside the volume (mode `dvr` with `iso`) and the caster is not [`Caster::Packets`].
     #[must_use]
     pub fn new(
         scene: &ResolvedScene,
@@ -367,7 +392,8 @@ impl CpuFrame {
             rows: 0..scene.camera.height,
             clip: scene.clip.clone(),
             mode: scene.mode,
-            transfer_function: RenderTransferFunction::new(&scene.transfer_function, map.shift),
+            // Surfaces are met apart from what is gathered around them.
+            transfer_function: RenderTransferFunction::new(&scene.transfer_function.without_surfaces(), map.shift),
             lighting: scene.shading.as_ref().map(|s| Lighting::new(s, geometry, value_range.width())),
             iso: scene
                 .iso
@@ -378,6 +404,8 @@ impl CpuFrame {
                     alpha: s.alpha as f32,
                 })
                 .collect(),
+            inner: None,
+            lists_crossings: false,
             map,
             lod: LodRule::new(quality.lod, &scene.camera, geometry),
             first_lod,
@@ -389,8 +417,17 @@ impl CpuFrame {
             stop: Stop::NEVER,
             finished: None,
         };
+        let mut made_bytes = quality.made_bytes;
+        if scene.mode == Mode::Dvr && !scene.iso.is_empty() {
+            made_bytes /= 2;
+            let scene = ResolvedScene { mode: Mode::Iso, ..scene.clone() };
+            let quality = CpuQuality { made_bytes, ..quality.clone() };
+            assert!(matches!(quality.caster, Caster::Packets(_)), "only packets draw surfaces inside the volume");
+            let surfaces = Self::new(&scene, pyramid, geometry, map, value_range, quality);
+            frame.inner = Some(Arc::new(Self { lists_crossings: true, ..surfaces }));
+        }
         if let Caster::Packets(rule) = quality.caster {
-            let tables = PacketTables::new(&frame, &scene.transfer_function, rule, quality.made_bytes);
+            let tables = PacketTables::new(&frame, &scene.transfer_function, rule, made_bytes);
             frame.packets = Some(Arc::new(tables));
         }
         frame
@@ -433,7 +470,8 @@ impl CpuFrame {
     pub fn band(&self, pixel_rows: Range<u32>) -> Self {
         let rows = pixel_rows.start * self.subgrid..pixel_rows.end * self.subgrid;
         assert!(rows.end <= self.camera.height, "pixel rows {pixel_rows:?} of {} rows of rays", self.camera.height);
-        Self { rows, ..self.clone() }
+        let inner = self.inner.as_ref().map(|surfaces| Arc::new(surfaces.band(pixel_rows)));
+        Self { rows, inner, ..self.clone() }
     }
 
     /// All rays before the first pass.
@@ -539,6 +577,7 @@ impl CpuFrame {
     pub(crate) fn is_done(&self, state: &RayState) -> bool {
         match self.mode {
             Mode::Dvr => state.transmittance <= 1.0 - self.termination_opacity,
+            Mode::Iso if self.lists_crossings => false,
             Mode::Iso => {
                 let all_hit = state.iso.hit.count_ones() as usize == self.iso.len();
                 state.transmittance <= 1.0 - TERMINATION_OPACITY || all_hit
@@ -573,135 +612,6 @@ impl CpuFrame {
             return clip_parts(ray, index_ray, dims, &self.clip).get(part).copied();
         }
         clip_ray(ray, index_ray, dims, &self.clip).filter(|_| part == 0)
-    }
-}
-
-/// Who casts the rays of a frame, and how finely.
-///
-/// Every caster walks the same bricks and macro cells, skips the same ones, reads through the same streamer and cache,
-/// and ends at the same scene: only what happens inside a visible macro cell differs.
-#[derive(Debug, Clone)]
-pub enum Caster {
-    /// Cell by cell, in packets of rays: what users get (docs/decisions/001-cells-not-steps.md, 006-packets.md).
-    Packets(PacketRule),
-    /// Cell by cell, ray by ray, in `f64`: what packets are compared with.
-    Cells(CellRule),
-    /// By something else that is plugged into the scalar caster, for comparison; mode `dvr` only: all others go cell by
-    /// cell.
-    Custom(Arc<dyn Integration>),
-}
-
-impl Caster {
-    /// What users get.
-    pub const DEFAULT: Self = Self::Packets(PacketRule::DEFAULT);
-
-    /// Whether this is what users get, with whatever instructions and error.
-    #[must_use]
-    pub fn is_default(&self) -> bool {
-        matches!(self, Self::Packets(_))
-    }
-
-    /// The same caster, aimed at this error if it can be aimed: the largest of any channel of any pixel, 1 being white.
-    #[must_use]
-    pub fn with_max_error(self, max_error: f64) -> Self {
-        match self {
-            Self::Packets(rule) => Self::Packets(PacketRule { max_error, ..rule }),
-            other => other,
-        }
-    }
-
-    /// The same caster, which sums up what its rays may be off by if it can.
-    #[must_use]
-    pub fn summing_errors(self) -> Self {
-        match self {
-            Self::Packets(rule) => Self::Packets(PacketRule { sums_errors: true, ..rule }),
-            other => other,
-        }
-    }
-
-    /// Opacity at which a ray ends in mode `dvr`; above 1, never.
-    #[must_use]
-    pub fn termination_opacity(&self) -> f64 {
-        match self {
-            Self::Packets(_) => TERMINATION_OPACITY,
-            Self::Cells(rule) => rule.termination_opacity,
-            Self::Custom(integration) => integration.termination_opacity(),
-        }
-    }
-
-    /// What it holds in host memory beside its tables; `core`: voxels along an edge of a full brick's core.
-    #[must_use]
-    pub fn bytes(&self, core: usize) -> CasterBytes {
-        match self {
-            Self::Packets(rule) => packets::bytes_held(core, rule.sums_errors),
-            Self::Cells(_) | Self::Custom(_) => CasterBytes {
-                bands: Bands::Allowed,
-                tile_side: 1,
-                tile: size_of::<RayState>() as u64,
-                thread: 0,
-                made_of_brick: 0,
-                of_pixel: 0,
-            },
-        }
-    }
-
-    fn integrator(&self, scene: &ResolvedScene, geometry: &Geometry) -> Arc<dyn Integrator> {
-        match self {
-            Self::Custom(integration) if scene.mode == Mode::Dvr => integration.integrator(scene, geometry),
-            Self::Custom(_) | Self::Packets(_) => Arc::new(CellByCell { pairs: CellRule::DEFAULT.pairs }),
-            Self::Cells(rule) => Arc::new(CellByCell { pairs: rule.pairs }),
-        }
-    }
-}
-
-impl Default for Caster {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
-}
-
-/// Least and greatest error that packets are aimed at: below, `f32` ends; above, nothing is gained.
-pub const MAX_ERROR_LIMITS: [f64; 2] = [0.05 / 255.0, 16.0 / 255.0];
-
-/// How finely packets integrate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PacketRule {
-    /// Largest error of any channel of any pixel that is aimed at, 1 being white; brought to [`MAX_ERROR_LIMITS`].
-    pub max_error: f64,
-    /// Instructions to use; `None`: the best that the processor has.
-    pub instructions: Option<InstructionSet>,
-    /// Whether what cells and levels may do is summed up along rays, for a prediction: 1 to 2 % of the time.
-    pub sums_errors: bool,
-}
-
-impl PacketRule {
-    /// Half a grey level.
-    pub const DEFAULT: Self = Self { max_error: 0.5 / 255.0, instructions: None, sums_errors: false };
-}
-
-impl Default for PacketRule {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
-}
-
-/// How much work a frame may save, and how.
-#[derive(Debug, Clone)]
-pub struct CpuQuality {
-    /// Which level bricks are taken from.
-    pub lod: LodChoice,
-    /// Whether macro cells are skipped.
-    pub skipping: Skipping,
-    /// Who casts the rays.
-    pub caster: Caster,
-    /// Most bytes of what is made once of each brick, and kept: with less it is made more often.
-    pub made_bytes: u64,
-}
-
-impl Default for CpuQuality {
-    fn default() -> Self {
-        let lod = LodChoice::Auto { voxel_pixels: 1.0 };
-        Self { lod, skipping: Skipping::On, caster: Caster::DEFAULT, made_bytes: MADE_LIMIT }
     }
 }
 

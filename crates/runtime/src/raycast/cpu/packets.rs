@@ -29,7 +29,7 @@ use super::span::ChooseSpan;
 use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays, place_of};
 use super::value_tiles::{BrickSummaries, BrickSummary};
 use super::walk::{Packet, PacketBrick};
-use super::{BlockFeedback, Counters, CpuFrame, MAX_ERROR_LIMITS, PacketRule, RayState, Skipping};
+use super::{BlockFeedback, Counters, CpuFrame, MAX_ERROR_LIMITS, PacketRule, Skipping};
 use crate::camera::{PixelRays, Projection};
 use crate::clip::{IndexRay, Segment, ToIndex};
 use crate::lod::deviation::Deviation;
@@ -157,7 +157,7 @@ pub enum Tile {
 #[derive(Debug, Clone)]
 pub struct FinishedTile {
     /// Premultiplied colour and opacity of each ray.
-    pixels: [[f32; 4]; TILE_RAYS],
+    pub(super) pixels: [[f32; 4]; TILE_RAYS],
     /// Rays that ended before they left the volume.
     terminated_early: u64,
     /// What its rays may be off by, where that was summed up.
@@ -257,7 +257,11 @@ impl PacketTables {
     /// What is not of any single cell: what a ray of this opacity may be off by in mode `dvr`; in others, what is aimed at.
     pub fn own_error(&self, frame: &CpuFrame, opacity: f64) -> f64 {
         match frame.mode {
-            Mode::Dvr if opacity > 0.0 => self.fit_error() * opacity + self.rounding_error(frame),
+            Mode::Dvr if opacity > 0.0 => {
+                // Of surfaces no more is known than that they aim at this, as in mode `iso`.
+                let of_surfaces = if frame.inner.is_some() { self.fit / FIT_SHARE } else { 0.0 };
+                self.fit_error() * opacity + self.rounding_error(frame) + of_surfaces
+            }
             Mode::Iso if opacity > 0.0 => self.fit / FIT_SHARE,
             _ => 0.0,
         }
@@ -473,45 +477,6 @@ fn end_tile((frame, tables): (&CpuFrame, &PacketTables), rays: &TileRays) -> Til
     Tile::Finished(Box::new(FinishedTile { pixels, terminated_early, errors }))
 }
 
-/// The pixels of all tiles, row by row from the top; of rays that wait `waiting` makes one.
-#[must_use]
-pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile], waiting: impl Fn(&RayState) -> [f32; 4]) -> Vec<[f32; 4]> {
-    row_by_row(frame, tiles, |tile, ray| match tile {
-        Tile::Fresh => waiting(&RayState::new(None)),
-        Tile::Finished(finished) => finished.pixels[ray],
-        Tile::Waiting(gathered) => waiting(&gathered.state(ray)),
-    })
-}
-
-/// What the rays of all tiles may be off by, row by row from the top, grey; NaN of those that are not finished.
-#[must_use]
-pub fn error_pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
-    row_by_row(frame, tiles, |tile, ray| {
-        tile.errors().map_or([f32::NAN; 4], |errors| {
-            let error = errors.of_rays[ray];
-            [error, error, error, 1.0]
-        })
-    })
-}
-
-/// What `pixel` says of each ray, row by row from the top.
-fn row_by_row(frame: &CpuFrame, tiles: &[Tile], pixel: impl Fn(&Tile, usize) -> [f32; 4]) -> Vec<[f32; 4]> {
-    let (width, height) = (frame.camera.width as usize, frame.rows.len());
-    let columns = tiles_of(frame)[0] as usize;
-    let mut pixels = vec![[0.0; 4]; width * height];
-    for (index, tile) in tiles.iter().enumerate() {
-        let corner = [index % columns, index / columns].map(|i| i * TILE_SIDE as usize);
-        for ray in 0..TILE_RAYS {
-            let [x, y] = place_of(ray).map(|v| v as usize);
-            let (x, y) = (corner[0] + x, corner[1] + y);
-            if x < width && y < height {
-                pixels[y * width + x] = pixel(tile, ray);
-            }
-        }
-    }
-    pixels
-}
-
 /// A tile through all bricks.
 pub(super) struct CastTile<'a> {
     pub(super) view: &'a dyn BrickView,
@@ -520,7 +485,7 @@ pub(super) struct CastTile<'a> {
     /// First pixel of the tile, counted in the frame's rows.
     pub(super) corner: [u32; 2],
     pub(super) rays: &'a mut TileRays,
-    queues: &'a mut Queues,
+    pub(super) queues: &'a mut Queues,
     pub(super) feedback: &'a mut BlockFeedback,
 }
 
@@ -594,18 +559,34 @@ impl CastTile<'_> {
         self.feedback.uses.insert(key);
         let crossing = self.crossing(key, resident);
         let is_dvr = self.frame.mode == Mode::Dvr;
-        match resident {
-            Resident::Brick(brick) if is_dvr => self.cast_brick(key, brick),
-            Resident::Brick(brick) => self.gather_brick(key, brick),
-            Resident::Uniform(value) if is_dvr => self.cast_uniform(value),
-            Resident::Uniform(value) => self.gather_uniform(key, value),
-            Resident::Nothing | Resident::TooCoarse | Resident::UseParent if !is_dvr => self.gather_nothing(),
-            Resident::Nothing | Resident::TooCoarse | Resident::UseParent | Resident::Missing => {}
+        match &self.frame.inner {
+            Some(surfaces) => self.cast_around_surfaces(key, resident, surfaces),
+            None if is_dvr => self.cast_resident(key, resident),
+            None => self.gather_resident(key, resident),
         }
         if let Some(crossing) = crossing {
             self.note_levels(&crossing);
         }
         Visit::Done
+    }
+
+    /// Rays gather light in what there is of a brick.
+    pub(super) fn cast_resident(&mut self, key: BrickKey, resident: Resident<'_>) {
+        match resident {
+            Resident::Brick(brick) => self.cast_brick(key, brick),
+            Resident::Uniform(value) => self.cast_uniform(value),
+            Resident::Nothing | Resident::TooCoarse | Resident::UseParent | Resident::Missing => {}
+        }
+    }
+
+    /// Rays gather values, or meet surfaces, in what there is of a brick.
+    pub(super) fn gather_resident(&mut self, key: BrickKey, resident: Resident<'_>) {
+        match resident {
+            Resident::Brick(brick) => self.gather_brick(key, brick),
+            Resident::Uniform(value) => self.gather_uniform(key, value),
+            Resident::Nothing | Resident::TooCoarse | Resident::UseParent => self.gather_nothing(),
+            Resident::Missing => {}
+        }
     }
 
     /// All rays see one value all the way.

@@ -12,7 +12,7 @@ use supervol_format::space::HALF_VOXEL;
 
 use super::levels::LevelErrors;
 use super::walk::Packet;
-use super::{IsoSides, RayState};
+use super::{IsoSides, RayState, SurfaceCrossing};
 use crate::clip::{IndexRay, Segment};
 use crate::raycast::scalar::walk::PARALLEL;
 
@@ -107,6 +107,8 @@ pub struct TileRays {
     stop: PerRay,
     /// What the rays have gathered.
     pub gathered: Gathered,
+    /// Surfaces that rays meet in the present brick, in order along each ray, of frames that list them.
+    pub crossings: Vec<(u16, SurfaceCrossing)>,
     /// Entry into and exit from the present brick.
     entry: PerRay,
     exit: PerRay,
@@ -168,6 +170,7 @@ impl TileRays {
                 levels: None,
                 part: 0,
             },
+            crossings: Vec::new(),
             entry: zero,
             exit: zero,
             hits: [0; TILE_RAYS],
@@ -332,6 +335,17 @@ impl TileRays {
     #[must_use]
     pub fn interval(&self, ray: u16) -> [f64; 2] {
         [self.entry[usize::from(ray)], self.exit[usize::from(ray)]]
+    }
+
+    /// The rays found by [`TileRays::enter`] are these.
+    pub fn set_hits(&mut self, hits: &[u16]) {
+        self.hits[..hits.len()].copy_from_slice(hits);
+        self.hit_count = hits.len();
+    }
+
+    /// A ray goes through a part of its way through the present brick.
+    pub fn set_interval(&mut self, ray: u16, [entry, exit]: [f64; 2]) {
+        (self.entry[usize::from(ray)], self.exit[usize::from(ray)]) = (entry, exit);
     }
 
     /// A ray in index space.

@@ -17,7 +17,7 @@ use super::surfaces::Surfaces;
 use super::tile::{BrickGrid, TileRays};
 use super::values::{Extreme, Host, Mean, ValuePacket, cast};
 use super::walk::PacketBrick;
-use super::{CpuFrame, IsoSides, Skipping};
+use super::{CpuFrame, IsoSides, RayState, Skipping};
 use crate::raycast::scalar::{LevelVisit, gather_exact_cell};
 use crate::raycast::volume::{DecodedBrick, ValueMap};
 use crate::scene::{ISO_LIMIT, Mode};
@@ -282,10 +282,11 @@ impl CastTile<'_> {
             }
             let cast_ray = cast_ray(self.frame, self.tables, self.rays, self.corner, ray);
             let visit = LevelVisit::new(self.frame, &cast_ray, key);
-            let mut state = self.rays.gathered.state(place);
+            let mut state = RayState { t: t0, ..self.rays.gathered.state(place) };
             let counters = &mut self.feedback.counters;
             self.frame.integrator.gather_uniform(&visit, value, [t0, t1], &mut state, counters);
             self.rays.gathered.set_state(place, &state);
+            self.rays.crossings.extend(state.crossings.drain(..).map(|crossing| (ray, crossing)));
             if self.frame.is_done(&state) {
                 self.rays.end(place);
             }
@@ -414,6 +415,7 @@ impl Host for TileHost<'_> {
         let level = LevelVisit::new(self.frame, &cast_ray, self.key);
         gather_exact_cell(level, self.brick, self.key, base, self.rays.interval(ray), &mut state);
         self.rays.gathered.set_state(place, &state);
+        self.rays.crossings.extend(state.crossings.drain(..).map(|crossing| (ray, crossing)));
         if self.frame.is_done(&state) {
             self.rays.end(place);
         }

@@ -4,7 +4,7 @@ use supervol_format::BrickKey;
 
 use super::cell::{Cell, cubic_of_cell};
 use super::integrator::Integrator;
-use super::modes::{Chord, gather_dvr, gather_iso, gather_mean, gather_minip, gather_mip};
+use super::modes::{Chord, gather_crossings, gather_dvr, gather_iso, gather_mean, gather_minip, gather_mip};
 use super::shade::ChordGradient;
 use super::visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};
 use super::walk::GridWalk;
@@ -96,7 +96,7 @@ pub(crate) fn exact_cell(
     [r, g, b, state.transmittance].map(|v| v as f32)
 }
 
-/// Gathers over the part of a ray that [`exact_cell`] is about.
+/// Gathers over the part of a ray that [`exact_cell`] is about; leaves its begin in `state.t`.
 pub(crate) fn gather_exact_cell(
     level: LevelVisit<'_>,
     brick: &DecodedBrick,
@@ -109,6 +109,7 @@ pub(crate) fn gather_exact_cell(
     let index = visit.cell_at_base(base);
     let t = visit.cell_planes.chord(visit.level.axis_ray, index, t);
     if t[0] < t[1] {
+        state.t = t[0];
         let counters = &mut Counters::default();
         let cells = CellByCell { pairs: CellRule::DEFAULT.pairs };
         match visit.voxels() {
@@ -181,6 +182,7 @@ impl CellByCell {
             Mode::Mip => gather_mip(chord, state),
             Mode::Minip => gather_minip(chord, state),
             Mode::Mean => gather_mean(chord, state),
+            Mode::Iso if frame.lists_crossings => gather_crossings(frame, setup, chord, state),
             Mode::Iso => gather_iso(frame, setup, chord, state),
             Mode::Slice => {}
         }

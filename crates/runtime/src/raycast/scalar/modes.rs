@@ -10,7 +10,7 @@ use super::quadrature::{
     GAUSS_OFFSET, KNOT_LIMIT, PAIR_LIMIT, integrate_pair, opacity_of, pairs_between, shaded_pair_count, splits_of_chord,
 };
 use super::shade::{ChordGradient, Lighting, shade};
-use crate::raycast::cpu::{Counters, CpuFrame, RayState};
+use crate::raycast::cpu::{Counters, CpuFrame, RayState, SurfaceCrossing};
 use crate::scene::ISO_LIMIT;
 use crate::transfer_function::RenderTransferFunction;
 
@@ -220,6 +220,42 @@ pub fn gather_iso(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state
         let surface = &frame.iso[index];
         let color = chord.shaded(setup, surface.color, u);
         composite(state, color.map(|c| c * surface.alpha), surface.alpha);
+    }
+}
+
+/// All crossings of the iso values on the chord, which begins at `state.t`, in order: listed, not composited.
+///
+/// The side is carried as in [`gather_iso`].
+pub fn gather_crossings(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state: &mut RayState) {
+    let mut found: Vec<(Real, usize)> = Vec::new();
+    let intervals = monotone_intervals(&chord.cubic);
+    for (index, surface) in frame.iso.iter().enumerate() {
+        let bit = 1u32 << index;
+        let is_above = |u: Real| chord.value(u) >= surface.value;
+        let mut side = if state.iso.known & bit != 0 { state.iso.above & bit != 0 } else { is_above(0.0) };
+        for ends in intervals.as_slice().windows(2) {
+            let [begins, is_end_above] = [ends[0], ends[1]].map(is_above);
+            if begins != side {
+                // Jumped: between levels, or by rounding.
+                found.push((ends[0], index));
+            }
+            if begins != is_end_above {
+                // Where the cubic ends just short of the value, its `f32` may have reached it.
+                let root = monotone_root(&chord.cubic, ends[0], ends[1], Real::from(surface.value));
+                found.push((root.unwrap_or(ends[1]), index));
+            }
+            side = is_end_above;
+        }
+        state.iso.above = if side { state.iso.above | bit } else { state.iso.above & !bit };
+    }
+    state.iso.known = u32::MAX;
+    found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    for (u, index) in found {
+        let surface = &frame.iso[index];
+        if surface.alpha > 0.0 {
+            let color = chord.shaded(setup, surface.color, u).map(|c| c * surface.alpha);
+            state.crossings.push(SurfaceCrossing { t: state.t + u * chord.h, color, alpha: surface.alpha });
+        }
     }
 }
 

@@ -7,7 +7,7 @@
 //!
 //! | mode | the point |
 //! |---|---|
-//! | `dvr` | where the opacity that the ray has gathered first reaches half of what it gathers in all, or the slice that takes it there |
+//! | `dvr` | where the opacity that the ray has gathered first reaches half of what it gathers in all, or the surface or slice that takes it there |
 //! | `iso` | the first surface, or slice, that is not wholly clear |
 //! | `mip`, `minip` | the first place of the extreme |
 //! | `slice` | the first slice that is not wholly clear |
@@ -235,11 +235,20 @@ impl<'a> Walk<'a> {
 
     fn half_of_opacity(&mut self) -> Result<Option<Place>, RenderError> {
         let (scene, mut left) = (self.scene, 1.0);
+        let mut sides = Sides::default();
         self.events(|event| {
             left *= match event {
-                Event::Cell([t0, t1], field) => (-depth_of(&field, t1 - t0, scene)).exp(),
+                Event::Cell([t0, t1], field) => {
+                    let surfaces =
+                        sides.cross(&field, scene).into_iter().map(|(_, number)| 1.0 - scene.iso[number].alpha);
+                    (-depth_of(&field, t1 - t0, scene)).exp() * surfaces.product::<f64>()
+                }
                 Event::Slice(number, _, value) if !value.is_nan() => 1.0 - scene.slices[number].opacity,
-                Event::Slice(..) | Event::Gap => 1.0,
+                Event::Slice(..) => 1.0,
+                Event::Gap => {
+                    sides = Sides::default();
+                    1.0
+                }
             };
             if left < NOTHING_LEFT { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         })?;
@@ -247,16 +256,30 @@ impl<'a> Walk<'a> {
             return Ok(None);
         }
         let (half, mut left) = (1.0 - 0.5 * (1.0 - left), 1.0);
+        let mut sides = Sides::default();
         self.events(|event| {
             match event {
                 Event::Cell([t0, t1], field) => {
-                    let wanted = -(half / left).ln();
-                    let depth = depth_of(&field, t1 - t0, scene);
-                    if depth >= wanted {
-                        let x = place_of_depth(&field, t1 - t0, wanted, scene);
-                        return ControlFlow::Break((PickedOn::Volume, t0 + x * (t1 - t0), field.at(x)));
+                    // The cell in parts, between surfaces.
+                    let mut from = 0.0;
+                    let surfaces = sides.cross(&field, scene).into_iter().map(|(x, number)| (x, Some(number)));
+                    for (to, surface) in surfaces.chain([(1.0, None)]) {
+                        let part = [from, to];
+                        let wanted = -(half / left).ln();
+                        let depth = depth_between(&field, part, t1 - t0, scene);
+                        if depth >= wanted {
+                            let x = place_of_depth(&field, part, (t1 - t0, wanted), scene);
+                            return ControlFlow::Break((PickedOn::Volume, t0 + x * (t1 - t0), field.at(x)));
+                        }
+                        left *= (-depth).exp();
+                        let Some(number) = surface else { continue };
+                        left *= 1.0 - scene.iso[number].alpha;
+                        if left <= half {
+                            let on = PickedOn::Surface(number);
+                            return ControlFlow::Break((on, t0 + to * (t1 - t0), scene.iso[number].value));
+                        }
+                        from = to;
                     }
-                    left *= (-depth).exp();
                 }
                 Event::Slice(number, t, value) if !value.is_nan() => {
                     left *= 1.0 - scene.slices[number].opacity;
@@ -264,7 +287,8 @@ impl<'a> Walk<'a> {
                         return ControlFlow::Break((PickedOn::Slice(number), t, value));
                     }
                 }
-                Event::Slice(..) | Event::Gap => {}
+                Event::Slice(..) => {}
+                Event::Gap => sides = Sides::default(),
             }
             ControlFlow::Continue(())
         })
@@ -340,17 +364,58 @@ fn slice_that_shows(scene: &ResolvedScene, number: usize, t: f64, value: f64) ->
     if shows { ControlFlow::Break((PickedOn::Slice(number), t, value)) } else { ControlFlow::Continue(()) }
 }
 
-/// Optical depth of a piece of this length.
-fn depth_of(field: &Cubic, length: f64, scene: &ResolvedScene) -> f64 {
-    let function = &scene.transfer_function;
-    field.smooth_parts(function).windows(2).map(|ends| field.depth([ends[0], ends[1]], length, function)).sum()
+/// On which side of each surface's value the ray is, where that is known.
+#[derive(Debug, Default)]
+struct Sides {
+    value: Option<f64>,
 }
 
-/// Where in a piece of this length so much optical depth has been gathered, in x.
-fn place_of_depth(field: &Cubic, length: f64, wanted: f64, scene: &ResolvedScene) -> f64 {
+impl Sides {
+    /// Where the ray crosses surfaces in a cell, in x, and their numbers: in order. A value on the surface counts as above it.
+    fn cross(&mut self, field: &Cubic, scene: &ResolvedScene) -> Vec<(f64, usize)> {
+        let mut found = Vec::new();
+        for (number, surface) in scene.iso.iter().enumerate() {
+            let mut side = self.value.unwrap_or(field.at(0.0)) >= surface.value;
+            for ends in field.turns().windows(2) {
+                let [begins, is_end_above] = [ends[0], ends[1]].map(|x| field.at(x) >= surface.value);
+                if begins != side {
+                    found.push((ends[0], number));
+                }
+                if begins != is_end_above {
+                    found.push((field.crossing([ends[0], ends[1]], surface.value), number));
+                }
+                side = is_end_above;
+            }
+        }
+        self.value = Some(field.at(1.0));
+        found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        found
+    }
+}
+
+/// Optical depth of a piece of this length.
+fn depth_of(field: &Cubic, length: f64, scene: &ResolvedScene) -> f64 {
+    depth_between(field, [0.0, 1.0], length, scene)
+}
+
+/// Optical depth from x to x in a piece of this length.
+fn depth_between(field: &Cubic, part: [f64; 2], length: f64, scene: &ResolvedScene) -> f64 {
+    let function = &scene.transfer_function;
+    smooth_parts(field, part, scene).windows(2).map(|ends| field.depth([ends[0], ends[1]], length, function)).sum()
+}
+
+/// The parts between which extinction is smooth, from x to x.
+fn smooth_parts(field: &Cubic, [from, to]: [f64; 2], scene: &ResolvedScene) -> Vec<f64> {
+    let cuts = field.smooth_parts(&scene.transfer_function);
+    let inside = cuts.into_iter().filter(|x| from < *x && *x < to);
+    std::iter::once(from).chain(inside).chain([to]).collect()
+}
+
+/// Where between x and x of a piece of this length so much optical depth has been gathered, in x.
+fn place_of_depth(field: &Cubic, part: [f64; 2], (length, wanted): (f64, f64), scene: &ResolvedScene) -> f64 {
     let function = &scene.transfer_function;
     let mut gathered = 0.0;
-    for ends in field.smooth_parts(function).windows(2) {
+    for ends in smooth_parts(field, part, scene).windows(2) {
         let depth = field.depth([ends[0], ends[1]], length, function);
         if gathered + depth < wanted {
             gathered += depth;
@@ -364,5 +429,5 @@ fn place_of_depth(field: &Cubic, length: f64, wanted: f64, scene: &ResolvedScene
         }
         return high;
     }
-    1.0
+    part[1]
 }

@@ -1,0 +1,158 @@
+//! What numbers of a scene may be, as far as that does not depend on the volume: errors name the key, what was expected and found.
+
+use supervol_format::readable::Number;
+
+use super::{
+    EXAGGERATION_LIMITS, INNER_SURFACE_LIMIT, ISO_LIMIT, ImageSpec, LIGHT_LIMIT, Mode, PLANE_LIMIT, RAY_LIMIT,
+    SHADING_LIMIT, Scene, SceneError, TransferFunctionSpec,
+};
+use crate::camera::unit_vector;
+use crate::preset;
+use crate::slices::SLICE_LIMIT;
+use crate::units::Units;
+
+impl Scene {
+    /// Checks every number that does not depend on the volume.
+    ///
+    /// # Errors
+    /// As [`Scene::from_json`].
+    pub fn validate(&self) -> Result<(), SceneError> {
+        self.validate_image()?;
+        let factor = self.vertical_exaggeration.unwrap_or(1.0);
+        let [least, most] = EXAGGERATION_LIMITS;
+        let expected = || format!("a factor between {least:e} and {most:e}");
+        check((least..=most).contains(&factor), "vertical_exaggeration", expected, Number(factor))?;
+        if let Some(camera) = &self.camera {
+            camera.projection()?;
+            camera.camera(&Units::WORLD, [1, 1])?;
+        }
+        match &self.transfer_function {
+            Some(TransferFunctionSpec::Preset(name)) => check(
+                preset::NAMES.contains(&name.as_str()),
+                "transfer_function",
+                || format!("an object, or one of the presets {}", preset::NAMES.join(", ")),
+                name,
+            )?,
+            Some(TransferFunctionSpec::Points(points)) => drop(points.transfer_function(1.0)?),
+            None => {}
+        }
+        self.validate_surfaces()?;
+        self.validate_slices()?;
+        self.validate_shading()?;
+        self.validate_clip()
+    }
+
+    fn validate_image(&self) -> Result<(), SceneError> {
+        let ImageSpec { width, height, background } = self.image;
+        let samples = self.samples_per_pixel.unwrap_or(1);
+        check(width >= 1, "image.width", || "at least 1 pixel".into(), width)?;
+        check(height >= 1, "image.height", || "at least 1 pixel".into(), height)?;
+        let square = samples >= 1 && samples.isqrt().pow(2) == samples;
+        check(square, "samples_per_pixel", || "a square number (1, 4, 9, 16, ...)".into(), samples)?;
+        let rays = u64::from(width).saturating_mul(u64::from(height)).saturating_mul(u64::from(samples));
+        check(rays <= RAY_LIMIT, "image", || format!("at most {RAY_LIMIT} rays in all"), rays)?;
+        check_color("image.background", background)
+    }
+
+    fn validate_surfaces(&self) -> Result<(), SceneError> {
+        match self.gathers() {
+            Mode::Iso => check(!self.iso.is_empty(), "iso", || "at least one surface in mode `iso`".into(), "none")?,
+            Mode::Dvr => {
+                let few = self.iso.len() <= INNER_SURFACE_LIMIT;
+                check(few, "iso", || format!("at most {INNER_SURFACE_LIMIT} surfaces in mode `dvr`"), self.iso.len())?;
+            }
+            _ => check(self.iso.is_empty(), "iso", || "no surfaces in this mode".into(), self.iso.len())?,
+        }
+        check(self.iso.len() <= ISO_LIMIT, "iso", || format!("at most {ISO_LIMIT} surfaces"), self.iso.len())?;
+        for (i, iso) in self.iso.iter().enumerate() {
+            check(iso.value.is_finite(), &format!("iso[{i}].value"), || "a finite number".into(), Number(iso.value))?;
+            check_color(&format!("iso[{i}].color"), iso.color)?;
+            check_share(&format!("iso[{i}].alpha"), iso.alpha)?;
+        }
+        Ok(())
+    }
+
+    fn validate_slices(&self) -> Result<(), SceneError> {
+        let few = self.slices.len() <= SLICE_LIMIT;
+        check(few, "slices", || format!("at most {SLICE_LIMIT} slices"), self.slices.len())?;
+        match self.gathers() {
+            Mode::Slice => check(!self.slices.is_empty(), "slices", || "at least one in mode `slice`".into(), "none")?,
+            Mode::Dvr | Mode::Iso => {}
+            Mode::Mip | Mode::Minip | Mode::Mean => {
+                let expected = || "none in this mode, which knows no depth (`dvr`, `iso` or `slice` do)".into();
+                check(self.slices.is_empty(), "slices", expected, self.slices.len())?;
+            }
+        }
+        self.slices.iter().enumerate().try_for_each(|(i, slice)| slice.validate(&format!("slices[{i}]")))
+    }
+
+    fn validate_shading(&self) -> Result<(), SceneError> {
+        let Some(Some(shading)) = &self.shading else { return Ok(()) };
+        let factors = [("ambient", shading.ambient), ("diffuse", shading.diffuse), ("specular", shading.specular)];
+        for (name, factor) in factors {
+            check_factor(&format!("shading.{name}"), factor)?;
+        }
+        let good = shading.shininess > 0.0 && shading.shininess <= SHADING_LIMIT;
+        let expected = || format!("a positive number, at most {SHADING_LIMIT:e}");
+        check(good, "shading.shininess", expected, Number(shading.shininess))?;
+        let lights = shading.lights.as_deref().unwrap_or_default();
+        let few = lights.len() <= LIGHT_LIMIT;
+        check(few, "shading.lights", || format!("at most {LIGHT_LIMIT} lights"), lights.len())?;
+        for (i, light) in lights.iter().enumerate() {
+            check_direction(&format!("shading.lights[{i}].direction"), light.direction)?;
+            check_factor(&format!("shading.lights[{i}].intensity"), light.intensity)?;
+        }
+        Ok(())
+    }
+
+    fn validate_clip(&self) -> Result<(), SceneError> {
+        if let Some([low, high]) = self.clip.index_box {
+            let good = (0..3).all(|a| low[a].is_finite() && high[a].is_finite() && low[a] <= high[a]);
+            let expected = || "a least and a greatest corner, finite, least first on every axis".into();
+            check(good, "clip.box", expected, format!("{low:?} and {high:?}"))?;
+        }
+        let planes = &self.clip.planes;
+        check(planes.len() <= PLANE_LIMIT, "clip.planes", || format!("at most {PLANE_LIMIT} planes"), planes.len())?;
+        for (i, plane) in planes.iter().enumerate() {
+            check_direction(&format!("clip.planes[{i}].normal"), plane.normal)?;
+            let key = format!("clip.planes[{i}].offset");
+            check(plane.offset.is_finite(), &key, || "a finite number".into(), Number(plane.offset))?;
+        }
+        self.clip.validate_solids()
+    }
+}
+
+pub(super) fn check(
+    good: bool,
+    key: &str,
+    expected: impl FnOnce() -> String,
+    found: impl std::fmt::Display,
+) -> Result<(), SceneError> {
+    if good {
+        return Ok(());
+    }
+    Err(SceneError::Value { key: key.into(), expected: expected(), found: found.to_string() })
+}
+
+pub(super) fn check_color(key: &str, color: [f64; 3]) -> Result<(), SceneError> {
+    let good = color.iter().all(|c| (0.0..=1.0).contains(c));
+    check(good, key, || "three numbers between 0 and 1".into(), format!("{color:?}"))
+}
+
+pub(super) fn check_share(key: &str, share: f64) -> Result<(), SceneError> {
+    check((0.0..=1.0).contains(&share), key, || "a number between 0 and 1".into(), Number(share))
+}
+
+pub(super) fn check_factor(key: &str, factor: f64) -> Result<(), SceneError> {
+    check(
+        (0.0..=SHADING_LIMIT).contains(&factor),
+        key,
+        || format!("a number between 0 and {SHADING_LIMIT:e}"),
+        Number(factor),
+    )
+}
+
+pub(super) fn check_direction(key: &str, v: [f64; 3]) -> Result<(), SceneError> {
+    let good = unit_vector(v.into()).is_some();
+    check(good, key, || "three finite numbers, not all zero".into(), format!("{v:?}"))
+}
