@@ -108,6 +108,7 @@ pub const MOUSE: &[(&str, &str)] = &[
     ("Drag", "Turn"),
     ("Right or middle drag, or Shift and drag", "Move the picture"),
     ("Wheel, two fingers, pinch", "Nearer or away, towards the cursor"),
+    ("Alt and wheel", "Move the slice, or the one that is held of several"),
     ("Double click", "The point under the cursor comes to the middle, nearer"),
     ("Drop a file on the window", "Open it"),
 ];

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! - [`viewer`]: one frame of the window: news of the worker, keys, panels, the picture; knows nothing of windows;
-//! - `panels/`: what stands around the picture; `navigate`, `edit`: what mouse, keys and panels do to the scene; `history`: undo;
+//! - `panels/`: what stands around the picture; `navigate`, `edit`, `planes`: what mouse, keys and panels do to the scene; `history`: undo;
 //!   `command`: the list of keys;
 //! - [`worker`]: the thread that opens, builds, draws and exports;
 //! - `folders`, `remembered`: the cache folder, and what is remembered from one time to the next;
@@ -20,6 +20,7 @@ pub mod folders;
 pub mod history;
 pub mod navigate;
 mod panels;
+pub mod planes;
 pub mod remembered;
 pub mod viewer;
 pub mod worker;

@@ -4,6 +4,7 @@ pub(crate) mod dialogs;
 mod editor;
 pub(crate) mod picture;
 pub(crate) mod properties;
+mod slices;
 pub(crate) mod status;
 pub(crate) mod tools;
 
@@ -11,6 +12,7 @@ use std::path::PathBuf;
 
 use eframe::egui;
 use supervol_runtime::scene::{IsoSpec, Mode, Scene, ShadingSpec, TransferFunctionSpec};
+use supervol_runtime::slices::SliceSpec;
 
 use crate::edit;
 use crate::worker::Opened;
@@ -29,6 +31,12 @@ pub(crate) struct Looks {
     pub(crate) clip_percent: f64,
     /// Where light comes from: degrees to the right of and above the viewer, as it was asked for last.
     pub(crate) light: [f64; 2],
+    /// The slice in the volume that the wheel moves: its place in the scene.
+    pub(crate) held_slice: usize,
+    /// Points of the wheel that have moved no slice yet; `None`: the wheel moves the camera.
+    pub(crate) wheel_points: Option<f64>,
+    /// Slices of the modes that draw them at their depth, while another one is shown.
+    kept_slices: Vec<SliceSpec>,
 }
 
 /// What a mode was left with.
@@ -54,12 +62,14 @@ impl Looks {
         self.left.retain(|(left, _)| *left != now);
         self.left.push((now, Look { transfer_function, shading, iso, samples_per_pixel }));
         self.chosen = None;
+        let slices = slices::with_mode(&mut self.kept_slices, now, &scene.slices, mode);
+        let scene = Scene { slices, ..scene.clone() };
         match self.left.iter().find(|(left, _)| *left == mode) {
             Some((_, look)) => {
                 let Look { transfer_function, shading, iso, samples_per_pixel } = look.clone();
-                Scene { mode: Some(mode), transfer_function, shading, iso, samples_per_pixel, ..scene.clone() }
+                Scene { mode: Some(mode), transfer_function, shading, iso, samples_per_pixel, ..scene }
             }
-            None => edit::with_mode(scene, opened, mode),
+            None => Scene { slices: scene.slices.clone(), ..edit::with_mode(&scene, opened, mode) },
         }
     }
 }

@@ -18,8 +18,9 @@ use crate::folders::Folders;
 use crate::history::History;
 use crate::navigate;
 use crate::panels::{self, Dialogs, Looks};
+use crate::planes;
 use crate::remembered::{Remembered, Theme};
-use crate::worker::{Busy, Export, Frame, Message, Open, Opened, Settings, View, Worker};
+use crate::worker::{Busy, Export, Frame, LookedAhead, Message, Open, Opened, Settings, View, Worker};
 
 /// Degrees of one step of turning, share of the picture's height of one of moving, factor of one nearer, share of the way to the
 /// target of one of flying: by keys.
@@ -66,6 +67,7 @@ pub struct Viewer {
     pub(crate) settings: Settings,
     pub(crate) exaggeration: f64,
     pub(crate) picture: Option<Picture>,
+    pub(crate) ahead: Option<LookedAhead>,
     pub(crate) busy: Option<Busy>,
     pub(crate) message: Option<Message>,
     pub(crate) dialogs: Dialogs,
@@ -96,6 +98,7 @@ impl Viewer {
             settings,
             exaggeration: 1.0,
             picture: None,
+            ahead: None,
             busy: None,
             message: None,
             dialogs: Dialogs::default(),
@@ -140,6 +143,12 @@ impl Viewer {
     #[must_use]
     pub fn picture(&self) -> Option<&Picture> {
         self.picture.as_ref()
+    }
+
+    /// What is in memory for the next picture, if the one on the screen has converged and the camera came from somewhere.
+    #[must_use]
+    pub fn looked_ahead(&self) -> Option<LookedAhead> {
+        self.ahead.filter(|ahead| ahead.number == self.wishes)
     }
 
     /// What went wrong or well last.
@@ -231,6 +240,7 @@ impl Viewer {
         let is_dead = worker.is_dead();
         let news = worker.news();
         self.busy = if is_dead { None } else { news.busy };
+        self.ahead = news.ahead.or(self.ahead);
         if let Some(message) = news.message {
             self.message = Some(message);
         }
@@ -251,6 +261,11 @@ impl Viewer {
     fn take_up(&mut self, ctx: &egui::Context, opened: Arc<Opened>) {
         let is_same = self.opened.as_ref().is_some_and(|before| before.source == opened.source);
         let mut scene = opened.scene.clone();
+        if let Some(before) =
+            self.opened.as_ref().filter(|before| is_same && before.exaggeration != opened.exaggeration)
+        {
+            planes::carry(&mut scene, &before.facts.geometry, &opened.facts.geometry);
+        }
         // The window decides how large the picture is, and with that what a camera frames that nobody has asked for.
         (scene.image.width, scene.image.height) = (self.scene.image.width, self.scene.image.height);
         if !opened.is_camera_asked {
@@ -388,6 +403,20 @@ impl Viewer {
         }
         self.scene = scene;
         self.slice = Some(Sliced { axis, at, before });
+    }
+
+    /// Moves the slice that is shown, or the one of those in the volume that is held, by steps, as far as the volume reaches.
+    pub(crate) fn step_slice(&mut self, steps: f64) {
+        let Some(opened) = self.opened.clone() else { return };
+        if let Some((axis, at)) = self.slice.as_ref().map(|slice| (slice.axis, slice.at)) {
+            let last = (opened.facts.dims.0[axis] - 1) as f64;
+            let next = (at as f64 + steps).clamp(0.0, last) as u64;
+            if next != at {
+                self.set_slice(Some((axis, next)));
+            }
+        } else if let Some(slice) = self.scene.slices.get_mut(self.looks.held_slice) {
+            planes::step(slice, &opened.facts, steps);
+        }
     }
 
     /// Tells the worker what has changed in this frame.

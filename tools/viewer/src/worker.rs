@@ -6,7 +6,8 @@
 //!
 //! 1. Whoever wishes something puts it on the desk; what was wished before and not begun is forgotten.
 //! 2. The worker takes, in this order: an end, a volume to open, settings, a picture to export, a view. With nothing to take it
-//!    goes on with the picture that it has begun, until that has converged.
+//!    goes on with the picture that it has begun, until that has converged, and then brings into memory what the next one will
+//!    want if the camera goes on as it came.
 //! 3. A new view gets a picture within the time for interaction ([`Settings::interaction_ms`]). Only what comes after that is cut
 //!    short by the next wish: otherwise a view that changes all the time would never be seen.
 //! 4. News replace older news of their kind; the window is woken for each.
@@ -133,6 +134,17 @@ pub struct Frame {
     pub spent_ms: f64,
 }
 
+/// What was brought into memory for the next picture, since the present one has converged.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct LookedAhead {
+    /// The wish that the present picture answers.
+    pub number: u64,
+    /// Bricks that came.
+    pub page_ins: u64,
+    /// Whether all that was looked for is there.
+    pub is_complete: bool,
+}
+
 /// What takes long, and how far it is.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Busy {
@@ -160,6 +172,8 @@ pub struct News {
     pub opened: Option<Arc<Opened>>,
     /// A picture has been drawn.
     pub frame: Option<Frame>,
+    /// What is there for the next picture.
+    pub ahead: Option<LookedAhead>,
     /// What is going on.
     pub busy: Option<Busy>,
     /// What was done or went wrong.
@@ -221,12 +235,12 @@ enum Work {
     Settings(Settings),
     Export(Export),
     View(View),
-    Refine,
+    GoOn,
 }
 
 impl Desk {
-    /// The next piece of work; waits where there is none. What refines may be cut short by the next wish.
-    fn next(&self, refine: Option<Canceller>) -> Work {
+    /// The next piece of work; waits where there is none. What goes on may be cut short by the next wish.
+    fn next(&self, going_on: Option<Canceller>) -> Work {
         let mut wishes = lock(&self.wishes);
         loop {
             wishes.cut = None;
@@ -240,9 +254,9 @@ impl Desk {
             if let Some(work) = work {
                 return work;
             }
-            if refine.is_some() {
-                wishes.cut = refine;
-                return Work::Refine;
+            if going_on.is_some() {
+                wishes.cut = going_on;
+                return Work::GoOn;
             }
             wishes = self.rung.wait(wishes).unwrap_or_else(PoisonError::into_inner);
         }
@@ -314,6 +328,7 @@ impl Worker {
         News {
             opened: news.opened.take(),
             frame: news.frame.take(),
+            ahead: news.ahead.take(),
             busy: news.busy.clone(),
             message: news.message.take(),
         }
@@ -343,8 +358,12 @@ fn work(desk: &Arc<Desk>, mut settings: Settings) {
     let mut easel: Option<Easel> = None;
     let mut volumes = 0;
     loop {
-        let refine = easel.as_ref().and_then(Easel::unfinished);
-        match desk.next(refine) {
+        let going_on = easel.as_ref().and_then(Easel::unfinished);
+        let next = desk.next(going_on);
+        if let (Some(easel), false) = (&mut easel, matches!(next, Work::GoOn)) {
+            easel.forget_cut();
+        }
+        match next {
             Work::Quit => return,
             Work::Open(wish) => {
                 volumes += 1;
@@ -374,9 +393,9 @@ fn work(desk: &Arc<Desk>, mut settings: Settings) {
                     easel.begin(desk, view, &settings);
                 }
             }
-            Work::Refine => {
+            Work::GoOn => {
                 if let Some(easel) = &mut easel {
-                    easel.refine(desk);
+                    easel.go_on(desk);
                 }
             }
         }

@@ -7,6 +7,8 @@ use eframe::egui::{Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, Poin
 use egui_kittest::kittest::Queryable;
 use supervol_preprocess::Existing;
 use supervol_runtime::scene::{Mode, Scene, ShadingSpec};
+use supervol_runtime::slices::Interpolation;
+use supervol_runtime::slices::filter::{FilterKind, FilterSpec};
 use supervol_viewer::command::{BINDINGS, Command};
 use supervol_viewer::worker::Message;
 
@@ -274,6 +276,126 @@ fn slices_are_shown_face_on_and_the_volume_comes_back() {
     session.rest();
     assert_eq!(*session.viewer().scene(), first);
     session.assert_is_as_rendered();
+}
+
+/// Turns the wheel over the picture with Alt held.
+fn wheel_with_alt(session: &mut Session, notches: f32) {
+    let middle = session.node("Picture").rect().center();
+    session.harness.hover_at(middle);
+    session.harness.event(Event::ModifiersChanged(Modifiers::ALT));
+    session.harness.event(Event::MouseWheel {
+        unit: MouseWheelUnit::Line,
+        delta: Vec2::new(0.0, notches),
+        phase: TouchPhase::Move,
+        source: MouseWheelSource::Wheel,
+        modifiers: Modifiers::ALT,
+    });
+    session.frames(12);
+    session.harness.event(Event::ModifiersChanged(Modifiers::NONE));
+    session.frames(3);
+}
+
+#[test]
+fn slices_in_the_volume_are_planes_of_the_scene_at_their_depth() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let (plain, camera) = (session.pixels(), session.viewer().scene().camera.clone());
+    session.click("+ z");
+    session.set("Slice 1, place", 20.0);
+    session.rest();
+    assert_ne!(session.pixels(), plain);
+    session.assert_is_as_rendered();
+    let slices = session.viewer().scene().slices.clone();
+    assert_eq!((slices[0].normal, slices[0].offset), ([0.0, 0.0, 1.0], 20.0));
+
+    session.click("+ oblique");
+    session.set("Slice 2, opacity", 0.5);
+    session.set("Slice 2, normal x", 0.0);
+    session.rest();
+    let oblique = session.viewer().scene().slices[1].clone();
+    assert!(
+        oblique.opacity == 0.5
+            && oblique.normal[0] == 0.0
+            && (oblique.normal[1].hypot(oblique.normal[2]) - 1.0).abs() < 1e-12
+    );
+    session.assert_is_as_rendered();
+    // The wheel moves the slice that was added last, and not the camera.
+    wheel_with_alt(&mut session, 3.0);
+    session.rest();
+    assert_ne!(session.viewer().scene().slices[1].offset, oblique.offset);
+    assert_eq!(session.viewer().scene().slices[0], slices[0]);
+    session.click("1: z");
+    wheel_with_alt(&mut session, -3.0);
+    session.rest();
+    assert_eq!(session.viewer().scene().slices[0].offset, 17.0);
+    assert_eq!(session.viewer().scene().camera, camera, "the wheel with Alt is the slice's");
+    session.assert_is_as_rendered();
+
+    // Projections have no slices; they are there again afterwards.
+    let both = session.viewer().scene().slices.clone();
+    session.click("Max");
+    session.rest();
+    assert!(session.viewer().scene().slices.is_empty() && session.viewer().message().is_none());
+    session.assert_is_as_rendered();
+    session.click("Volume");
+    session.rest();
+    assert_eq!(session.viewer().scene().slices, both);
+    session.set("Vertical exaggeration", 2.0);
+    session.until("the volume is placed anew", |s| s.viewer().opened().is_some_and(|o| o.exaggeration == 2.0));
+    session.rest();
+    assert_eq!(session.viewer().scene().slices[0].offset / session.viewer().scene().slices[0].normal[2], 34.0);
+    session.assert_is_as_rendered();
+}
+
+#[test]
+fn slices_have_filters_colours_and_interpolations() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    session.click("+ x");
+    for (box_, choice) in [
+        ("Slice 1, interpolation", "cubic"),
+        ("Slice 1, colours", "viridis"),
+        ("Slice 1, filter", "median"),
+        ("Slice 1, filter", "sobel"),
+    ] {
+        session.click(box_);
+        session.frames(3);
+        session.click(choice);
+        session.rest();
+        session.assert_is_as_rendered();
+    }
+    let slice = session.viewer().scene().slices[0].clone();
+    assert_eq!(slice.interpolation, Interpolation::Cubic);
+    assert_eq!(slice.filter, Some(FilterSpec { kind: FilterKind::Sobel, size: None }));
+    assert!(slice.colors.is_empty(), "colours of values are none of slopes");
+    session.press(Modifiers::COMMAND, Key::Z);
+    session.rest();
+    let before = session.viewer().scene().slices[0].clone();
+    assert_eq!(before.filter, Some(FilterSpec { kind: FilterKind::Median, size: Some(1.0) }));
+    assert!(before.colors.len() > 2);
+    session.assert_is_as_rendered();
+    let picture = session.pixels();
+    session.click("Slice 1, take away");
+    session.rest();
+    assert_ne!(session.pixels(), picture);
+}
+
+#[test]
+fn the_controls_of_slices_fit() {
+    for (name, scale) in [("slices-1280x800", 1.0), ("slices-scale2", 2.0)] {
+        let mut session = Session::sized("vessels", [1280.0, 800.0], scale);
+        session.rest();
+        session.click("Volume");
+        session.click("+ y");
+        session.click("+ oblique");
+        session.rest();
+        let last = session.node("Slice 2, colours").rect();
+        let panel = session.node("Picture").rect().left();
+        assert!(last.right() <= panel, "{name}: {last:?} reaches into the picture at {panel}");
+        session.node("Slice 2, colours").scroll_to_me();
+        session.frames(8);
+        session.screenshot(name);
+    }
 }
 
 #[test]

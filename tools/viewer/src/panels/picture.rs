@@ -12,6 +12,8 @@ use crate::worker::Busy;
 const TURN_PER_POINT: f64 = 0.4;
 /// Points of scrolling that bring the target nearer by a factor of e.
 const SCROLL_POINTS: f64 = 300.0;
+/// Points of scrolling that move a slice by a step: one notch of most wheels.
+const SLICE_POINTS: f64 = 40.0;
 /// Factor of a double click.
 const DOUBLE_CLICK: f64 = 0.5;
 /// Most pixels of the picture along a side, whatever the screen can show.
@@ -24,6 +26,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
         let response = response.accessible_name("Picture");
         fit(viewer, ui, rect);
+        move_slice(viewer, ui, &response);
         move_camera(viewer, ui, &response);
         paint(viewer, ui, rect);
         if viewer.opened.is_none() {
@@ -55,6 +58,22 @@ fn place(rect: Rect, at: Pos2) -> [f64; 2] {
     [2.0 * f64::from(share.x) - 1.0, 1.0 - 2.0 * f64::from(share.y)]
 }
 
+/// With Alt, the wheel moves the slice that is shown, or the one that is held: until it has come to rest, or letting Alt go would
+/// move the camera by what is left.
+fn move_slice(viewer: &mut Viewer, ui: &Ui, response: &Response) {
+    let (is_meant, scrolled) = ui.input(|input| (input.modifiers.alt, f64::from(input.smooth_scroll_delta().y)));
+    let before = viewer.looks.wheel_points.filter(|_| is_meant || scrolled != 0.0);
+    viewer.looks.wheel_points = before.or((is_meant && response.contains_pointer()).then_some(0.0));
+    let Some(points) = &mut viewer.looks.wheel_points else { return };
+    *points += scrolled;
+    // What is smoothed out over frames adds up to a whole notch but for rounding.
+    let steps = (*points / SLICE_POINTS + 1e-3 * points.signum()).trunc();
+    *points -= steps * SLICE_POINTS;
+    if steps != 0.0 {
+        viewer.step_slice(steps);
+    }
+}
+
 fn move_camera(viewer: &mut Viewer, ui: &Ui, response: &Response) {
     let (Some(opened), Some(camera)) = (&viewer.opened, &viewer.scene.camera) else { return };
     let (stage, rect) = (edit::stage(&opened.facts), response.rect);
@@ -73,8 +92,11 @@ fn move_camera(viewer: &mut Viewer, ui: &Ui, response: &Response) {
     }
     let at = response.hover_pos().map(|at| place(rect, at));
     if let Some(cursor) = at.filter(|_| response.contains_pointer()) {
-        let (scroll, zoom) =
-            ui.input(|input| (f64::from(input.smooth_scroll_delta().y), f64::from(input.zoom_delta())));
+        let is_slices = viewer.looks.wheel_points.is_some();
+        let (scroll, zoom) = ui.input(|input| {
+            let scroll = if is_slices { 0.0 } else { f64::from(input.smooth_scroll_delta().y) };
+            (scroll, f64::from(input.zoom_delta()))
+        });
         let factor = (-scroll / SCROLL_POINTS).exp() / zoom;
         if factor != 1.0 {
             moved = Some(navigate::dolly(moved.as_ref().unwrap_or(camera), &stage, factor, cursor, aspect));

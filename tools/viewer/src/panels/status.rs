@@ -109,6 +109,10 @@ fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
     }
     number(ui, levels(stats), "Levels of detail in memory; 0 is the finest");
     number(ui, bricks(stats), "Bricks in memory, wanted and not there yet, and failed to read");
+    if let Some(ahead) = viewer.looked_ahead().filter(|ahead| ahead.page_ins > 0) {
+        let words = "Bricks read for the next picture, should the camera go on as it came here";
+        number(ui, format!("{} ahead", ahead.page_ins), words);
+    }
     let [cache, budget] = [stats.host_cache_bytes, stats.host_budget_bytes].map(mebibytes);
     number(ui, format!("{cache} of {budget} MiB"), "Bricks in memory, and the memory for bricks, rays and pictures");
     number(ui, format!("{} MiB read", mebibytes(stats.bytes_read)), "Read from the file for this picture");

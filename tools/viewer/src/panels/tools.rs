@@ -6,9 +6,10 @@ use supervol_runtime::preset::view::Direction;
 use super::heading;
 use crate::command::{Command, keys_of};
 use crate::edit;
+use crate::planes::axis_name;
 use crate::remembered::Theme;
 use crate::viewer::{Viewer, set_theme};
-use crate::worker::{Decorations, Opened};
+use crate::worker::Decorations;
 
 /// Points of the panel across.
 const WIDTH: f32 = 200.0;
@@ -24,6 +25,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             ui.add_enabled_ui(is_open, |ui| {
                 view(viewer, ui);
                 slice(viewer, ui);
+                super::slices::show(viewer, ui);
                 crop(viewer, ui);
             });
             heading(ui, "Window");
@@ -114,12 +116,6 @@ fn view(viewer: &mut Viewer, ui: &mut Ui) {
     } else {
         viewer.exaggeration = factor;
     }
-}
-
-/// What an axis of the grid is called.
-fn axis_name(opened: &Opened, axis: usize) -> String {
-    let name = &opened.container.manifest().axes[axis].name;
-    if name.is_empty() { ["i", "j", "k"][axis].into() } else { name.clone() }
 }
 
 fn slice(viewer: &mut Viewer, ui: &mut Ui) {

@@ -12,10 +12,14 @@ use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stop::Canceller;
 use supervol_runtime::volume::Volume;
 
-use super::{Busy, Decorations, Desk, Frame, Opened, Settings, View, lock};
+use super::{Busy, Decorations, Desk, Frame, LookedAhead, Opened, Settings, View, lock};
 
 /// A picture at rest is shown anew after so long, as far as it has come.
 const REFINEMENT: Duration = Duration::from_millis(150);
+/// One step of looking ahead. A new wish cuts it short; this bounds what comes where that is not heard at once.
+const LOOK: Duration = Duration::from_millis(40);
+/// Most steps of looking ahead from one picture: with those, reading ends in a file that is slow and a cache that is large.
+const LOOK_LIMIT: u32 = 100;
 
 /// See the module.
 pub(super) struct Easel {
@@ -26,6 +30,10 @@ pub(super) struct Easel {
     scene: Option<ResolvedScene>,
     /// The view's picture is what it will be, or cannot be drawn.
     is_settled: bool,
+    /// Steps of looking ahead that may follow.
+    looks_left: u32,
+    /// What they have brought.
+    ahead: LookedAhead,
     began: Instant,
     decorations: Decorations,
 }
@@ -60,19 +68,37 @@ impl Easel {
         let renderer = Renderer::new(volume, options(desk, settings)).map_err(|e| e.to_string())?;
         desk.tell(|news| (news.opened, news.frame) = (Some(opened.clone()), None));
         let decorations = settings.decorations;
-        Ok(Self { opened, renderer, view: None, scene: None, is_settled: true, began: Instant::now(), decorations })
+        Ok(Self {
+            opened,
+            renderer,
+            view: None,
+            scene: None,
+            is_settled: true,
+            looks_left: 0,
+            ahead: LookedAhead::default(),
+            began: Instant::now(),
+            decorations,
+        })
     }
 
-    /// Who can stop the picture in progress; none where there is none.
+    /// Who can stop the picture in progress or what is read for the next one; none where nothing is left to do.
     pub(super) fn unfinished(&self) -> Option<Canceller> {
-        (!self.is_settled).then(|| self.renderer.canceller())
+        (!self.is_settled || self.looks_left > 0).then(|| self.renderer.canceller())
+    }
+
+    /// A wish that came when the work it was to cut short had just ended must not stop what it asks for.
+    pub(super) fn forget_cut(&mut self) {
+        if self.scene.is_some() && self.renderer.canceller().is_cancelled() {
+            // A step that is cancelled ends at once, and takes the word with it; errors show again in the next step.
+            let _ = self.renderer.advance(Some(Instant::now()));
+        }
     }
 
     /// From now on pictures are made like this, from the next view on. What is loaded stays.
     pub(super) fn set(&mut self, desk: &Arc<Desk>, settings: &Settings) {
         self.renderer.set_options(options(desk, settings));
         self.decorations = settings.decorations;
-        self.is_settled = true;
+        (self.is_settled, self.looks_left) = (true, 0);
     }
 
     /// Begins a picture, and shows what there is of it within the time for interaction.
@@ -81,6 +107,7 @@ impl Easel {
             return;
         }
         self.began = Instant::now();
+        self.looks_left = 0;
         match view.scene.resolve(&self.opened.facts) {
             Ok(scene) => {
                 self.scene = Some(scene.clone());
@@ -97,9 +124,38 @@ impl Easel {
         self.advance(desk, Duration::from_millis(settings.interaction_ms));
     }
 
-    /// Goes on with the picture.
-    pub(super) fn refine(&mut self, desk: &Desk) {
-        self.advance(desk, REFINEMENT);
+    /// Goes on with the picture, or reads for the next one where this one has converged.
+    pub(super) fn go_on(&mut self, desk: &Desk) {
+        if self.is_settled {
+            self.look_ahead(desk);
+        } else {
+            self.advance(desk, REFINEMENT);
+        }
+    }
+
+    /// Brings into memory what the next picture will want, for a short time.
+    fn look_ahead(&mut self, desk: &Desk) {
+        self.looks_left = self.looks_left.saturating_sub(1);
+        let until = Instant::now() + LOOK;
+        match self.renderer.look_ahead(Some(until)) {
+            Ok(ahead) => {
+                self.ahead.page_ins += ahead.page_ins;
+                self.ahead.is_complete = ahead.is_complete;
+                // Before its time it ends where all is there, where there is no room or no motion to go by, or where somebody
+                // has a wish.
+                if ahead.is_complete || Instant::now() < until {
+                    self.looks_left = 0;
+                }
+                if ahead.page_ins > 0 || ahead.is_complete {
+                    let so_far = self.ahead;
+                    desk.tell(|news| news.ahead = Some(so_far));
+                }
+            }
+            Err(error) => {
+                self.looks_left = 0;
+                desk.fail(error);
+            }
+        }
     }
 
     fn advance(&mut self, desk: &Desk, time: Duration) {
@@ -107,6 +163,10 @@ impl Easel {
             Ok(step) => {
                 self.is_settled = step.is_converged;
                 self.show(desk, step.is_converged);
+                if let (true, Some(view)) = (step.is_converged, &self.view) {
+                    self.looks_left = LOOK_LIMIT;
+                    self.ahead = LookedAhead { number: view.number, ..LookedAhead::default() };
+                }
             }
             Err(error) => {
                 self.is_settled = true;

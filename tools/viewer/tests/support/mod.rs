@@ -30,9 +30,14 @@ const SCREENSHOTS: &str = "SUPERVOL_SCREENSHOTS";
 
 /// A container of a synthetic volume of `edge`^3 voxels in bricks of 32.
 pub fn container(folder: &Path, name: &str, edge: u64) -> PathBuf {
+    container_in_bricks(folder, name, [edge, 32])
+}
+
+/// The same in bricks of another edge.
+pub fn container_in_bricks(folder: &Path, name: &str, [edge, brick]: [u64; 2]) -> PathBuf {
     let path = folder.join(format!("{name}.svol"));
     let source = Synthetic::new(name, Dims([edge; 3]), None, 1).expect("a synthetic volume");
-    let layout = supervol_format::BrickLayout::new(32).expect("a size of bricks");
+    let layout = supervol_format::BrickLayout::new(brick as u32).expect("a size of bricks");
     let options = BuildOptions { layout, threads: 2, ..BuildOptions::default() };
     build(&source, Source::computed(name), &path, &options, &|_| {}).expect("it is built");
     path
@@ -94,13 +99,22 @@ impl Session {
         Self::new(name, size, scale, Settings::default())
     }
 
+    /// A volume of another edge in bricks of another edge, seen as a scene says.
+    pub fn in_bricks(name: &str, edges: [u64; 2], scene: Scene, settings: Settings) -> Self {
+        Self::with(name, edges, scene, ([1280.0, 800.0], 1.0), settings)
+    }
+
     fn new(name: &str, size: [f32; 2], scale: f32, settings: Settings) -> Self {
+        Self::with(name, [64, 32], Scene::default(), (size, scale), settings)
+    }
+
+    fn with(name: &str, edges: [u64; 2], scene: Scene, (size, scale): ([f32; 2], f32), settings: Settings) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        let file = Some(container(folder.path(), name, 64));
+        let file = Some(container_in_bricks(folder.path(), name, edges));
         let [cache, kept] = ["cache", "settings"].map(|below| Some(folder.path().join(below)));
         let folders = Folders { cache, settings: kept, ..Folders::default() };
         let settings = Settings { threads: Some(2), ..settings };
-        let launch = Launch { file, scene: Scene::default(), settings, folders };
+        let launch = Launch { file, scene, settings, folders };
         let harness = Harness::builder()
             .with_size(size)
             .with_pixels_per_point(scale)
