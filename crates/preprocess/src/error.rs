@@ -19,6 +19,8 @@ pub enum BuildError {
     Container { path: PathBuf, source: ContainerError },
     #[error("cannot write {path}: {source}{}", advice(source))]
     Write { path: PathBuf, source: std::io::Error },
+    #[error("{error}. {}", kept_advice(kept, *written_bytes, *missing_bytes))]
+    Kept { error: Box<BuildError>, kept: PathBuf, written_bytes: u64, missing_bytes: u64 },
     #[error("{path} exists; --force overwrites it")]
     Exists { path: PathBuf },
     #[error(
@@ -29,6 +31,8 @@ pub enum BuildError {
     SameFile { path: PathBuf, other: PathBuf },
     #[error("cannot write {path}: expected a file or the name of a new one, found {found}")]
     NoFile { path: PathBuf, found: String },
+    #[error("{path} is kept: {what}. --force builds it again")]
+    Outdated { path: PathBuf, what: String },
     #[error("these levels make no pyramid: {0}")]
     Pyramid(#[from] PyramidError),
     #[error("{needed} of memory are needed ({what}), --memory allows {allowed}. {advice}")]
@@ -69,9 +73,31 @@ impl BuildError {
         matches!(source.kind(), std::io::ErrorKind::NotFound | std::io::ErrorKind::InvalidInput)
     }
 
+    /// Whether the disk, or what a person may use of it, is full; or files may not be so long.
+    #[must_use]
+    pub fn is_full_disk(&self) -> bool {
+        use std::io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+        match self {
+            Self::Kept { error, .. } => error.is_full_disk(),
+            Self::Write { source, .. } | Self::Source(SourceError::Spool { source, .. }) => {
+                matches!(source.kind(), StorageFull | QuotaExceeded | FileTooLarge)
+            }
+            _ => false,
+        }
+    }
+
+    /// Whether there is no source any more.
+    #[must_use]
+    pub fn is_source_gone(&self) -> bool {
+        matches!(self, Self::Source(SourceError::Io { source, .. }) if source.kind() == std::io::ErrorKind::NotFound)
+    }
+
     /// Whether the machine failed us (disk, memory, I/O) rather than the data or the command.
     #[must_use]
     pub fn is_machine_failure(&self) -> bool {
+        if let Self::Kept { error, .. } = self {
+            return error.is_machine_failure();
+        }
         matches!(
             self,
             Self::Write { .. }
@@ -88,6 +114,7 @@ impl BuildError {
         matches!(
             self,
             Self::Exists { .. }
+                | Self::Outdated { .. }
                 | Self::OtherKind { .. }
                 | Self::SameFile { .. }
                 | Self::NoFile { .. }
@@ -98,9 +125,25 @@ impl BuildError {
     }
 }
 
+/// What is kept of a build that failed, and what to do with it.
+fn kept_advice(kept: &Path, written_bytes: u64, missing_bytes: u64) -> String {
+    let (written, missing) = (Mib(written_bytes), Mib(missing_bytes));
+    format!(
+        "What was written is kept, about {written} in {}; about {missing} more are needed. The same command goes on from there; \
+         remove the file to give it up",
+        kept.display()
+    )
+}
+
 pub(crate) fn advice(error: &std::io::Error) -> &'static str {
     match error.kind() {
         std::io::ErrorKind::StorageFull => ". The disk is full: free space, or write to another one with -o",
+        std::io::ErrorKind::QuotaExceeded => {
+            ". Your share of the disk is full: free space, or write to another one with -o"
+        }
+        std::io::ErrorKind::FileTooLarge => {
+            ". Files may not be so long here: see `ulimit -f`, or write to another disk with -o"
+        }
         std::io::ErrorKind::PermissionDenied => ". Choose a folder you may write to with -o",
         std::io::ErrorKind::NotFound => ". The folder does not exist",
         _ => "",

@@ -9,8 +9,8 @@
 //! ```
 //!
 //! 1. A build begins a journal beside its container, and writes a frame for each tile whose records have left the process.
-//! 2. Both are partials ([`crate::output::unfinished`]): gone when the build fails or a signal ends it, left behind when the
-//!    process is killed, or the machine stops.
+//! 2. Both are partials ([`crate::output::unfinished`]): gone when the data is wrong or a signal ends the build, left behind when
+//!    the process is killed, the machine stops, or fails the build: a full disk, a source that cannot be read.
 //! 3. A build that would make the same bytes ([`identity`]) takes both over: frames are believed as far as their checksums
 //!    go, and records as far as the checksums in their entries do. All else is cut off and made anew.
 
@@ -80,6 +80,14 @@ impl Journal {
         let file = UnfinishedFile::create_for_build(folder, container.as_file().metadata()?.permissions())?;
         file.as_file().write_all(&head(identity, container.file_name().as_encoded_bytes()))?;
         Ok(Self(file))
+    }
+
+    /// Leaves it behind, for a build that goes on later.
+    ///
+    /// # Errors
+    /// If the system does not let it be kept.
+    pub fn abandon(self) -> io::Result<()> {
+        self.0.abandon().map(drop)
     }
 
     /// Notes that the records of a tile have left the process.
@@ -239,8 +247,8 @@ mod tests {
         journal.append(&frame(0, 2)).unwrap();
         container.as_file().write_all(&[1; 5000]).unwrap();
         assert!(Unfinished::find(folder.path(), 7).is_none(), "somebody writes it");
-        container.abandon();
-        journal.0.abandon();
+        container.abandon().unwrap();
+        journal.abandon().unwrap();
         assert!(Unfinished::find(folder.path(), 8).is_none());
         let mut found = Unfinished::find(folder.path(), 7).unwrap();
         assert!(Unfinished::find(folder.path(), 7).is_none(), "it has been taken over");
@@ -251,8 +259,8 @@ mod tests {
         let (container, journal) = found.go_on(4296).unwrap();
         assert_eq!(container.as_file().metadata().unwrap().len(), 4296);
         journal.append(&frame(1, 1)).unwrap();
-        container.abandon();
-        journal.0.abandon();
+        container.abandon().unwrap();
+        journal.abandon().unwrap();
         let mut again = Unfinished::find(folder.path(), 7).unwrap();
         assert_eq!([again.next_frame(10), again.next_frame(10)], [Some(frame(0, 2)), Some(frame(1, 1))]);
         drop(again);

@@ -104,7 +104,7 @@ impl Reading {
     }
 
     /// What of it decides which voxels there are, and where.
-    fn describe(&self) -> String {
+    pub(crate) fn describe(&self) -> String {
         let mut options = OpenOptions { spool: SpoolFolder::default(), ..self.options.clone() };
         options.segy.memory_bytes = 0;
         format!("{options:?} {:?}", self.placing)

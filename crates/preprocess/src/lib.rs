@@ -7,8 +7,10 @@
 //! Nothing here touches a GPU. Memory is a number of bytes given by the caller ([`memory`]). The same input and options
 //! give the same bytes, whatever the number of threads.
 
+pub mod batch;
 pub mod bounded;
 pub mod bricker;
+pub mod compare;
 pub mod downsample;
 pub mod error;
 pub mod error_bound;

@@ -4,7 +4,7 @@
 //! compared with it for the error bound. Of each level one tile is read ahead while another is encoded on all threads;
 //! encoded bricks are written in tile order, Morton order inside a tile, so that the bytes do not depend on the number
 //! of threads. The output is written under a temporary name beside the final one, synced, and renamed when it is whole. A
-//! build that was killed goes on where it was ([`crate::journal`]), and ends with the same bytes.
+//! build that was killed, or that the machine has failed, goes on where it was ([`crate::journal`]), and ends with the same bytes.
 
 use std::fs::File;
 use std::io::{self, BufWriter};
@@ -19,7 +19,7 @@ use supervol_format::container::ContainerError;
 use supervol_format::container::header::{self, Descriptor, Sections};
 use supervol_format::container::manifest::Source;
 use supervol_format::container::reader::decode_record;
-use supervol_format::container::toc::BrickEntry;
+use supervol_format::container::toc::{BrickEntry, ENTRY_BYTES};
 use supervol_format::container::validate::seal_brick;
 use supervol_format::container::writer::{ContainerWriter, EncodedBrick};
 use supervol_format::voxel_type::Absence;
@@ -35,7 +35,7 @@ use crate::labels::are_labels;
 use crate::level_reader::{BrickStore, LevelReader};
 use crate::lod_axes::{self, LodAxes};
 use crate::memory::{MemoryPlan, tile_bytes};
-use crate::output::{Existing, check_distinct, check_free};
+use crate::output::{Existing, OutputFile, check_distinct, check_free};
 use crate::provenance::{bounded_notes, check_unchanged, manifest};
 use crate::report::{BuildReport, LevelReport, Progress};
 use crate::restore::{Begun, Plan, Restored};
@@ -97,7 +97,8 @@ type ReadSource<'a> = &'a (dyn Fn(VoxelBox, &mut [u8]) -> Result<(), BuildError>
 /// `origin` names the source in the manifest.
 ///
 /// # Errors
-/// If the source cannot be read, the output not written, or the memory does not suffice. No output is left then.
+/// If the source cannot be read, the output not written, or the memory does not suffice. No output is left then; where the machine
+/// has failed (a full disk, a read that failed), what the same build goes on with is ([`BuildError::Kept`]).
 pub fn build(
     source: &dyn VolumeSource,
     origin: Source,
@@ -148,16 +149,20 @@ pub fn build(
         statistics: Mutex::new(begun.statistics),
         counter,
     };
-    let mut levels = vec![build.write_finest(&tiles, &read)?];
-    check_unchanged(source, &origin)?;
-    for lod in 1..descriptor.pyramid.levels().len() {
-        levels.push(build.write_coarser(lod)?);
-    }
+    let written = build.write_levels(source, &origin, (&tiles, &read));
+    let progress = build.counter.now();
     let Build { writer, statistics, .. } = build;
     let statistics = statistics.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let manifest = manifest(source, origin, &descriptor, (options, reduce), &statistics, &levels);
     let writer = writer.into_inner().unwrap_or_else(PoisonError::into_inner);
-    writer.finish(&manifest).map_err(|e| BuildError::write(output, e))?;
+    let finished = written.and_then(|levels| {
+        let manifest = manifest(source, origin, &descriptor, (options, reduce), &statistics, &levels);
+        writer.finish(&manifest).map_err(|e| BuildError::write(output, e))?;
+        Ok(levels)
+    });
+    let levels = match finished {
+        Ok(levels) => levels,
+        Err(error) => return Err(leave(error, begun.container, begun.journal, progress)),
+    };
     let container_bytes = begun.container.publish()?;
 
     let mut notes = notes_of(source, (options, reduce), plan, &descriptor);
@@ -176,6 +181,24 @@ pub fn build(
         bytes_per_second: source_bytes as f64 / wall,
         notes,
     })
+}
+
+/// What is left of a build that the machine has failed, so that it can go on later; where nothing is finished, the source is gone, or
+/// nobody could tell that it is the same build, nothing is.
+fn leave(error: BuildError, container: OutputFile, journal: Option<Journal>, progress: Progress) -> BuildError {
+    let may_go_on = error.is_machine_failure() && !error.is_source_gone() && progress.bricks_done > 0;
+    let Some(journal) = journal.filter(|_| may_go_on) else {
+        return error;
+    };
+    let written_bytes = container.file().metadata().map_or(0, |metadata| metadata.len());
+    let left = progress.bricks_total - progress.bricks_done;
+    let records = written_bytes as f64 / progress.bricks_done as f64 * left as f64;
+    let missing_bytes = records as u64 + progress.bricks_total * ENTRY_BYTES as u64 + 2 * header::PAGE_BYTES as u64;
+    let kept = container.abandon().and_then(|kept| journal.abandon().map(|()| kept));
+    match kept {
+        Ok(Some(kept)) => BuildError::Kept { error: Box::new(error), kept, written_bytes, missing_bytes },
+        _ => error,
+    }
 }
 
 fn thread_pool(threads: usize) -> Result<rayon::ThreadPool, BuildError> {
@@ -315,6 +338,21 @@ struct FinerTile<'a> {
 impl Build<'_> {
     fn writer(&self) -> MutexGuard<'_, ContainerWriter<BufWriter<File>>> {
         self.writer.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Writes all levels, finest first.
+    fn write_levels(
+        &self,
+        source: &dyn VolumeSource,
+        origin: &Source,
+        (tiles, read): (&[Tile], ReadSource<'_>),
+    ) -> Result<Vec<LevelReport>, BuildError> {
+        let mut levels = vec![self.write_finest(tiles, read)?];
+        check_unchanged(source, origin)?;
+        for lod in 1..self.descriptor.pyramid.levels().len() {
+            levels.push(self.write_coarser(lod)?);
+        }
+        Ok(levels)
     }
 
     fn write_finest(&self, tiles: &[Tile], read_source: ReadSource<'_>) -> Result<LevelReport, BuildError> {
@@ -557,6 +595,10 @@ impl<'a> ProgressCounter<'a> {
         let start =
             Progress { level: 0, levels: levels.len(), bricks_done: 0, bricks_total, bytes_done: 0, bytes_total };
         Self { on_progress, state: Mutex::new(start) }
+    }
+
+    fn now(&self) -> Progress {
+        *self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// What an interrupted build has left counts as done.

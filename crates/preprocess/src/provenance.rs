@@ -161,7 +161,7 @@ fn origin(path: &Path, format: &str, bytes: u64, hash: &xxhash_rust::xxh3::Xxh3D
 }
 
 /// Adds the bytes of a file to a checksum; how many there are.
-fn take_file(path: &Path, hash: &mut xxhash_rust::xxh3::Xxh3Default) -> Result<u64, BuildError> {
+pub(crate) fn take_file(path: &Path, hash: &mut xxhash_rust::xxh3::Xxh3Default) -> Result<u64, BuildError> {
     let io = |e| BuildError::Source(SourceError::io(path, e));
     let mut file = File::open(path).map_err(io)?;
     let mut buffer = vec![0; 4 << 20];

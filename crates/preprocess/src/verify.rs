@@ -8,7 +8,7 @@
 //!    the multiples of the container's step if it has one; voxels of level 0 are such multiples.
 //! 6. Each error bound is the largest of its children's plus this level's own greatest difference, or what the value
 //!    ranges allow where that is less ([`brick_error`]): not less, not more. At level 0 it is at most what voxels may have been
-//!    moved by; how far they were, only the source could tell.
+//!    moved by; how far they were, only the source can tell ([`crate::compare`]).
 //! 7. What the manifest says of the values (range, percentiles, histogram, count, errors of levels) is what the voxels say.
 //!
 //! Memory: at most `memory_bytes`: for each thread some bricks and those that its coarser brick averages, counts of values; the

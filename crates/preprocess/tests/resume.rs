@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use supervol_format::container::manifest::Source;
 use supervol_format::{BrickLayout, VoxelBox, VoxelType};
@@ -9,7 +10,7 @@ use supervol_preprocess::output::unfinished::list_builds;
 use supervol_preprocess::report::{BuildReport, Progress};
 use supervol_preprocess::source::computed::Computed;
 use supervol_preprocess::source::{SourceError, SourceInfo, VolumeSource};
-use supervol_preprocess::{BuildOptions, Existing, build};
+use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError, build};
 
 const OUTPUT: &str = "v.svol";
 
@@ -167,4 +168,63 @@ fn another_build_begins_anew_and_removes_what_is_left() {
     let report = build(&source(1), origin(""), &moment.join(OUTPUT), &options(), &|_| ());
     assert_eq!(restored(&report.unwrap_or_else(|e| panic!("{e}"))), 0);
     assert_eq!(std::fs::read_dir(moment).expect("the folder is there").count(), 1);
+}
+
+/// A source of which one box cannot be read.
+struct Failing {
+    source: Computed,
+    fail_at: u64,
+    boxes: AtomicU64,
+}
+
+impl VolumeSource for Failing {
+    fn info(&self) -> &SourceInfo {
+        self.source.info()
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        if self.boxes.fetch_add(1, Ordering::Relaxed) == self.fail_at {
+            let source = std::io::Error::other("injected read failure");
+            return Err(SourceError::Io { path: "injected.raw".into(), source });
+        }
+        self.source.read_box(voxels, out)
+    }
+}
+
+/// Exact and with voxels moved, where the step is found anew from the source and must be the same.
+#[test]
+fn reads_that_fail_cost_no_finished_brick() {
+    for max_error in [MaxError::Exact, MaxError::Value(3.0), MaxError::Percent(0.5)] {
+        let options = BuildOptions { max_error, ..options() };
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let (whole, output) = (folder.path().join("whole.svol"), folder.path().join(OUTPUT));
+        let never = Failing { source: source(1), fail_at: u64::MAX, boxes: AtomicU64::default() };
+        build(&never, origin("01"), &whole, &options, &|_| ()).unwrap_or_else(|e| panic!("{e}"));
+        let expected = std::fs::read(&whole).expect("the build wrote it");
+        let (mut kept, mut done) = (0, 0);
+        for fail_at in 0..never.boxes.into_inner() {
+            let failing = Failing { source: source(1), fail_at, boxes: AtomicU64::default() };
+            let result = build(&failing, origin("01"), &output, &options, &|_| ());
+            let Err(error) = result else {
+                // What went on had less to read than this.
+                assert!(done > 0, "{max_error:?}: read {fail_at} did not fail");
+                break;
+            };
+            assert!(error.is_machine_failure() && error.to_string().contains("injected read failure"), "{error}");
+            let left = list_builds(folder.path()).expect("the folder is there").len();
+            if matches!(error, BuildError::Kept { .. }) {
+                kept += 1;
+                done = 2;
+            }
+            // What fails before the first tile (samples, the range) neither adds to what is there nor takes it away.
+            assert_eq!(left, done, "{max_error:?}, read {fail_at}: {error}");
+        }
+        assert!(kept > 1, "{max_error:?}: {kept} failures kept something");
+        if !output.exists() {
+            let report = build(&source(1), origin("01"), &output, &options, &|_| ()).unwrap_or_else(|e| panic!("{e}"));
+            assert!(restored(&report) > 0, "{max_error:?}");
+        }
+        assert!(std::fs::read(&output).expect("the build wrote it") == expected, "{max_error:?}: other bytes");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("the folder is there").count(), 2, "{max_error:?}");
+    }
 }

@@ -184,6 +184,15 @@ impl Camera {
         PixelRays { camera: *self, half_size: [half_height * aspect, half_height] }
     }
 
+    /// World height of one pixel at a point.
+    #[must_use]
+    pub fn pixel_size_at(&self, point: DVec3) -> f64 {
+        match self.projection {
+            Projection::Perspective { .. } => self.pixel_height() * (point - self.eye).length(),
+            Projection::Orthographic { .. } => self.pixel_height(),
+        }
+    }
+
     /// World height of one pixel: at distance 1 for perspective, anywhere for orthographic cameras.
     #[must_use]
     pub fn pixel_height(&self) -> f64 {

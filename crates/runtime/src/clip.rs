@@ -1,13 +1,19 @@
-//! Clipping: a ray to the one segment of it that is drawn (RENDERING-MODEL, section 7).
+//! Clipping: a ray to the segments of it that are drawn (RENDERING-MODEL, section 7).
 //!
 //! The volume's domain, the clip box (index space) and the clip planes (world space) are convex, so that together they
-//! leave one segment or nothing. Everything is `f64`; t is a world length. Zero components of a direction, negative
-//! zero included, and components so small that a crossing overflows, are legal.
+//! leave one segment or nothing ([`clip_ray`]); solids ([`solids`]) leave several parts of it ([`clip_parts`]). Everything is
+//! `f64`; t is a world length. Zero components of a direction, negative zero included, and components so small that a
+//! crossing overflows, are legal.
+
+pub mod mesh;
+pub mod mesh_file;
+pub mod solids;
 
 use glam::{DMat3, DVec3};
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{Dims, Geometry};
 
+use self::solids::{Shape, Solid};
 use crate::camera::Ray;
 
 /// A half-space of world points: those with `normal . x >= offset`.
@@ -26,6 +32,17 @@ pub struct Clip {
     pub index_box: Option<[[f64; 3]; 2]>,
     /// Half-spaces, all of which a point must lie in.
     pub planes: Vec<ClipPlane>,
+    /// Solids, of each of which a point must lie on the side that is kept.
+    pub solids: Vec<Solid>,
+}
+
+impl Clip {
+    /// Bytes that meshes hold.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let bytes = |solid: &Solid| if let Shape::Mesh(placed) = &solid.shape { placed.mesh.bytes() } else { 0 };
+        self.solids.iter().map(bytes).sum()
+    }
 }
 
 /// A ray in index space: `origin + t * direction`, t still a world length.
@@ -89,7 +106,15 @@ pub struct Segment {
     pub t1: f64,
 }
 
-/// The part of a ray inside the domain, the clip box and all clip planes.
+/// The parts of a ray inside the domain, the clip box and all clip planes that all solids keep: disjoint, front to back. There
+/// are no more of them than solids have faces on the ray.
+#[must_use]
+pub fn clip_parts(ray: &Ray, index_ray: &IndexRay, dims: Dims, clip: &Clip) -> Vec<Segment> {
+    let segment = clip_ray(ray, index_ray, dims, clip);
+    segment.map_or_else(Vec::new, |segment| solids::kept(&clip.solids, ray, segment))
+}
+
+/// The part of a ray inside the domain, the clip box and all clip planes, whatever solids leave of it.
 #[must_use]
 pub fn clip_ray(ray: &Ray, index_ray: &IndexRay, dims: Dims, clip: &Clip) -> Option<Segment> {
     let mut interval = (ray.t_min, f64::INFINITY);
@@ -164,14 +189,14 @@ mod tests {
     fn boxes_and_planes_cut_where_they_stand() {
         let r = ray([-5.0, 4.0, 4.0], [1.0, 0.0, 0.0], 0.0);
         let index_box = Some([[1.25, -9.0, -9.0], [3.75, 99.0, 99.0]]);
-        assert_eq!(clipped(&r, &Clip { index_box, planes: vec![] }), Some((6.25, 8.75)));
+        assert_eq!(clipped(&r, &Clip { index_box, ..Clip::default() }), Some((6.25, 8.75)));
         let plane = |normal: [f64; 3], offset| ClipPlane { normal: normal.into(), offset };
         let planes = vec![plane([2.0, 0.0, 0.0], 4.0), plane([-1.0, 0.0, 0.0], -6.0)];
-        assert_eq!(clipped(&r, &Clip { index_box: None, planes }), Some((7.0, 11.0)));
+        assert_eq!(clipped(&r, &Clip { planes, ..Clip::default() }), Some((7.0, 11.0)));
         let planes = vec![plane([0.0, 1.0, 0.0], 4.5)];
-        assert_eq!(clipped(&r, &Clip { index_box: None, planes }), None);
+        assert_eq!(clipped(&r, &Clip { planes, ..Clip::default() }), None);
         let planes = vec![plane([1.0, 0.0, 0.0], 20.0)];
-        assert_eq!(clipped(&r, &Clip { index_box: None, planes }), None);
+        assert_eq!(clipped(&r, &Clip { planes, ..Clip::default() }), None);
     }
 
     #[test]

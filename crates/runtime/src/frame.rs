@@ -175,6 +175,14 @@ pub enum RenderError {
         "slices within the picture are drawn by the backends cpu and reference (and auto, which takes cpu then); found gpu"
     )]
     SlicesOnGpu,
+    #[error(
+        "volumes clipped by solids are drawn by the backends cpu and reference (and auto, which takes cpu then); found gpu"
+    )]
+    SolidsOnGpu,
+    #[error("mode mean shows no place that could be picked: all points of a ray count alike")]
+    NoPlace,
+    #[error("pixel {},{}: the picture has {} x {} pixels, the first is 0,0", pixel[0], pixel[1], size[0], size[1])]
+    NoSuchPixel { pixel: [u32; 2], size: [u32; 2] },
     #[error("{threads} threads cannot be started: {message}")]
     Threads { threads: usize, message: String },
     #[error(
@@ -224,7 +232,8 @@ pub(crate) fn plan_host_for(
         has_deadline,
         threads: rayon::current_num_threads() as u64,
         toc_pages: toc::pages_for(container.pyramid().brick_count()),
-        process_bytes: options.process_bytes,
+        // Meshes stay in memory as long as the scene does.
+        process_bytes: options.process_bytes.saturating_add(scene.clip.bytes()),
     };
     let plan = HostPlan::new(options.host_memory_bytes, &demand)?;
     Ok(HostPlan {

@@ -238,6 +238,7 @@ impl Image {
     fn encode_png(&self, out: &mut impl Write, background: [f64; 3]) -> Result<(), EncodeError> {
         let mut encoder = png::Encoder::new(out, self.width, self.height);
         encoder.set_color(png::ColorType::Rgb);
+        encoder.set_compression(png::Compression::Fast);
         encoder.set_depth(png::BitDepth::Eight);
         let mut writer = encoder.write_header()?;
         // Row by row: a second picture of 3 bytes a pixel would be memory that nobody has counted.

@@ -14,9 +14,11 @@
 mod ahead;
 mod drawing;
 mod layers;
+mod pick;
 mod resident;
 mod sampling;
 mod sheet;
+mod spread;
 mod stages;
 
 use std::borrow::Cow;
@@ -39,10 +41,12 @@ use crate::stats::{FrameStats, mode_name};
 use crate::stop::{Canceller, Stop};
 use crate::streamer::Streamer;
 use crate::streamer::budget::CasterBytes;
+use crate::units::Units;
 use crate::volume::Volume;
 pub use ahead::Ahead;
 use drawing::Drawing;
 use layers::Layers;
+pub use pick::{Picked, PickedOn};
 use resident::Resident;
 use stages::Best;
 
@@ -190,6 +194,36 @@ impl Renderer {
         result
     }
 
+    /// The first visible point under pixel (x, y) of the picture, (0, 0) being the one at the top left; `None` where nothing is to be
+    /// seen. In mode `dvr` that is where the ray has gathered half of its opacity, in `iso` the first surface, in `mip` and `minip`
+    /// the extreme, on slices the plane; mode `mean` has none. Found in the voxels of the finest level, or of the one that is asked
+    /// for, whatever has been drawn; bricks on the ray are fetched, others are not.
+    ///
+    /// # Errors
+    /// If the picture has no such pixel, the mode no such point, a budget is too small, or somebody cancels.
+    ///
+    /// # Panics
+    /// If there is no scene.
+    pub fn pick(&mut self, pixel: [u32; 2]) -> Result<Option<Picked>, RenderError> {
+        let Self { volume, options, pool, resident, scene, has_deadline, .. } = self;
+        let scene = scene.as_ref().expect("a scene is set before something is picked");
+        if (0..2).any(|a| pixel[a] >= scene.image_size[a]) {
+            return Err(RenderError::NoSuchPixel { pixel, size: scene.image_size });
+        }
+        let container = volume.container();
+        let stop = Stop::NEVER.or_by(self.canceller.clone());
+        let result = pool.install(|| {
+            let caster = caster_of(options).bytes(container.pyramid().layout().core());
+            let resident = match resident {
+                Some(resident) => resident,
+                None => fitting(resident, container, (scene, options), caster, *has_deadline)?,
+            };
+            pick::pick(resident, (scene, &Units::of(volume.facts())), options, pixel, &stop)
+        });
+        self.canceller.take();
+        result
+    }
+
     /// The picture is drawn anew from what is loaded; bricks that failed long enough ago are tried again.
     pub fn begin_anew(&mut self) {
         self.work = Work::Nothing;
@@ -239,6 +273,9 @@ impl Renderer {
         let backend = self.options.backend;
         if !self.options.caster.is_default() && (backend != Backend::Cpu || scene.mode != Mode::Dvr) {
             return Err(RenderError::Method { backend, mode: mode_name(scene.mode) });
+        }
+        if backend == Backend::Gpu && !scene.clip.solids.is_empty() {
+            return Err(RenderError::SolidsOnGpu);
         }
         if matches!(self.engine, Engine::Undecided) {
             self.engine = self.choose_engine()?;
@@ -298,8 +335,10 @@ impl Renderer {
     fn draw_by_engine(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
         let Self { volume, options, pool, engine, has_deadline, resident, work, .. } = self;
         let container = volume.container();
+        // Devices draw rays in one part; what they keep stays for the next picture.
+        let is_by_device = matches!(engine, Engine::Gpu { .. }) && scene.clip.solids.is_empty();
         let caster_bytes = match engine {
-            Engine::Gpu { .. } => CasterBytes::ON_DEVICE,
+            Engine::Gpu { .. } if is_by_device => CasterBytes::ON_DEVICE,
             _ => caster_of(options).bytes(container.pyramid().layout().core()),
         };
         pool.install(|| {
@@ -309,7 +348,7 @@ impl Renderer {
                 return Ok(());
             }
             let resident = fitting(resident, container, (scene, options), caster_bytes, *has_deadline)?;
-            if let (Engine::Cpu { .. }, true) = (&*engine, options.caster.is_default()) {
+            if !is_by_device && options.caster.is_default() {
                 if !matches!(work, Work::InSteps(_)) {
                     *work = Work::InSteps(Box::new(Drawing::new(scene.clone())));
                 }
@@ -407,6 +446,7 @@ impl Renderer {
         if let Engine::Gpu { backend, .. } = &self.engine {
             match self.work {
                 Work::InLayers(_) => stats.no_gpu_because = Some("slices are drawn by the processor".into()),
+                Work::InSteps(_) => stats.no_gpu_because = Some("solids are cut by the processor".into()),
                 _ => stats.adapter_is_software = backend.is_software(),
             }
         }

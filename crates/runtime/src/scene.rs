@@ -12,6 +12,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use supervol_format::readable::Number;
 
 use crate::camera::{Camera, CameraError, Projection, unit_vector};
+use crate::clip::mesh_file::MeshFileError;
 use crate::clip::{Clip, ClipPlane};
 use crate::facts::VolumeFacts;
 use crate::preset::looks;
@@ -21,6 +22,7 @@ use crate::preset::{self, Look};
 use crate::slices::{ColorSpec, SLICE_LIMIT, SlicePlane, SliceSpec};
 use crate::transfer_function::{ControlPoint, TransferFunction, TransferFunctionError};
 use crate::units::{Units, edges};
+pub use solids::{BoxSpec, CylinderSpec, SolidSpec, SphereSpec};
 
 /// Most rays of one picture: width times height times samples per pixel.
 pub const RAY_LIMIT: u64 = 64 << 20;
@@ -56,6 +58,8 @@ pub enum SceneError {
     Camera(#[from] CameraError),
     #[error("scene key `transfer_function`: {0}")]
     TransferFunction(#[from] TransferFunctionError),
+    #[error("scene key `{key}`: {reason}")]
+    Mesh { key: String, reason: Box<MeshFileError> },
 }
 
 /// A scene as written.
@@ -282,6 +286,9 @@ pub struct ClipSpec {
     pub index_box: Option<[[f64; 3]; 2]>,
     /// Half-spaces that are kept.
     pub planes: Vec<PlaneSpec>,
+    /// Solids of which the inside or the outside is kept; of several, what all of them keep.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub solids: Vec<SolidSpec>,
 }
 
 /// One clip plane: keeps `normal . x >= offset`.
@@ -486,7 +493,7 @@ impl Scene {
             let key = format!("clip.planes[{i}].offset");
             check(plane.offset.is_finite(), &key, || "a finite number".into(), Number(plane.offset))?;
         }
-        Ok(())
+        self.clip.validate_solids()
     }
 
     /// What a ray gathers, as far as the scene says: surfaces where there are some, else emission and absorption.
@@ -602,7 +609,7 @@ impl Scene {
             shading: scene.shading.as_ref().and_then(Option::as_ref).map(|s| s.resolve(&camera)),
             iso: scene.iso.iter().map(|iso| IsoSpec { value: units.value(iso.value), ..*iso }).collect(),
             slices: scene.slices.iter().map(|slice| slice.resolve(&units)).collect::<Result<_, _>>()?,
-            clip: scene.clip.resolve(&units),
+            clip: scene.clip.resolve(&units)?,
         })
     }
 }
@@ -705,12 +712,12 @@ impl ShadingSpec {
 }
 
 impl ClipSpec {
-    fn resolve(&self, units: &Units) -> Clip {
+    fn resolve(&self, units: &Units) -> Result<Clip, SceneError> {
         let planes = self.planes.iter().map(|p| {
             let (normal, offset) = plane_in_units(p.normal, p.offset, units);
             ClipPlane { normal, offset }
         });
-        Clip { index_box: self.index_box, planes: planes.collect() }
+        Ok(Clip { index_box: self.index_box, planes: planes.collect(), solids: self.resolve_solids(units)? })
     }
 }
 
@@ -773,5 +780,6 @@ fn check_direction(key: &str, v: [f64; 3]) -> Result<(), SceneError> {
 }
 
 mod slices;
+mod solids;
 #[cfg(test)]
 mod tests;

@@ -19,6 +19,9 @@ pub const ALPHA_LIMIT: f64 = 0.9999;
 /// Most control points of one transfer function.
 pub const POINT_LIMIT: usize = 4096;
 
+/// A coarse level loses what is visible if it shows less than this share of the mean extinction of the finest.
+const LOST_SHARE: f64 = 0.25;
+
 /// One control point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ControlPoint {
@@ -117,6 +120,17 @@ impl TransferFunction {
         (std::array::from_fn(|c| mix(before.color[c], after.color[c])), mix(before.alpha, after.alpha))
     }
 
+    /// Whether voxels of a coarse level show less than a quarter of what those show that they are averages of: values of the coarse
+    /// ones, and values of the others with their shares.
+    #[must_use]
+    pub fn loses(&self, coarse: &[f64], fine: impl Iterator<Item = (f64, f64)>) -> bool {
+        let kappa = |value: f64| self.kappa(self.classify(value).1);
+        let of_fine: f64 = fine.map(|(value, share)| share * kappa(value)).sum();
+        let present = || coarse.iter().filter(|value| !value.is_nan());
+        let of_coarse = present().map(|value| kappa(*value)).sum::<f64>() / present().count() as f64;
+        of_coarse < LOST_SHARE * of_fine
+    }
+
     /// Extinction per world length of an opacity: `-ln(1 - min(alpha, 0.9999)) / unit_distance`.
     #[must_use]
     pub fn kappa(&self, alpha: f64) -> f64 {
@@ -130,6 +144,16 @@ mod tests {
 
     fn point(value: f64, alpha: f64) -> ControlPoint {
         ControlPoint { value, color: [alpha, 0.5, 1.0 - alpha], alpha }
+    }
+
+    #[test]
+    fn averages_lose_what_only_extremes_show() {
+        let ends = [point(0.0, 0.5), point(1.0, 0.0), point(9.0, 0.0), point(10.0, 0.5)];
+        let function = TransferFunction::new(ends.to_vec(), 1.0).expect("it is valid");
+        let fine = [(0.0, 0.5), (10.0, 0.5)];
+        assert!(function.loses(&[5.0, f64::NAN, 5.0], fine.into_iter()));
+        assert!(!function.loses(&[0.2, 9.8], fine.into_iter()));
+        assert!(!function.loses(&[], fine.into_iter()) && !function.loses(&[f64::NAN], fine.into_iter()));
     }
 
     #[test]

@@ -174,6 +174,39 @@ fn a_cancelled_picture_goes_on() {
     }
 }
 
+/// Layers that average to nothing are there in the sketch, and the camera shows all of them; the picture that is wanted is exact.
+#[test]
+fn a_sketch_shows_what_averages_lose() {
+    let volume = Volume::new([64, 64, 64], VoxelType::U8, |[_, _, k]| if k % 2.0 == 0.0 { 20.0 } else { 220.0 });
+    let container = open(&container_bytes(&volume, 16));
+    let tf = points(
+        8.0,
+        &[
+            (20.0, [1.0, 0.0, 0.0], 0.5),
+            (60.0, [1.0, 0.0, 0.0], 0.0),
+            (180.0, [0.0, 0.0, 1.0], 0.0),
+            (220.0, [0.0, 0.0, 1.0], 0.5),
+        ],
+    );
+    let scene = scene(
+        &volume,
+        &format!(
+            r#"{{"camera": {{"eye": [31.5, -150, 31.5], "target": [31.5, 31.5, 31.5], "up": [0, 0, 1], "height": 60}},
+            "image": {{"width": 200, "height": 160}}, "transfer_function": {tf}}}"#
+        ),
+    );
+    let mut renderer = renderer(&container, options(LevelChoice::Fixed(Lod::FINEST)));
+    renderer.set_scene(scene.clone());
+    assert!(renderer.advance(Some(Instant::now())).unwrap().coarsest_pixel > 1);
+    let middle = |renderer: &Renderer| renderer.picture().unwrap().pixels[80 * 200 + 100];
+    let sketched = middle(&renderer);
+    renderer.advance(None).unwrap();
+    let exact = expected(&container, &scene, LevelChoice::Fixed(Lod::FINEST)).pixels;
+    assert_eq!(middle(&renderer), exact[80 * 200 + 100]);
+    // As much of either colour: half of the voxels lie above the mean, half below it.
+    assert!(sketched[3] > 0.5 && (sketched[0] - sketched[2]).abs() < 1e-3 && sketched[1] == 0.0, "{sketched:?}");
+}
+
 /// Reads go on while nobody casts: what comes meanwhile is there for the next step.
 #[test]
 fn reading_goes_on_between_two_steps() {

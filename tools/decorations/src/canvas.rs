@@ -56,6 +56,8 @@ pub struct Canvas<'a> {
     background: [f32; 3],
     ink: f32,
     layer: Layer,
+    /// Where there are texts.
+    taken: Vec<Rectangle>,
 }
 
 impl<'a> Canvas<'a> {
@@ -63,7 +65,13 @@ impl<'a> Canvas<'a> {
     pub fn new(image: &'a mut Image, background: [f64; 3]) -> Self {
         let is_dark = background.iter().sum::<f64>() < 1.5;
         let as_stored = background.map(|c| c as f32);
-        Self { image, background: as_stored, ink: if is_dark { ON_DARK } else { ON_LIGHT }, layer: Layer::Before }
+        Self {
+            image,
+            background: as_stored,
+            ink: if is_dark { ON_DARK } else { ON_LIGHT },
+            layer: Layer::Before,
+            taken: vec![],
+        }
     }
 
     /// Pixels along x and y.
@@ -80,7 +88,7 @@ impl<'a> Canvas<'a> {
         self.layer = Layer::Before;
     }
 
-    /// A text, moved as far into the picture as it has to be.
+    /// A text, moved as far into the picture as it has to be, and below others that are there already; left out where there is no room.
     pub fn text(&mut self, text: &str, [x, y]: [i32; 2], anchor: Anchor) {
         let (alignment, baseline) = match anchor {
             Anchor::TopLeft => (Alignment::Left, Baseline::Top),
@@ -102,7 +110,17 @@ impl<'a> Canvas<'a> {
         };
         text.position.x += inside(bounds.top_left.x, bounds.size.width, width);
         text.position.y += inside(bounds.top_left.y, bounds.size.height, height);
-        self.dim(embedded_graphics::geometry::Dimensions::bounding_box(&text));
+        let mut area = embedded_graphics::geometry::Dimensions::bounding_box(&text);
+        while let Some(other) = self.taken.iter().find(|other| !other.intersection(&area).is_zero_sized()) {
+            let down = other.top_left.y + i32::try_from(other.size.height).unwrap_or(height) - area.top_left.y;
+            area.top_left.y += down;
+            text.position.y += down;
+            if area.top_left.y + i32::try_from(area.size.height).unwrap_or(height) > height {
+                return;
+            }
+        }
+        self.taken.push(area);
+        self.dim(area);
         let Ok(_) = text.draw(self);
     }
 
@@ -199,6 +217,18 @@ mod tests {
         assert_eq!(picture.pixels[5 * 40 + 39], [ON_DARK, ON_DARK, ON_DARK, 1.0]);
         assert!((picture.pixels[12 * 40 + 3][0] - 0.25 * ON_DARK).abs() < 1e-6);
         assert_eq!(picture.pixels[12 * 40 + 20][0], 0.0);
+    }
+
+    #[test]
+    fn texts_do_not_lie_upon_each_other() {
+        let mut picture = image(0.0);
+        let mut canvas = Canvas::new(&mut picture, [1.0; 3]);
+        for text in ["H", "H", "H"] {
+            canvas.text(text, [5, 0], Anchor::TopLeft);
+        }
+        // Of three letters of ten rows, two have room.
+        let rows = |from: usize| picture.pixels[from * 40..][..400].iter().filter(|p| p[0] == ON_LIGHT).count();
+        assert!(rows(0) > 8 && rows(0) == rows(10), "{} and {}", rows(0), rows(10));
     }
 
     #[test]

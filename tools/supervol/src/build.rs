@@ -21,7 +21,7 @@ use supervol_preprocess::source::placed::{Domain, Placing};
 use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::segy::{Offsets, SegyOptions};
 use supervol_preprocess::source::selection::Selection;
-use supervol_preprocess::{BuildOptions, Existing, MaxError};
+use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError};
 
 use crate::failure::{Failure, with_output};
 use crate::progress::Reporter;
@@ -33,7 +33,13 @@ pub struct Arguments {
     /// Volume file: SEG-Y, DICOM, NRRD, NIfTI, MetaImage, VTK, TIFF, npy, npz, or raw with --dims and --dtype; an
     /// OME-Zarr, Zarr or N5 (FOLDER:/NAME is an array in it); or a folder with the slices of one volume: a DICOM series, or
     /// pictures (PNG, JPEG, TIFF) in natural order
-    input: PathBuf,
+    #[arg(required_unless_present = "batch", conflicts_with = "batch")]
+    input: Option<PathBuf>,
+    /// Build many volumes into the folder -o: those that a text file names, one path a line (- is standard input), or those that
+    /// a folder holds. What came of each is a line of results.jsonl there. The same command again builds what is not done,
+    /// and checks what is: source and container must be what they were
+    #[arg(long, value_name = "LIST|DIR")]
+    batch: Option<PathBuf>,
     #[command(flatten)]
     output: OutputArguments,
     #[command(flatten)]
@@ -58,7 +64,7 @@ pub struct SourceArguments {
 /// What every command that writes a container takes.
 #[derive(Debug, Args)]
 pub struct OutputArguments {
-    /// Container to write
+    /// Container to write; of several (--batch), the folder that they go to
     #[arg(short, long, value_name = "OUT.svol")]
     pub output: PathBuf,
     /// Core voxels of a brick along each axis: 16, 32, 64 or 128
@@ -255,7 +261,8 @@ impl OutputArguments {
         self.memory
     }
 
-    fn build_options(&self) -> BuildOptions {
+    /// How to build.
+    pub fn build_options(&self) -> BuildOptions {
         let codec = match self.codec {
             CodecName::Auto => CodecChoice::Smallest,
             CodecName::Raw => CodecChoice::Only(Codec::Raw),
@@ -291,14 +298,29 @@ impl OutputArguments {
         }
     }
 
+    /// Whether programs read what is said.
+    pub fn is_json(&self) -> bool {
+        self.json
+    }
+
+    /// Builds a container from an open source, with progress.
+    pub fn build_at(
+        &self,
+        output: &Path,
+        existing: Existing,
+        source: &dyn VolumeSource,
+        origin: Source,
+    ) -> Result<BuildReport, BuildError> {
+        let options = BuildOptions { existing, ..self.build_options() };
+        let reporter = Reporter::over_bytes(self.json);
+        let result = supervol_preprocess::build(source, origin, output, &options, &|progress| reporter.show(progress));
+        reporter.finish();
+        result
+    }
+
     /// Builds a container from an open source, with progress and a report.
     pub fn build(&self, source: &dyn VolumeSource, origin: Source) -> Result<(), Failure> {
-        let options = self.build_options();
-        let reporter = Reporter::over_bytes(self.json);
-        let result =
-            supervol_preprocess::build(source, origin, &self.output, &options, &|progress| reporter.show(progress));
-        reporter.finish();
-        let report = result?;
+        let report = self.build_at(&self.output, self.existing(), source, origin)?;
         if self.json {
             let mut out = crate::terminal::stdout();
             writeln!(out, "{}", serde_json::json!({ "report": report })).map_err(with_output)
@@ -341,10 +363,7 @@ impl SourceArguments {
         folder: &Path,
         memory_bytes: u64,
     ) -> Result<(Box<dyn VolumeSource>, Source), Failure> {
-        let reading = self.reading(memory_bytes)?;
-        let source = reading.open(input, folder).map_err(supervol_preprocess::BuildError::from)?;
-        let origin = supervol_preprocess::identify_source(input, &reading.options.selection, source.as_ref())?;
-        Ok((source, origin))
+        Ok(open(&self.reading(memory_bytes)?, input, folder)?)
     }
 
     /// How a volume file is read, within so many bytes.
@@ -388,11 +407,23 @@ impl SourceArguments {
     }
 }
 
+/// Opens a volume file, and says which one it is.
+pub fn open(reading: &Reading, input: &Path, folder: &Path) -> Result<(Box<dyn VolumeSource>, Source), BuildError> {
+    let source = reading.open(input, folder)?;
+    let origin = supervol_preprocess::identify_source(input, &reading.options.selection, source.as_ref())?;
+    Ok((source, origin))
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let Arguments { input, batch, output, source } = arguments;
+    let Some(input) = input else {
+        let batch = batch.as_ref().ok_or_else(|| Failure::command("expected a volume file, or --batch"))?;
+        return crate::batch::run(batch, output, source);
+    };
     // Decoded copies of compressed inputs go where the output goes: that disk has room for a volume.
-    let folder = folder_of(&arguments.output.output);
-    check_distinct(&arguments.output.output, [split_array(&arguments.input).0.as_path()])?;
-    let (source, origin) = arguments.source.open(&arguments.input, folder, arguments.output.memory)?;
-    arguments.output.build(source.as_ref(), origin)
+    let folder = folder_of(&output.output);
+    check_distinct(&output.output, [split_array(input).0.as_path()])?;
+    let (source, origin) = source.open(input, folder, output.memory)?;
+    output.build(source.as_ref(), origin)
 }

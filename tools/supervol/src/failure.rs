@@ -33,17 +33,31 @@ impl Failure {
 
     /// Prints the message; the exit code that it stands for.
     pub fn say(self) -> u8 {
-        let (message, code) = match self {
-            Self::Data(message) => (message, 1),
-            Self::Command(message) => (message, 2),
-            Self::Machine(message) => (message, 3),
-            // Who has read enough need not be told.
-            Self::Unread => return 141,
-            Self::Said(code) => return code,
-        };
-        // Nobody is left to tell where standard error cannot be written either; the exit code still says it.
-        let _ = writeln!(terminal::stderr(), "supervol: {message}");
+        let code = self.code();
+        if let Some(message) = self.message() {
+            // Nobody is left to tell where standard error cannot be written either; the exit code still says it.
+            let _ = writeln!(terminal::stderr(), "supervol: {message}");
+        }
         code
+    }
+
+    /// The exit code that it stands for.
+    pub fn code(&self) -> u8 {
+        match self {
+            Self::Data(_) => 1,
+            Self::Command(_) => 2,
+            Self::Machine(_) => 3,
+            Self::Unread => 141,
+            Self::Said(code) => *code,
+        }
+    }
+
+    /// What is to be said; nothing to who has read enough, or has been told.
+    pub fn message(&self) -> Option<&str> {
+        match self {
+            Self::Data(message) | Self::Command(message) | Self::Machine(message) => Some(message),
+            Self::Unread | Self::Said(_) => None,
+        }
     }
 
     /// A wrong command, with the file that holds the mistake named first, where there is one.

@@ -15,6 +15,11 @@ const STANDARD_INPUT: &str = "-";
 
 /// The text of a small file, or of standard input for `-`; `what` it should hold is said where it cannot be read.
 pub fn read_text(file: &Path, what: &str) -> Result<String, Failure> {
+    read_text_up_to(LIMIT_BYTES, file, what)
+}
+
+/// The same, of at most so many bytes.
+pub fn read_text_up_to(limit_bytes: u64, file: &Path, what: &str) -> Result<String, Failure> {
     let cannot = |e: std::io::Error| Failure::Command(format!("cannot read {what} {}: {e}", file.display()));
     let is_piped = file == Path::new(STANDARD_INPUT);
     let opened: Box<dyn Read> = if is_piped {
@@ -24,12 +29,12 @@ pub fn read_text(file: &Path, what: &str) -> Result<String, Failure> {
         Box::new(std::fs::File::open(file).map_err(cannot)?)
     };
     let mut text = String::new();
-    let bytes = opened.take(LIMIT_BYTES + 1).read_to_string(&mut text).map_err(cannot)?;
-    if bytes as u64 > LIMIT_BYTES {
+    let bytes = opened.take(limit_bytes + 1).read_to_string(&mut text).map_err(cannot)?;
+    if bytes as u64 > limit_bytes {
         let at_least = || bytes as u64;
         let found =
             if is_piped { at_least() } else { std::fs::metadata(file).map_or_else(|_| at_least(), |m| m.len()) };
-        let message = format!("{}: expected {what} of at most {LIMIT_BYTES} bytes, found {found}", file.display());
+        let message = format!("{}: expected {what} of at most {limit_bytes} bytes, found {found}", file.display());
         return Err(Failure::Command(message));
     }
     Ok(text)

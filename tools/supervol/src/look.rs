@@ -5,7 +5,7 @@
 
 pub mod empty;
 mod parse;
-mod places;
+pub mod places;
 mod slices;
 
 use clap::{Args, ValueEnum};
@@ -15,10 +15,10 @@ use supervol_runtime::preset::overview::Overview;
 use supervol_runtime::preset::view::{Framed, View, upright};
 use supervol_runtime::preset::{colormap, looks, placing, ramps};
 use supervol_runtime::scene::{
-    CameraSpec, ImageSpec, IsoSpec, Mode, PlaneSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec,
+    CameraSpec, ImageSpec, IsoSpec, Mode, PointsSpec, Scene, ShadingSpec, SolidSpec, TransferFunctionSpec,
 };
 
-use self::parse::{CameraWish, ClipPlane};
+use self::parse::{CameraWish, Cutter};
 use self::places::{Crop, Cut};
 use self::slices::SliceArguments;
 use crate::failure::Failure;
@@ -69,9 +69,11 @@ pub struct LookArguments {
     /// (world), inline, crossline, time or depth, or sagittal, coronal, axial (world)
     #[arg(long, value_name = "BOX", value_parser = places::crop, allow_hyphen_values = true)]
     crop: Option<Crop>,
-    /// Show only what lies on this side of a plane: x * NX + y * NY + z * NZ >= D in world units; may be given again
-    #[arg(long, value_name = "NX,NY,NZ,D", value_parser = parse::plane, allow_hyphen_values = true)]
-    clip: Vec<ClipPlane>,
+    /// Show only what lies on this side of a plane: x * NX + y * NY + z * NZ >= D in world units; or inside a solid, in world
+    /// units: sphere:X,Y,Z,R, box:X0,Y0,Z0,X1,Y1,Z1, cylinder:X0,Y0,Z0,X1,Y1,Z1,R, or mesh:FILE (a closed triangle mesh, .ply,
+    /// .stl or .obj); outside-sphere: and so on show what lies around it. May be given again: what all of them leave is shown
+    #[arg(long, value_name = "NX,NY,NZ,D|SOLID", value_parser = parse::cutter, allow_hyphen_values = true)]
+    clip: Vec<Cutter>,
     #[command(flatten)]
     slices: SliceArguments,
     /// Without light
@@ -200,7 +202,12 @@ impl LookArguments {
         if let Some(crop) = &self.crop {
             scene.clip.index_box = Some(crop.in_voxels(container, facts)?);
         }
-        scene.clip.planes.extend(self.clip.iter().map(|p| PlaneSpec { normal: p.normal, offset: p.offset }));
+        for cutter in &self.clip {
+            match cutter {
+                Cutter::Plane(plane) => scene.clip.planes.push(*plane),
+                Cutter::Solid(solid) => scene.clip.solids.push(SolidSpec::clone(solid)),
+            }
+        }
         self.set_mode(&mut scene, facts, overview);
         if let Some(text) = &self.tf {
             scene.transfer_function = Some(TransferFunctionSpec::Points(parse::transfer_function(text)?));

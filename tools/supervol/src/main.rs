@@ -5,6 +5,7 @@
 //! error. What may be overwritten: [`output`].
 
 mod allocation;
+mod batch;
 mod bench;
 mod build;
 mod cache;
@@ -20,6 +21,7 @@ mod look;
 mod mesh;
 mod output;
 mod panels;
+mod pick;
 mod progress;
 mod quantity;
 mod render;
@@ -58,7 +60,7 @@ enum Command {
     /// Draw the histogram of a container, with the opacities of its default picture
     Histogram(Box<histogram::Arguments>),
     /// Check every rule of containers
-    Verify(verify::Arguments),
+    Verify(Box<verify::Arguments>),
     /// Write voxels of a container to a plain file: .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .tif, .vti
     Extract(extract::Arguments),
     /// Write the surface where a container has one value as a mesh: .ply, .stl, .obj

@@ -2,7 +2,7 @@
 //!
 //! An output is begun before anything is computed, so that one that cannot be written costs no time.
 
-use std::io::{Cursor, Write};
+use std::io::{self, Cursor, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -13,7 +13,8 @@ use supervol_preprocess::{BuildError, Existing};
 use supervol_runtime::frame::stated::in_colors;
 use supervol_runtime::image::{EncodeError, Image, ImageFormat};
 
-use crate::failure::Failure;
+use crate::failure::{Failure, with_output};
+use crate::terminal;
 
 /// `--force`, for commands whose outputs replace their own kind without it.
 #[derive(Debug, Clone, Copy, Args)]
@@ -35,10 +36,24 @@ impl Force {
     }
 }
 
+/// The name that stands for standard output.
+const STANDARD_OUTPUT: &str = "-";
+
+/// Whether a picture goes to standard output.
+pub fn is_standard(output: &Path) -> bool {
+    output == Path::new(STANDARD_OUTPUT)
+}
+
+/// Where a command says what it has done: not where it writes its picture.
+pub fn remarks_on(output: &Path) -> Box<dyn Write> {
+    if is_standard(output) && !terminal::is_quiet() { Box::new(terminal::stderr()) } else { terminal::remarks() }
+}
+
 /// A picture that will be written.
 #[derive(Debug)]
 pub struct PictureFile {
-    file: OutputFile,
+    /// `None` is standard output.
+    file: Option<OutputFile>,
     format: ImageFormat,
     path: PathBuf,
 }
@@ -46,9 +61,16 @@ pub struct PictureFile {
 impl PictureFile {
     /// Begins a picture; the name decides the format.
     pub fn begin(path: &Path, force: Force) -> Result<Self, Failure> {
+        if is_standard(path) {
+            if io::stdout().is_terminal() {
+                let message = "-o -: expected a pipe or a file on standard output, found a terminal; name a file";
+                return Err(Failure::Command(message.into()));
+            }
+            return Ok(Self { file: None, format: ImageFormat::Png, path: path.into() });
+        }
         let format = ImageFormat::from_path(path).map_err(Failure::command)?;
         let file = OutputFile::begin(path, force.or(Existing::ReplacePicture))?;
-        Ok(Self { file, format, path: path.into() })
+        Ok(Self { file: Some(file), format, path: path.into() })
     }
 
     /// Writes how far pixels may be off: numbers where the format holds them, else colours for people to look at.
@@ -59,19 +81,26 @@ impl PictureFile {
 
     /// Writes the picture.
     pub fn write(self, image: &Image, background: [f64; 3]) -> Result<(), Failure> {
-        let encoded = if self.file.is_stream() {
-            // OpenEXR is not written from its beginning to its end.
-            let mut bytes = Cursor::new(Vec::new());
-            let encoded = image.encode(self.format, background, &mut bytes);
-            encoded.and_then(|()| Ok(self.file.file().write_all(bytes.get_ref())?))
-        } else {
-            image.encode(self.format, background, &mut self.file.file())
+        let encoded = match &self.file {
+            Some(file) if !file.is_stream() => image.encode(self.format, background, &mut file.file()),
+            stream => {
+                // OpenEXR is not written from its beginning to its end.
+                let mut bytes = Cursor::new(Vec::new());
+                image.encode(self.format, background, &mut bytes).and_then(|()| {
+                    match stream {
+                        Some(file) => file.file().write_all(bytes.get_ref())?,
+                        None => io::stdout().lock().write_all(bytes.get_ref())?,
+                    }
+                    Ok(())
+                })
+            }
         };
         encoded.map_err(|error| match error {
+            EncodeError::Io(source) if self.file.is_none() => with_output(source),
             EncodeError::Io(source) => BuildError::Write { path: self.path, source }.into(),
             EncodeError::Encode(message) => Failure::Command(format!("{}: {message}", self.path.display())),
         })?;
-        Ok(self.file.publish().map(drop)?)
+        Ok(self.file.map_or(Ok(()), |file| file.publish().map(drop))?)
     }
 }
 

@@ -96,7 +96,7 @@ impl Panels<'_> {
         }
         file.write(&picture, background)?;
         let slices = counted(self.looks.len() as u64, "slice");
-        writeln!(crate::terminal::remarks(), "{}: {width} x {height}, {slices}", output.display())
+        writeln!(crate::output::remarks_on(output), "{}: {width} x {height}, {slices}", output.display())
             .map_err(crate::failure::with_output)?;
         check_all_read(container, failed, self.allow_failed)
     }

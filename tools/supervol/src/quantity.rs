@@ -133,6 +133,13 @@ pub fn image_size(text: &str) -> Result<[u32; 2], String> {
     size.ok_or_else(|| format!("'{text}': expected WIDTHxHEIGHT, 1 to 32768 pixels each"))
 }
 
+/// A pixel: `X,Y`.
+pub fn pixel(text: &str) -> Result<[u32; 2], String> {
+    let number = |t: &str| t.trim().parse::<u32>().ok();
+    let pixel = text.split_once(',').and_then(|(x, y)| Some([number(x)?, number(y)?]));
+    pixel.ok_or_else(|| format!("'{text}': expected a pixel X,Y, the one at the top left being 0,0"))
+}
+
 /// `X,Y,Z`.
 pub fn triple(text: &str) -> Result<[f64; 3], String> {
     list(text, "numbers")

@@ -30,11 +30,13 @@ use crate::build::SourceArguments;
 use crate::cache::CacheArguments;
 use crate::failure::{Failure, with_container, with_output};
 use crate::look::{LookArguments, empty};
-use crate::output::{Force, PictureFile, RenderOutputs};
+use crate::output::{self, Force, PictureFile, RenderOutputs};
 use crate::panels::Panels;
+use crate::pick;
 use crate::progress::{RayBar, Reporter};
 use crate::quantity::{self, show_bytes};
 use crate::sequence::Sequence;
+use crate::terminal;
 
 /// Options of a single picture.
 const OF_ONE_PICTURE: [&str; 4] = ["stats", "error_map", "check", "time_budget"];
@@ -56,9 +58,9 @@ pub struct Arguments {
     /// no picture is drawn
     #[arg(long)]
     print_scene: bool,
-    /// Picture to write: .png (8 bit, with background), .exr or .npy (float, premultiplied RGBA without background); with
-    /// --turntable or --path the folder for frame-00000.png and so on
-    #[arg(short, long, value_name = "IMAGE|FOLDER", required_unless_present = "print_scene")]
+    /// Picture to write: .png (8 bit, with background), .exr or .npy (float, premultiplied RGBA without background), or - for
+    /// PNG on standard output; with --turntable or --path the folder for frame-00000.png and so on
+    #[arg(short, long, value_name = "IMAGE|FOLDER", required_unless_present_any = ["print_scene", "pick"])]
     output: Option<PathBuf>,
     /// Write N pictures, once around the volume; the same command again goes on where it was stopped
     #[arg(long, value_name = "N", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
@@ -120,9 +122,19 @@ pub struct Arguments {
     #[arg(long)]
     allow_failed: bool,
     /// Draw beside the volume its box with the ends of its axes, which way it is turned (a patient's sides, the points of the
-    /// compass), a scale where rays are parallel, what the colours stand for, and its name
-    #[arg(long, requires = "output")]
-    decorate: bool,
+    /// compass), a scale where rays are parallel, what the colours stand for, and its name. auto: in PNG files, where somebody
+    /// sits at a terminal; never in .exr, .npy, sequences, and what scripts and pipes run
+    #[arg(long, value_enum, value_name = "WHEN", requires = "output", default_value = "auto", default_missing_value = "on",
+          num_args = 0..=1, require_equals = true)]
+    decorate: Decorate,
+    /// Say what is under pixel X,Y (0,0 is at the top left): value, world position, voxel, and line numbers of a survey, of the first
+    /// point that is to be seen there: dvr where half of the opacity is gathered, iso the surface, mip and minip the extreme, or
+    /// the slice. May be given again. Without --output no picture is drawn
+    #[arg(long, value_name = "X,Y", value_parser = quantity::pixel, conflicts_with_all = ["turntable", "path"])]
+    pick: Vec<[u32; 2]>,
+    /// What --pick says, as JSON
+    #[arg(long, requires = "pick", conflicts_with = "print_scene")]
+    json: bool,
     #[command(flatten)]
     force: Force,
     #[command(flatten)]
@@ -139,6 +151,22 @@ enum BackendName {
     Cpu,
     Gpu,
     Reference,
+}
+
+/// Whether a picture shows more than the volume.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Decorate {
+    Auto,
+    On,
+    Off,
+}
+
+impl Decorate {
+    /// Whether a picture in this file does, where somebody sits at a terminal or nobody does.
+    fn applies_to(self, output: &Path, is_at_terminal: bool) -> bool {
+        let is_png = || output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+        self == Self::On || (self == Self::Auto && is_at_terminal && is_png())
+    }
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -215,6 +243,26 @@ struct Motion {
 }
 
 impl Arguments {
+    /// Whether there is more than the volume in its one picture.
+    fn decorates(&self, output: &Path) -> bool {
+        self.decorate.applies_to(output, terminal::is_at_terminal())
+    }
+
+    /// Refuses options that cannot be meant together.
+    fn check(&self) -> Result<(), Failure> {
+        let is_said = self.print_scene || !self.pick.is_empty();
+        let wrong = if is_said && self.output.as_deref().is_some_and(output::is_standard) {
+            "-o -: expected a file for the picture: --print-scene and --pick write to standard output"
+        } else if self.error_map.is_some() && matches!(self.backend, BackendName::Gpu | BackendName::Reference) {
+            "--error-map: only --backend cpu says how far pixels may be off"
+        } else if self.look.shows_panels() && (self.turntable.is_some() || self.path.is_some()) {
+            "--slice: the camera of a slice that is shown face on does not move; --slices volume shows slices within the volume"
+        } else {
+            return Ok(());
+        };
+        Err(Failure::Command(wrong.into()))
+    }
+
     /// Where several slices go; what is said of one picture is refused.
     fn output_of_panels(&self) -> Result<&Path, Failure> {
         let of_one = [
@@ -223,6 +271,7 @@ impl Arguments {
             ("--check", self.check.is_some()),
             ("--time-budget", self.time_budget.is_some()),
             ("--print-scene", self.print_scene),
+            ("--pick", !self.pick.is_empty()),
         ];
         if let Some((option, _)) = of_one.iter().find(|(_, given)| *given) {
             return Err(Failure::Command(format!("{option} is of one picture; give one --slice")));
@@ -269,6 +318,7 @@ impl Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = Instant::now();
+    arguments.check()?;
     let path = &arguments.container()?;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
     let scene = match &arguments.scene {
@@ -283,31 +333,32 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             format!("--level {}: {} has levels 0 to {}", lod.0, path.display(), container.pyramid().coarsest().0);
         return Err(Failure::Command(message));
     }
-    if arguments.error_map.is_some() && matches!(arguments.backend, BackendName::Gpu | BackendName::Reference) {
-        return Err(Failure::Command("--error-map: only --backend cpu says how far pixels may be off".into()));
-    }
     let facts = arguments.look.facts(&container);
     let inputs = [Some(path), Some(&arguments.volume), arguments.scene.as_ref(), arguments.path.as_ref()];
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
-    if arguments.look.shows_panels() && (arguments.turntable.is_some() || arguments.path.is_some()) {
-        let message = "--slice: the camera of a slice that is shown face on does not move; --slices volume shows slices within the volume";
-        return Err(Failure::Command(message.into()));
-    }
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
         let output = arguments.output_of_panels()?;
         let file = RenderOutputs::begin(output, None, None, &inputs, arguments.force)?.picture;
-        let (decorate, allow_failed) = (arguments.decorate, arguments.allow_failed);
+        let (decorate, allow_failed) = (arguments.decorates(output), arguments.allow_failed);
         let panels =
             Panels { container: &container, facts: &facts, scene: &scene, looks: &looks, grid, decorate, allow_failed };
         return panels.run(file, (path, output), &arguments.options(start));
     }
     let (scene, motion) = arguments.shown(scene, &container, &facts)?;
+    let inputs: Vec<&Path> = inputs.into_iter().chain(scene.files()).collect();
     if arguments.print_scene {
         let text = serde_json::to_string_pretty(&scene).map_err(|e| Failure::Machine(e.to_string()))?;
-        writeln!(crate::terminal::stdout(), "{text}").map_err(with_output)?;
+        writeln!(terminal::stdout(), "{text}").map_err(with_output)?;
+    }
+    if !arguments.pick.is_empty() {
+        let format = if arguments.json { pick::Format::Json } else { pick::Format::Text };
+        pick::run((&container, &facts, &scene), &arguments.options(start), &arguments.pick, format)
+            .map_err(|failure| failure.named(arguments.scene.as_deref()))?;
     }
     let Some(output) = &arguments.output else { return Ok(()) };
-    let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate: arguments.decorate };
+    let is_one = motion.is_none();
+    let decorate = if is_one { arguments.decorates(output) } else { arguments.decorate == Decorate::On };
+    let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate };
     if let Some(Motion { cameras, asked }) = &motion {
         let (force, allow_failed) = (arguments.force, arguments.allow_failed);
         let sequence =
@@ -372,7 +423,13 @@ fn overview(container: &Container) -> Option<Overview> {
 /// The scene of a scene file.
 pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
     let text = crate::input::read_text(file, "a scene")?;
-    Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())))
+    let scene = Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())));
+    // Files that a scene names lie beside it, wherever the scene that is printed goes.
+    scene.map(|mut scene| {
+        let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+        scene.begin_paths_at(file.parent().unwrap_or_else(|| Path::new("")));
+        scene
+    })
 }
 
 /// What a picture is made of.
@@ -445,7 +502,7 @@ pub fn write_picture(
 /// Says why a picture shows nothing, where it does.
 pub fn warn_of_nothing(image: &Image, resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<(), Failure> {
     let Some(why) = empty::reason(image, resolved, facts) else { return Ok(()) };
-    writeln!(crate::terminal::stderr(), "supervol: warning: the picture shows nothing but its background: {why}")
+    writeln!(terminal::stderr(), "supervol: warning: the picture shows nothing but its background: {why}")
         .map_err(with_output)
 }
 
@@ -467,6 +524,8 @@ pub fn with_render(error: RenderError) -> Failure {
         RenderError::Budget(_) | RenderError::ReferenceTooLarge { .. } | RenderError::Gpu(GpuError::Budget { .. }) => {
             Failure::Command(message)
         }
+        RenderError::NoPlace | RenderError::NoSuchPixel { .. } => Failure::Command(format!("--pick: {message}")),
+        RenderError::SolidsOnGpu => Failure::Command(format!("--backend: {message}")),
         RenderError::Container(_) => Failure::Data(message),
         _ => Failure::Machine(message),
     }
@@ -488,7 +547,7 @@ fn about_backend(asked: Backend, stats: &FrameStats) -> Option<String> {
 }
 
 fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
-    let mut out = crate::terminal::remarks();
+    let mut out = output::remarks_on(output);
     writeln!(
         out,
         "{}: {} x {}, {}, {:.0} ms, {} read ({}), peak memory {}{}",
@@ -557,6 +616,16 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_pictures_for_people_are_decorated_unasked() {
+        let unasked = |name: &str, at| Decorate::Auto.applies_to(Path::new(name), at);
+        assert!(unasked("a.png", true) && unasked("a.PNG", true));
+        assert!(!unasked("a.png", false) && !unasked("a.exr", true) && !unasked("a.npy", true) && !unasked("-", true));
+        assert!(
+            Decorate::On.applies_to(Path::new("a.npy"), false) && !Decorate::Off.applies_to(Path::new("a.png"), true)
+        );
+    }
 
     #[test]
     fn budgets_that_are_too_small_are_wrong_commands_on_every_backend() {

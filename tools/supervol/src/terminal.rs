@@ -4,7 +4,7 @@
 //! tabulators excepted) and those that turn the direction of writing are shown as `\u001b`: so that they do nothing, and
 //! so that JSON that holds them stays the same JSON.
 
-use std::io::{self, StderrLock, StdoutLock, Write};
+use std::io::{self, IsTerminal, StderrLock, StdoutLock, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Whether only results, warnings and errors are written.
@@ -27,6 +27,11 @@ pub fn is_quiet() -> bool {
 /// Standard output, for what is said beside the result: nothing where that is not wanted.
 pub fn remarks() -> Box<dyn Write> {
     if is_quiet() { Box::new(io::sink()) } else { Box::new(stdout()) }
+}
+
+/// Whether somebody sits there and reads.
+pub fn is_at_terminal() -> bool {
+    io::stdout().is_terminal() && io::stderr().is_terminal()
 }
 
 /// Standard output.

@@ -4,8 +4,13 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use supervol_format::Container;
 use supervol_format::readable::counted;
+use supervol_preprocess::BuildError;
+use supervol_preprocess::compare::{Compared, compare};
+use supervol_preprocess::kept::Reading;
 
+use crate::build::SourceArguments;
 use crate::failure::{Failure, with_output};
 use crate::input::{Input, for_each};
 use crate::progress::Reporter;
@@ -17,17 +22,68 @@ pub struct Arguments {
     /// Containers; - is what standard input gives. All are checked, also where one breaks a rule
     #[arg(value_name = "CONTAINER", required = true)]
     containers: Vec<PathBuf>,
+    /// Compare every voxel of level 0 with the file or folder that the container was built from: equal where the container is exact,
+    /// within its bound where it is not. Give the options that it was built with (--dims, --frame, ...), where there were any
+    #[arg(long = "source", value_name = "FILE")]
+    compare_with: Option<PathBuf>,
+    /// Compute ranges, flags, macro cells, aprons, coarser levels, their error bounds, and statistics of the manifest again from
+    /// decoded voxels. That is what verify always does, with or without this; only --source adds to it
+    #[arg(long)]
+    deep: bool,
     /// Most memory
     #[arg(long, default_value = "512MiB", value_parser = quantity::bytes)]
     memory: u64,
+    #[command(flatten)]
+    source: SourceArguments,
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    for_each(&arguments.containers, |path| verify(path, arguments.memory))
+    // Said, so that nobody takes it for a check of its own.
+    let Arguments { containers, compare_with, deep: _, memory, source } = arguments;
+    let reading = source.reading(*memory)?;
+    let Some(input) = compare_with else {
+        if !reading.is_default() {
+            return Err(Failure::command("options for volume files say how --source is read: expected --source FILE"));
+        }
+        return for_each(containers, |path| verify(path, *memory).map(drop));
+    };
+    let [path] = &containers[..] else {
+        let found = containers.len();
+        return Err(Failure::Command(format!("--source: expected one container to compare with it, found {found}")));
+    };
+    let container = verify(path, *memory)?;
+    compare_with_source(path, &container, input, &reading, *memory)
 }
 
-fn verify(path: &Path, memory_bytes: u64) -> Result<(), Failure> {
+/// Compares a container with what it was built from. Compressed voxels are decoded into a temporary file.
+fn compare_with_source(
+    path: &Path,
+    container: &Container,
+    input: &Path,
+    reading: &Reading,
+    memory_bytes: u64,
+) -> Result<(), Failure> {
+    let folder = std::env::temp_dir();
+    let source = reading.open(input, &folder).map_err(BuildError::from)?;
+    let bar = Reporter::over_bricks();
+    let compared = compare(path, container, source.as_ref(), memory_bytes, &|done, total| {
+        bar.set_length(total);
+        bar.set_position(done);
+    });
+    bar.finish_and_clear();
+    let Compared { voxels, greatest, bound } = compared?;
+    let differ = if bound > 0.0 {
+        format!("at most {greatest} from the source's ({bound} allowed)")
+    } else {
+        "equal to the source's".into()
+    };
+    let remark = format!("{}: {voxels} voxels of level 0 are {differ}", path.display());
+    writeln!(crate::terminal::remarks(), "{remark}").map_err(with_output)
+}
+
+/// Every rule that a container can be held to alone.
+fn verify(path: &Path, memory_bytes: u64) -> Result<Container, Failure> {
     let input = Input::named(path)?;
     let bar = Reporter::over_bricks();
     let result = supervol_preprocess::verify::verify(input.path(), memory_bytes, &|done, total| {
@@ -43,5 +99,6 @@ fn verify(path: &Path, memory_bytes: u64) -> Result<(), Failure> {
         counted(container.pyramid().brick_count(), "brick"),
         show_bytes(container.file_bytes())
     )
-    .map_err(with_output)
+    .map_err(with_output)?;
+    Ok(container)
 }

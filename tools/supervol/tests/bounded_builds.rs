@@ -80,3 +80,34 @@ fn bounded_builds_keep_the_bound_and_say_it() {
     let asked = (width[1] - width[0]) * 0.01;
     assert!(percent <= asked * 1.001 && percent > asked * 0.93, "{percent} of {asked}");
 }
+
+#[test]
+fn verify_compares_with_the_source() {
+    let folder = Folder::new();
+    let mut values = field();
+    let write = |name: &str, values: &[f32]| {
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        std::fs::write(folder.path(name), bytes).expect("room for a small file");
+    };
+    write("a.raw", &values);
+    // One voxel that is further off than any bound here.
+    values[7 + DIMS * (9 + DIMS * 31)] += 3.0;
+    write("b.raw", &values);
+    let raw = ["--dims", "40,40,40", "--dtype", "f32"];
+    for (error, said) in [("0", "64000 voxels of level 0 are equal to the source's"), ("0.5", "(0.5 allowed)")] {
+        folder.expect(
+            0,
+            &[&["build", "a.raw", "--brick=16", "-o", "a.svol", "--force", "--max-error", error], &raw[..]].concat(),
+        );
+        let whole = folder.expect(0, &[&["verify", "a.svol", "--deep", "--source", "a.raw"], &raw[..]].concat());
+        assert!(whole.contains("every rule holds") && whole.contains(said), "{whole}");
+        let wrong = folder.expect(1, &[&["verify", "a.svol", "--source", "b.raw"], &raw[..]].concat());
+        assert!(wrong.contains("voxel [7, 9, 31] against its source"), "{wrong}");
+    }
+    // A source that is none, and options without a source.
+    folder.expect(2, &[&["verify", "a.svol", "--source", "none.raw"], &raw[..]].concat());
+    folder.expect(1, &["verify", "a.svol", "--source", "a.raw", "--dims", "40,40,40", "--dtype", "i32"]);
+    folder.expect(2, &[&["verify", "a.svol"], &raw[..]].concat());
+    folder.expect(2, &[&["verify", "a.svol", "a.svol", "--source", "a.raw"], &raw[..]].concat());
+    folder.expect(0, &["verify", "--deep", "a.svol"]);
+}

@@ -290,6 +290,17 @@ fn decorations_are_drawn_beside_what_is_measured() {
 }
 
 #[test]
+fn standard_output_takes_a_png_and_nothing_else() {
+    let folder = Folder::with_sphere();
+    folder.expect(0, &[&["render", "v.svol", "-o", "a.png", "--decorate=off"][..], &SMALL[..]].concat());
+    let piped = folder.run(&[&["render", "v.svol", "-o", "-"][..], &SMALL[..]].concat());
+    assert_eq!(piped.stdout, std::fs::read(folder.path("a.png")).expect("it is written"), "a pipe is not a terminal");
+    assert!(String::from_utf8_lossy(&piped.stderr).contains("-: "), "remarks go to standard error");
+    let refused = folder.expect(2, &["render", "v.svol", "-o", "-", "--print-scene"]);
+    assert!(refused.contains("expected a file"), "{refused}");
+}
+
+#[test]
 fn a_place_given_by_hand_is_kept_with_its_unit() {
     let folder = Folder::new();
     std::fs::write(folder.path("v.raw"), [7u8, 8, 9, 10, 11, 12, 13, 14]).expect("room");

@@ -253,6 +253,17 @@ impl OutputFile {
         matches!(self.0, Target::Stream { .. })
     }
 
+    /// Leaves a file behind unfinished, under its temporary name, which is returned; nothing of a stream.
+    ///
+    /// # Errors
+    /// If the system does not let it be kept; then it is removed.
+    pub fn abandon(self) -> io::Result<Option<PathBuf>> {
+        match self.0 {
+            Target::File { unfinished, .. } => unfinished.abandon().map(Some),
+            Target::Stream { .. } => Ok(None),
+        }
+    }
+
     /// Syncs the file, gives it its name, and makes the name last. Returns its length in bytes; of a stream, 0.
     ///
     /// # Errors

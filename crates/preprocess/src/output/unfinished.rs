@@ -125,10 +125,12 @@ impl UnfinishedFile {
         self.file.path().file_name().expect("a file has a name")
     }
 
-    /// Leaves it behind as a killed process does.
-    #[cfg(test)]
-    pub fn abandon(self) {
-        self.file.keep().expect("it need not be renamed");
+    /// Leaves it behind as a killed process does; where it is.
+    ///
+    /// # Errors
+    /// If the system does not let it be kept; then it is removed.
+    pub fn abandon(self) -> io::Result<PathBuf> {
+        self.file.keep().map(|(_, path)| path).map_err(|e| e.error)
     }
 
     /// The file.

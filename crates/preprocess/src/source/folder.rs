@@ -96,7 +96,7 @@ impl Listing {
 }
 
 /// The order of people: numbers in names by their values.
-pub(super) fn natural(a: &Path, b: &Path) -> Ordering {
+pub(crate) fn natural(a: &Path, b: &Path) -> Ordering {
     let (a, b) = (a.to_string_lossy(), b.to_string_lossy());
     let (mut left, mut right) = (a.as_bytes(), b.as_bytes());
     while let (Some(x), Some(y)) = (left.first(), right.first()) {

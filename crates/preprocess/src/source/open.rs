@@ -31,6 +31,9 @@ const FILES_LOOKED_AT: usize = 64;
 /// How names of SEG-Y files end.
 const SEGY_NAMES: [&str; 4] = [".sgy", ".segy", ".seg-y", ".seg"];
 
+/// How text headers of SEG-Y begin: C 1 and C01, in EBCDIC and in ASCII.
+const TEXT_HEADERS: [&[u8]; 4] = [b"C 1", b"C01", b"\xc3\x40\xf1", b"\xc3\xf0\xf1"];
+
 /// What a person may say about a file beside its name.
 #[derive(Debug, Clone, Default)]
 pub struct OpenOptions {
@@ -142,6 +145,104 @@ pub(super) fn head(path: &Path) -> Result<Vec<u8>, SourceError> {
     Ok(head)
 }
 
+/// Formats of single files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Dicom,
+    Vtk,
+    Npz,
+    Hdf5,
+    Nrrd,
+    MetaImage,
+    Npy,
+    Nifti,
+    Tiff,
+    Picture,
+    Segy,
+}
+
+/// The format of a file of this lower-case name that begins like this.
+fn format_of(start: &[u8], name: &str) -> Option<Format> {
+    let named = |endings: &[&str]| endings.iter().any(|e| name.ends_with(e));
+    // Before the mark of DICOM there is room for a TIFF's beginning, and some programs write one.
+    if is_dicom(start) || named(&[".dcm", ".dicom", ".ima"]) {
+        return Some(Format::Dicom);
+    }
+    let is_xml = start.trim_ascii_start().starts_with(b"<?xml") || start.trim_ascii_start().starts_with(b"<VTKFile");
+    if start.starts_with(b"# vtk DataFile") || named(&[".vti"]) || is_xml && find(start, b"<VTKFile") {
+        return Some(Format::Vtk);
+    }
+    if named(&[".npz"]) {
+        return Some(Format::Npz);
+    }
+    if start.starts_with(hdf5::MAGIC) || named(&[".h5", ".hdf5", ".ims"]) {
+        return Some(Format::Hdf5);
+    }
+    if start.starts_with(b"NRRD") || named(&[".nrrd", ".nhdr"]) {
+        return Some(Format::Nrrd);
+    }
+    if start.starts_with(b"ObjectType") || start.starts_with(b"NDims") || named(&[".mha", ".mhd"]) {
+        return Some(Format::MetaImage);
+    }
+    if start.starts_with(b"\x93NUM") || named(&[".npy"]) {
+        return Some(Format::Npy);
+    }
+    // A NIfTI header begins with its own size in either byte order.
+    let nifti_sizes = [348i32, 540].map(|n| [n.to_le_bytes(), n.to_be_bytes()]);
+    if nifti_sizes.as_flattened().iter().any(|size| start.starts_with(size))
+        || named(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"])
+    {
+        return Some(Format::Nifti);
+    }
+    match Kind::of(start) {
+        Some(Kind::Tiff) => return Some(Format::Tiff),
+        Some(Kind::Png | Kind::Jpeg) => return Some(Format::Picture),
+        None => {}
+    }
+    // The text header of SEG-Y begins with the letter C: in EBCDIC (0xC3), or in ASCII.
+    let is_segy = named(&SEGY_NAMES) || start.first().is_some_and(|b| [0xc3, b'C'].contains(b));
+    is_segy.then_some(Format::Segy)
+}
+
+/// What a file is to somebody who looks for volumes in a folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Found {
+    /// A slice of a series, which its folder stands for.
+    DicomSlice,
+    /// A PNG or JPEG: a slice where there is nothing else, else a picture of something.
+    Picture,
+    /// A file that a reader takes.
+    Volume,
+    /// Nothing that a reader takes.
+    Other,
+}
+
+/// What a file is, by its first bytes and its name. More is not looked at: a damaged volume is one, too.
+pub(crate) fn look_at(path: &Path) -> Result<Found, SourceError> {
+    let start = head(path)?;
+    let name = lower_name(path);
+    Ok(match format_of(&start, &name) {
+        Some(Format::Dicom) => Found::DicomSlice,
+        Some(Format::Picture) => Found::Picture,
+        // Any text may begin with a C.
+        Some(Format::Segy) if !is_segy(path) && !TEXT_HEADERS.iter().any(|text| start.starts_with(text)) => {
+            Found::Other
+        }
+        Some(Format::Segy) if refusal_of_file(path, &start, &name).is_some() => Found::Other,
+        Some(_) => Found::Volume,
+        None => Found::Other,
+    })
+}
+
+/// Whether a folder is a Zarr or N5.
+pub(crate) fn is_chunked(folder: &Path) -> bool {
+    zarr::is_zarr(folder)
+}
+
+fn lower_name(path: &Path) -> String {
+    path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
 fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
     let OpenOptions { raw, outside, segy: segy_options, spool, selection } = options;
     selection.level_of(path, 1)?;
@@ -150,52 +251,32 @@ fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>
         return Ok(Box::new(RawSource::open(path, raw)?));
     }
     let start = head(path)?;
-    let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
-    let named = |endings: &[&str]| endings.iter().any(|e| name.ends_with(e));
-
-    // Before the mark of DICOM there is room for a TIFF's beginning, and some programs write one.
-    if is_dicom(&start) || named(&[".dcm", ".dicom", ".ima"]) {
-        return open_dicom(path, options);
+    let name = lower_name(path);
+    let format = format_of(&start, &name);
+    if format != Some(Format::Dicom) {
+        selection.refuse_series(path)?;
     }
-    selection.refuse_series(path)?;
-    let is_xml = start.trim_ascii_start().starts_with(b"<?xml") || start.trim_ascii_start().starts_with(b"<VTKFile");
-    if start.starts_with(b"# vtk DataFile") || named(&[".vti"]) || is_xml && find(&start, b"<VTKFile") {
-        return Ok(Box::new(VtkSource::open(path, spool, selection)?));
+    if !matches!(format, Some(Format::Dicom | Format::Vtk | Format::Npz | Format::Hdf5)) {
+        selection.refuse_array(path)?;
     }
-    if named(&[".npz"]) {
-        return Ok(Box::new(NpzSource::open(path, spool, selection)?));
-    }
-    if start.starts_with(hdf5::MAGIC) || named(&[".h5", ".hdf5", ".ims"]) {
-        return Ok(Box::new(hdf5::open(path, &options.of_folders())?));
-    }
-    selection.refuse_array(path)?;
-    if start.starts_with(b"NRRD") || named(&[".nrrd", ".nhdr"]) {
-        return Ok(Box::new(NrrdSource::open_with(path, spool, *outside, selection)?));
-    }
-    if start.starts_with(b"ObjectType") || start.starts_with(b"NDims") || named(&[".mha", ".mhd"]) {
-        return Ok(Box::new(MetaImageSource::open_with(path, spool, *outside, selection)?));
-    }
-    if start.starts_with(b"\x93NUM") || named(&[".npy"]) {
-        return Ok(Box::new(NpySource::open_with(path, selection)?));
-    }
-    // A NIfTI header begins with its own size in either byte order.
-    let nifti_sizes = [348i32, 540].map(|n| [n.to_le_bytes(), n.to_be_bytes()]);
-    if nifti_sizes.as_flattened().iter().any(|size| start.starts_with(size))
-        || named(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"])
-    {
-        return Ok(Box::new(NiftiSource::open_with(path, spool, selection)?));
-    }
-    match Kind::of(&start) {
-        Some(Kind::Tiff) => return Ok(Box::new(TiffSource::open(path, spool, selection)?)),
-        Some(Kind::Png | Kind::Jpeg) => return open_pictures(path, options),
-        None => {}
+    match format {
+        Some(Format::Dicom) => return open_dicom(path, options),
+        Some(Format::Vtk) => return Ok(Box::new(VtkSource::open(path, spool, selection)?)),
+        Some(Format::Npz) => return Ok(Box::new(NpzSource::open(path, spool, selection)?)),
+        Some(Format::Hdf5) => return Ok(Box::new(hdf5::open(path, &options.of_folders())?)),
+        Some(Format::Nrrd) => return Ok(Box::new(NrrdSource::open_with(path, spool, *outside, selection)?)),
+        Some(Format::MetaImage) => return Ok(Box::new(MetaImageSource::open_with(path, spool, *outside, selection)?)),
+        Some(Format::Npy) => return Ok(Box::new(NpySource::open_with(path, selection)?)),
+        Some(Format::Nifti) => return Ok(Box::new(NiftiSource::open_with(path, spool, selection)?)),
+        Some(Format::Tiff) => return Ok(Box::new(TiffSource::open(path, spool, selection)?)),
+        Some(Format::Picture) => return open_pictures(path, options),
+        Some(Format::Segy) | None => {}
     }
     if let Some(refusal) = refusal_of_file(path, &start, &name) {
         return Err(refusal);
     }
     selection.refuse_all(path)?;
-    // The text header of SEG-Y begins with the letter C: in EBCDIC (0xC3), or in ASCII.
-    if named(&SEGY_NAMES) || start.first().is_some_and(|b| [0xc3, b'C'].contains(b)) {
+    if format == Some(Format::Segy) {
         return segy::open(&[path.into()], None, segy_options);
     }
     Err(SourceError::unsupported(

@@ -16,6 +16,13 @@ impl<'a> Histogram<'a> {
         Self { counts, range }
     }
 
+    /// The middle of each bin that holds voxels, and their share.
+    pub fn shares(&self) -> impl Iterator<Item = (f64, f64)> + Clone {
+        let total = self.total();
+        let bins = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
+        bins.map(move |(bin, &count)| (self.value(bin as f64 + 0.5), count as f64 / total))
+    }
+
     /// Bins that hold voxels.
     #[must_use]
     pub fn bins_used(&self) -> usize {

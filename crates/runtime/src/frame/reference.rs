@@ -25,7 +25,9 @@ pub fn reference_bytes(container: &Container, lod: Lod, scene: &ResolvedScene) -
     let voxels = container.pyramid().level_at(lod).dims.voxels().unwrap_or(u64::MAX);
     let rays = u64::from(scene.camera.width) * u64::from(scene.camera.height);
     let brick = BrickBytes::of(container);
-    voxels.saturating_mul(VOXEL_BYTES).saturating_add(2 * rays * 16 + brick.decoding + brick.record)
+    voxels
+        .saturating_mul(VOXEL_BYTES)
+        .saturating_add(2 * rays * 16 + brick.decoding + brick.record + scene.clip.bytes())
 }
 
 /// One level of a container, wholly in memory.
@@ -118,5 +120,5 @@ pub fn scene_of_level(container: &Container, lod: Lod, scene: &ResolvedScene) ->
     let [low, high] = scene.clip.index_box.unwrap_or(domain);
     let kept = [std::array::from_fn(|a| low[a].max(domain[0][a])), std::array::from_fn(|a| high[a].min(domain[1][a]))];
     let index_box = Some(kept.map(|corner| level.from_level_0(corner)));
-    ResolvedScene { clip: Clip { index_box, planes: scene.clip.planes.clone() }, ..scene.clone() }
+    ResolvedScene { clip: Clip { index_box, ..scene.clip.clone() }, ..scene.clone() }
 }

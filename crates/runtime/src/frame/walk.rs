@@ -179,10 +179,9 @@ impl<'a> FrameWalk<'a> {
             if !report.is_stopped && report.unfinished_rays == 0 {
                 return Ok(true);
             }
-            if self.stop.is_due() {
-                return Ok(false);
-            }
             unfinished_rays = report.unfinished_rays;
+            // Also when the time is up, so that what rays wait for is there in the next step, however short steps are; then nobody
+            // waits for it.
             self.fetch(pass, &report, caster, Some(patience))?;
             if self.stop.is_due() {
                 return Ok(false);

@@ -10,6 +10,7 @@ use supervol_format::{Container, Level, Lod};
 
 use super::view::Framed;
 use crate::facts::VolumeFacts;
+use crate::facts::histogram::Histogram;
 use crate::frame::reference::level_values;
 use crate::scene::Mode;
 use crate::transfer_function::TransferFunction;
@@ -64,9 +65,13 @@ impl Overview {
         Some(Framed::boxes(facts, middle, centres, (HALF_VOXEL * scale).to_array()))
     }
 
-    /// What a transfer function shows of a box in index coordinates.
+    /// What a transfer function shows of a box in index coordinates; `None` where it shows nothing, or averages show too little of
+    /// what it shows.
     #[must_use]
     pub fn visible(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], shown: &TransferFunction) -> Option<Framed> {
+        if shown.loses(&self.values, Histogram::new(&facts.histogram, facts.value_range).shares()) {
+            return None;
+        }
         let most = shown.points().iter().map(|p| p.alpha).fold(0.0, f64::max);
         self.framed(facts, kept, |value| shown.classify(value).1 > VISIBLE_SHARE * most)
     }

@@ -13,7 +13,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use supervol_format::{Dims, Geometry, ValueRange};
 
-use crate::clip::{IndexRay, Segment, ToIndex, clip_ray};
+use crate::clip::{IndexRay, Segment, ToIndex, clip_parts, clip_ray};
 use crate::image::Image;
 use crate::scene::{Mode, ResolvedScene, Shading};
 use crate::slices::filter::{FilteredSlice, TexelGrid};
@@ -162,11 +162,11 @@ struct Frame<'a> {
     filtered: Vec<Option<(FilteredSlice, Option<TransferFunction>)>>,
 }
 
-/// One ray with its pieces: neighbouring entries of `ends` bound a piece.
+/// One ray with its pieces, front to back; one ends where the next begins, unless something is cut away between them.
 struct Pieces {
     ray: IndexRay,
     direction: DVec3,
-    ends: Vec<f64>,
+    pieces: Vec<[f64; 2]>,
 }
 
 impl<'a> Frame<'a> {
@@ -185,7 +185,9 @@ impl<'a> Frame<'a> {
         let index_ray = IndexRay::new(&ray, &self.volume.geometry);
         let dims = Dims(self.volume.dims.map(|n| n as u64));
         let Some(segment) = clip_ray(&ray, &index_ray, dims, &self.scene.clip) else { return [0.0; 4] };
-        let whole = Pieces { ray: index_ray, direction: ray.direction, ends: piece_ends(&index_ray, segment) };
+        let parts = clip_parts(&ray, &index_ray, dims, &self.scene.clip);
+        let pieces = parts.into_iter().flat_map(|part| pieces_of(&index_ray, part)).collect();
+        let whole = Pieces { ray: index_ray, direction: ray.direction, pieces };
         if self.scene.slices.is_empty() {
             return self.gathered(&whole);
         }
@@ -194,7 +196,10 @@ impl<'a> Frame<'a> {
         let mut before = segment.t0;
         for (t, number) in crossings(&self.scene.slices, &ray, segment) {
             picture = behind(picture, self.between(&whole, before, t));
-            picture = behind(picture, self.slice(number, ray.origin + t * ray.direction, whole.ray.at(t)));
+            let point = ray.origin + t * ray.direction;
+            if self.scene.clip.solids.iter().all(|solid| solid.keeps(point)) {
+                picture = behind(picture, self.slice(number, point, whole.ray.at(t)));
+            }
             before = t;
         }
         let (color, transmittance) = behind(picture, self.between(&whole, before, segment.t1));
@@ -203,13 +208,9 @@ impl<'a> Frame<'a> {
 
     /// Premultiplied colour and transmittance of a part of a ray.
     fn between(&self, whole: &Pieces, t0: f64, t1: f64) -> (DVec3, f64) {
-        if t0 >= t1 {
-            return (DVec3::ZERO, 1.0);
-        }
-        let inner = whole.ends.iter().copied().filter(|t| (t0..=t1).contains(t));
-        let mut ends: Vec<f64> = [t0].into_iter().chain(inner).chain([t1]).collect();
-        ends.dedup();
-        let [r, g, b, alpha] = self.gathered(&Pieces { ray: whole.ray, direction: whole.direction, ends });
+        let inner = whole.pieces.iter().map(|piece| [piece[0].max(t0), piece[1].min(t1)]);
+        let pieces = inner.filter(|piece| piece[0] < piece[1]).collect();
+        let [r, g, b, alpha] = self.gathered(&Pieces { ray: whole.ray, direction: whole.direction, pieces });
         (DVec3::new(r, g, b), 1.0 - alpha)
     }
 
@@ -248,7 +249,7 @@ impl<'a> Frame<'a> {
     fn dvr(&self, pieces: &Pieces) -> [f64; 4] {
         let mut color = DVec3::ZERO;
         let mut transmittance = 1.0;
-        for end in pieces.ends.windows(2) {
+        for end in &pieces.pieces {
             (color, transmittance) = behind((color, transmittance), self.converged_piece(pieces, end[0], end[1]));
         }
         [color.x, color.y, color.z, 1.0 - transmittance]
@@ -328,7 +329,7 @@ impl<'a> Frame<'a> {
     /// Greatest value (sign 1) or least value (sign -1) over the present part.
     fn extreme(&self, pieces: &Pieces, sign: f64) -> Option<f64> {
         let mut best: Option<f64> = None;
-        for end in pieces.ends.windows(2) {
+        for end in &pieces.pieces {
             let (t, step) = search_grid(end[0], end[1]);
             let at = |t: f64| self.volume.sample(pieces.ray.at(t)).map(|v| v * sign);
             let Some(values) = t.iter().map(|&t| at(t)).collect::<Option<Vec<f64>>>() else { continue };
@@ -345,7 +346,7 @@ impl<'a> Frame<'a> {
     /// Integral of s over the present length divided by the present length. Simpson's rule is exact for a cubic.
     fn mean(&self, pieces: &Pieces) -> Option<f64> {
         let (mut integral, mut length) = (0.0, 0.0);
-        for end in pieces.ends.windows(2) {
+        for end in &pieces.pieces {
             let h = end[1] - end[0];
             let at = |x: f64| self.volume.sample(pieces.ray.at(end[0] + x * h));
             if let (Some(a), Some(m), Some(b)) = (at(END_INSET), at(0.5), at(1.0 - END_INSET)) {
@@ -379,7 +380,11 @@ impl<'a> Frame<'a> {
     fn first_crossing(&self, pieces: &Pieces, value: f64) -> Option<f64> {
         let above = |t: f64| self.volume.sample(pieces.ray.at(t)).map(|s| s >= value);
         let mut previous: Option<(f64, bool)> = None;
-        for end in pieces.ends.windows(2) {
+        let mut left = f64::NAN;
+        for end in &pieces.pieces {
+            // What lies on both sides of something cut away is not compared.
+            previous = previous.filter(|_| left == end[0]);
+            left = end[1];
             for t in search_grid(end[0], end[1]).0 {
                 let Some(here) = above(t) else {
                     previous = None;
@@ -474,8 +479,8 @@ fn blinn_phong(shading: &Shading, color: DVec3, normal: DVec3, to_eye: DVec3) ->
     (color * diffuse + DVec3::splat(specular)).clamp(DVec3::ZERO, DVec3::ONE)
 }
 
-/// The segment's ends and every t at which an index coordinate is an integer, ascending.
-fn piece_ends(ray: &IndexRay, segment: Segment) -> Vec<f64> {
+/// A segment cut at every t at which an index coordinate is an integer.
+fn pieces_of(ray: &IndexRay, segment: Segment) -> Vec<[f64; 2]> {
     let mut ends = vec![segment.t0, segment.t1];
     for axis in 0..3 {
         let (a, b) = (ray.at(segment.t0)[axis], ray.at(segment.t1)[axis]);
@@ -489,7 +494,7 @@ fn piece_ends(ray: &IndexRay, segment: Segment) -> Vec<f64> {
     }
     ends.sort_by(f64::total_cmp);
     ends.dedup();
-    ends
+    ends.windows(2).map(|end| [end[0], end[1]]).collect()
 }
 
 /// Positions in a piece from end to end, and the distance between them.

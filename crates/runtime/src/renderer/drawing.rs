@@ -6,8 +6,9 @@
 //!
 //! The sketch is always finished. Each later picture begins as the last one, enlarged, and its tiles are written over as they
 //! are finished; levels follow the size of its pixels, so that it takes some eight times as long as one of pixels twice as
-//! large. How long the last one took says which are left out. When the time is up, rays stop between two bricks: what has been
-//! finished stands, the rest is what the picture before shows there ([`FrameStats::pixels_unfinished`]), and with more time
+//! large. How long the last one took says which are left out; none is after one that waited for bricks, since nobody knows how
+//! long the next one will. When the time is up, rays stop between two bricks: what has been finished stands, the rest is what
+//! the picture before shows there ([`FrameStats::pixels_unfinished`]), and with more time
 //! they go on. Without a deadline the picture that is wanted is drawn at once.
 
 use std::borrow::Cow;
@@ -23,7 +24,7 @@ use crate::frame::{LevelChoice, RenderError, RenderOptions, cpu_frame};
 use crate::image::Image;
 use crate::lod::by_error::ANY_ERROR;
 use crate::raycast::cpu::levels::ErrorsByReason;
-use crate::scene::ResolvedScene;
+use crate::scene::{Mode, ResolvedScene};
 use crate::stats::FrameStats;
 use crate::stop::{LEAST_STEP, Stop};
 
@@ -52,6 +53,8 @@ pub struct Drawing {
     behind: Option<u32>,
     /// Time that the last finished picture took.
     took: Duration,
+    /// Whether all that it wanted was there: else a finer one will take as long as it takes to read.
+    was_all_there: bool,
     stage: Option<Stage>,
     /// Pixels that are finished as they are wanted.
     finished: u64,
@@ -66,6 +69,8 @@ struct Stage {
     caster: CpuCaster,
     bands: Bands,
     spent: Duration,
+    /// Bricks that had come for this picture before it was begun.
+    page_ins_before: u64,
 }
 
 impl Drawing {
@@ -80,6 +85,7 @@ impl Drawing {
             pixel: 1,
             behind: None,
             took: Duration::ZERO,
+            was_all_there: false,
             stage: None,
             finished: 0,
             stats: FrameStats::default(),
@@ -187,6 +193,7 @@ impl Drawing {
             }
             if written == picture.pixels.len() as u64 {
                 (self.behind, self.took) = (Some(stage.pixel), stage.spent);
+                self.was_all_there = self.stats.page_ins == stage.page_ins_before;
             } else {
                 self.stage = Some(stage);
             }
@@ -198,6 +205,9 @@ impl Drawing {
     fn sketch(&mut self, resident: &mut Resident, options: &RenderOptions, stop: &Stop) -> Result<(), RenderError> {
         let began = Instant::now();
         let pixel = sketch_pixel(&self.scene);
+        if pixel > 1 && self.scene.mode == Mode::Dvr {
+            resident.look_at_coarsest_level(&self.scene, options, stop)?;
+        }
         let mut stage = Stage::new(&self.scene, pixel, resident, options);
         resident.aim(&stage.scene, &stage.options);
         let plan = resident.plan();
@@ -206,6 +216,7 @@ impl Drawing {
             .after(std::mem::take(&mut self.stats));
         let sketch = walk.run(&mut stage.caster, stage.scene.image_size)?;
         self.stats = walk.into_stats();
+        self.was_all_there = self.stats.fallbacks == 0;
         (self.behind, self.took) = (Some(pixel), began.elapsed());
         match &mut self.picture {
             // The picture that is wanted was begun without a deadline: what is finished of it stands.
@@ -218,8 +229,12 @@ impl Drawing {
     /// Begins the next picture.
     fn next_stage(&mut self, resident: &Resident, options: &RenderOptions, stop: &Stop) -> Stage {
         let left = stop.deadline().map(|deadline| deadline.saturating_duration_since(Instant::now()));
-        let pixel = left.map_or(1, |left| next_pixel(self.pixel, self.took, left));
-        let stage = Stage::new(&self.scene, pixel, resident, options);
+        let pixel = left.map_or(1, |left| match self.was_all_there {
+            true => next_pixel(self.pixel, self.took, left),
+            false => (self.pixel / 2).max(1),
+        });
+        let page_ins_before = self.stats.page_ins;
+        let stage = Stage { page_ins_before, ..Stage::new(&self.scene, pixel, resident, options) };
         let picture = match self.picture.take() {
             Some(picture) => picture.enlarged(self.pixel / pixel, stage.scene.image_size),
             None => Image::unknown(stage.scene.image_size),
@@ -232,10 +247,15 @@ impl Drawing {
 impl Stage {
     /// Pictures of a scene through pixels of this size; no ray is cast yet.
     fn new(scene: &ResolvedScene, pixel: u32, resident: &Resident, options: &RenderOptions) -> Self {
-        let scene = with_pixels(scene, pixel);
+        let mut scene = with_pixels(scene, pixel);
         let options = options_for(resident.container(), options, pixel);
+        if pixel > 1
+            && let Some(coarse) = resident.coarse_transfer_function(&scene, &options)
+        {
+            scene.transfer_function = coarse;
+        }
         let caster = CpuCaster::new(cpu_frame(resident.container(), &scene, &options, &resident.plan()));
-        Self { pixel, scene, options, caster, bands: Bands::default(), spent: Duration::ZERO }
+        Self { pixel, scene, options, caster, bands: Bands::default(), spent: Duration::ZERO, page_ins_before: 0 }
     }
 }
 

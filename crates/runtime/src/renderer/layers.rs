@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use supervol_format::{Container, Dims, Geometry, Lod};
 
 use super::drawing::Drawing;
-use super::resident::Resident;
+use super::resident::{Resident, level_within};
 use super::sampling::Sampler;
 use super::sheet::Sheet;
 use crate::camera::{PixelRays, Projection};
@@ -28,7 +28,7 @@ use crate::slices::{SLICE_LIMIT, SlicePlane, crossings};
 use crate::stats::FrameStats;
 use crate::stop::{LEAST_STEP, Stop};
 use crate::streamer::budget::CasterBytes;
-use crate::units::{InUnits, edges};
+use crate::units::InUnits;
 
 /// Bytes of a ray's colour on a slice, and of a pixel of a region's picture with what a deadline takes.
 const SHEET_BYTES: u64 = size_of::<[f32; 3]>() as u64;
@@ -228,12 +228,7 @@ impl Layers {
             Projection::Perspective { .. } => camera.pixel_height() * self.nearest[number],
             Projection::Orthographic { .. } => camera.pixel_height(),
         };
-        let edges = edges(&InUnits::of(container).geometry);
-        let is_fine = |lod: &Lod| {
-            let scale = pyramid.level_at(*lod).scale;
-            (0..3).all(|a| scale[a] == 1 || scale[a] as f64 * edges[a] <= pixel)
-        };
-        (0..=pyramid.coarsest().0).map(Lod).take_while(is_fine).last().unwrap_or(Lod::FINEST)
+        level_within(container, pixel)
     }
 
     /// The picture so far; none before something is known of each of its pixels.
@@ -386,7 +381,10 @@ impl Cut {
         };
         for (t, number) in crossings(slices, &ray, segment) {
             parts.extend(volume(before, t));
-            parts.push(Part::Slice(number, t));
+            let point = ray.origin + t * ray.direction;
+            if self.scene.clip.solids.iter().all(|solid| solid.keeps(point)) {
+                parts.push(Part::Slice(number, t));
+            }
             before = t;
         }
         parts.extend(volume(before, segment.t1));

@@ -2,14 +2,19 @@
 
 use std::sync::Arc;
 
-use supervol_format::Container;
+use supervol_format::{BrickIndex, BrickKey, Container, Lod};
 
+use super::spread::{Spread, values_of};
+use crate::facts::value_map;
 use crate::frame::{LevelChoice, RenderError, RenderOptions, classifier_for, plan_host_for, streamer_for};
-use crate::scene::ResolvedScene;
-use crate::streamer::Streamer;
+use crate::raycast::volume::{BrickView, Resident as Brick};
+use crate::scene::{Mode, ResolvedScene};
+use crate::stop::Stop;
 use crate::streamer::budget::{CasterBytes, HostPlan};
 use crate::streamer::priority::FrontToBack;
-use crate::units::InUnits;
+use crate::streamer::{OnMissing, Room, Streamer};
+use crate::transfer_function::TransferFunction;
+use crate::units::{InUnits, edges};
 
 /// A streamer that outlives its pictures.
 #[derive(Debug)]
@@ -17,6 +22,10 @@ pub struct Resident {
     streamer: Streamer,
     plan: HostPlan,
     aimed: Aim,
+    /// What coarse voxels stand for; `None` where nothing is lost, or nobody has looked.
+    spread: Option<Spread>,
+    /// Whether the coarsest level has been read for that.
+    is_spread_read: bool,
 }
 
 /// What the streamer was told last.
@@ -53,7 +62,7 @@ impl Resident {
     ) -> Result<Self, RenderError> {
         let plan = plan_host_for(caster, container, scene, options, has_deadline)?;
         let streamer = streamer_for(container, scene, options, plan);
-        Ok(Self { streamer, plan, aimed: Aim::new(scene, options) })
+        Ok(Self { streamer, plan, aimed: Aim::new(scene, options), spread: None, is_spread_read: false })
     }
 
     /// Divides the memory anew, for a picture of another size, by another caster, or with a deadline.
@@ -88,6 +97,61 @@ impl Resident {
         is_same
     }
 
+    /// Looks at the coarsest level, whatever it takes to read it, if nobody has yet: that is the first thing a sketch needs.
+    ///
+    /// # Errors
+    /// If memory does not suffice for it.
+    pub fn look_at_coarsest_level(
+        &mut self,
+        scene: &ResolvedScene,
+        options: &RenderOptions,
+        stop: &Stop,
+    ) -> Result<(), RenderError> {
+        if self.is_spread_read {
+            return Ok(());
+        }
+        self.aim(scene, options);
+        let container = self.streamer.container().clone();
+        let coarsest = BrickKey::new(container.pyramid().coarsest(), BrickIndex([0; 3]));
+        self.streamer.begin_frame();
+        self.streamer.begin_band();
+        self.streamer
+            .fetch_to_keep(&[coarsest], Room { bricks: usize::MAX, stop: stop.instead_at(None), patience: None })?;
+        let map = value_map(&container);
+        let coarsest_values = match self.streamer.view(OnMissing::UseParent).stand_in(coarsest) {
+            Brick::Brick(brick) => {
+                self.is_spread_read = true;
+                values_of(brick, &map)
+            }
+            // Under the next transfer function it may be something. The ends of its range are values of it.
+            _ => container.entry(coarsest).map_or(vec![], |entry| {
+                let ends = [entry.range.min, entry.range.max];
+                let value = |end| map.to_data(map.from_container(container.descriptor().voxel_type, end));
+                if entry.range.is_empty() { vec![] } else { ends.map(value).to_vec() }
+            }),
+        };
+        self.spread = Spread::of(&container, coarsest_values);
+        Ok(())
+    }
+
+    /// The transfer function that shows in a picture of large pixels what the scene's shows in the one that is wanted, where that is
+    /// another one: for coarse levels. `options` are those of the picture.
+    #[must_use]
+    pub fn coarse_transfer_function(&self, scene: &ResolvedScene, options: &RenderOptions) -> Option<TransferFunction> {
+        let spread = self.spread.as_ref().filter(|_| scene.mode == Mode::Dvr)?;
+        let container = self.streamer.container();
+        let level = match options.level {
+            LevelChoice::Fixed(lod) => lod,
+            LevelChoice::Auto => {
+                let geometry = InUnits::of(container).geometry;
+                let middle = container.descriptor().dims().0.map(|n| 0.5 * (n as f64 - 1.0));
+                let middle = geometry.world_from_index().transform_point3(middle.into());
+                level_within(container, scene.camera.pixel_size_at(middle))
+            }
+        };
+        spread.transfer_function(&scene.transfer_function, level, container.pyramid().coarsest())
+    }
+
     /// How the memory is divided.
     #[must_use]
     pub fn plan(&self) -> HostPlan {
@@ -110,4 +174,16 @@ impl Resident {
     pub fn container(&self) -> &Arc<Container> {
         self.streamer.container()
     }
+}
+
+/// The coarsest level whose voxels are not larger than a length, in units; the finest where those of all are.
+#[must_use]
+pub fn level_within(container: &Container, length: f64) -> Lod {
+    let edges = edges(&InUnits::of(container).geometry);
+    let pyramid = container.pyramid();
+    let is_fine = |lod: &Lod| {
+        let scale = pyramid.level_at(*lod).scale;
+        (0..3).all(|a| scale[a] == 1 || scale[a] as f64 * edges[a] <= length)
+    };
+    (0..=pyramid.coarsest().0).map(Lod).take_while(is_fine).last().unwrap_or(Lod::FINEST)
 }

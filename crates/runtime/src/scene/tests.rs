@@ -1,4 +1,5 @@
 use super::*;
+use crate::clip::solids::{Keep, Shape};
 use crate::facts::{DataKind, Frame};
 use supervol_format::{Dims, Geometry, ValueRange};
 
@@ -11,7 +12,9 @@ const FULL: &str = r#"{
   "shading": {"ambient": 0.2, "lights": [{"direction": [0, 0, 2]}]},
   "slices": [{"normal": [0, 0, 3], "offset": 3, "opacity": 0.5, "interpolation": "cubic", "filter": {"kind": "median", "size": 2},
     "colors": [{"value": 0, "color": [0, 0, 0]}, {"value": 1, "color": [1, 1, 1]}]}],
-  "clip": {"box": [[0, 0, 0], [5, 5, 5]], "planes": [{"normal": [1, 0, 0], "offset": 2}]},
+  "clip": {"box": [[0, 0, 0], [5, 5, 5]], "planes": [{"normal": [1, 0, 0], "offset": 2}],
+    "solids": [{"keep": "outside", "sphere": {"center": [1, 2, 3], "radius": 4}}, {"box": {"center": [5, 5, 5], "edges": [2, 4, 6]}},
+      {"cylinder": {"from": [0, 0, 1], "to": [0, 0, 9], "radius": 2}}]},
   "vertical_exaggeration": 2.5,
   "samples_per_pixel": 4
 }"#;
@@ -39,6 +42,21 @@ fn a_full_scene_resolves() {
     assert_eq!((shading.ambient, shading.diffuse), (0.2, 0.7));
     assert_eq!(shading.lights[0].to_light, DVec3::NEG_Z);
     assert_eq!(scene.clip.planes[0].offset, 2.0);
+    let [ball, cuboid, drum] = &scene.clip.solids[..] else { panic!("three solids") };
+    assert_eq!((ball.keep, cuboid.keep), (Keep::Outside, Keep::Inside));
+    assert_eq!(ball.shape, Shape::Sphere { center: DVec3::new(1.0, 2.0, 3.0), radius: 4.0 });
+    let (center, half_edges) = (DVec3::splat(5.0), [1.0, 2.0, 3.0]);
+    assert_eq!(cuboid.shape, Shape::Cuboid { center, axes: DVec3::AXES, half_edges });
+    assert_eq!(drum.shape, Shape::Cylinder { from: DVec3::Z, axis: DVec3::Z, length: 8.0, radius: 2.0 });
+}
+
+#[test]
+fn paths_of_a_scene_begin_at_its_folder() {
+    let mut scene = Scene::from_json(r#"{"clip": {"solids": [{"mesh": "a.ply"}, {"mesh": "/b.ply"}]}}"#).unwrap();
+    scene.begin_paths_at(std::path::Path::new("/scenes"));
+    let files: Vec<_> = scene.files().map(|file| file.display().to_string()).collect();
+    assert_eq!(files, ["/scenes/a.ply", "/b.ply"]);
+    assert_eq!(Scene::from_json(&serde_json::to_string(&scene).unwrap()).unwrap(), scene);
 }
 
 #[test]
@@ -81,6 +99,15 @@ fn mistakes_are_named_with_their_place() {
     assert!(message("\"unit_distance\": 2.0", "\"unit_distance\": 0").contains("unit_distance"));
     assert!(message("[5, 5, 5]", "[5, -5, 5]").contains("clip.box"));
     assert!(message("[0, 0, 2]", "[0, 0, 0]").contains("lights[0].direction"));
+    assert!(message("\"radius\": 4", "\"radius\": -4").contains("clip.solids[0].sphere.radius"));
+    assert!(message("\"keep\": \"outside\"", "\"mesh\": \"a.ply\"").contains("found several"));
+    assert!(
+        message("\"sphere\": {\"center\": [1, 2, 3], \"radius\": 4}", "\"keep\": \"inside\"").contains("duplicate")
+    );
+    assert!(message("{\"keep\": \"outside\"", "{}, {\"keep\": \"outside\"").contains("clip.solids[0]"));
+    let skew = "\"edges\": [2, 4, 6], \"axes\": [[1, 0, 0], [1, 1, 0], [0, 0, 1]]";
+    assert!(message("\"edges\": [2, 4, 6]", skew).contains("right angles"));
+    assert!(message("\"to\": [0, 0, 9]", "\"to\": [0, 0, 1]").contains("two different ends"));
     assert!(
         message("\"mode\": \"dvr\",", "\"mode\": \"dvr\", \"iso\": [{\"value\": 1, \"color\": [1, 1, 1]}],")
             .contains("not available yet")
@@ -196,6 +223,7 @@ fn the_page_on_scenes_has_every_key_and_no_other() {
     // A scene that has everything, both kinds of cameras included.
     let full =
         FULL.replace("\"clip\"", "\"iso\": [{\"value\": 1, \"color\": [1, 1, 1]}], \"clip\"").replace("dvr", "iso");
+    let full = full.replace("\"solids\": [", "\"solids\": [{\"mesh\": \"hull.ply\"}, ");
     let mut known = std::collections::BTreeSet::new();
     for camera in ["\"fov_y\": 30.0", "\"height\": 30.0"] {
         let scene = Scene::from_json(&full.replace("\"fov_y\": 30.0", camera)).unwrap();

@@ -72,13 +72,22 @@ fn manifest(volume: &Volume) -> Manifest {
         unit: String::new(),
         value_range: Some(volume.range()),
         present_voxels: 0,
-        histogram: vec![],
+        histogram: histogram(volume),
         percentiles: vec![],
         level_errors: vec![],
         survey: None,
         notes: vec![],
         others: std::collections::BTreeMap::default(),
     }
+}
+
+/// 256 counts over the range of values.
+fn histogram(volume: &Volume) -> Vec<u64> {
+    let (range, mut counts) = (volume.range(), vec![0; 256]);
+    for value in volume.values.iter().filter(|v| !v.is_nan()) {
+        counts[((value - range.min) / range.width() * 256.0).min(255.0) as usize] += 1;
+    }
+    counts
 }
 
 fn stored_voxels(level: &Volume, pyramid: &Pyramid, key: BrickKey) -> Vec<u8> {

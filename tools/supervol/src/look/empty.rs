@@ -1,7 +1,7 @@
 //! Why a picture shows nothing.
 
 use supervol_format::readable::Number;
-use supervol_runtime::clip::{Clip, ToIndex, clip_ray};
+use supervol_runtime::clip::{Clip, ToIndex, clip_parts};
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::scene::{Mode, ResolvedScene};
@@ -29,7 +29,8 @@ pub fn reason(image: &Image, scene: &ResolvedScene, facts: &VolumeFacts) -> Opti
     } else if !meets(scene, &Clip::default(), placed) {
         "the camera does not see the volume; leave the scene's `camera` out, or choose a direction with --camera".into()
     } else if !meets(scene, &scene.clip, placed) {
-        "clip box and planes leave nothing of the volume where the camera looks".into()
+        let cut_by = if scene.clip.solids.is_empty() { "clip box and planes" } else { "clip box, planes and solids" };
+        format!("{cut_by} leave nothing of the volume where the camera looks")
     } else if scene.mode == Mode::Iso && scene.iso.iter().all(|iso| is_outside(iso.value)) {
         let values: Vec<String> = scene.iso.iter().map(|iso| Number(iso.value * units.value).to_string()).collect();
         format!("values run from {range}, and no surface is at {}", values.join(", "))
@@ -57,7 +58,7 @@ fn meets(scene: &ResolvedScene, clip: &Clip, facts: &VolumeFacts) -> bool {
     along(camera.height).any(|y| {
         along(camera.width).any(|x| {
             let ray = camera.ray(x, y);
-            clip_ray(&ray, &rays.ray(&ray), facts.dims, clip).is_some()
+            !clip_parts(&ray, &rays.ray(&ray), facts.dims, clip).is_empty()
         })
     })
 }

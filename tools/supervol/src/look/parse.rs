@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
+use supervol_runtime::clip::solids::Keep;
 use supervol_runtime::preset::colormap;
 use supervol_runtime::preset::view::Direction;
-use supervol_runtime::scene::{PointSpec, PointsSpec};
+use supervol_runtime::scene::{BoxSpec, CylinderSpec, PlaneSpec, PointSpec, PointsSpec, SolidSpec, SphereSpec};
 
 use crate::failure::Failure;
 
@@ -17,14 +18,17 @@ pub struct CameraWish {
     pub distance: Option<f64>,
 }
 
-/// A plane: keeps `normal . x >= offset`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ClipPlane {
-    /// World vector.
-    pub normal: [f64; 3],
-    /// World length times the normal's length.
-    pub offset: f64,
+/// What the volume is cut with.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cutter {
+    /// Half of the world.
+    Plane(PlaneSpec),
+    /// The inside or the outside of a solid.
+    Solid(Box<SolidSpec>),
 }
+
+/// Before the name of a solid of which the outside is kept.
+const OUTSIDE: &str = "outside-";
 
 /// Colours that have a name here.
 const COLORS: [(&str, [f64; 3]); 10] = [
@@ -96,10 +100,44 @@ pub fn window(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
-/// NX,NY,NZ,D.
-pub fn plane(text: &str) -> Result<ClipPlane, String> {
+/// NX,NY,NZ,D, or a solid: its name, a colon, and its numbers or file.
+pub fn cutter(text: &str) -> Result<Cutter, String> {
+    let Some((name, rest)) = text.split_once(':') else { return plane(text).map(Cutter::Plane) };
+    let (keep, name) = match name.strip_prefix(OUTSIDE) {
+        Some(name) => (Keep::Outside, name),
+        None => (Keep::Inside, name),
+    };
+    let numbers = finite_numbers(rest).unwrap_or_default();
+    let mut solid = SolidSpec { keep, ..SolidSpec::default() };
+    match (name, &numbers[..]) {
+        ("sphere", &[x, y, z, radius]) => solid.sphere = Some(SphereSpec { center: [x, y, z], radius }),
+        ("box", &[x0, y0, z0, x1, y1, z1]) => {
+            let (low, high) = ([x0, y0, z0], [x1, y1, z1]);
+            let center = std::array::from_fn(|a| low[a] + 0.5 * (high[a] - low[a]));
+            let edges = std::array::from_fn(|a| high[a] - low[a]);
+            let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+            solid.cuboid = Some(BoxSpec { center, edges, axes });
+        }
+        ("cylinder", &[x0, y0, z0, x1, y1, z1, radius]) => {
+            solid.cylinder = Some(CylinderSpec { from: [x0, y0, z0], to: [x1, y1, z1], radius });
+        }
+        // The scene that is printed may go anywhere.
+        ("mesh", _) if !rest.is_empty() => {
+            solid.mesh = Some(std::path::absolute(rest).map_err(|e| format!("{rest}: {e}"))?)
+        }
+        _ => {
+            return Err(format!(
+                "'{text}': expected NX,NY,NZ,D, sphere:X,Y,Z,R, box:X0,Y0,Z0,X1,Y1,Z1, cylinder:X0,Y0,Z0,X1,Y1,Z1,R or \
+                 mesh:FILE, the last four also with {OUTSIDE} before them"
+            ));
+        }
+    }
+    Ok(Cutter::Solid(Box::new(solid)))
+}
+
+fn plane(text: &str) -> Result<PlaneSpec, String> {
     match finite_numbers(text).as_deref() {
-        Some(&[x, y, z, offset]) if [x, y, z] != [0.0; 3] => Ok(ClipPlane { normal: [x, y, z], offset }),
+        Some(&[x, y, z, offset]) if [x, y, z] != [0.0; 3] => Ok(PlaneSpec { normal: [x, y, z], offset }),
         _ => Err(format!("'{text}': expected four numbers NX,NY,NZ,D, the first three not all zero")),
     }
 }
@@ -177,6 +215,11 @@ mod tests {
         assert!(window("7,-5").is_err() && window("1").is_err());
         assert_eq!(percent("2.5%"), Ok(2.5));
         assert!(percent("50").is_err() && plane("0,0,0,1").is_err() && positive("0").is_err());
+        let Ok(Cutter::Solid(solid)) = cutter("outside-box:0,0,0,2,4,6") else { panic!("a box") };
+        let cuboid = solid.cuboid.expect("a box");
+        assert_eq!((solid.keep, cuboid.center, cuboid.edges), (Keep::Outside, [1.0, 2.0, 3.0], [2.0, 4.0, 6.0]));
+        assert!(matches!(cutter("1,0,0,5"), Ok(Cutter::Plane(_))) && cutter("mesh:a:b.ply").is_ok());
+        assert!(["sphere:1,2,3", "ball:1,2,3,4", "mesh:", "1,2,3"].iter().all(|text| cutter(text).is_err()));
         let points = transfer_function("0:black:0,100:#ffffff:0.5").expect("two points").points;
         assert_eq!((points.len(), points[1].color, points[1].alpha), (2, [1.0; 3], 0.5));
         assert!(transfer_function("0:black").is_err() && transfer_function("0:black:2").is_err());

@@ -158,6 +158,19 @@ impl Crop {
     }
 }
 
+/// Line numbers and time or depth of an index point, by name; none where the volume is no survey.
+pub fn lines(index: [f64; 3], container: &Container, facts: &VolumeFacts) -> Result<Vec<(String, f64)>, Failure> {
+    if Survey::of(container.manifest()).is_none() {
+        return Ok(Vec::new());
+    }
+    let third = container.manifest().axes[2].name.as_str().to_owned();
+    let place = |name: String| {
+        let scale = Scale::of(&name, container, facts)?;
+        Ok((name, scale.place(index[scale.axis])))
+    };
+    ["inline".into(), "crossline".into(), third].into_iter().map(place).collect()
+}
+
 fn on_grid(name: &str, at: f64, container: &Container, facts: &VolumeFacts) -> Result<(usize, f64), Failure> {
     let scale = Scale::of(name, container, facts)?;
     Ok((scale.axis, scale.index(at)))

@@ -29,6 +29,7 @@ mod order;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod packet;
 mod packets;
+mod parts;
 mod pending;
 mod per_brick;
 mod queue;
@@ -63,7 +64,7 @@ use super::scalar::shade::Lighting;
 use super::scalar::{self, CellByCell, CellRule, Integration, Integrator};
 use super::volume::{BrickView, KnownEntry, Resident, ValueMap};
 use crate::camera::{Camera, Ray};
-use crate::clip::{Clip, IndexRay, Segment, clip_ray};
+use crate::clip::{Clip, IndexRay, Segment, clip_parts, clip_ray};
 use crate::frame::caster::CasterErrors;
 use crate::image::Image;
 use crate::lod::deviation::Deviations;
@@ -473,7 +474,7 @@ impl CpuFrame {
     fn begin_scalar(&self) -> Vec<RayState> {
         let width = self.camera.width;
         let rays = self.rows.clone().into_par_iter().flat_map_iter(|y| (0..width).map(move |x| self.camera.ray(x, y)));
-        rays.map(|ray| RayState::new(self.segment(&ray))).collect()
+        rays.map(|ray| RayState::new(self.parts_of(&ray).first().copied())).collect()
     }
 
     /// The picture of finished tiles, sub-grid averaged: NaN elsewhere.
@@ -554,14 +555,24 @@ impl CpuFrame {
         [(ray % width) as u32, self.rows.start + (ray / width) as u32]
     }
 
-    /// The part of a ray that is drawn.
-    pub(crate) fn segment(&self, ray: &Ray) -> Option<Segment> {
-        self.segment_of(ray, &IndexRay::new(ray, &self.geometry))
+    /// Whether rays may be drawn in several parts.
+    pub(crate) fn cuts_rays(&self) -> bool {
+        !self.clip.solids.is_empty()
     }
 
-    /// See [`CpuFrame::segment`].
-    pub(crate) fn segment_of(&self, ray: &Ray, index_ray: &IndexRay) -> Option<Segment> {
-        clip_ray(ray, index_ray, self.pyramid.level_at(Lod::FINEST).dims, &self.clip)
+    /// The parts of a ray that are drawn, front to back.
+    pub(crate) fn parts_of(&self, ray: &Ray) -> Vec<Segment> {
+        let index_ray = IndexRay::new(ray, &self.geometry);
+        clip_parts(ray, &index_ray, self.pyramid.level_at(Lod::FINEST).dims, &self.clip)
+    }
+
+    /// One of the parts of a ray that are drawn: the first is number 0.
+    pub(crate) fn part_of(&self, ray: &Ray, index_ray: &IndexRay, part: usize) -> Option<Segment> {
+        let dims = self.pyramid.level_at(Lod::FINEST).dims;
+        if self.cuts_rays() {
+            return clip_parts(ray, index_ray, dims, &self.clip).get(part).copied();
+        }
+        clip_ray(ray, index_ray, dims, &self.clip).filter(|_| part == 0)
     }
 }
 

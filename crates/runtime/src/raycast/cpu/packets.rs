@@ -20,6 +20,7 @@ use super::levels::{LevelErrors, TileErrors, errors_of};
 use super::lookup::{FewPieces, Lookup, ManyPieces};
 use super::order::{View, push_children, region_of, ways_through};
 use super::packet::{Classifier, ClassifyTask, Host, Precision, Queues, Work, cast};
+use super::parts::{begin_next_part, has_ended, rays_in_picture};
 use super::per_brick::{PerBrick, bytes_kept};
 use super::shade::PacketLighting;
 use super::simd::{InstructionSet, Simd, Task, dispatch};
@@ -59,7 +60,7 @@ pub struct PacketTables {
     fit: f64,
     view: View,
     pub(super) pixel_rays: PixelRays,
-    to_index: ToIndex,
+    pub(super) to_index: ToIndex,
     /// Of bricks, in mode `dvr`.
     plans: PerBrick<BrickPlan>,
     /// Of bricks, in all modes but `dvr`.
@@ -400,9 +401,17 @@ pub(super) fn cast_tiles(
                 rays.bound();
                 CastTile { view, frame, tables, corner, rays, queues, feedback: &mut feedback }.run();
             }
+            while frame.cuts_rays() && begin_next_part((frame, tables), corner, rays) {
+                rays.bound();
+                CastTile { view, frame, tables, corner, rays, queues, feedback: &mut feedback }.run();
+            }
             *tile = end_tile((frame, tables), rays);
             feedback.counters.rays_waiting += tile.waiting();
-            feedback.counters.rays_finished += begun as u64 - tile.waiting();
+            feedback.counters.rays_finished += match (frame.cuts_rays(), &*tile) {
+                (false, tile) => begun as u64 - tile.waiting(),
+                (true, Tile::Finished(_)) => rays_in_picture(frame, corner),
+                (true, Tile::Fresh | Tile::Waiting(_)) => 0,
+            };
             frame.count_finished(feedback.counters.rays_finished);
             feedback
         },
@@ -440,8 +449,8 @@ fn begin_tile(
         }
         let world_ray = tables.pixel_rays.ray(x, frame.rows.start + y);
         let index_ray = tables.to_index.ray(&world_ray);
-        match frame.segment_of(&world_ray, &index_ray) {
-            None => feedback.counters.rays_finished += 1,
+        match frame.part_of(&world_ray, &index_ray, rays.gathered.part) {
+            None => feedback.counters.rays_finished += u64::from(!frame.cuts_rays()),
             Some(segment) => {
                 let t0 = waiting.map_or(segment.t0, |gathered| gathered.t[ray]);
                 rays.set(ray, &index_ray, Segment { t0, ..segment });
@@ -455,12 +464,7 @@ fn end_tile((frame, tables): (&CpuFrame, &PacketTables), rays: &TileRays) -> Til
     if gathered.waiting.iter().any(Option::is_some) {
         return Tile::Waiting(Box::new(gathered.clone()));
     }
-    let last = f64::from(tables.precision.last_transmittance);
-    let has_ended = |ray: usize| match frame.mode {
-        Mode::Dvr => gathered.transmittance[ray] <= last,
-        _ => frame.is_done(&gathered.state(ray)),
-    };
-    let terminated_early = (0..TILE_RAYS).filter(|&ray| has_ended(ray)).count() as u64;
+    let terminated_early = (0..TILE_RAYS).filter(|&ray| has_ended((frame, tables), gathered, ray)).count() as u64;
     let pixels = std::array::from_fn(|ray| frame.pixel(&gathered.state(ray)));
     let errors = errors_of(frame, tables, gathered, &pixels);
     Tile::Finished(Box::new(FinishedTile { pixels, terminated_early, errors }))

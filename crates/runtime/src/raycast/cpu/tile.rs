@@ -67,6 +67,8 @@ pub struct Gathered {
     pub waiting: [Option<BrickKey>; TILE_RAYS],
     /// What coarser levels may do to the rays, where errors are summed up.
     pub levels: Option<Box<LevelErrors>>,
+    /// Which part of each ray the tile is in: solids leave several of them.
+    pub part: usize,
 }
 
 impl Gathered {
@@ -164,6 +166,7 @@ impl TileRays {
                 iso: [IsoSides::default(); TILE_RAYS],
                 waiting: [None; TILE_RAYS],
                 levels: None,
+                part: 0,
             },
             entry: zero,
             exit: zero,
@@ -186,6 +189,7 @@ impl TileRays {
         self.gathered.iso.fill(IsoSides::default());
         self.gathered.waiting.fill(None);
         self.gathered.levels = None;
+        self.gathered.part = 0;
         (self.going, self.hit_count, self.has_parallel) = (0, 0, false);
     }
 
@@ -207,6 +211,12 @@ impl TileRays {
     #[must_use]
     pub fn going(&self) -> usize {
         self.going
+    }
+
+    /// Takes all rays off their way; what they have gathered stands.
+    pub fn take_off(&mut self) {
+        self.stop.fill(f64::NEG_INFINITY);
+        self.going = 0;
     }
 
     /// Computes the bounds, once all rays are set.
@@ -234,6 +244,13 @@ impl TileRays {
         let [mut near, mut far] = self.bounds.t;
         for a in 0..3 {
             let (origin, inverse) = (self.bounds.origin[a], self.bounds.inverse[a]);
+            if inverse[0] == f64::INFINITY {
+                // All rays lie across this axis.
+                if origin[1] < cube.low[a] || cube.high[a] <= origin[0] {
+                    return false;
+                }
+                continue;
+            }
             // Of one sign and finite, or nothing can be said.
             if inverse[0] * inverse[1] > 0.0 && inverse.iter().all(|v| v.is_finite()) {
                 let crossing = |plane: f64| {

@@ -21,10 +21,37 @@ pub(crate) fn cast_ray<V: BrickView + ?Sized>(
     feedback: &mut BlockFeedback,
 ) {
     let ray = frame.camera.ray(pixel[0], pixel[1]);
-    let segment = frame.segment(&ray).expect("a ray without a segment is finished before it is cast");
     let axis_ray = AxisRay::new(&IndexRay::new(&ray, &frame.geometry));
-    let ray = CastRay { axis_ray, to_eye: -ray.direction.as_vec3(), segment, pixel };
+    let to_eye = -ray.direction.as_vec3();
     state.waiting = None;
+    // The part that the ray is in, and those behind it.
+    let present = state.t_end;
+    for segment in frame.parts_of(&ray).into_iter().filter(|part| part.t1 >= present) {
+        if segment.t1 > state.t_end {
+            (state.t, state.t_end) = (segment.t0, segment.t1);
+            // What lies in front of a gap has no side behind it.
+            state.iso.known = 0;
+        }
+        cast_part(view, frame, &CastRay { axis_ray, to_eye, segment, pixel }, state, feedback);
+        if state.waiting.is_some() {
+            return;
+        }
+        if frame.is_done(state) {
+            break;
+        }
+    }
+    state.finished = true;
+    feedback.counters.rays_finished += 1;
+}
+
+/// Casts one part of a ray until its end, or until the ray is done or waits.
+fn cast_part<V: BrickView + ?Sized>(
+    view: &V,
+    frame: &CpuFrame,
+    ray: &CastRay,
+    state: &mut RayState,
+    feedback: &mut BlockFeedback,
+) {
     let mut last_used = None;
     while state.t < state.t_end && !frame.is_done(state) {
         let (key, resident, exit) = resident_at(view, frame, &ray.axis_ray, state.t, &mut feedback.counters);
@@ -43,20 +70,18 @@ pub(crate) fn cast_ray<V: BrickView + ?Sized>(
                 return;
             }
             Resident::Brick(brick) => {
-                let visit = BrickVisit::new(LevelVisit::new(frame, &ray, key), brick, key);
+                let visit = BrickVisit::new(LevelVisit::new(frame, ray, key), brick, key);
                 visit.march(exit, &*frame.integrator, state, &mut feedback.counters);
             }
             Resident::Uniform(value) => {
                 let t = [state.t, exit];
-                let visit = LevelVisit::new(frame, &ray, key);
+                let visit = LevelVisit::new(frame, ray, key);
                 frame.integrator.gather_uniform(&visit, value, t, state, &mut feedback.counters);
             }
             Resident::Nothing | Resident::TooCoarse | Resident::UseParent => state.iso.known = 0,
         }
         state.t = exit;
     }
-    state.finished = true;
-    feedback.counters.rays_finished += 1;
 }
 
 /// What is resident at t, at the level that is fine enough there; and the t at which the ray leaves it.

@@ -1,0 +1,239 @@
+//! The volumes that a list names, or that lie in a folder.
+//!
+//! A folder is searched with all folders in it, in natural order. A Zarr or N5 is one input, and so is a folder that DICOM slices
+//! lie in, or in which there are pictures (PNG, JPEG) and nothing else. Every other file is an input if a reader knows its first
+//! bytes or its name; headerless files where a person has said what is in them and they are called `.raw`. Names that begin with
+//! a dot are passed over, as are links: what they lead to in the folder is found by itself.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use crate::error::BuildError;
+use crate::source::SourceError;
+use crate::source::folder::natural;
+use crate::source::open::{Found, is_chunked, look_at};
+
+/// Folders inside folders that are searched.
+const DEPTH_LIMIT: usize = 64;
+/// Most volumes of a batch.
+pub const INPUTS_LIMIT: usize = 1_000_000;
+/// How names of headerless files end.
+const RAW_ENDING: &str = "raw";
+/// Endings of a pair of files of which the first names the volume.
+const PAIRS: [(&str, &str); 2] = [("img", "hdr"), ("img.gz", "hdr.gz")];
+
+/// Volumes, and what else lies among them.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub struct Inputs {
+    /// Files and folders that are one volume each, in the order in which they are built. None is there twice.
+    pub paths: Vec<PathBuf>,
+    /// Files and links that are no volumes.
+    pub passed_over: u64,
+}
+
+/// Which files of a folder are volumes although nothing in them says so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Headerless {
+    /// Those called `.raw`.
+    Taken,
+    /// None.
+    PassedOver,
+}
+
+/// The paths of a list, one a line; empty lines are passed over.
+#[must_use]
+pub fn of_list(text: &str) -> Inputs {
+    let mut inputs = Inputs::default();
+    let mut seen = std::collections::BTreeSet::new();
+    for line in text.lines().filter(|line| !line.trim().is_empty()) {
+        if seen.insert(line) {
+            inputs.paths.push(line.into());
+        }
+    }
+    inputs
+}
+
+/// The volumes of a folder; what lies in `output` is none.
+///
+/// # Errors
+/// If the folder cannot be read, or there are more than [`INPUTS_LIMIT`]. A folder in it that cannot be read is an input, which
+/// fails when its turn comes.
+pub fn of_folder(folder: &Path, output: &Path, headerless: Headerless) -> Result<Inputs, BuildError> {
+    let search = Search { output: std::fs::canonicalize(output).ok(), headerless };
+    let mut inputs = Inputs::default();
+    search.folder(folder, DEPTH_LIMIT, &mut inputs)?;
+    Ok(inputs)
+}
+
+struct Search {
+    output: Option<PathBuf>,
+    headerless: Headerless,
+}
+
+impl Search {
+    fn folder(&self, folder: &Path, depth: usize, inputs: &mut Inputs) -> Result<(), BuildError> {
+        if inputs.paths.len() > INPUTS_LIMIT {
+            let what = format!("{}: expected at most {INPUTS_LIMIT} volumes, found more", folder.display());
+            return Err(SourceError::Options(what).into());
+        }
+        if is_chunked(folder) {
+            inputs.paths.push(folder.into());
+            return Ok(());
+        }
+        let Entries { files, folders, links } = Entries::of(folder)?;
+        inputs.passed_over += links;
+        // What cannot be looked at is an input: it fails by name when its turn comes, and not before.
+        let found: Vec<Found> = files.iter().map(|file| self.look_at(file)).collect();
+        let count = |kind| found.iter().filter(|found| **found == kind).count();
+        let is_series = count(Found::DicomSlice) > 0;
+        let is_stack = count(Found::Picture) > 0 && count(Found::Picture) == files.len() && folders.is_empty();
+        if is_series || is_stack {
+            inputs.paths.push(folder.into());
+        }
+        for (file, found) in files.into_iter().zip(found) {
+            match found {
+                Found::Volume if is_second_of_pair(&file) => {}
+                Found::Volume => inputs.paths.push(file),
+                Found::DicomSlice => {}
+                Found::Picture if is_stack => {}
+                Found::Picture | Found::Other => inputs.passed_over += 1,
+            }
+        }
+        // The folders of a series belong to it.
+        for inner in folders.into_iter().filter(|_| !is_series) {
+            let is_output = std::fs::canonicalize(&inner).ok().is_some_and(|whole| Some(whole) == self.output);
+            if is_output {
+                continue;
+            }
+            if depth == 0 || (!is_chunked(&inner) && std::fs::read_dir(&inner).is_err()) {
+                inputs.paths.push(inner);
+                continue;
+            }
+            self.folder(&inner, depth - 1, inputs)?;
+        }
+        Ok(())
+    }
+
+    fn look_at(&self, file: &Path) -> Found {
+        if self.headerless == Headerless::Taken {
+            let is_raw = file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(RAW_ENDING));
+            return if is_raw { Found::Volume } else { Found::Other };
+        }
+        look_at(file).unwrap_or(Found::Volume)
+    }
+}
+
+/// What lies in a folder, in natural order, without what begins with a dot.
+#[derive(Default)]
+struct Entries {
+    files: Vec<PathBuf>,
+    folders: Vec<PathBuf>,
+    links: u64,
+}
+
+impl Entries {
+    fn of(folder: &Path) -> Result<Self, BuildError> {
+        let mut found = Self::default();
+        for entry in std::fs::read_dir(folder).map_err(|e| SourceError::io(folder, e))? {
+            let entry = entry.map_err(|e| SourceError::io(folder, e))?;
+            if entry.file_name().as_encoded_bytes().starts_with(b".") {
+                continue;
+            }
+            let kind = entry.file_type().map_err(|e| SourceError::io(folder, e))?;
+            if kind.is_dir() {
+                found.folders.push(entry.path());
+            } else if kind.is_file() {
+                found.files.push(entry.path());
+            } else {
+                found.links += 1;
+            }
+        }
+        found.files.sort_by(|a, b| natural(a, b));
+        found.folders.sort_by(|a, b| natural(a, b));
+        Ok(found)
+    }
+}
+
+/// Whether a header that names the volume lies beside a file.
+fn is_second_of_pair(file: &Path) -> bool {
+    let name = file.file_name().map(OsStr::to_string_lossy).unwrap_or_default();
+    let header = PAIRS.iter().find_map(|(second, first)| Some(format!("{}{first}", name.strip_suffix(second)?)));
+    header.is_some_and(|header| file.with_file_name(header).is_file())
+}
+
+/// Does something with every file of a folder and of those in it, in the order of their names; links to folders are not followed.
+pub(super) fn for_each_file(
+    folder: &Path,
+    run: &mut dyn FnMut(&Path) -> Result<(), BuildError>,
+) -> Result<(), BuildError> {
+    let mut waiting = vec![folder.to_path_buf()];
+    while let Some(path) = waiting.pop() {
+        if !path.is_dir() {
+            run(&path)?;
+            continue;
+        }
+        let mut inner = Vec::new();
+        for entry in std::fs::read_dir(&path).map_err(|e| SourceError::io(&path, e))? {
+            let entry = entry.map_err(|e| SourceError::io(&path, e))?;
+            let is_linked_folder = entry.path().is_symlink() && entry.path().is_dir();
+            let is_partial = entry.file_name().as_encoded_bytes().starts_with(b".supervol-");
+            if !is_linked_folder && !is_partial {
+                inner.push(entry.path());
+            }
+        }
+        inner.sort_by(|a, b| b.cmp(a));
+        waiting.extend(inner);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_searched_for_what_readers_take() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path();
+        let write = |name: &str, bytes: &[u8]| {
+            let path = root.join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, bytes).unwrap();
+        };
+        let dicom = [&[0; 128][..], b"DICM"].concat();
+        write("ct/s1", &dicom);
+        write("ct/s2", &dicom);
+        write("ct/inner/s3", &dicom);
+        write("ct/notes.txt", b"Cut off");
+        write("slices/a1.png", b"\x89PNG\r\n\x1a\n");
+        write("slices/a2.png", b"\x89PNG\r\n\x1a\n");
+        write("mixed/preview.png", b"\x89PNG\r\n\x1a\n");
+        write("mixed/v10.nrrd", b"NRRD0004\n");
+        write("mixed/v9.nrrd", b"NRRD0004\n");
+        write("mixed/CHANGES", b"C is what this begins with");
+        write("mixed/line", b"C 1 CLIENT");
+        write("pair/b.hdr", b"");
+        write("pair/b.img", b"");
+        write("store.zarr/.zgroup", b"{}");
+        write("store.zarr/0/.zarray", b"{}");
+        write("out/done.npy", b"");
+        write("headerless.raw", b"");
+        write(".hidden/x.npy", b"");
+        #[cfg(unix)]
+        std::os::unix::fs::symlink(root, root.join("round")).unwrap();
+        let found = of_folder(root, &root.join("out"), Headerless::PassedOver).unwrap();
+        let names: Vec<_> = found.paths.iter().map(|p| p.strip_prefix(root).unwrap().to_str().unwrap()).collect();
+        let expected = ["ct", "mixed/line", "mixed/v9.nrrd", "mixed/v10.nrrd", "pair/b.hdr", "slices", "store.zarr"];
+        assert_eq!(names, expected);
+        // notes.txt, preview.png, CHANGES, headerless.raw, and the link.
+        assert_eq!(found.passed_over, if cfg!(unix) { 5 } else { 4 });
+        let raw = of_folder(root, &root.join("out"), Headerless::Taken).unwrap();
+        assert_eq!(raw.paths, [root.join("headerless.raw"), root.join("store.zarr")]);
+    }
+
+    #[test]
+    fn lists_name_each_input_once() {
+        let found = of_list("a b.sgy\r\n\n  \nc\na b.sgy\n");
+        assert_eq!(found.paths, ["a b.sgy", "c"].map(PathBuf::from));
+    }
+}

@@ -1,0 +1,199 @@
+//! Many volumes at once: which there are, what their containers are called, and what came of each.
+//!
+//! 1. Inputs come from a list or from a folder that is searched ([`inputs`]).
+//! 2. What came of each is a line of a file beside the containers ([`results`]): the last line of an input counts.
+//! 3. An input is done if its files are what they were, its container is what was written, and the same was asked for
+//!    ([`Standing`]): all of that is read again, nothing is taken from a name or a time.
+//! 4. Containers have the names of their inputs; where two inputs would share one, a number from their paths is added.
+
+pub mod inputs;
+pub mod results;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use supervol_format::Container;
+use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
+
+use crate::error::BuildError;
+use crate::kept::Reading;
+use crate::pipeline::BuildOptions;
+use crate::provenance::take_file;
+use crate::source::open::split_array;
+use crate::source::{SourceError, VolumeSource};
+use results::{Record, Status};
+
+/// Endings that stand behind another ending.
+const COMPRESSIONS: [&str; 1] = ["gz"];
+
+/// What there is of an input already.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Standing {
+    /// Its container is to be built, and nothing lies where it goes.
+    New,
+    /// A batch that was interrupted has left a container of these bytes of the source, but no line that says so.
+    Interrupted,
+    /// Done: source, container and options are what they were.
+    Done,
+}
+
+/// Names of containers for inputs, in their order: those that `known` inputs have already, new ones for all others. No two are
+/// equal, also where letters of both cases count as one.
+#[must_use]
+pub fn container_names(inputs: &[PathBuf], known: &BTreeMap<String, Record>) -> Vec<String> {
+    let of_input = |input: &PathBuf| known.get(&*input.to_string_lossy()).map(|record| record.container.clone());
+    let mut taken: BTreeSet<String> = known.values().map(|record| record.container.to_lowercase()).collect();
+    let mut wanted: BTreeMap<String, usize> = BTreeMap::new();
+    for input in inputs.iter().filter(|input| of_input(input).is_none()) {
+        *wanted.entry(stem_of(input).to_lowercase()).or_default() += 1;
+    }
+    let mut name = |input: &PathBuf| {
+        let stem = stem_of(input);
+        let plain = format!("{stem}.svol");
+        if wanted[&stem.to_lowercase()] == 1 && taken.insert(plain.to_lowercase()) {
+            return plain;
+        }
+        let path = input.to_string_lossy();
+        let numbered = |n: u64| format!("{stem}-{:016x}.svol", xxh3_64(format!("{n}{path}").as_bytes()));
+        (0..).map(numbered).find(|name| taken.insert(name.to_lowercase())).expect("numbers do not end")
+    };
+    inputs.iter().map(|input| of_input(input).unwrap_or_else(|| name(input))).collect()
+}
+
+/// The name of an input without its ending.
+fn stem_of(input: &Path) -> String {
+    let (file, array) = split_array(input);
+    let whole = std::fs::canonicalize(&file).unwrap_or(file);
+    let mut stem = whole.clone();
+    if !whole.is_dir() {
+        if whole.extension().is_some_and(|ending| COMPRESSIONS.iter().any(|c| ending.eq_ignore_ascii_case(c))) {
+            stem.set_extension("");
+        }
+        stem.set_extension("");
+    }
+    let stem = stem.file_name().map_or_else(|| "volume".into(), |name| name.to_string_lossy().into_owned());
+    let array = array.map(|array| array.replace(['/', '\\'], "-")).filter(|array| !array.is_empty());
+    array.map_or(stem.clone(), |array| format!("{stem}-{array}"))
+}
+
+/// What was asked for, as far as it decides voxels: memory, threads and what may be overwritten do not.
+#[must_use]
+pub fn describe_options(options: &BuildOptions, reading: &Reading) -> String {
+    let BuildOptions { layout, codec, max_error, lod_axes, reduce, .. } = options;
+    let asked = format!("{layout:?} {codec:?} {max_error:?} {lod_axes:?} {reduce:?} {}", reading.describe());
+    format!("{:016x}", xxh3_64(asked.as_bytes()))
+}
+
+/// A checksum of all that an input is read from: of the file and the others it is read from, or of every file of a folder with
+/// its name. Of a file that stands alone it is the checksum of the file.
+///
+/// # Errors
+/// If a file cannot be read.
+pub fn checksum_of(input: &Path, others: &[PathBuf]) -> Result<String, BuildError> {
+    let (file, _) = split_array(input);
+    let mut hash = Xxh3Default::new();
+    if file.is_dir() {
+        inputs::for_each_file(&file, &mut |path| {
+            hash.update(path.strip_prefix(&file).unwrap_or(path).as_os_str().as_encoded_bytes());
+            let bytes = take_file(path, &mut hash)?;
+            hash.update(&bytes.to_le_bytes());
+            Ok(())
+        })?;
+    } else {
+        for path in std::iter::once(&file).chain(others) {
+            take_file(path, &mut hash)?;
+        }
+    }
+    Ok(format!("{:016x}", hash.digest()))
+}
+
+/// The files that a source is read from beside the one that was asked for; none of a folder, all of which counts.
+#[must_use]
+pub fn others_of(input: &Path, source: &dyn VolumeSource) -> Vec<PathBuf> {
+    let (file, _) = split_array(input);
+    if file.is_dir() {
+        return Vec::new();
+    }
+    let files = source.info().files.iter().map(|file| file.path().to_path_buf());
+    files.filter(|path| *path != file).collect()
+}
+
+/// The checksum of a container, and its bytes.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn checksum_of_container(path: &Path) -> Result<(String, u64), BuildError> {
+    let mut hash = Xxh3Default::new();
+    let bytes = take_file(path, &mut hash)?;
+    Ok((format!("{:016x}", hash.digest()), bytes))
+}
+
+/// What there is of an input whose container goes to `output`.
+///
+/// # Errors
+/// If something lies there that is not what the record says, so that it must not be taken for the container of this input as
+/// it is now.
+pub fn standing(input: &Path, output: &Path, record: Option<&Record>, options: &str) -> Result<Standing, BuildError> {
+    if !output.exists() {
+        return Ok(Standing::New);
+    }
+    let kept = |what: String| Err(BuildError::Outdated { path: output.into(), what });
+    let taken = || Err(BuildError::Exists { path: output.into() });
+    let Some(record) = record else { return taken() };
+    let Some(expected) = &record.container_xxh3_64 else {
+        // Nothing says what its bytes were; that it is whole, and of which source, it says itself.
+        let is_ours = || Container::open(output).is_ok_and(|c| c.manifest().source.xxh3_64 == record.manifest_xxh3_64);
+        return if record.status == Status::Begun && is_ours() { Ok(Standing::Interrupted) } else { taken() };
+    };
+    let (found, _) = checksum_of_container(output)?;
+    if *expected != found {
+        return kept(format!("its checksum was {expected} when it was built, now it is {found}"));
+    }
+    if record.options != options {
+        return kept("it was built with other options".into());
+    }
+    let others: Vec<PathBuf> = record.source_files.iter().map(PathBuf::from).collect();
+    let now = checksum_of(input, &others)?;
+    if record.source_xxh3_64 != now {
+        let what =
+            format!("{} has changed: its checksum was {}, now it is {now}", input.display(), record.source_xxh3_64);
+        return kept(what);
+    }
+    Ok(Standing::Done)
+}
+
+/// # Errors
+/// If containers would be written into an input: it would be another one then.
+pub fn check_outside(input: &Path, folder: &Path) -> Result<(), BuildError> {
+    let (file, _) = split_array(input);
+    let inside = match (std::fs::canonicalize(&file), std::fs::canonicalize(folder)) {
+        (Ok(file), Ok(folder)) => file.is_dir() && folder.starts_with(file),
+        _ => false,
+    };
+    let message =
+        || format!("{}: the output folder {} lies in it. Choose another with -o", input.display(), folder.display());
+    if inside { Err(SourceError::Options(message()).into()) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn containers_have_names_of_their_own() {
+        let inputs = ["a/x.sgy", "b/x.sgy", "b/X.nii.gz", "c/y.nii.gz", "d/z.h5:/g/t", "e/new.raw"].map(PathBuf::from);
+        let known = BTreeMap::from([("q".to_owned(), Record { container: "New.svol".into(), ..Record::default() })]);
+        let names = container_names(&inputs, &known);
+        assert_eq!(names[3..5], ["y.svol", "z-g-t.svol"]);
+        for (name, stem) in names.iter().zip(["x-", "x-", "X-"]).chain([(&names[5], "new-")]) {
+            assert!(name.starts_with(stem) && name.len() == stem.len() + 16 + 5, "{name}");
+        }
+        let lower: BTreeSet<String> = names.iter().map(|name| name.to_lowercase()).collect();
+        assert_eq!(lower.len(), inputs.len(), "{names:?}");
+        // A name that an input has it keeps, whatever comes beside it.
+        let first = Record { container: "x.svol".into(), ..Record::default() };
+        let known = BTreeMap::from([("a/x.sgy".to_owned(), first)]);
+        let again = container_names(&inputs[..2], &known);
+        assert!(again[0] == "x.svol" && again[1].starts_with("x-"), "{again:?}");
+    }
+}

@@ -1,0 +1,158 @@
+//! Comparing level 0 of a container with the source that it was built from, voxel by voxel.
+//!
+//! 1. Grid, voxel type, place, scale and offset of the values are the same.
+//! 2. Where the container is exact, so is every voxel; where it has a step, each is within its bound. What is absent here is absent
+//!    there, however it is written.
+//! 3. No brick's error bound is less than the greatest distance of a voxel that it owns: what [`crate::verify`] cannot know.
+//!
+//! Memory: the source's own, voxels of some bricks from it, and one brick of the container with what decoding takes.
+
+use std::path::Path;
+
+use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
+use supervol_format::container::header::Descriptor;
+use supervol_format::voxel_type::voxels_as_f64;
+use supervol_format::{BrickKey, Container, Lod, VoxelBox};
+
+use crate::bricker::{key_of, tiles};
+use crate::error::BuildError;
+use crate::level_reader::BrickStore;
+use crate::memory::{largest_brick_bytes, read_bytes};
+use crate::source::VolumeSource;
+
+/// Bricks that are held at once: a record and what it is decompressed into, and the voxels; a row as doubles is less.
+const BRICKS_AT_HAND: u64 = 3;
+
+/// What a comparison has found that holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Compared {
+    /// Voxels of level 0, all of which have been compared.
+    pub voxels: u64,
+    /// Greatest distance from the source, data units.
+    pub greatest: f64,
+    /// Most that it might have been, data units; 0 where the container is exact.
+    pub bound: f64,
+}
+
+/// Compares a container with its source; `on_progress` hears of bricks done and bricks in all.
+///
+/// # Errors
+/// If they differ by more than the container says, with the first voxel that does; if one cannot be read; or if the memory does not
+/// suffice.
+pub fn compare(
+    path: &Path,
+    container: &Container,
+    source: &dyn VolumeSource,
+    memory_bytes: u64,
+    on_progress: &dyn Fn(u64, u64),
+) -> Result<Compared, BuildError> {
+    let descriptor = container.descriptor();
+    same_volume(path, descriptor, source)?;
+    let (pyramid, voxel_type) = (&descriptor.pyramid, descriptor.voxel_type);
+    let level = pyramid.level_at(Lod::FINEST);
+    let brick = largest_brick_bytes(pyramid, voxel_type);
+    let decoding = DECODING_BYTES_PER_VOXEL as u64 * brick / voxel_type.bytes() as u64;
+    let fixed = source.info().memory_bytes + BRICKS_AT_HAND * brick + decoding;
+    let of_tile = |size| read_bytes(pyramid, level, [1; 3], size, voxel_type);
+    let needed = fixed + of_tile([1; 3]);
+    if memory_bytes < needed {
+        let what = "for the source, voxels of a brick from it, and the brick".into();
+        return Err(BuildError::memory(needed, memory_bytes, what, "Allow more with --memory"));
+    }
+    let (mut done, total) = (0, level.brick_count());
+    let mut compared = Compared { voxels: 0, greatest: 0.0, bound: descriptor.voxel_error() * descriptor.scale.abs() };
+    for tile in tiles(level, source.info().access_order, &|size| fixed + of_tile(size) <= memory_bytes) {
+        let voxels = tile.voxels(pyramid.layout().core(), level.dims, 0);
+        let mut bytes = vec![0; voxels.voxels() * voxel_type.bytes()];
+        source.read_box(voxels, &mut bytes)?;
+        for brick in tile.bricks() {
+            let key = key_of(0, brick);
+            let greatest = compare_brick(path, container, key, voxels, &bytes)?;
+            compared.greatest = compared.greatest.max(greatest * descriptor.scale.abs());
+            done += 1;
+            on_progress(done, total);
+        }
+        compared.voxels += voxels.voxels() as u64;
+    }
+    Ok(compared)
+}
+
+/// Rule 1.
+fn same_volume(path: &Path, descriptor: &Descriptor, source: &dyn VolumeSource) -> Result<(), BuildError> {
+    let info = source.info();
+    let said = [
+        ("voxels", descriptor.dims().to_string(), info.dims.to_string()),
+        ("type of voxels", descriptor.voxel_type.to_string(), info.voxel_type.to_string()),
+        ("place in the world", format!("{:?}", descriptor.geometry), format!("{:?}", info.geometry)),
+        ("scale of values", descriptor.scale.to_string(), info.scale.to_string()),
+        ("offset of values", descriptor.offset.to_string(), info.offset.to_string()),
+    ];
+    match said.into_iter().find(|(_, found, expected)| found != expected) {
+        None => Ok(()),
+        Some((what, found, expected)) => {
+            let rule = format!("level 0 against its source: {what}");
+            Err(BuildError::Broken { path: path.into(), rule, expected, found })
+        }
+    }
+}
+
+/// Rules 2 and 3 for the voxels that a brick owns; their greatest distance, stored units. `bytes` are the source's voxels of a box
+/// that holds them.
+fn compare_brick(
+    path: &Path,
+    container: &Container,
+    key: BrickKey,
+    around: VoxelBox,
+    bytes: &[u8],
+) -> Result<f64, BuildError> {
+    let descriptor = container.descriptor();
+    let (voxel_type, absence, size) = (descriptor.voxel_type, descriptor.absence, descriptor.voxel_type.bytes());
+    let entry = container.entry(key).map_err(|e| BuildError::container(path, e))?;
+    let stored = BrickStore::read_brick(container, key).map_err(|e| BuildError::container(path, e))?;
+    let [stored_x, stored_y, _] = container.pyramid().stored_extent(key);
+    let core = container.pyramid().core_box(key);
+    let apron = supervol_format::brick::APRON;
+    let bound = descriptor.voxel_error();
+    let mut greatest = 0.0f64;
+    for z in core.start[2]..core.end[2] {
+        for y in core.start[1]..core.end[1] {
+            let theirs = row(around, [core.start[0], y, z]) * size;
+            let [in_y, in_z] = [y - core.start[1], z - core.start[2]].map(|n| n as usize);
+            let ours = (((in_z + apron) * stored_y + in_y + apron) * stored_x + apron) * size;
+            let row_bytes = core.extent()[0] * size;
+            let (theirs, ours) = (&bytes[theirs..theirs + row_bytes], &stored[ours..ours + row_bytes]);
+            if theirs == ours {
+                continue;
+            }
+            let values = voxels_as_f64(voxel_type, theirs).into_iter().zip(voxels_as_f64(voxel_type, ours));
+            for (x, (expected, found)) in (core.start[0]..).zip(values) {
+                let distance = match (absence.is_absent(expected), absence.is_absent(found)) {
+                    (true, true) => 0.0,
+                    (false, false) if expected == found => 0.0,
+                    (false, false) => (expected - found).abs(),
+                    _ => f64::INFINITY,
+                };
+                // The negation, so that a distance that is no number is none that is allowed.
+                if !(distance <= bound && distance <= entry.error) {
+                    let rule = format!("{key}: voxel [{x}, {y}, {z}] against its source");
+                    let within = if distance <= bound { entry.error } else { bound };
+                    let expected = if within > 0.0 {
+                        format!("{expected}, or at most {within} off")
+                    } else {
+                        expected.to_string()
+                    };
+                    return Err(BuildError::Broken { path: path.into(), rule, expected, found: found.to_string() });
+                }
+                greatest = greatest.max(distance);
+            }
+        }
+    }
+    Ok(greatest)
+}
+
+/// Number of a voxel in a box, x fastest.
+fn row(around: VoxelBox, voxel: [u64; 3]) -> usize {
+    let [nx, ny, _] = around.extent();
+    let [x, y, z]: [usize; 3] = std::array::from_fn(|a| (voxel[a] - around.start[a]) as usize);
+    (z * ny + y) * nx + x
+}

@@ -1,0 +1,339 @@
+//! Closed triangle meshes that rays are cut with: where a line enters and leaves one, in `f64`.
+//!
+//! A mesh is closed where an even number of triangles meets in every edge; then every line crosses it an even number of times,
+//! and what lies between crossings 1 and 2, 3 and 4, and so on, is inside. That must hold for lines through edges and vertices,
+//! too, or a pixel would show what is cut away: the triangles that a line crosses are found in the plane across it, as by
+//! Woop, Benthin and Wald 2013 ("Watertight ray/triangle intersection"), but with signs that are exact, and points on an edge
+//! moved to one side of it (Edelsbrunner and Mücke 1990, "Simulation of simplicity"). So neighbours always agree.
+//!
+//! Triangles lie in a tree of boxes, halved along the longest side. Boxes are a little larger than what they hold, so that
+//! rounding never leaves a triangle out. No crate does this: those at hand find the first hit, in `f32`, or lose edges.
+
+use std::collections::HashMap;
+
+use glam::DVec3;
+
+use super::clip_slab;
+
+/// Most triangles of a mesh: about 90 bytes each are held.
+pub const TRIANGLE_LIMIT: usize = 1 << 20;
+/// Most triangles of a leaf of the tree.
+const LEAF_TRIANGLES: usize = 4;
+/// By how much boxes of the tree are larger than what they hold, as a share of the mesh's diagonal: much more than rounding.
+const BOX_MARGIN: f64 = 1e-9;
+/// Crossings of two triangles that are less deep than this share of the mesh's diagonal are rounding, and not refused.
+const CROSSING_DEPTH: f64 = 1e-6;
+/// Most pairs of triangles with overlapping boxes, times the triangles, that are looked at for crossings.
+const PAIRS_PER_TRIANGLE: usize = 512;
+
+/// Why triangles are no closed mesh. Points are in the file's coordinates.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum MeshError {
+    #[error("expected triangles, found none that has an area")]
+    Empty,
+    #[error("expected at most {TRIANGLE_LIMIT} triangles, found more; take a coarser mesh")]
+    TooLarge,
+    #[error("expected finite coordinates, found {found} of vertex {vertex}")]
+    NotFinite { vertex: usize, found: DVec3 },
+    #[error("expected numbers of the {vertices} vertices, found {found} in triangle {triangle}")]
+    NoSuchVertex { triangle: usize, found: u64, vertices: usize },
+    #[error(
+        "expected a closed mesh, found an open edge from {from} to {to}: {triangles} triangle(s) meet there; close its holes \
+         (a surface that leaves the volume is open where it does)"
+    )]
+    Open { from: DVec3, to: DVec3, triangles: usize },
+    #[error("expected a mesh that does not cross itself, found two triangles that do, near {near}")]
+    CrossesItself { near: DVec3 },
+    #[error("expected triangles side by side, found far too many in one place, near {near}")]
+    TooDense { near: DVec3 },
+}
+
+/// See the module.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ClosedMesh {
+    vertices: Vec<DVec3>,
+    /// In the order of the tree's leaves.
+    triangles: Vec<[u32; 3]>,
+    /// The first is the root; the children of a node lie side by side.
+    nodes: Vec<Node>,
+    middle: DVec3,
+}
+
+/// A box of the tree, and what it holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Node {
+    low: DVec3,
+    high: DVec3,
+    /// The first of its triangles, or of its two children.
+    first: u32,
+    /// How many triangles; 0: it has children.
+    count: u32,
+}
+
+impl ClosedMesh {
+    /// A mesh of vertices and triangles of their numbers; vertices in one place are one, triangles without an area are none.
+    ///
+    /// # Errors
+    /// If it is not closed, crosses itself, is empty or too large, or its numbers are no numbers of vertices.
+    pub fn new(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<Self, MeshError> {
+        if triangles.len() > TRIANGLE_LIMIT {
+            return Err(MeshError::TooLarge);
+        }
+        let (vertices, triangles) = welded(vertices, triangles)?;
+        check_closed(&vertices, &triangles)?;
+        let (low, high) = bounds(&vertices);
+        let margin = DVec3::splat(BOX_MARGIN * (high - low).length());
+        let middle = low + 0.5 * (high - low);
+        let mut mesh = Self { vertices, triangles, nodes: Vec::new(), middle };
+        mesh.build(margin);
+        mesh.check_crossings(CROSSING_DEPTH * (high - low).length())?;
+        Ok(mesh)
+    }
+
+    /// Bytes that it holds.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let parts = [size_of_val(&self.vertices[..]), size_of_val(&self.triangles[..]), size_of_val(&self.nodes[..])];
+        parts.iter().map(|&bytes| bytes as u64).sum()
+    }
+
+    /// Triangles, after those without an area are gone.
+    #[must_use]
+    pub fn triangle_count(&self) -> usize {
+        self.triangles.len()
+    }
+
+    /// The t at which the line `origin + t * direction` crosses the mesh, ascending; always an even number of them.
+    #[must_use]
+    pub fn crossings(&self, origin: DVec3, direction: DVec3) -> Vec<f64> {
+        // From the point beside the mesh's middle on: nothing is lost to the distance of the eye.
+        let start = (self.middle - origin).dot(direction) / direction.length_squared();
+        let Some(line) = Line::new(origin + start * direction, direction) else { return Vec::new() };
+        let mut found = Vec::new();
+        let mut stack = vec![0];
+        while let Some(node) = stack.pop() {
+            let node = &self.nodes[node as usize];
+            if !line.meets(node) {
+                continue;
+            }
+            let first = node.first as usize;
+            if node.count == 0 {
+                stack.extend([node.first, node.first + 1]);
+            }
+            let triangles = &self.triangles[first..first + node.count as usize];
+            found.extend(triangles.iter().filter_map(|t| line.crossing(self.corners(*t))).map(|t| start + t));
+        }
+        found.sort_by(f64::total_cmp);
+        debug_assert!(found.len().is_multiple_of(2), "{} crossings of a closed mesh", found.len());
+        found
+    }
+
+    fn corners(&self, triangle: [u32; 3]) -> [DVec3; 3] {
+        triangle.map(|vertex| self.vertices[vertex as usize])
+    }
+
+    /// Builds the tree; orders the triangles by its leaves.
+    fn build(&mut self, margin: DVec3) {
+        let mut triangles = std::mem::take(&mut self.triangles);
+        let placeholder = Node { low: DVec3::ZERO, high: DVec3::ZERO, first: 0, count: 0 };
+        self.nodes.push(placeholder);
+        let mut stack = vec![(0, 0..triangles.len())];
+        while let Some((node, range)) = stack.pop() {
+            let part = &mut triangles[range.clone()];
+            let (low, high) = bounds_of(part.iter().flat_map(|t| self.corners(*t)));
+            let (low, high) = (low - margin, high + margin);
+            if part.len() <= LEAF_TRIANGLES {
+                self.nodes[node] = Node { low, high, first: range.start as u32, count: part.len() as u32 };
+                continue;
+            }
+            let size = (high - low).to_array();
+            let axis = (0..3).fold(0, |longest, a| if size[a] > size[longest] { a } else { longest });
+            let middle = part.len() / 2;
+            let place = |t: &[u32; 3]| self.corners(*t).map(|corner| corner[axis]).iter().sum::<f64>();
+            part.select_nth_unstable_by(middle, |a, b| place(a).total_cmp(&place(b)));
+            let first = self.nodes.len();
+            self.nodes.extend([placeholder; 2]);
+            self.nodes[node] = Node { low, high, first: first as u32, count: 0 };
+            stack.push((first, range.start..range.start + middle));
+            stack.push((first + 1, range.start + middle..range.end));
+        }
+        self.triangles = triangles;
+    }
+
+    /// Refuses meshes of which two triangles go through each other.
+    fn check_crossings(&self, depth: f64) -> Result<(), MeshError> {
+        let mut pairs_left = PAIRS_PER_TRIANGLE * self.triangles.len();
+        let mut stack = Vec::new();
+        for (number, &triangle) in self.triangles.iter().enumerate() {
+            let corners = self.corners(triangle);
+            let (low, high) = bounds(&corners);
+            stack.push(0);
+            while let Some(node) = stack.pop() {
+                let node = &self.nodes[node as usize];
+                if (node.low.cmpgt(high) | node.high.cmplt(low)).any() {
+                    continue;
+                }
+                if node.count == 0 {
+                    stack.extend([node.first, node.first + 1]);
+                    continue;
+                }
+                for other in (node.first as usize..(node.first + node.count) as usize).filter(|&n| n > number) {
+                    let pair = [triangle, self.triangles[other]];
+                    if let Some(near) = crossing_of(pair, pair.map(|t| self.corners(t)), depth) {
+                        return Err(MeshError::CrossesItself { near });
+                    }
+                    pairs_left = pairs_left.checked_sub(1).ok_or(MeshError::TooDense { near: corners[0] })?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Vertices in one place made one; triangles with three different vertices.
+fn welded(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<(Vec<DVec3>, Vec<[u32; 3]>), MeshError> {
+    let mut kept: Vec<DVec3> = Vec::new();
+    let mut number_of: HashMap<[u64; 3], u32> = HashMap::new();
+    let mut numbers = Vec::with_capacity(vertices.len());
+    for (vertex, &found) in vertices.iter().enumerate() {
+        if !found.is_finite() {
+            return Err(MeshError::NotFinite { vertex, found });
+        }
+        // Zero has two signs and one place.
+        let bits = found.to_array().map(|x| (x + 0.0).to_bits());
+        let next = kept.len() as u32;
+        let number = *number_of.entry(bits).or_insert(next);
+        if number == next {
+            kept.push(found);
+        }
+        numbers.push(number);
+    }
+    let mut different = Vec::with_capacity(triangles.len());
+    for (triangle, corners) in triangles.iter().enumerate() {
+        let number = |found: u32| {
+            let vertices = vertices.len();
+            let refused = MeshError::NoSuchVertex { triangle, found: found.into(), vertices };
+            numbers.get(found as usize).copied().ok_or(refused)
+        };
+        let corners = [number(corners[0])?, number(corners[1])?, number(corners[2])?];
+        if corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0] {
+            different.push(corners);
+        }
+    }
+    if different.is_empty() { Err(MeshError::Empty) } else { Ok((kept, different)) }
+}
+
+/// Refuses meshes with an edge in which an odd number of triangles meets.
+fn check_closed(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Result<(), MeshError> {
+    let edge = |t: &[u32; 3], i: usize| [t[i].min(t[(i + 1) % 3]), t[i].max(t[(i + 1) % 3])];
+    let mut edges: Vec<[u32; 2]> = triangles.iter().flat_map(|t| [0, 1, 2].map(|i| edge(t, i))).collect();
+    edges.sort_unstable();
+    let open = edges.chunk_by(|a, b| a == b).find(|same| !same.len().is_multiple_of(2));
+    open.map_or(Ok(()), |same| {
+        let [from, to] = same[0].map(|vertex| vertices[vertex as usize]);
+        Err(MeshError::Open { from, to, triangles: same.len() })
+    })
+}
+
+fn bounds(points: &[DVec3]) -> (DVec3, DVec3) {
+    bounds_of(points.iter().copied())
+}
+
+fn bounds_of(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
+    let nothing = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    points.fold(nothing, |(low, high), point| (low.min(point), high.max(point)))
+}
+
+/// A point where an edge of one triangle goes through the other; edges that begin or end at a corner of both do not.
+fn crossing_of(pair: [[u32; 3]; 2], corners: [[DVec3; 3]; 2], depth: f64) -> Option<DVec3> {
+    (0..2).find_map(|one| {
+        let (triangle, edges) = (corners[1 - one], corners[one]);
+        (0..3).find_map(|i| {
+            let ends = [i, (i + 1) % 3];
+            let is_shared = ends.iter().any(|&end| pair[1 - one].contains(&pair[one][end]));
+            if is_shared { None } else { goes_through(ends.map(|end| edges[end]), triangle, depth) }
+        })
+    })
+}
+
+/// Where a line from end to end goes through a triangle, at least this deep on both sides.
+fn goes_through([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3], depth: f64) -> Option<DVec3> {
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    let [before, after] = [normal.dot(p - a), normal.dot(q - a)];
+    if before.abs() < depth || after.abs() < depth || before * after >= 0.0 {
+        return None;
+    }
+    let at = p + before / (before - after) * (q - p);
+    let sides = [(a, b), (b, c), (c, a)].map(|(from, to)| normal.dot((to - from).cross(at - from)));
+    sides.iter().all(|side| *side > 0.0).then_some(at)
+}
+
+/// A line, looked along: x and y across, z along it.
+struct Line {
+    origin: DVec3,
+    direction: DVec3,
+    axes: [usize; 3],
+    /// What x and y move by for each step along the third axis.
+    shear: [f64; 2],
+}
+
+impl Line {
+    fn new(origin: DVec3, direction: DVec3) -> Option<Self> {
+        let sizes = direction.abs().to_array();
+        let z = (0..3).fold(0, |largest, a| if sizes[a] > sizes[largest] { a } else { largest });
+        let axes = [(z + 1) % 3, (z + 2) % 3, z];
+        let along = direction[z];
+        let shear = [direction[axes[0]] / along, direction[axes[1]] / along];
+        (along != 0.0 && origin.is_finite()).then_some(Self { origin, direction, axes, shear })
+    }
+
+    fn meets(&self, node: &Node) -> bool {
+        let everywhere = (f64::NEG_INFINITY, f64::INFINITY);
+        let clip = |span, a: usize| clip_slab(self.origin[a], self.direction[a], node.low[a], node.high[a], span);
+        (0..3).try_fold(everywhere, clip).is_some()
+    }
+
+    /// The t at which the line crosses a triangle.
+    fn crossing(&self, corners: [DVec3; 3]) -> Option<f64> {
+        // The same for a vertex, whatever triangle it is a corner of.
+        let [a, b, c] = corners.map(|corner| {
+            let [x, y, z] = self.axes.map(|axis| corner[axis] - self.origin[axis]);
+            [x - self.shear[0] * z, y - self.shear[1] * z, z / self.direction[self.axes[2]]]
+        });
+        let [first, second, third] = [side(b, c), side(c, a), side(a, b)];
+        if first != second || second != third {
+            return None;
+        }
+        let weights = [cross(b, c), cross(c, a), cross(a, b)];
+        let sum: f64 = weights.iter().sum();
+        let depths = [a[2], b[2], c[2]];
+        let mean = depths.iter().sum::<f64>() / 3.0;
+        let t: f64 = (0..3).map(|i| weights[i] * depths[i]).sum::<f64>() / sum;
+        let [nearest, farthest] =
+            [depths.iter().copied().fold(mean, f64::min), depths.iter().copied().fold(mean, f64::max)];
+        Some(if t.is_nan() { mean } else { t.clamp(nearest, farthest) })
+    }
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[1] - a[1] * b[0]
+}
+
+/// On which side of the edge from a to b zero lies, exactly; never on it: zero is moved along x by less than any number, and
+/// along y by less than that. The edge from b to a has the other answer.
+fn side(a: [f64; 3], b: [f64; 3]) -> bool {
+    let (p, q) = (a[0] * b[1], a[1] * b[0]);
+    if p != q {
+        return p > q;
+    }
+    // What rounding took from the two products decides.
+    let (of_p, of_q) = (a[0].mul_add(b[1], -p), a[1].mul_add(b[0], -q));
+    if of_p != of_q {
+        return of_p > of_q;
+    }
+    if a[1] == b[1] { b[0] > a[0] } else { a[1] > b[1] }
+}
+
+#[cfg(test)]
+mod tests;

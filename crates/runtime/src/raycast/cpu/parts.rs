@@ -1,0 +1,55 @@
+//! Rays in several parts: what solids leave of them (see [`crate::clip::clip_parts`]).
+//!
+//! A tile goes through the first part of all its rays, then through the second one of those that have two, and so on. What a ray
+//! has gathered stays with it, so that its parts are composited, compared or averaged as one whole; packets and bricks know
+//! nothing of it (docs/decisions/022-solids-and-picking.md). Rays that wait for bricks are waited for in each part.
+
+use super::CpuFrame;
+use super::packets::PacketTables;
+use super::tile::{Gathered, TILE_RAYS, TILE_SIDE, TileRays, place_of};
+use crate::scene::Mode;
+
+/// Sets the rays of a tile on their way through the next part; false where some still wait in this one, or none has another.
+pub(super) fn begin_next_part(
+    (frame, tables): (&CpuFrame, &PacketTables),
+    corner: [u32; 2],
+    rays: &mut TileRays,
+) -> bool {
+    if rays.gathered.waiting.iter().any(Option::is_some) {
+        return false;
+    }
+    // Rays that left the volume are still on their way there.
+    rays.take_off();
+    rays.gathered.part += 1;
+    let size = [frame.camera.width, frame.rows.len() as u32];
+    for ray in 0..TILE_RAYS {
+        let place = place_of(ray);
+        let [x, y] = [corner[0] + place[0], corner[1] + place[1]];
+        if x >= size[0] || y >= size[1] || has_ended((frame, tables), &rays.gathered, ray) {
+            continue;
+        }
+        let world_ray = tables.pixel_rays.ray(x, frame.rows.start + y);
+        let index_ray = tables.to_index.ray(&world_ray);
+        if let Some(segment) = frame.part_of(&world_ray, &index_ray, rays.gathered.part) {
+            // What lies in front of a gap has no side behind it.
+            rays.gathered.iso[ray].known = 0;
+            rays.set(ray, &index_ray, segment);
+        }
+    }
+    rays.going() > 0
+}
+
+/// Whether nothing behind what a ray has gathered can be seen.
+pub(super) fn has_ended((frame, tables): (&CpuFrame, &PacketTables), gathered: &Gathered, ray: usize) -> bool {
+    match frame.mode {
+        Mode::Dvr => gathered.transmittance[ray] <= tables.end_error(),
+        _ => frame.is_done(&gathered.state(ray)),
+    }
+}
+
+/// Rays of a tile that lie in the picture.
+pub(super) fn rays_in_picture(frame: &CpuFrame, corner: [u32; 2]) -> u64 {
+    let size = [frame.camera.width, frame.rows.len() as u32];
+    let [columns, rows] = [0, 1].map(|a| TILE_SIDE.min(size[a].saturating_sub(corner[a])));
+    u64::from(columns) * u64::from(rows)
+}

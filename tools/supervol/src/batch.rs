@@ -1,0 +1,189 @@
+//! `supervol build --batch`: many volumes, one after the other; what came of each is a line of a file.
+
+use std::io::Write;
+use std::path::Path;
+
+use supervol_format::readable::counted;
+use supervol_preprocess::batch::inputs::{Headerless, INPUTS_LIMIT, Inputs, of_folder, of_list};
+use supervol_preprocess::batch::results::{FILE_NAME, Record, Results, Status};
+use supervol_preprocess::batch::{
+    Standing, check_outside, checksum_of, checksum_of_container, container_names, describe_options, others_of, standing,
+};
+use supervol_preprocess::kept::Reading;
+use supervol_preprocess::{BuildError, Existing};
+
+use crate::build::{OutputArguments, SourceArguments, open};
+use crate::failure::{Failure, with_output};
+use crate::input::read_text_up_to;
+use crate::progress::announce;
+use crate::quantity::show_bytes;
+
+/// Longest list of inputs.
+const LIST_LIMIT_BYTES: u64 = 256 << 20;
+
+/// What the inputs of a batch have in common.
+struct Batch<'a> {
+    output: &'a OutputArguments,
+    folder: &'a Path,
+    reading: Reading,
+    /// What was asked for, as far as it decides voxels.
+    options: String,
+}
+
+/// What came of an input that did not fail.
+enum Came {
+    /// It was done already; nothing has changed since.
+    Unchanged,
+    Built,
+}
+
+/// Runs the command.
+pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> Result<(), Failure> {
+    let folder = output.output.as_path();
+    let headerless = if source.is_raw() { Headerless::Taken } else { Headerless::PassedOver };
+    let Inputs { paths, passed_over } = find(batch, folder, headerless)?;
+    if paths.is_empty() {
+        let left = counted(passed_over, "file");
+        let message = format!("{}: expected volumes, found none ({left} passed over)", batch.display());
+        return Err(Failure::Command(message));
+    }
+    let made = std::fs::create_dir_all(folder);
+    made.map_err(|source| BuildError::Write { path: folder.into(), source })?;
+    let mut results = Results::open(folder)?;
+    let reading = source.reading(output.memory_bytes())?;
+    let options = describe_options(&output.build_options(), &reading);
+    let batch = Batch { output, folder, reading, options };
+    let names = container_names(&paths, results.records());
+
+    let (mut built, mut unchanged, mut failed, mut code) = (0u64, 0u64, 0u64, 0);
+    for (i, (input, name)) in paths.iter().zip(&names).enumerate() {
+        let place = format!("[{}/{}] {}", i + 1, paths.len(), input.display());
+        match batch.one(input, name, &mut results) {
+            Ok(Came::Unchanged) => {
+                unchanged += 1;
+                announce(&format!("{place}: done before, unchanged"));
+            }
+            Ok(Came::Built) => {
+                built += 1;
+                let record = &results.records()[&*input.to_string_lossy()];
+                let bytes = show_bytes(record.container_bytes.unwrap_or(0));
+                let percent = 100.0 * record.ratio.unwrap_or(0.0);
+                let seconds = record.milliseconds.unwrap_or(0.0) / 1e3;
+                announce(&format!("{place}: {name}, {bytes} ({percent:.1} %), {seconds:.1} s"));
+            }
+            Err(error) => {
+                // No other volume would find room either, and would remove what this one has left to go on with.
+                let is_full = error.is_full_disk();
+                let failure = Failure::from(error);
+                failed += 1;
+                code = code.max(failure.code());
+                batch.note_failure(input, name, &mut results, &failure);
+                announce(&place);
+                failure.say();
+                if is_full {
+                    return Err(Failure::Said(code));
+                }
+            }
+        }
+        batch.write_line(results.records().get(&*input.to_string_lossy()))?;
+    }
+    announce(&format!(
+        "{}: {built} built, {unchanged} done before, {failed} failed, {} passed over; {}",
+        folder.display(),
+        counted(passed_over, "other file"),
+        folder.join(FILE_NAME).display()
+    ));
+    if code == 0 { Ok(()) } else { Err(Failure::Said(code)) }
+}
+
+fn find(batch: &Path, output: &Path, headerless: Headerless) -> Result<Inputs, Failure> {
+    if batch.is_dir() {
+        return Ok(of_folder(batch, output, headerless)?);
+    }
+    let inputs = of_list(&read_text_up_to(LIST_LIMIT_BYTES, batch, "a list of volumes")?);
+    if inputs.paths.len() > INPUTS_LIMIT {
+        let found = inputs.paths.len();
+        return Err(Failure::Command(format!(
+            "{}: expected at most {INPUTS_LIMIT} volumes, found {found}",
+            batch.display()
+        )));
+    }
+    Ok(inputs)
+}
+
+impl Batch<'_> {
+    /// Builds one volume, or sees that it is built.
+    fn one(&self, input: &Path, name: &str, results: &mut Results) -> Result<Came, BuildError> {
+        let output = self.folder.join(name);
+        let Some(source_name) = input.to_str() else {
+            return Err(BuildError::Options(format!("{}: expected a path in UTF-8, for {FILE_NAME}", input.display())));
+        };
+        check_outside(input, self.folder)?;
+        let known = results.records().get(source_name).cloned();
+        let existing = match standing(input, &output, known.as_ref(), &self.options) {
+            Ok(Standing::Done) => {
+                if let Some(known) = known.filter(|record| record.status != Status::Done) {
+                    results.add(Record { status: Status::Done, error: None, ..known })?;
+                }
+                return Ok(Came::Unchanged);
+            }
+            Ok(Standing::New) => self.output.existing(),
+            Ok(Standing::Interrupted) => Existing::Replace,
+            Err(BuildError::Exists { .. } | BuildError::Outdated { .. })
+                if self.output.existing() == Existing::Replace =>
+            {
+                Existing::Replace
+            }
+            Err(error) => return Err(error),
+        };
+        let (source, origin) = open(&self.reading, input, self.folder)?;
+        let others = others_of(input, source.as_ref());
+        let is_one_file = others.is_empty() && !input.is_dir();
+        let checksum = if is_one_file { origin.xxh3_64.clone() } else { checksum_of(input, &others)? };
+        let begun = Record {
+            source: source_name.into(),
+            status: Status::Begun,
+            container: name.into(),
+            source_xxh3_64: checksum,
+            source_bytes: origin.bytes,
+            source_files: others.iter().map(|path| path.to_string_lossy().into_owned()).collect(),
+            manifest_xxh3_64: origin.xxh3_64.clone(),
+            options: self.options.clone(),
+            ..Record::default()
+        };
+        results.add(begun.clone())?;
+        let report = self.output.build_at(&output, existing, source.as_ref(), origin)?;
+        let (container_xxh3_64, container_bytes) = checksum_of_container(&output)?;
+        results.add(Record {
+            status: Status::Done,
+            container_xxh3_64: Some(container_xxh3_64),
+            container_bytes: Some(container_bytes),
+            voxel_bytes: Some(report.source_bytes),
+            ratio: Some(container_bytes as f64 / report.source_bytes as f64),
+            error_bound: report.levels.first().map(|level| level.error),
+            milliseconds: Some(report.wall_ms),
+            notes: report.notes,
+            ..begun
+        })?;
+        Ok(Came::Built)
+    }
+
+    /// Notes why an input failed. What is known of a container that lies there stays known.
+    fn note_failure(&self, input: &Path, name: &str, results: &mut Results, failure: &Failure) {
+        let source = input.to_string_lossy().into_owned();
+        let known = results.records().get(&source).cloned();
+        let known = known.unwrap_or_else(|| Record { source, container: name.into(), ..Record::default() });
+        let error = failure.message().map(str::to_owned);
+        if let Err(error) = results.add(Record { status: Status::Failed, error, ..known }) {
+            Failure::from(error).say();
+        }
+    }
+
+    /// A line for programs.
+    fn write_line(&self, record: Option<&Record>) -> Result<(), Failure> {
+        if !self.output.is_json() {
+            return Ok(());
+        }
+        writeln!(crate::terminal::stdout(), "{}", serde_json::json!({ "result": record })).map_err(with_output)
+    }
+}

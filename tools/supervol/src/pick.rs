@@ -1,0 +1,86 @@
+//! `supervol render --pick X,Y`: what is under pixels of the picture, as text or JSON.
+
+use std::io::Write;
+use std::sync::Arc;
+
+use serde_json::{Map, Value, json};
+use supervol_format::Container;
+use supervol_format::readable::Number;
+use supervol_runtime::facts::VolumeFacts;
+use supervol_runtime::frame::RenderOptions;
+use supervol_runtime::renderer::{Picked, PickedOn, Renderer};
+use supervol_runtime::scene::Scene;
+use supervol_runtime::volume::Volume;
+
+use crate::failure::{Failure, with_output};
+use crate::look::places;
+use crate::render::with_render;
+
+/// How what is found is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// A line or more for each pixel.
+    Text,
+    /// An array with an object for each pixel.
+    Json,
+}
+
+/// Says what is under these pixels of a picture of `scene`.
+pub fn run(
+    (container, facts, scene): (&Arc<Container>, &VolumeFacts, &Scene),
+    options: &RenderOptions,
+    pixels: &[[u32; 2]],
+    format: Format,
+) -> Result<(), Failure> {
+    let resolved = scene.resolve(facts).map_err(Failure::command)?;
+    let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone()).map_err(with_render)?;
+    renderer.set_scene(resolved);
+    let mut found = Vec::with_capacity(pixels.len());
+    for &pixel in pixels {
+        let picked = renderer.pick(pixel).map_err(with_render)?;
+        let lines = match &picked {
+            Some(picked) => places::lines(picked.index, container, facts)?,
+            None => Vec::new(),
+        };
+        found.push((pixel, picked, lines));
+    }
+    let written = match format {
+        Format::Text => found.iter().map(|(pixel, picked, lines)| text(*pixel, picked.as_ref(), lines)).collect(),
+        Format::Json => {
+            let objects: Vec<Value> =
+                found.iter().map(|(pixel, picked, lines)| object(*pixel, picked.as_ref(), lines)).collect();
+            serde_json::to_string_pretty(&objects).map_err(|e| Failure::Machine(e.to_string()))? + "\n"
+        }
+    };
+    write!(crate::terminal::stdout(), "{written}").map_err(with_output)
+}
+
+fn text([x, y]: [u32; 2], picked: Option<&Picked>, lines: &[(String, f64)]) -> String {
+    let Some(picked) = picked else { return format!("pixel {x},{y}: nothing is to be seen\n") };
+    let list = |numbers: [f64; 3]| numbers.map(|n| Number(n).to_string()).join(", ");
+    let on = match picked.on {
+        PickedOn::Volume => "volume".into(),
+        PickedOn::Surface(number) => format!("surface {number}"),
+        PickedOn::Extreme => "extreme".into(),
+        PickedOn::Slice(number) => format!("slice {number}"),
+    };
+    let mut text = format!(
+        "pixel {x},{y}: {on}\n  value  {}\n  world  {}\n  index  {} (level 0)\n",
+        Number(picked.value),
+        list(picked.world),
+        list(picked.index)
+    );
+    for (name, place) in lines {
+        text += &format!("  {name}  {}\n", Number(*place));
+    }
+    text
+}
+
+/// `{"pixel": [x, y], "picked": null}`, or with what was found, and where in the survey.
+fn object(pixel: [u32; 2], picked: Option<&Picked>, lines: &[(String, f64)]) -> Value {
+    let mut object = json!({ "pixel": pixel, "picked": picked });
+    if !lines.is_empty() {
+        object["survey"] = lines.iter().map(|(name, place)| (name.clone(), json!(place))).collect::<Map<_, _>>().into();
+    }
+    object
+}

@@ -1,0 +1,86 @@
+//! Volumes cut by solids, and what is under a pixel.
+
+mod support;
+
+use support::Folder;
+
+const RENDER: [&str; 8] = ["render", "v.svol", "--size", "48x36", "--backend", "cpu", "--force", "--camera"];
+const PYRAMID: &str = "v 2 2 2\nv 13 2 2\nv 8 13 2\nv 8 8 20\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+
+impl Folder {
+    /// Voxels of value 10 i + j, 1 x 1 x 2 apart.
+    fn with_ramp() -> Self {
+        let folder = Self::new();
+        let voxels: Vec<u8> = (0..16 * 16 * 12).map(|n| (10 * (n % 16) + n / 16 % 16) as u8).collect();
+        std::fs::write(folder.path("v.raw"), voxels).expect("a temporary folder has room");
+        let shape = ["--dims", "16x16x12", "--dtype", "u8", "--spacing", "1,1,2"];
+        folder.expect(0, &[&["build", "v.raw", "-o", "v.svol"], &shape[..]].concat());
+        folder
+    }
+
+    /// What it says: standard error where the code is not 0.
+    fn render(&self, code: i32, options: &[&str]) -> String {
+        self.expect(code, &[&RENDER[..], &["front"], options].concat())
+    }
+}
+
+#[test]
+fn solids_are_in_the_scene_that_is_printed() {
+    let folder = Folder::with_ramp();
+    std::fs::write(folder.path("hull.obj"), PYRAMID).expect("a temporary folder has room");
+    let cuts = ["--clip", "outside-sphere:8,8,8,4", "--clip", "mesh:hull.obj", "--clip", "1,0,0,3"];
+    let printed = folder.render(0, &[&cuts[..], &["--print-scene", "-o", "a.npy"]].concat());
+    let scene: serde_json::Value = support::json(&printed);
+    let solids = &scene["clip"]["solids"];
+    assert_eq!((&solids[0]["keep"], &solids[0]["sphere"]["radius"]), (&"outside".into(), &4.0.into()));
+    assert!(solids[1]["mesh"].as_str().is_some_and(|path| path.ends_with("hull.obj") && path.len() > 10), "{solids}");
+    // From another folder, it draws the same picture.
+    std::fs::create_dir(folder.path("sub")).expect("a temporary folder has room");
+    std::fs::write(folder.path("sub/scene.json"), printed).expect("a temporary folder has room");
+    folder.expect(0, &["render", "v.svol", "--backend", "cpu", "--scene", "sub/scene.json", "-o", "b.npy"]);
+    let [a, b] = ["a.npy", "b.npy"].map(|name| std::fs::read(folder.path(name)).expect("a picture"));
+    assert!(a == b, "another picture");
+    // What a scene names lies beside it, and is not written over.
+    std::fs::write(folder.path("sub/m.obj"), PYRAMID).expect("a temporary folder has room");
+    let beside = r#"{"clip": {"solids": [{"mesh": "m.obj"}]}}"#;
+    std::fs::write(folder.path("sub/beside.json"), beside).expect("a temporary folder has room");
+    folder.expect(0, &["render", "v.svol", "--backend", "cpu", "--scene", "sub/beside.json", "-o", "c.npy"]);
+}
+
+#[test]
+fn what_cannot_be_cut_with_is_refused_with_a_reason() {
+    let folder = Folder::with_ramp();
+    std::fs::write(folder.path("open.obj"), PYRAMID.replace("f 3 1 4\n", "")).expect("a temporary folder has room");
+    let refused = |options: &[&str]| folder.render(2, &[options, &["-o", "p.png"]].concat());
+    assert!(refused(&["--clip", "mesh:open.obj"]).contains("open edge"));
+    assert!(refused(&["--clip", "mesh:none.ply"]).contains("none.ply"));
+    assert!(refused(&["--clip", "ball:1,2,3,4"]).contains("sphere:X,Y,Z,R"));
+    assert!(refused(&["--clip", "sphere:1,2,3,-4"]).contains("clip.solids[0].sphere.radius"));
+    let on_device = ["render", "v.svol", "--backend", "gpu", "--clip", "sphere:8,8,8,4", "-o", "p.png"];
+    let on_device = folder.expect(2, &on_device);
+    assert!(on_device.contains("cpu and reference"));
+    let nothing = folder.run(&["render", "v.svol", "--clip", "sphere:900,8,8,4", "-o", "p.png"]);
+    let warning = String::from_utf8_lossy(&nothing.stderr);
+    assert!(warning.contains("clip box, planes and solids leave nothing"), "{warning}");
+}
+
+#[test]
+fn the_point_under_a_pixel_is_said() {
+    let folder = Folder::with_ramp();
+    // Seen from the front, along y, the surface 10 i + j = 75 lies at the edge of what is framed.
+    let text = folder.render(0, &["--iso", "75", "--pick", "28,18", "--pick", "0,0"]);
+    assert!(text.starts_with("pixel 28,18: surface 0\n  value  75\n  world  "), "{text}");
+    assert!(text.ends_with("pixel 0,0: nothing is to be seen\n"), "{text}");
+    let text = folder.render(0, &["--iso", "75", "--pick", "28,18", "--json"]);
+    let found: serde_json::Value = support::json(&text);
+    let picked = &found[0]["picked"];
+    let index: Vec<f64> = (0..3).filter_map(|a| picked["index"][a].as_f64()).collect();
+    assert!((10.0 * index[0] + index[1] - 75.0).abs() < 1e-3, "{text}");
+    let world: Vec<f64> = (0..3).filter_map(|a| picked["world"][a].as_f64()).collect();
+    assert!((0..3).all(|a| (world[a] - [1.0, 1.0, 2.0][a] * index[a]).abs() < 1e-9), "{text}");
+    assert_eq!((&picked["on"]["surface"], &picked["level"]), (&0.into(), &0.into()));
+    let refused = folder.render(2, &["--pick", "48,0"]);
+    assert!(refused.contains("48 x 36"), "{refused}");
+    let refused = folder.render(2, &["--mode", "mean", "--pick", "3,4"]);
+    assert!(refused.contains("mean"), "{refused}");
+}
