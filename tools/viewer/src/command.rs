@@ -34,8 +34,10 @@ pub enum Command {
     Nearer(i8),
     /// So many steps forward, negative back, with the target.
     Fly(i8),
-    /// Panels beside the picture.
+    /// Panels beside the picture: controls.
     Panels,
+    /// Panels beside the picture: sections.
+    Sections,
     /// Full screen.
     FullScreen,
 }
@@ -98,6 +100,7 @@ pub const BINDINGS: &[Binding] = &[
     binding(Command::ViewFrom(Direction::Top), &[plain(Key::Num5)], "From above"),
     binding(Command::ViewFrom(Direction::Bottom), &[plain(Key::Num6)], "From below"),
     binding(Command::Projection, &[plain(Key::P)], "Perspective or parallel rays"),
+    binding(Command::Sections, &[plain(Key::T)], "Three sections beside the picture, or the picture alone"),
     binding(Command::Panels, &[plain(Key::H)], "Hide or show the panels"),
     binding(Command::FullScreen, &[plain(Key::F11)], "Full screen"),
     binding(Command::Help, &[plain(Key::Questionmark), plain(Key::F1), with_shift(Key::Slash)], "Keys and mouse"),
@@ -108,6 +111,10 @@ pub const MOUSE: &[(&str, &str)] = &[
     ("Drag", "Turn"),
     ("Right or middle drag, or Shift and drag", "Move the picture"),
     ("Wheel, two fingers, pinch", "Nearer or away, towards the cursor"),
+    ("In a section: click or drag", "Move the cursor, through which all sections go"),
+    ("In a section: wheel; with Ctrl", "Move the section; nearer or away"),
+    ("In a section: right drag; double click", "Move the picture; see all of it again"),
+    ("Click in the picture, with sections", "The cursor goes to what is there"),
     ("Alt and wheel", "Move the slice, or the one that is held of several"),
     ("Double click", "The point under the cursor comes to the middle, nearer"),
     ("Drop a file on the window", "Open it"),

@@ -8,7 +8,8 @@
 //! ```
 //!
 //! - [`viewer`]: one frame of the window: news of the worker, keys, panels, the picture; knows nothing of windows;
-//! - `panels/`: what stands around the picture; `navigate`, `edit`, `planes`: what mouse, keys and panels do to the scene; `history`: undo;
+//! - `panels/`: what stands around the picture; `navigate`, `edit`, `planes`: what mouse, keys and panels do to the scene; `sections`:
+//!   what panels beside the picture show; `history`: undo;
 //!   `command`: the list of keys;
 //! - [`worker`]: the thread that opens, builds, draws and exports;
 //! - `folders`, `remembered`: the cache folder, and what is remembered from one time to the next;
@@ -22,6 +23,7 @@ pub mod navigate;
 mod panels;
 pub mod planes;
 pub mod remembered;
+pub mod sections;
 pub mod viewer;
 pub mod worker;
 

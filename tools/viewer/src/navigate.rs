@@ -109,6 +109,26 @@ pub fn fly(camera: &CameraSpec, share: f64) -> CameraSpec {
     moved(camera, share * axes.distance * axes.forward)
 }
 
+/// The world point at the target's depth that is seen at a place of a picture of this aspect (width over height).
+#[must_use]
+pub fn point_at(camera: &CameraSpec, at: [f64; 2], aspect: f64) -> DVec3 {
+    let axes = Axes::of(camera);
+    let half = 0.5 * axes.height(camera);
+    DVec3::from_array(camera.target) + half * (at[0] * aspect * axes.right + at[1] * axes.up)
+}
+
+/// Where a world point is seen in a picture of this aspect; `None` beside or behind a perspective camera.
+#[must_use]
+pub fn place_of(camera: &CameraSpec, point: DVec3, aspect: f64) -> Option<[f64; 2]> {
+    let axes = Axes::of(camera);
+    let from_eye = point - DVec3::from_array(camera.eye);
+    let depth = from_eye.dot(axes.forward);
+    let scale = if camera.height.is_some() { 1.0 } else { depth / axes.distance };
+    let half = 0.5 * axes.height(camera) * scale;
+    let place = [from_eye.dot(axes.right) / (half * aspect), from_eye.dot(axes.up) / half];
+    (scale > 0.0 && place.iter().all(|p| p.is_finite())).then_some(place)
+}
+
 /// The camera as it stands, moved along its own view direction to the depth of another one's target: from slice to slice.
 #[must_use]
 pub fn shifted_to(camera: &CameraSpec, other: &CameraSpec) -> CameraSpec {
@@ -194,6 +214,20 @@ mod tests {
             let nearest = dolly(&start, &STAGE, 0.0, cursor, 2.0);
             assert!(Axes::of(&nearest).height(&nearest) > 0.0, "never through the target");
         }
+    }
+
+    #[test]
+    fn points_are_seen_where_they_are() {
+        for start in both() {
+            let point = DVec3::new(0.5, 3.0, 2.0);
+            let found = place_of(&start, point, 2.0).expect("it is before the camera");
+            let expected = place(&start, point);
+            assert!((0..2).all(|a| (found[a] - expected[a]).abs() < 1e-12), "{found:?} {expected:?}");
+            let at = [0.3, -0.7];
+            let back = place_of(&start, point_at(&start, at, 2.0), 2.0).expect("it is before the camera");
+            assert!((0..2).all(|a| (back[a] - at[a]).abs() < 1e-12), "{back:?}");
+        }
+        assert_eq!(place_of(&camera(Some(30.0), None), DVec3::new(20.0, 2.0, 7.0), 2.0), None, "behind the camera");
     }
 
     #[test]

@@ -4,6 +4,7 @@ pub(crate) mod dialogs;
 mod editor;
 pub(crate) mod picture;
 pub(crate) mod properties;
+mod sections;
 mod slices;
 pub(crate) mod status;
 pub(crate) mod tools;
@@ -77,6 +78,14 @@ impl Looks {
 /// Files that were dropped on the window.
 pub(crate) fn dropped_files(ctx: &egui::Context) -> Vec<PathBuf> {
     ctx.input(|input| input.raw.dropped_files.iter().map(|file| file.path().into()).collect())
+}
+
+/// Points that stand beside a slider: its number.
+const BESIDE_SLIDER: f32 = 70.0;
+
+/// The next sliders are as wide as there is room.
+fn wide_slider(ui: &mut egui::Ui) {
+    ui.spacing_mut().slider_width = (ui.available_width() - BESIDE_SLIDER).max(40.0);
 }
 
 /// A heading of a panel.

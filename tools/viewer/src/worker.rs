@@ -5,9 +5,9 @@
 //! ```
 //!
 //! 1. Whoever wishes something puts it on the desk; what was wished before and not begun is forgotten.
-//! 2. The worker takes, in this order: an end, a volume to open, settings, a picture to export, a view. With nothing to take it
-//!    goes on with the picture that it has begun, until that has converged, and then brings into memory what the next one will
-//!    want if the camera goes on as it came.
+//! 2. The worker takes, in this order: an end, a volume to open, settings, a picture to export, a view, the sections of panels, a
+//!    pixel to look under. With nothing to take it goes on with the sections and then with the picture that it has begun, until
+//!    these have converged, and then brings into memory what the next picture will want if the camera goes on as it came.
 //! 3. A new view gets a picture within the time for interaction ([`Settings::interaction_ms`]). Only what comes after that is cut
 //!    short by the next wish: otherwise a view that changes all the time would never be seen.
 //! 4. News replace older news of their kind; the window is woken for each.
@@ -17,17 +17,23 @@
 mod easel;
 mod export;
 mod open;
+mod sections;
 
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Instant;
 
 use eframe::egui::ColorImage;
 use serde::{Deserialize, Serialize};
 use supervol_format::Container;
 use supervol_preprocess::report::Progress as BuildProgress;
+use supervol_preprocess::source::Survey;
 use supervol_runtime::facts::VolumeFacts;
+use supervol_runtime::frame::RenderError;
+use supervol_runtime::image::Image;
 use supervol_runtime::preset::overview::Overview;
+use supervol_runtime::renderer::Picked;
 use supervol_runtime::scene::Scene;
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::stop::Canceller;
@@ -35,6 +41,9 @@ use supervol_runtime::stop::Canceller;
 use self::easel::Easel;
 pub use self::export::Export;
 use crate::folders::Folders;
+
+/// Panels with a section each, beside the picture.
+pub const PANELS: usize = 3;
 
 /// With what pictures are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,6 +58,18 @@ pub struct Settings {
     pub threads: Option<usize>,
     /// Whether box, orientation, scale and colours are drawn beside the volume.
     pub decorations: Decorations,
+    /// Whether a part of the memory is that of panels beside the picture.
+    pub beside: Beside,
+}
+
+/// Whether there are panels beside the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Beside {
+    /// The picture is alone.
+    #[default]
+    Nothing,
+    /// Panels, with sections.
+    Panels,
 }
 
 /// Whether something stands beside the volume.
@@ -69,6 +90,7 @@ impl Default for Settings {
             interaction_ms: 33,
             threads: None,
             decorations: Decorations::Off,
+            beside: Beside::Nothing,
         }
     }
 }
@@ -108,6 +130,8 @@ pub struct Opened {
     pub container: Arc<Container>,
     /// What its header says.
     pub facts: VolumeFacts,
+    /// Line numbers and times or depths, of a survey.
+    pub survey: Option<Survey>,
     /// What a coarse level tells, where one is small enough.
     pub overview: Option<Overview>,
     /// How many times as large heights or depths are drawn.
@@ -132,6 +156,28 @@ pub struct Frame {
     pub is_converged: bool,
     /// Wall time of drawing it so far, milliseconds.
     pub spent_ms: f64,
+}
+
+/// A question: what is under a pixel?
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Probe {
+    /// Counts questions.
+    pub number: u64,
+    /// Of which volume.
+    pub volume: u64,
+    /// The panel; `None`: of the picture.
+    pub panel: Option<usize>,
+    /// Pixel (x, y), from the top left.
+    pub pixel: [u32; 2],
+}
+
+/// The answer: a point, nothing, or why nobody knows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Probed {
+    /// To what.
+    pub probe: Probe,
+    /// What is there.
+    pub found: Result<Option<Picked>, String>,
 }
 
 /// What was brought into memory for the next picture, since the present one has converged.
@@ -172,6 +218,10 @@ pub struct News {
     pub opened: Option<Arc<Opened>>,
     /// A picture has been drawn.
     pub frame: Option<Frame>,
+    /// Pictures of the panels.
+    pub sections: [Option<Frame>; PANELS],
+    /// What is under the pixel that was asked for last.
+    pub probed: Option<Probed>,
     /// What is there for the next picture.
     pub ahead: Option<LookedAhead>,
     /// What is going on.
@@ -188,10 +238,19 @@ struct Wishes {
     settings: Option<Settings>,
     export: Option<Export>,
     view: Option<View>,
+    sections: [Option<View>; PANELS],
+    probe: Option<Probe>,
     /// Stops what the worker does, while that may be cut short.
     cut: Option<Canceller>,
     /// Stops an export.
     export_canceller: Option<Canceller>,
+}
+
+impl Wishes {
+    /// The first section that is wanted.
+    fn section(&mut self) -> Option<(usize, View)> {
+        self.sections.iter_mut().enumerate().find_map(|(panel, view)| Some((panel, view.take()?)))
+    }
 }
 
 /// What lies between window and worker.
@@ -235,6 +294,8 @@ enum Work {
     Settings(Settings),
     Export(Export),
     View(View),
+    Section(usize, View),
+    Probe(Probe),
     GoOn,
 }
 
@@ -250,7 +311,9 @@ impl Desk {
             let work = (wishes.open.take().map(Work::Open))
                 .or_else(|| wishes.settings.take().map(Work::Settings))
                 .or_else(|| wishes.export.take().map(Work::Export))
-                .or_else(|| wishes.view.take().map(Work::View));
+                .or_else(|| wishes.view.take().map(Work::View))
+                .or_else(|| wishes.section().map(|(panel, view)| Work::Section(panel, view)))
+                .or_else(|| wishes.probe.take().map(Work::Probe));
             if let Some(work) = work {
                 return work;
             }
@@ -294,12 +357,28 @@ impl Worker {
 
     /// Opens a volume, instead of the one that is open.
     pub fn open(&self, open: Open) {
-        self.desk.wish(|wishes| (wishes.open, wishes.view) = (Some(open), None));
+        self.desk.wish(|wishes| {
+            (wishes.open, wishes.view, wishes.probe) = (Some(open), None, None);
+            wishes.sections = [const { None }; PANELS];
+        });
     }
 
     /// Draws a picture.
     pub fn view(&self, view: View) {
         self.desk.wish(|wishes| wishes.view = Some(view));
+    }
+
+    /// Draws the section of a panel.
+    ///
+    /// # Panics
+    /// If there is no such panel.
+    pub fn section(&self, panel: usize, view: View) {
+        self.desk.wish(|wishes| wishes.sections[panel] = Some(view));
+    }
+
+    /// Looks what is under a pixel.
+    pub fn probe(&self, probe: Probe) {
+        self.desk.wish(|wishes| wishes.probe = Some(probe));
     }
 
     /// From now on pictures are made like this.
@@ -328,6 +407,8 @@ impl Worker {
         News {
             opened: news.opened.take(),
             frame: news.frame.take(),
+            sections: std::mem::take(&mut news.sections),
+            probed: news.probed.take(),
             ahead: news.ahead.take(),
             busy: news.busy.clone(),
             message: news.message.take(),
@@ -350,6 +431,33 @@ impl Drop for Worker {
             // What it panicked with is on standard error already.
             let _ = thread.join();
         }
+    }
+}
+
+/// A picture for the window, with its background, that was begun then. Where bricks failed, it may have come to its end without having
+/// converged as statistics mean it.
+fn frame_of(
+    view: &View,
+    (picture, background): (&Image, [f64; 3]),
+    (stats, is_converged): (FrameStats, bool),
+    began: Instant,
+) -> Frame {
+    let size = [picture.width, picture.height].map(|n| n as usize);
+    Frame {
+        volume: view.volume,
+        number: view.number,
+        image: Arc::new(ColorImage::from_rgb(size, &picture.to_rgb8(background))),
+        stats,
+        is_converged,
+        spent_ms: began.elapsed().as_secs_f64() * 1e3,
+    }
+}
+
+/// What was found, or why not; nothing where somebody wanted something else meanwhile.
+fn picked(found: Result<Option<Picked>, RenderError>) -> Option<Result<Option<Picked>, String>> {
+    match found {
+        Err(RenderError::Cancelled) => None,
+        found => Some(found.map_err(|e| e.to_string())),
     }
 }
 
@@ -391,6 +499,16 @@ fn work(desk: &Arc<Desk>, mut settings: Settings) {
             Work::View(view) => {
                 if let Some(easel) = &mut easel {
                     easel.begin(desk, view, &settings);
+                }
+            }
+            Work::Section(panel, view) => {
+                if let Some(easel) = &mut easel {
+                    easel.begin_section(desk, panel, view, &settings);
+                }
+            }
+            Work::Probe(probe) => {
+                if let Some(easel) = &mut easel {
+                    easel.probe(desk, probe);
                 }
             }
             Work::GoOn => {

@@ -23,11 +23,11 @@ fn from_within() -> Scene {
         fov_y: Some(30.0),
         height: None,
     };
-    Scene { camera: Some(camera), mode: Some(Mode::Mip), ..Scene::default() }
+    Scene { camera: Some(camera), mode: Some(Mode::Mean), ..Scene::default() }
 }
 
 fn session() -> Session {
-    Session::in_bricks("vessels", [EDGE, u64::from(BRICK)], from_within(), Settings::default())
+    Session::in_bricks("marschner-lobb", [EDGE, u64::from(BRICK)], from_within(), Settings::default())
 }
 
 #[test]

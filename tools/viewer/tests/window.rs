@@ -10,7 +10,7 @@ use supervol_runtime::scene::{Mode, Scene, ShadingSpec};
 use supervol_runtime::slices::Interpolation;
 use supervol_runtime::slices::filter::{FilterKind, FilterSpec};
 use supervol_viewer::command::{BINDINGS, Command};
-use supervol_viewer::worker::Message;
+use supervol_viewer::worker::{Message, Settings};
 
 use support::{Session, headless};
 
@@ -383,7 +383,9 @@ fn slices_have_filters_colours_and_interpolations() {
 #[test]
 fn the_controls_of_slices_fit() {
     for (name, scale) in [("slices-1280x800", 1.0), ("slices-scale2", 2.0)] {
-        let mut session = Session::sized("vessels", [1280.0, 800.0], scale);
+        // Pictures of the regions between slices take memory that a window of so many pixels does not have by default.
+        let settings = Settings { host_memory_bytes: 2 << 30, ..Settings::default() };
+        let mut session = Session::in_window("vessels", ([1280.0, 800.0], scale), settings);
         session.rest();
         session.click("Volume");
         session.click("+ y");
@@ -394,6 +396,7 @@ fn the_controls_of_slices_fit() {
         assert!(last.right() <= panel, "{name}: {last:?} reaches into the picture at {panel}");
         session.node("Slice 2, colours").scroll_to_me();
         session.frames(8);
+        session.rest();
         session.screenshot(name);
     }
 }

@@ -6,7 +6,7 @@ use supervol_runtime::scene::Mode;
 use supervol_runtime::slices::filter::{FilterKind, FilterSpec};
 use supervol_runtime::slices::{Interpolation, SLICE_LIMIT, SliceSpec};
 
-use super::heading;
+use super::{heading, wide_slider};
 use crate::planes::{self, Place};
 use crate::viewer::Viewer;
 use crate::worker::{Message, Opened};
@@ -14,8 +14,6 @@ use crate::worker::{Message, Opened};
 /// Ways to find values between voxels, with their names for people.
 const INTERPOLATIONS: [(Interpolation, &str); 3] =
     [(Interpolation::Nearest, "nearest"), (Interpolation::Linear, "linear"), (Interpolation::Cubic, "cubic")];
-/// Points that stand beside a slider: its number.
-const BESIDE_SLIDER: f32 = 70.0;
 
 /// Shows the controls.
 pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
@@ -47,8 +45,13 @@ pub(super) fn show(viewer: &mut Viewer, ui: &mut Ui) {
                 }
             });
             place(slice, &opened, number, ui);
-            values(slice, number, ui);
-            filter(slice, &opened, number, ui);
+            wide_slider(ui);
+            ui.add(Slider::new(&mut slice.opacity, 0.0..=1.0).clamping(SliderClamping::Edits).max_decimals(2))
+                .on_hover_text("Opacity: 1 hides what lies behind")
+                .accessible_name(format!("Slice {number}, opacity"));
+            let name = format!("Slice {number}");
+            interpolation(slice, &name, ui);
+            filter(slice, &opened, &name, ui);
         });
     }
     viewer.scene = scene;
@@ -74,10 +77,6 @@ fn adders(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     }
 }
 
-fn wide_slider(ui: &mut Ui) {
-    ui.spacing_mut().slider_width = (ui.available_width() - BESIDE_SLIDER).max(40.0);
-}
-
 fn place(slice: &mut SliceSpec, opened: &Opened, number: usize, ui: &mut Ui) {
     let Place { axis, mut at, range: [least, most], .. } = planes::place_of(slice, &opened.facts);
     wide_slider(ui);
@@ -93,8 +92,8 @@ fn place(slice: &mut SliceSpec, opened: &Opened, number: usize, ui: &mut Ui) {
         return;
     }
     let mut normal = slice.normal;
+    ui.label("normal");
     ui.horizontal(|ui| {
-        ui.label("normal");
         for (component, name) in normal.iter_mut().zip(["x", "y", "z"]) {
             let words = format!("Part of the normal along the world's {name}; the length does not matter");
             ui.add(DragValue::new(component).speed(0.01).max_decimals(3))
@@ -107,11 +106,8 @@ fn place(slice: &mut SliceSpec, opened: &Opened, number: usize, ui: &mut Ui) {
     }
 }
 
-fn values(slice: &mut SliceSpec, number: usize, ui: &mut Ui) {
-    wide_slider(ui);
-    ui.add(Slider::new(&mut slice.opacity, 0.0..=1.0).clamping(SliderClamping::Edits).max_decimals(2))
-        .on_hover_text("Opacity: 1 hides what lies behind")
-        .accessible_name(format!("Slice {number}, opacity"));
+/// How values between voxels are found, of what is called so.
+pub(super) fn interpolation(slice: &mut SliceSpec, what: &str, ui: &mut Ui) {
     ui.horizontal(|ui| {
         ui.label("between");
         let name = INTERPOLATIONS.iter().find(|(how, _)| *how == slice.interpolation).map_or("", |(_, name)| name);
@@ -122,14 +118,15 @@ fn values(slice: &mut SliceSpec, number: usize, ui: &mut Ui) {
         });
         box_.response
             .on_hover_text("How values between voxels are found (--interpolation)")
-            .accessible_name(format!("Slice {number}, interpolation"));
+            .accessible_name(format!("{what}, interpolation"));
         if let Some((how, _)) = box_.inner.flatten() {
             slice.interpolation = how;
         }
     });
 }
 
-fn filter(slice: &mut SliceSpec, opened: &Opened, number: usize, ui: &mut Ui) {
+/// Filter and colours of what is called so.
+pub(super) fn filter(slice: &mut SliceSpec, opened: &Opened, what: &str, ui: &mut Ui) {
     let now = slice.filter.map(|filter| filter.kind);
     let named = |kind: Option<FilterKind>| {
         FilterKind::NAMES.iter().find(|(_, known)| Some(*known) == kind).map_or("none", |(name, _)| name)
@@ -142,7 +139,7 @@ fn filter(slice: &mut SliceSpec, opened: &Opened, number: usize, ui: &mut Ui) {
         });
         box_.response
             .on_hover_text("Image filter on the values of the slice (--filter)")
-            .accessible_name(format!("Slice {number}, filter"));
+            .accessible_name(format!("{what}, filter"));
         if let Some(kind) = box_.inner.flatten() {
             slice.filter = kind.map(|kind| FilterSpec { kind, size: kind.sizes().map(|[least, _]| least.max(1.0)) });
             // Colours are of values; those of edges and slopes are others.
@@ -155,15 +152,15 @@ fn filter(slice: &mut SliceSpec, opened: &Opened, number: usize, ui: &mut Ui) {
         {
             ui.add(DragValue::new(size).speed(0.05).range(least..=most).clamp_existing_to_range(false).max_decimals(1))
                 .on_hover_text("Size of the filter, voxels")
-                .accessible_name(format!("Slice {number}, size of the filter"));
+                .accessible_name(format!("{what}, size of the filter"));
         }
     });
     if slice.filter.is_none_or(|filter| filter.kind.keeps_values()) {
-        ui.horizontal(|ui| colors(slice, opened, number, ui));
+        ui.horizontal(|ui| colors(slice, opened, what, ui));
     }
 }
 
-fn colors(slice: &mut SliceSpec, opened: &Opened, number: usize, ui: &mut Ui) {
+fn colors(slice: &mut SliceSpec, opened: &Opened, what: &str, ui: &mut Ui) {
     ui.label("colours");
     let box_ = ComboBox::from_id_salt("colours")
         .width(70.0)
@@ -171,7 +168,7 @@ fn colors(slice: &mut SliceSpec, opened: &Opened, number: usize, ui: &mut Ui) {
         .show_ui(ui, |ui| colormap::NAMES.into_iter().find(|name| ui.selectable_label(false, *name).clicked()));
     box_.response
         .on_hover_text("Colour map of the slice, over the values that slices of this volume show")
-        .accessible_name(format!("Slice {number}, colours"));
+        .accessible_name(format!("{what}, colours"));
     if let Some(name) = box_.inner.flatten() {
         planes::paint(slice, &opened.facts, name);
     }

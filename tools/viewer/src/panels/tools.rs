@@ -3,7 +3,7 @@
 use eframe::egui::{self, Button, Slider, SliderClamping, Ui};
 use supervol_runtime::preset::view::Direction;
 
-use super::heading;
+use super::{heading, wide_slider};
 use crate::command::{Command, keys_of};
 use crate::edit;
 use crate::planes::axis_name;
@@ -25,6 +25,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             ui.add_enabled_ui(is_open, |ui| {
                 view(viewer, ui);
                 slice(viewer, ui);
+                super::sections::controls(viewer, ui);
                 super::slices::show(viewer, ui);
                 crop(viewer, ui);
             });
@@ -135,7 +136,7 @@ fn slice(viewer: &mut Viewer, ui: &mut Ui) {
     }
     if let Some((axis, mut at)) = viewer.slice.as_ref().map(|slice| (slice.axis, slice.at)) {
         let last = opened.facts.dims.0[axis] - 1;
-        ui.spacing_mut().slider_width = (ui.available_width() - 70.0).max(40.0);
+        wide_slider(ui);
         let words = format!("Voxel along {}, 0 to {last}", axis_name(&opened, axis));
         let response =
             ui.add(Slider::new(&mut at, 0..=last).clamping(SliderClamping::Edits).integer()).on_hover_text(words);
@@ -160,7 +161,7 @@ fn crop(viewer: &mut Viewer, ui: &mut Ui) {
         ui.label(&name).on_hover_text(format!("{name}: {} voxels, 0 to {last}", dims[axis]));
         for (end, what) in [(0, "first"), (1, "last")] {
             let slider = Slider::new(&mut kept[axis][end], 0..=last).clamping(SliderClamping::Edits).integer();
-            ui.spacing_mut().slider_width = (ui.available_width() - 70.0).max(40.0);
+            wide_slider(ui);
             ui.add(slider)
                 .on_hover_text(format!("The {what} voxel along {name} that is shown"))
                 .accessible_name(format!("{name}, {what} voxel"));

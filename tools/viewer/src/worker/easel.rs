@@ -4,7 +4,6 @@ use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use eframe::egui::ColorImage;
 use supervol_runtime::frame::{Backend, Progress, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::renderer::Renderer;
@@ -12,7 +11,8 @@ use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stop::Canceller;
 use supervol_runtime::volume::Volume;
 
-use super::{Busy, Decorations, Desk, Frame, LookedAhead, Opened, Settings, View, lock};
+use super::sections::{Sections, needed, shares};
+use super::{Beside, Busy, Decorations, Desk, LookedAhead, Opened, Probe, Probed, Settings, View, frame_of, lock};
 
 /// A picture at rest is shown anew after so long, as far as it has come.
 const REFINEMENT: Duration = Duration::from_millis(150);
@@ -25,6 +25,8 @@ const LOOK_LIMIT: u32 = 100;
 pub(super) struct Easel {
     pub(super) opened: Arc<Opened>,
     pub(super) renderer: Renderer,
+    /// The panels, once there were some.
+    sections: Option<Sections>,
     view: Option<View>,
     /// The same, resolved.
     scene: Option<ResolvedScene>,
@@ -38,6 +40,7 @@ pub(super) struct Easel {
     decorations: Decorations,
 }
 
+/// With what pictures of the volume are made.
 fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
     let desk = Arc::downgrade(desk);
     let on_progress = move |progress: Progress| {
@@ -50,13 +53,28 @@ fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
             (desk.wake)();
         }
     };
+    let host_memory_bytes = match settings.beside {
+        Beside::Nothing => settings.host_memory_bytes,
+        Beside::Panels => shares(settings.host_memory_bytes)[0],
+    };
     RenderOptions {
         backend: Backend::Cpu,
-        host_memory_bytes: settings.host_memory_bytes,
+        host_memory_bytes,
         threads: settings.threads,
         max_error: settings.max_error,
         predict_error: true,
         progress: Some(Arc::new(on_progress)),
+        ..RenderOptions::default()
+    }
+}
+
+/// The same of sections.
+fn options_of_sections(settings: &Settings) -> RenderOptions {
+    RenderOptions {
+        backend: Backend::Cpu,
+        host_memory_bytes: shares(settings.host_memory_bytes)[1],
+        threads: settings.threads,
+        max_error: settings.max_error,
         ..RenderOptions::default()
     }
 }
@@ -71,6 +89,7 @@ impl Easel {
         Ok(Self {
             opened,
             renderer,
+            sections: None,
             view: None,
             scene: None,
             is_settled: true,
@@ -83,7 +102,8 @@ impl Easel {
 
     /// Who can stop the picture in progress or what is read for the next one; none where nothing is left to do.
     pub(super) fn unfinished(&self) -> Option<Canceller> {
-        (!self.is_settled || self.looks_left > 0).then(|| self.renderer.canceller())
+        let sections = self.sections.as_ref().and_then(Sections::unfinished);
+        sections.or_else(|| (!self.is_settled || self.looks_left > 0).then(|| self.renderer.canceller()))
     }
 
     /// A wish that came when the work it was to cut short had just ended must not stop what it asks for.
@@ -92,11 +112,16 @@ impl Easel {
             // A step that is cancelled ends at once, and takes the word with it; errors show again in the next step.
             let _ = self.renderer.advance(Some(Instant::now()));
         }
+        self.sections.iter_mut().for_each(Sections::forget_cut);
     }
 
     /// From now on pictures are made like this, from the next view on. What is loaded stays.
     pub(super) fn set(&mut self, desk: &Arc<Desk>, settings: &Settings) {
         self.renderer.set_options(options(desk, settings));
+        match settings.beside {
+            Beside::Nothing => self.sections = None,
+            Beside::Panels => self.sections.iter_mut().for_each(|s| s.set(options_of_sections(settings))),
+        }
         self.decorations = settings.decorations;
         (self.is_settled, self.looks_left) = (true, 0);
     }
@@ -124,9 +149,43 @@ impl Easel {
         self.advance(desk, Duration::from_millis(settings.interaction_ms));
     }
 
-    /// Goes on with the picture, or reads for the next one where this one has converged.
+    /// Begins the section of a panel.
+    pub(super) fn begin_section(&mut self, desk: &Desk, panel: usize, view: View, settings: &Settings) {
+        if view.volume != self.opened.number || settings.beside == Beside::Nothing {
+            return;
+        }
+        match needed(&mut self.sections, &self.opened, || options_of_sections(settings)) {
+            Ok(sections) => sections.begin(desk, &self.opened, panel, view, settings.interaction_ms),
+            Err(error) => desk.fail(error),
+        }
+    }
+
+    /// Looks what is under a pixel; the next wish cuts that short.
+    pub(super) fn probe(&mut self, desk: &Desk, probe: Probe) {
+        if probe.volume != self.opened.number {
+            return;
+        }
+        let found = match (probe.panel, &mut self.sections) {
+            (Some(panel), Some(sections)) => {
+                lock(&desk.wishes).cut = Some(sections.canceller());
+                sections.pick(panel, probe.pixel)
+            }
+            (None, _) if self.scene.is_some() => {
+                lock(&desk.wishes).cut = Some(self.renderer.canceller());
+                super::picked(self.renderer.pick(probe.pixel))
+            }
+            _ => None,
+        };
+        if let Some(found) = found {
+            desk.tell(|news| news.probed = Some(Probed { probe, found }));
+        }
+    }
+
+    /// Goes on with the sections, then with the picture, or reads for the next one where this one has converged.
     pub(super) fn go_on(&mut self, desk: &Desk) {
-        if self.is_settled {
+        if let Some(sections) = self.sections.as_mut().filter(|sections| sections.unfinished().is_some()) {
+            sections.go_on(desk);
+        } else if self.is_settled {
             self.look_ahead(desk);
         } else {
             self.advance(desk, REFINEMENT);
@@ -180,18 +239,9 @@ impl Easel {
             return;
         };
         let picture = self.decorated(picture, scene);
-        let size = [picture.width, picture.height].map(|n| n as usize);
-        let image = Arc::new(ColorImage::from_rgb(size, &picture.to_rgb8(scene.background)));
-        drop(picture);
-        let frame = Frame {
-            volume: view.volume,
-            number: view.number,
-            image,
-            // Of pictures that are on their way, nobody can read it: it would take as long as casting them.
-            stats: if is_converged { self.renderer.stats() } else { self.renderer.counts() },
-            is_converged,
-            spent_ms: self.began.elapsed().as_secs_f64() * 1e3,
-        };
+        // Of pictures that are on their way, nobody can read the stated error: it would take as long as casting them.
+        let stats = if is_converged { self.renderer.stats() } else { self.renderer.counts() };
+        let frame = frame_of(view, (&picture, scene.background), (stats, is_converged), self.began);
         desk.tell(|news| news.frame = Some(frame));
     }
 

@@ -99,9 +99,24 @@ impl Session {
         Self::new(name, size, scale, Settings::default())
     }
 
+    /// What a function makes of a volume file in the folder of the session.
+    pub fn of_file(make: impl FnOnce(&Path) -> PathBuf) -> Self {
+        let mut session = Self::of("sphere");
+        let file = make(session.folder.path());
+        session.harness.state_mut().open(&file);
+        session.until("it is open", |s| s.viewer().opened().is_some_and(|opened| opened.source == file));
+        session.rest();
+        session
+    }
+
     /// A volume of another edge in bricks of another edge, seen as a scene says.
     pub fn in_bricks(name: &str, edges: [u64; 2], scene: Scene, settings: Settings) -> Self {
         Self::with(name, edges, scene, ([1280.0, 800.0], 1.0), settings)
+    }
+
+    /// A window of another size and scale, pictures made with these settings.
+    pub fn in_window(name: &str, window: ([f32; 2], f32), settings: Settings) -> Self {
+        Self::new(name, window.0, window.1, settings)
     }
 
     fn new(name: &str, size: [f32; 2], scale: f32, settings: Settings) -> Self {
@@ -269,6 +284,16 @@ impl Session {
         let shown: Vec<u8> = picture.image.pixels.iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();
         let most = shown.iter().zip(&expected).map(|(a, b)| a.abs_diff(*b)).max();
         assert_eq!(most, Some(0), "grey levels between what is shown and what is rendered");
+    }
+
+    /// The panel of the section across an axis shows what `render` draws of its scene, bit for bit.
+    pub fn assert_section_is_as_rendered(&mut self, axis: usize) {
+        let panel = self.viewer().sections().panel(axis).expect("a panel");
+        let (scene, shown) = (panel.scene().expect("a scene"), panel.shown().expect("a picture"));
+        let (expected, background) = headless(self.viewer(), scene);
+        assert_eq!(shown.image.size, [expected.width, expected.height].map(|n| n as usize));
+        let bytes: Vec<u8> = shown.image.pixels.iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();
+        assert!(bytes == expected.to_rgb8(background), "section {axis} is not what render draws");
     }
 
     /// Draws the window, and writes it where somebody asks for it; without a graphics adapter, says so.
