@@ -1,5 +1,6 @@
 //! What stands around the picture, and the picture itself. Panels show the scene and change it; nothing else.
 
+mod browse;
 pub(crate) mod dialogs;
 mod editor;
 pub(crate) mod picture;
@@ -8,6 +9,7 @@ mod sections;
 mod slices;
 pub(crate) mod status;
 pub(crate) mod tools;
+pub(crate) mod transfer;
 
 use std::path::PathBuf;
 

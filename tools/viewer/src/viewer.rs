@@ -17,6 +17,7 @@ use crate::edit;
 use crate::folders::Folders;
 use crate::history::History;
 use crate::navigate;
+use crate::panels::transfer::{self, Transfer};
 use crate::panels::{self, Dialogs, Looks};
 use crate::planes;
 use crate::remembered::{Remembered, Theme};
@@ -77,6 +78,7 @@ pub struct Viewer {
     pub(crate) looks: Looks,
     pub(crate) slice: Option<Sliced>,
     pub(crate) sections: Sections,
+    pub(crate) transfer: Transfer,
     pub(crate) remembered: Remembered,
     pub(crate) folders: Folders,
     /// Milliseconds from wishes to the first pictures that answered them, the last ones last.
@@ -110,6 +112,7 @@ impl Viewer {
             looks: Looks::default(),
             slice: None,
             sections: Sections { layout: remembered.layout, ..Sections::default() },
+            transfer: Transfer::default(),
             remembered,
             folders: launch.folders.clone(),
             latencies_ms: VecDeque::new(),
@@ -193,6 +196,7 @@ impl Viewer {
         let ctx = ui.ctx().clone();
         self.start(&ctx);
         self.receive(&ctx);
+        transfer::receive(self);
         for path in panels::dropped_files(&ctx) {
             self.open(&path);
         }

@@ -6,7 +6,7 @@ mod support;
 use eframe::egui::{Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2};
 use egui_kittest::kittest::Queryable;
 use supervol_preprocess::Existing;
-use supervol_runtime::scene::{Mode, Scene, ShadingSpec};
+use supervol_runtime::scene::{Mode, Scene, ShadingSpec, TransferFunctionSpec};
 use supervol_runtime::slices::Interpolation;
 use supervol_runtime::slices::filter::{FilterKind, FilterSpec};
 use supervol_viewer::command::{BINDINGS, Command};
@@ -444,4 +444,65 @@ fn nothing_that_is_no_picture_is_replaced() {
     session.click("Save");
     assert!(matches!(session.viewer().message(), Some(Message::Failure(m)) if m.contains("sphere.svol")));
     assert_eq!(std::fs::read(&volume).expect("a file")[1..5], *b"SVOL");
+}
+
+/// Files of other programs and names of one's own: what is loaded is what `--tf` and `--colormap` would draw.
+#[test]
+fn transfer_functions_are_loaded_saved_and_kept_by_name() {
+    let mut session = Session::of("vessels");
+    session.rest();
+    session.click("Volume");
+    session.rest();
+    let first = session.viewer().scene().clone();
+    let points = |session: &Session| match &session.viewer().scene().transfer_function {
+        Some(TransferFunctionSpec::Points(spec)) => spec.clone(),
+        other => panic!("no points: {other:?}"),
+    };
+    let unit_distance = points(&session).unit_distance;
+    session.click("Save as ...");
+    session.type_over("Name to keep it by", "first look");
+    session.click("Keep");
+    session
+        .until("it is written", |s| matches!(s.viewer().message(), Some(Message::Done(m)) if m.contains("first look")));
+
+    let folder = session.folder.path().to_path_buf();
+    std::fs::write(folder.join("ramp.1dt"), "2\n0 0 0 0\n1 1 0 0.5\n").expect("a file");
+    std::fs::write(folder.join("colours.json"), r#"[{"RGBPoints": [0, 0, 0, 1, 9, 1, 0, 0]}]"#).expect("a file");
+    std::fs::write(folder.join("wrong.json"), "[1]").expect("a file");
+    let load = |session: &mut Session, name: &str| {
+        session.click("Load ...");
+        session.type_over("File to open", &folder.join(name).display().to_string());
+        session.click("Open");
+    };
+    load(&mut session, "ramp.1dt");
+    session.until("it is loaded", |s| s.viewer().scene().transfer_function != first.transfer_function);
+    session.rest();
+    let ramp = points(&session);
+    assert_eq!(ramp.points.iter().map(|p| p.alpha).collect::<Vec<_>>(), [0.0, 0.5]);
+    assert_eq!((ramp.points[1].color, ramp.unit_distance), ([1.0, 1.0, 0.0], unit_distance));
+    session.assert_is_as_rendered();
+    load(&mut session, "colours.json");
+    session.until("it is painted", |s| points(s) != ramp);
+    session.rest();
+    let painted = points(&session);
+    assert_eq!(
+        painted.points.iter().map(|p| (p.color, p.alpha)).collect::<Vec<_>>(),
+        [([0.0, 0.0, 1.0], 0.0), ([1.0, 0.0, 0.0], 0.5)]
+    );
+    session.assert_is_as_rendered();
+    load(&mut session, "wrong.json");
+    session.until(
+        "it is refused",
+        |s| matches!(s.viewer().message(), Some(Message::Failure(m)) if m.contains("wrong.json")),
+    );
+    assert_eq!(points(&session), painted);
+
+    session.click("Named transfer functions");
+    session.frames(3);
+    session.click("first look");
+    session.until("it is there again", |s| s.viewer().scene().transfer_function == first.transfer_function);
+    session.rest();
+    session.assert_is_as_rendered();
+    session.press(Modifiers::COMMAND, Key::Z);
+    assert_eq!(points(&session), painted, "loading is an edit");
 }

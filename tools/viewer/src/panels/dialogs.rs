@@ -11,18 +11,13 @@ use supervol_runtime::image::{GREY_LEVELS, ImageFormat};
 use supervol_runtime::scene::{RAY_LIMIT, Scene};
 use xxhash_rust::xxh3::xxh3_64;
 
+use super::browse::{Browser, Wanted};
+use super::{browse, transfer};
 use crate::command::{BINDINGS, MOUSE};
 use crate::folders::{self, Folders};
 use crate::viewer::Viewer;
 use crate::worker::{Decorations, Export, Message, Opened, Settings};
 
-/// Files of a folder that are listed at most.
-const LIST_LIMIT: usize = 2000;
-/// Names that end so may be volumes; others are listed where all files are asked for.
-const VOLUMES: [&str; 16] = [
-    "svol", "sgy", "segy", "seg", "seg-y", "nrrd", "nhdr", "nii", "gz", "hdr", "img", "mha", "mhd", "tif", "tiff",
-    "npy",
-];
 /// Scenes of commands that are kept.
 const SCENE_LIMIT: usize = 200;
 /// Most pixels of an exported picture along a side.
@@ -33,20 +28,10 @@ const SIDE_LIMIT: u32 = 32_768;
 pub(crate) struct Dialogs {
     /// The window of keys.
     pub(crate) keys: bool,
-    open: Option<OpenDialog>,
+    /// The window in which a file is chosen.
+    pub(crate) browser: Option<Browser>,
     save: Option<SaveDialog>,
     export: Option<ExportDialog>,
-}
-
-struct OpenDialog {
-    /// What stands in the field.
-    path: String,
-    folder: PathBuf,
-    /// Folders first; names with whether they are folders.
-    entries: Vec<(String, bool)>,
-    /// Why it cannot be listed.
-    trouble: Option<String>,
-    all_files: bool,
 }
 
 struct SaveDialog {
@@ -63,60 +48,15 @@ struct ExportDialog {
 }
 
 /// A file beside the volume.
-fn beside(opened: Option<&Opened>, ending: &str) -> String {
+pub(super) fn beside(opened: Option<&Opened>, ending: &str) -> String {
     let path = opened.map(|opened| opened.source.with_extension(ending)).unwrap_or_default();
     std::path::absolute(&path).unwrap_or(path).display().to_string()
-}
-
-impl OpenDialog {
-    fn at(folder: PathBuf) -> Self {
-        let mut dialog =
-            Self { path: folder.display().to_string(), folder, entries: Vec::new(), trouble: None, all_files: false };
-        dialog.list();
-        dialog
-    }
-
-    fn list(&mut self) {
-        self.entries.clear();
-        self.trouble = None;
-        let listed = match std::fs::read_dir(&self.folder) {
-            Ok(listed) => listed,
-            Err(error) => {
-                self.trouble = Some(format!("{}: {error}", self.folder.display()));
-                return;
-            }
-        };
-        for entry in listed.flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            // Links are followed.
-            let is_folder = entry.path().is_dir();
-            let ending = Path::new(&name).extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-            let is_shown = self.all_files || is_folder || VOLUMES.contains(&ending.as_str());
-            if is_shown && !name.starts_with('.') {
-                self.entries.push((name, is_folder));
-            }
-        }
-        self.entries.sort_by(|a, b| b.1.cmp(&a.1).then_with(|| a.0.to_lowercase().cmp(&b.0.to_lowercase())));
-        if self.entries.len() > LIST_LIMIT {
-            self.trouble = Some(format!("{} of {} names are listed", LIST_LIMIT, self.entries.len()));
-            self.entries.truncate(LIST_LIMIT);
-        }
-    }
-
-    fn go(&mut self, folder: PathBuf) {
-        let all_files = self.all_files;
-        *self = Self { all_files, ..Self::at(folder) };
-        self.list();
-    }
 }
 
 impl Dialogs {
     /// A window to open a file, with the folder of the present one.
     pub(crate) fn begin_open(&mut self, opened: Option<&Opened>) {
-        let folder =
-            opened.and_then(|opened| std::path::absolute(&opened.source).ok()?.parent().map(Path::to_path_buf));
-        let folder = folder.or_else(|| std::env::current_dir().ok()).unwrap_or_default();
-        self.open = Some(OpenDialog::at(folder));
+        self.browser = Some(Browser::new(Wanted::Volume, opened));
     }
 
     /// A window to save the scene.
@@ -135,12 +75,13 @@ impl Dialogs {
 /// Shows those that are open.
 pub(crate) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
     keys(viewer, ctx);
-    open(viewer, ctx);
+    browse::show(viewer, ctx);
+    transfer::show(viewer, ctx);
     save(viewer, ctx);
     export(viewer, ctx);
 }
 
-fn window<'a>(title: &'static str, is_open: &'a mut bool) -> egui::Window<'a> {
+pub(super) fn window<'a>(title: &'static str, is_open: &'a mut bool) -> egui::Window<'a> {
     egui::Window::new(title).open(is_open).collapsible(false).pivot(egui::Align2::CENTER_CENTER).default_width(460.0)
 }
 
@@ -165,68 +106,13 @@ fn keys(viewer: &mut Viewer, ctx: &egui::Context) {
     viewer.dialogs.keys = is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape));
 }
 
-fn open(viewer: &mut Viewer, ctx: &egui::Context) {
-    let Some(mut dialog) = viewer.dialogs.open.take() else { return };
-    let (mut is_open, mut chosen) = (true, None);
-    let middle = ctx.content_rect().center();
-    window("Open", &mut is_open).default_pos(middle).show(ctx, |ui| {
-        path_field(ui, &mut dialog.path, "File to open");
-        ui.horizontal(|ui| {
-            if ui.button("Open").clicked() || ui.input(|input| input.key_pressed(egui::Key::Enter)) {
-                let path = PathBuf::from(dialog.path.trim());
-                if path.is_dir() { dialog.go(path) } else { chosen = Some(path) }
-            }
-            if ui.button("Folder above").clicked()
-                && let Some(above) = dialog.folder.parent().map(Path::to_path_buf)
-            {
-                dialog.go(above);
-            }
-            if ui.checkbox(&mut dialog.all_files, "All files").changed() {
-                dialog.list();
-            }
-        });
-        if let Some(trouble) = &dialog.trouble {
-            ui.colored_label(ui.visuals().warn_fg_color, trouble);
-        }
-        if let Some(path) = entries(ui, &mut dialog) {
-            chosen = Some(path);
-        }
-    });
-    match chosen {
-        Some(path) => viewer.open(&path),
-        None if is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape)) => {
-            viewer.dialogs.open = Some(dialog)
-        }
-        None => {}
-    }
-}
-
-/// The folder's files; the one that was chosen.
-fn entries(ui: &mut Ui, dialog: &mut OpenDialog) -> Option<PathBuf> {
-    let (mut chosen, mut folder) = (None, None);
-    let row = ui.text_style_height(&egui::TextStyle::Body);
-    let count = dialog.entries.len();
-    egui::ScrollArea::vertical().max_height(300.0).auto_shrink([false, true]).show_rows(ui, row, count, |ui, rows| {
-        for (name, is_folder) in &dialog.entries[rows] {
-            let path = dialog.folder.join(name);
-            let label = if *is_folder { format!("{name}/") } else { name.clone() };
-            if ui.selectable_label(false, label).clicked() {
-                if *is_folder { folder = Some(path) } else { chosen = Some(path) }
-            }
-        }
-    });
-    if let Some(folder) = folder {
-        dialog.go(folder);
-    }
-    chosen
-}
-
-fn path_field(ui: &mut Ui, path: &mut String, name: &str) {
+/// A field for a path or a name, with what it is for.
+pub(super) fn path_field(ui: &mut Ui, path: &mut String, name: &str) {
     ui.add(TextEdit::singleline(path).desired_width(f32::INFINITY)).accessible_name(name);
 }
 
 /// A box to tick where something is in the way; whether a file may be written.
-fn may_write(ui: &mut Ui, path: &str, replace: &mut bool) -> bool {
+pub(super) fn may_write(ui: &mut Ui, path: &str, replace: &mut bool) -> bool {
     let exists = Path::new(path).exists();
     if exists {
         ui.checkbox(replace, "Replace the file that is there");

@@ -7,7 +7,7 @@ use supervol_runtime::preset::colormap;
 use supervol_runtime::raycast::cpu::MAX_ERROR_LIMITS;
 use supervol_runtime::scene::{ISO_LIMIT, LightSpec, Mode, ShadingSpec};
 
-use super::{editor, heading};
+use super::{editor, heading, transfer};
 use crate::edit;
 use crate::viewer::Viewer;
 use crate::worker::Opened;
@@ -119,6 +119,7 @@ fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     heading(ui, "Colours and opacity");
     let facts = &opened.facts;
     editor::show(viewer, opened, ui);
+    transfer::controls(viewer, ui);
     ui.horizontal(|ui| {
         ui.label("Colours");
         let box_ = ComboBox::from_id_salt("colormap")
