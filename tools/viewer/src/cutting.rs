@@ -72,8 +72,7 @@ pub fn add_plane(scene: &mut Scene, facts: &VolumeFacts) -> Result<(), String> {
     if scene.clip.planes.len() >= PLANE_LIMIT {
         return Err(format!("at most {PLANE_LIMIT} clip planes"));
     }
-    let forward =
-        scene.camera.as_ref().map(|camera| DVec3::from_array(camera.target) - DVec3::from_array(camera.eye));
+    let forward = scene.camera.as_ref().map(|camera| DVec3::from_array(camera.target) - DVec3::from_array(camera.eye));
     let normal = forward.and_then(unit_vector).unwrap_or(DVec3::Z);
     scene.clip.planes.push(PlaneSpec { normal: normal.to_array(), offset: normal.dot(middle(facts)) });
     Ok(())
@@ -218,7 +217,7 @@ fn shift(solid: &mut SolidSpec, by: DVec3) {
     let shifted = |point: &mut [f64; 3]| *point = (DVec3::from_array(*point) + by).to_array();
     solid.sphere.iter_mut().for_each(|sphere| shifted(&mut sphere.center));
     solid.cuboid.iter_mut().for_each(|cuboid| shifted(&mut cuboid.center));
-    for cylinder in &mut solid.cylinder {
+    if let Some(cylinder) = &mut solid.cylinder {
         shifted(&mut cylinder.from);
         shifted(&mut cylinder.to);
     }
@@ -254,7 +253,13 @@ mod tests {
 
     /// Looks along y: x is to the right, z up.
     fn camera() -> CameraSpec {
-        CameraSpec { eye: [9.0, -50.0, 10.0], target: [9.0, 10.0, 10.0], up: [0.0, 0.0, 1.0], fov_y: None, height: Some(30.0) }
+        CameraSpec {
+            eye: [9.0, -50.0, 10.0],
+            target: [9.0, 10.0, 10.0],
+            up: [0.0, 0.0, 1.0],
+            fov_y: None,
+            height: Some(30.0),
+        }
     }
 
     fn handle(scene: &Scene, grip: Grip) -> Handle {

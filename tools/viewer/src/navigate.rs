@@ -247,7 +247,10 @@ mod tests {
             // What is dragged is where the mouse is: a height is 2 of y and, at this aspect, 1 of x.
             let dragged = point + drag_at(&start, point, [0.1, -0.05]);
             let moved = place_of(&start, dragged, 2.0).expect("it is before the camera");
-            assert!((moved[0] - found[0] - 0.1).abs() < 1e-12 && (moved[1] - found[1] + 0.1).abs() < 1e-12, "{moved:?}");
+            assert!(
+                (moved[0] - found[0] - 0.1).abs() < 1e-12 && (moved[1] - found[1] + 0.1).abs() < 1e-12,
+                "{moved:?}"
+            );
             let at = [0.3, -0.7];
             let back = place_of(&start, point_at(&start, at, 2.0), 2.0).expect("it is before the camera");
             assert!((0..2).all(|a| (back[a] - at[a]).abs() < 1e-12), "{back:?}");

@@ -1,8 +1,11 @@
 //! What stands around the picture, and the picture itself. Panels show the scene and change it; nothing else.
 
+pub(crate) mod animate;
 mod browse;
+mod cutting;
 pub(crate) mod dialogs;
 mod editor;
+mod handles;
 pub(crate) mod picture;
 pub(crate) mod properties;
 mod sections;
@@ -38,6 +41,10 @@ pub(crate) struct Looks {
     pub(crate) held_slice: usize,
     /// Points of the wheel that have moved no slice yet; `None`: the wheel moves the camera.
     pub(crate) wheel_points: Option<f64>,
+    /// Handles of what cuts the volume are shown.
+    pub(crate) are_handles_shown: bool,
+    /// The one that is dragged.
+    pub(crate) held: Option<handles::Held>,
     /// Slices of the modes that draw them at their depth, while another one is shown.
     kept_slices: Vec<SliceSpec>,
 }

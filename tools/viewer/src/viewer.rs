@@ -17,6 +17,7 @@ use crate::edit;
 use crate::folders::Folders;
 use crate::history::History;
 use crate::navigate;
+use crate::panels::animate::Keys;
 use crate::panels::transfer::{self, Transfer};
 use crate::panels::{self, Dialogs, Looks};
 use crate::planes;
@@ -79,6 +80,8 @@ pub struct Viewer {
     pub(crate) slice: Option<Sliced>,
     pub(crate) sections: Sections,
     pub(crate) transfer: Transfer,
+    /// Views of an animation.
+    pub(crate) keys: Keys,
     pub(crate) remembered: Remembered,
     pub(crate) folders: Folders,
     /// Milliseconds from wishes to the first pictures that answered them, the last ones last.
@@ -113,6 +116,7 @@ impl Viewer {
             slice: None,
             sections: Sections { layout: remembered.layout, ..Sections::default() },
             transfer: Transfer::default(),
+            keys: Keys::default(),
             remembered,
             folders: launch.folders.clone(),
             latencies_ms: VecDeque::new(),
@@ -321,6 +325,7 @@ impl Viewer {
             self.history = History::new(&scene);
             self.sections = Sections::of(&opened.facts, self.sections.layout);
             self.looks = Looks::of(&scene);
+            self.keys = Keys::default();
             self.picture = None;
             self.remembered.add(&opened.source);
             self.remembered.write(&self.folders);
@@ -388,12 +393,14 @@ impl Viewer {
                 ctx.send_viewport_cmd(egui::ViewportCommand::Fullscreen(!is_full));
             }
             _ if self.opened.is_none() => {}
+            Command::Handles => self.looks.are_handles_shown = !self.looks.are_handles_shown,
             Command::Sections => self.set_layout(match self.sections.layout {
                 Layout::Three => Layout::Alone,
                 _ => Layout::Three,
             }),
             Command::SaveScene => self.dialogs.begin_save(self.opened.as_deref()),
             Command::Export => self.dialogs.begin_export(self.opened.as_deref(), &self.scene),
+            Command::Animate => panels::dialogs::begin_animation(self),
             Command::CopyCommand => self.copy_command(ctx),
             Command::Undo => {
                 let before = self.history.undo(&self.scene);

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! 1. Whoever wishes something puts it on the desk; what was wished before and not begun is forgotten.
-//! 2. The worker takes, in this order: an end, a volume to open, settings, a picture to export, a view, the sections of panels, a
+//! 2. The worker takes, in this order: an end, a volume to open, settings, a picture to export, an animation, a view, the sections of panels, a
 //!    pixel to look under. With nothing to take it goes on with the sections and then with the picture that it has begun, until
 //!    these have converged, and then brings into memory what the next picture will want if the camera goes on as it came.
 //! 3. A new view gets a picture within the time for interaction ([`Settings::interaction_ms`]). Only what comes after that is cut
@@ -14,6 +14,7 @@
 //!
 //! Both directions hold at most one of each kind: nothing queues.
 
+mod animate;
 mod easel;
 mod export;
 mod open;
@@ -38,6 +39,7 @@ use supervol_runtime::scene::Scene;
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::stop::Canceller;
 
+pub use self::animate::{Animation, Motion};
 use self::easel::Easel;
 pub use self::export::Export;
 use crate::folders::Folders;
@@ -200,6 +202,8 @@ pub enum Busy {
     Building(PathBuf, BuildProgress),
     /// A picture is exported: rows that are finished, and all.
     Exporting(PathBuf, [u32; 2]),
+    /// Pictures of an animation go to a folder: those that are there, and all.
+    Animating(PathBuf, [usize; 2]),
 }
 
 /// Something went wrong, or well.
@@ -237,6 +241,7 @@ struct Wishes {
     open: Option<Open>,
     settings: Option<Settings>,
     export: Option<Export>,
+    animation: Option<Animation>,
     view: Option<View>,
     sections: [Option<View>; PANELS],
     probe: Option<Probe>,
@@ -293,6 +298,7 @@ enum Work {
     Open(Open),
     Settings(Settings),
     Export(Export),
+    Animation(Box<Animation>),
     View(View),
     Section(usize, View),
     Probe(Probe),
@@ -311,6 +317,7 @@ impl Desk {
             let work = (wishes.open.take().map(Work::Open))
                 .or_else(|| wishes.settings.take().map(Work::Settings))
                 .or_else(|| wishes.export.take().map(Work::Export))
+                .or_else(|| wishes.animation.take().map(|animation| Work::Animation(Box::new(animation))))
                 .or_else(|| wishes.view.take().map(Work::View))
                 .or_else(|| wishes.section().map(|(panel, view)| Work::Section(panel, view)))
                 .or_else(|| wishes.probe.take().map(Work::Probe));
@@ -391,10 +398,15 @@ impl Worker {
         self.desk.wish(|wishes| wishes.export = Some(export));
     }
 
-    /// Gives an export up.
+    /// Draws the pictures of an animation, and writes them to a folder.
+    pub fn animate(&self, animation: Animation) {
+        self.desk.wish(|wishes| wishes.animation = Some(animation));
+    }
+
+    /// Gives an export or an animation up.
     pub fn cancel_export(&self) {
         self.desk.wish(|wishes| {
-            wishes.export = None;
+            (wishes.export, wishes.animation) = (None, None);
             if let Some(canceller) = wishes.export_canceller.take() {
                 canceller.cancel();
             }
@@ -492,6 +504,13 @@ fn work(desk: &Arc<Desk>, mut settings: Settings) {
             Work::Export(wish) => {
                 if let Some(easel) = &mut easel {
                     let message = easel.export(desk, &wish).unwrap_or_else(Message::Failure);
+                    lock(&desk.wishes).export_canceller = None;
+                    desk.tell(|news| (news.busy, news.message) = (None, Some(message)));
+                }
+            }
+            Work::Animation(wish) => {
+                if let Some(easel) = &mut easel {
+                    let message = easel.animate(desk, &wish, &settings).unwrap_or_else(Message::Failure);
                     lock(&desk.wishes).export_canceller = None;
                     desk.tell(|news| (news.busy, news.message) = (None, Some(message)));
                 }

@@ -3,11 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, Ui};
+use supervol_runtime::clip::solids::Keep;
+use supervol_runtime::scene::SolidSpec;
 
 use super::dialogs::{path_field, window};
+use crate::cutting;
 use crate::errand::Errand;
 use crate::viewer::Viewer;
-use crate::worker::Opened;
+use crate::worker::{Message, Opened};
 
 /// Files of a folder that are listed at most.
 const LIST_LIMIT: usize = 2000;
@@ -20,6 +23,8 @@ const VOLUMES: [&str; 16] = [
 ];
 /// The same of transfer functions.
 const TRANSFER_FUNCTIONS: [&str; 2] = ["json", "1dt"];
+/// The same of meshes.
+const MESHES: [&str; 3] = ["ply", "stl", "obj"];
 
 /// What is looked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,6 +33,8 @@ pub(crate) enum Wanted {
     Volume,
     /// A transfer function or a colour map.
     TransferFunction,
+    /// A closed mesh to cut the volume with.
+    Mesh,
 }
 
 impl Wanted {
@@ -35,6 +42,7 @@ impl Wanted {
         match self {
             Self::Volume => &VOLUMES,
             Self::TransferFunction => &TRANSFER_FUNCTIONS,
+            Self::Mesh => &MESHES,
         }
     }
 
@@ -42,6 +50,7 @@ impl Wanted {
         match self {
             Self::Volume => "Open",
             Self::TransferFunction => "Load a transfer function",
+            Self::Mesh => "Cut with a mesh",
         }
     }
 }
@@ -182,6 +191,13 @@ pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
         Some(path) => match browser.wanted {
             Wanted::Volume => viewer.open(&path),
             Wanted::TransferFunction => viewer.transfer.load(ctx, path),
+            Wanted::Mesh => {
+                let mesh = Some(std::path::absolute(&path).unwrap_or(path));
+                let solid = SolidSpec { keep: Keep::Inside, mesh, ..SolidSpec::default() };
+                if let Err(why) = cutting::push_solid(&mut viewer.scene, solid) {
+                    viewer.message = Some(Message::Failure(why));
+                }
+            }
         },
         None if is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape)) => {
             viewer.dialogs.browser = Some(browser);

@@ -11,8 +11,9 @@ use supervol_runtime::image::{GREY_LEVELS, ImageFormat};
 use supervol_runtime::scene::{RAY_LIMIT, Scene};
 use xxhash_rust::xxh3::xxh3_64;
 
+use super::animate::AnimationDialog;
 use super::browse::{Browser, Wanted};
-use super::{browse, transfer};
+use super::{animate, browse, transfer};
 use crate::command::{BINDINGS, MOUSE};
 use crate::folders::{self, Folders};
 use crate::viewer::Viewer;
@@ -21,7 +22,7 @@ use crate::worker::{Decorations, Export, Message, Opened, Settings};
 /// Scenes of commands that are kept.
 const SCENE_LIMIT: usize = 200;
 /// Most pixels of an exported picture along a side.
-const SIDE_LIMIT: u32 = 32_768;
+pub(super) const SIDE_LIMIT: u32 = 32_768;
 
 /// Which windows are open, and what is in them.
 #[derive(Default)]
@@ -32,6 +33,8 @@ pub(crate) struct Dialogs {
     pub(crate) browser: Option<Browser>,
     save: Option<SaveDialog>,
     export: Option<ExportDialog>,
+    /// The window of animations.
+    pub(crate) animation: Option<AnimationDialog>,
 }
 
 struct SaveDialog {
@@ -72,11 +75,17 @@ impl Dialogs {
     }
 }
 
+/// A window to make an animation.
+pub(crate) fn begin_animation(viewer: &mut Viewer) {
+    viewer.dialogs.animation = Some(AnimationDialog::new(viewer));
+}
+
 /// Shows those that are open.
 pub(crate) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
     keys(viewer, ctx);
     browse::show(viewer, ctx);
     transfer::show(viewer, ctx);
+    animate::show(viewer, ctx);
     save(viewer, ctx);
     export(viewer, ctx);
 }

@@ -22,7 +22,7 @@ const MARGIN: f32 = 6.0;
 /// Points of the cross that stays clear around the cursor, so that what lies there can be seen.
 const CLEAR: f32 = 7.0;
 /// The planes across the grid's axes, wherever they are drawn.
-const PLANE_COLORS: [Color32; PANELS] =
+pub(super) const PLANE_COLORS: [Color32; PANELS] =
     [Color32::from_rgb(235, 90, 80), Color32::from_rgb(90, 200, 90), Color32::from_rgb(90, 150, 255)];
 
 /// Where the picture and the panels lie.
@@ -186,7 +186,7 @@ fn paint(viewer: &Viewer, opened: &Opened, ui: &Ui, axis: usize, response: &Resp
 }
 
 /// Where a normalised place is in the window.
-fn point(rect: Rect, [x, y]: [f64; 2]) -> Pos2 {
+pub(super) fn point(rect: Rect, [x, y]: [f64; 2]) -> Pos2 {
     let [x, y] = [0.5 * (1.0 + x), 0.5 * (1.0 - y)];
     rect.min + Vec2::new(x as f32, y as f32) * rect.size()
 }

@@ -55,13 +55,17 @@ fn busy(viewer: &Viewer, ui: &mut Ui) {
                 let share = *done as f32 / (*rows).max(1) as f32;
                 (Some(share), format!("exporting {}: {done} of {rows} rows", path.display()))
             }
+            Busy::Animating(folder, [done, frames]) => {
+                let share = *done as f32 / (*frames).max(1) as f32;
+                (Some(share), format!("{}: {done} of {frames} pictures", folder.display()))
+            }
         };
         match share {
             Some(share) => ui.add(ProgressBar::new(share).desired_width(200.0)),
             None => ui.spinner(),
         };
         ui.label(words);
-        if matches!(busy, Busy::Exporting(..)) && ui.button("Give up").clicked() {
+        if matches!(busy, Busy::Exporting(..) | Busy::Animating(..)) && ui.button("Give up").clicked() {
             viewer.worker.iter().for_each(crate::worker::Worker::cancel_export);
         }
         if matches!(busy, Busy::Building(..)) {

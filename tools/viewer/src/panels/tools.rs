@@ -28,6 +28,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
                 super::sections::controls(viewer, ui);
                 super::slices::show(viewer, ui);
                 crop(viewer, ui);
+                super::cutting::controls(viewer, ui);
             });
             heading(ui, "Window");
             theme(viewer, ui);
@@ -67,6 +68,7 @@ fn files(viewer: &mut Viewer, ui: &mut Ui) {
         command(viewer, ui, Command::SaveScene, "Save scene ...");
         command(viewer, ui, Command::CopyCommand, "Copy command");
         command(viewer, ui, Command::Export, "Export picture ...");
+        command(viewer, ui, Command::Animate, "Animation ...");
         let can = viewer.history.can();
         ui.columns(2, |columns| {
             for (i, (what, label)) in [(Command::Undo, "Undo"), (Command::Redo, "Redo")].into_iter().enumerate() {

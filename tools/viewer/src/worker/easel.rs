@@ -41,7 +41,7 @@ pub(super) struct Easel {
 }
 
 /// With what pictures of the volume are made.
-fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
+pub(super) fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
     let desk = Arc::downgrade(desk);
     let on_progress = move |progress: Progress| {
         let Some(desk) = desk.upgrade() else { return };

@@ -195,7 +195,13 @@ impl Session {
         }
     }
 
+    /// Clicks what is called so; a panel is scrolled there first.
     pub fn click(&mut self, label: &str) {
+        let window = self.harness.ctx.content_rect();
+        if !window.shrink(40.0).contains_rect(self.node(label).rect()) {
+            self.node(label).scroll_to_me();
+            self.frames(10);
+        }
         self.node(label).click();
         self.frames(3);
     }
