@@ -6,6 +6,7 @@ mod cutting;
 pub(crate) mod dialogs;
 mod editor;
 mod handles;
+mod marks;
 pub(crate) mod picture;
 pub(crate) mod properties;
 mod sections;

@@ -24,7 +24,7 @@ use crate::planes;
 use crate::remembered::{Remembered, Theme};
 use crate::sections::{Layout, Sections, Shown};
 use crate::worker::{
-    Beside, Busy, Export, Frame, LookedAhead, Message, Open, Opened, PANELS, Probed, Settings, View, Worker,
+    Beside, Busy, Export, Frame, LookedAhead, Mark, Message, Open, Opened, PANELS, Probed, Settings, View, Worker,
 };
 
 /// Degrees of one step of turning, share of the picture's height of one of moving, factor of one nearer, share of the way to the
@@ -51,6 +51,8 @@ pub struct Picture {
     pub is_converged: bool,
     /// Wall time of drawing it so far, milliseconds.
     pub spent_ms: f64,
+    /// Bricks to mark in it.
+    pub marks: Vec<Mark>,
 }
 
 /// A slice that is shown instead of the volume.
@@ -342,7 +344,7 @@ impl Viewer {
             return;
         }
         self.note_latency(frame.number);
-        let Frame { number, image, stats, is_converged, spent_ms, .. } = frame;
+        let Frame { number, image, stats, is_converged, spent_ms, marks, .. } = frame;
         let texture = match self.picture.take() {
             Some(mut picture) => {
                 picture.texture.set(image.clone(), TextureOptions::NEAREST);
@@ -350,7 +352,7 @@ impl Viewer {
             }
             None => ctx.load_texture("picture", image.clone(), TextureOptions::NEAREST),
         };
-        self.picture = Some(Picture { image, texture, number, stats, is_converged, spent_ms });
+        self.picture = Some(Picture { image, texture, number, stats, is_converged, spent_ms, marks });
     }
 
     fn show_section(&mut self, ctx: &egui::Context, axis: usize, frame: Frame) {

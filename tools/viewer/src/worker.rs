@@ -17,6 +17,7 @@
 mod animate;
 mod easel;
 mod export;
+mod marks;
 mod open;
 mod sections;
 
@@ -42,6 +43,7 @@ use supervol_runtime::stop::Canceller;
 pub use self::animate::{Animation, Motion};
 use self::easel::Easel;
 pub use self::export::Export;
+pub use self::marks::{MARK_LIMIT, Mark};
 use crate::folders::Folders;
 
 /// Panels with a section each, beside the picture.
@@ -62,6 +64,20 @@ pub struct Settings {
     pub decorations: Decorations,
     /// Whether a part of the memory is that of panels beside the picture.
     pub beside: Beside,
+    /// What is shown of how the picture was made.
+    pub inspect: Inspect,
+}
+
+/// What is shown of how a picture was made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Inspect {
+    /// Nothing but bricks that failed.
+    #[default]
+    Nothing,
+    /// Bricks in memory, in the colours of their levels.
+    Bricks,
+    /// In place of the picture, once it has converged: how far each pixel may be off, as `render --error-map` writes it.
+    Errors,
 }
 
 /// Whether there are panels beside the picture.
@@ -93,6 +109,7 @@ impl Default for Settings {
             threads: None,
             decorations: Decorations::Off,
             beside: Beside::Nothing,
+            inspect: Inspect::Nothing,
         }
     }
 }
@@ -158,6 +175,8 @@ pub struct Frame {
     pub is_converged: bool,
     /// Wall time of drawing it so far, milliseconds.
     pub spent_ms: f64,
+    /// Bricks to mark in it: those that failed, and others where somebody wants to see them.
+    pub marks: Vec<Mark>,
 }
 
 /// A question: what is under a pixel?
@@ -461,6 +480,7 @@ fn frame_of(
         image: Arc::new(ColorImage::from_rgb(size, &picture.to_rgb8(background))),
         stats,
         is_converged,
+        marks: Vec::new(),
         spent_ms: began.elapsed().as_secs_f64() * 1e3,
     }
 }

@@ -16,7 +16,7 @@ const RADIUS: f32 = 5.0;
 const GROUND: f32 = 16.0;
 const CUT_COLOR: Color32 = Color32::from_rgb(240, 190, 60);
 /// The sides of a box: pairs of corners whose numbers differ in one bit.
-const EDGES: [(usize, usize); 12] =
+pub(super) const EDGES: [(usize, usize); 12] =
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
 
 /// What is held, from where it was taken.
@@ -64,13 +64,14 @@ pub(super) fn show(viewer: &mut Viewer, ui: &Ui, picture: &Response) {
 }
 
 /// How the picture is seen.
-struct Sight<'a> {
-    camera: &'a CameraSpec,
-    rect: Rect,
+pub(super) struct Sight<'a> {
+    pub(super) camera: &'a CameraSpec,
+    pub(super) rect: Rect,
 }
 
 impl Sight<'_> {
-    fn place(&self, world: DVec3) -> Option<Pos2> {
+    /// Where a world point is in the window.
+    pub(super) fn place(&self, world: DVec3) -> Option<Pos2> {
         let aspect = f64::from(self.rect.width() / self.rect.height().max(1.0));
         navigate::place_of(self.camera, world, aspect).map(|place| point(self.rect, place))
     }

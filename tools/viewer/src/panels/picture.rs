@@ -3,7 +3,7 @@
 use eframe::egui::{self, Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Ui, Vec2};
 use supervol_runtime::scene::{ImageSpec, Mode, RAY_LIMIT};
 
-use super::{handles, sections};
+use super::{handles, marks, sections};
 use crate::edit;
 use crate::navigate;
 use crate::sections::Layout;
@@ -42,6 +42,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
         {
             sections::tell_of_point(viewer, &opened, None, &ui.painter().with_clip_rect(rect), rect);
         }
+        marks::paint(viewer, ui, rect);
         handles::show(viewer, ui, &response);
         if viewer.opened.is_none() {
             invite(viewer, ui, rect);

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use supervol_runtime::frame::stated::in_colors;
 use supervol_runtime::frame::{Backend, Progress, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::renderer::Renderer;
@@ -11,8 +12,11 @@ use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stop::Canceller;
 use supervol_runtime::volume::Volume;
 
+use super::marks::marks;
 use super::sections::{Sections, needed, shares};
-use super::{Beside, Busy, Decorations, Desk, LookedAhead, Opened, Probe, Probed, Settings, View, frame_of, lock};
+use super::{
+    Beside, Busy, Decorations, Desk, Frame, Inspect, LookedAhead, Opened, Probe, Probed, Settings, View, frame_of, lock,
+};
 
 /// A picture at rest is shown anew after so long, as far as it has come.
 const REFINEMENT: Duration = Duration::from_millis(150);
@@ -38,6 +42,7 @@ pub(super) struct Easel {
     ahead: LookedAhead,
     began: Instant,
     decorations: Decorations,
+    inspect: Inspect,
 }
 
 /// With what pictures of the volume are made.
@@ -85,7 +90,7 @@ impl Easel {
         let volume = Volume::of(opened.container.clone());
         let renderer = Renderer::new(volume, options(desk, settings)).map_err(|e| e.to_string())?;
         desk.tell(|news| (news.opened, news.frame) = (Some(opened.clone()), None));
-        let decorations = settings.decorations;
+        let Settings { decorations, inspect, .. } = *settings;
         Ok(Self {
             opened,
             renderer,
@@ -97,6 +102,7 @@ impl Easel {
             ahead: LookedAhead::default(),
             began: Instant::now(),
             decorations,
+            inspect,
         })
     }
 
@@ -122,7 +128,7 @@ impl Easel {
             Beside::Nothing => self.sections = None,
             Beside::Panels => self.sections.iter_mut().for_each(|s| s.set(options_of_sections(settings))),
         }
-        self.decorations = settings.decorations;
+        (self.decorations, self.inspect) = (settings.decorations, settings.inspect);
         (self.is_settled, self.looks_left) = (true, 0);
     }
 
@@ -238,10 +244,17 @@ impl Easel {
         let (Some(view), Some(scene), Some(picture)) = (&self.view, &self.scene, self.renderer.picture()) else {
             return;
         };
-        let picture = self.decorated(picture, scene);
+        let errors = (self.inspect == Inspect::Errors && is_converged).then(|| self.renderer.error_map()).flatten();
+        let picture = match errors {
+            Some(errors) => Cow::Owned(in_colors(errors)),
+            None => self.decorated(picture, scene),
+        };
         // Of pictures that are on their way, nobody can read the stated error: it would take as long as casting them.
         let stats = if is_converged { self.renderer.stats() } else { self.renderer.counts() };
+        let has_marks = stats.bricks_failed > 0 || self.inspect == Inspect::Bricks;
+        let marks = if has_marks { marks(&self.renderer, self.inspect) } else { Vec::new() };
         let frame = frame_of(view, (&picture, scene.background), (stats, is_converged), self.began);
+        let frame = Frame { marks, ..frame };
         desk.tell(|news| news.frame = Some(frame));
     }
 

@@ -2,6 +2,9 @@
 
 #![allow(dead_code, reason = "each file of tests uses a part of it")]
 
+pub mod counting;
+
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -315,5 +318,39 @@ impl Session {
             }
             Err(error) => eprintln!("SKIPPED: no GPU adapter draws the window: {error}"),
         }
+    }
+}
+
+/// Bytes of a brick's record on the disk that were made unreadable, to be mended.
+pub struct Fault {
+    path: PathBuf,
+    offset: u64,
+    bytes: Vec<u8>,
+}
+
+impl Fault {
+    /// Turns over every byte of a stored brick of level 0, the `number`th of those that have bytes.
+    pub fn new(path: &Path, container: &supervol_format::Container, number: usize) -> Self {
+        let keys = container.pyramid().keys_of(supervol_format::Lod::FINEST);
+        let entries = keys.map(|key| container.entry(key).expect("an entry"));
+        let stored: Vec<_> = entries.filter(|entry| entry.payload_bytes > 0 && entry.offset > 0).collect();
+        let entry = &stored[number % stored.len()];
+        let (offset, length) = (entry.offset, entry.payload_bytes as usize);
+        let mut bytes = vec![0; length];
+        let mut file = std::fs::OpenOptions::new().read(true).write(true).open(path).expect("the container");
+        file.seek(SeekFrom::Start(offset)).and_then(|_| file.read_exact(&mut bytes)).expect("a record");
+        let fault = Self { path: path.into(), offset, bytes };
+        fault.write(&fault.bytes.iter().map(|byte| !byte).collect::<Vec<u8>>());
+        fault
+    }
+
+    fn write(&self, bytes: &[u8]) {
+        let mut file = std::fs::OpenOptions::new().write(true).open(&self.path).expect("the container");
+        file.seek(SeekFrom::Start(self.offset)).and_then(|_| file.write_all(bytes)).expect("it is written");
+    }
+
+    /// What was there is there again.
+    pub fn mend(self) {
+        self.write(&self.bytes);
     }
 }
