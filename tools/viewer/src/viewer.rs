@@ -18,6 +18,7 @@ use crate::folders::Folders;
 use crate::history::History;
 use crate::navigate;
 use crate::panels::animate::Keys;
+use crate::panels::status::Room;
 use crate::panels::transfer::{self, Transfer};
 use crate::panels::{self, Dialogs, Looks};
 use crate::planes;
@@ -82,6 +83,7 @@ pub struct Viewer {
     pub(crate) slice: Option<Sliced>,
     pub(crate) sections: Sections,
     pub(crate) transfer: Transfer,
+    pub(crate) status_room: Room,
     /// Views of an animation.
     pub(crate) keys: Keys,
     pub(crate) remembered: Remembered,
@@ -118,6 +120,7 @@ impl Viewer {
             slice: None,
             sections: Sections { layout: remembered.layout, ..Sections::default() },
             transfer: Transfer::default(),
+            status_room: Room::default(),
             keys: Keys::default(),
             remembered,
             folders: launch.folders.clone(),

@@ -506,3 +506,19 @@ fn transfer_functions_are_loaded_saved_and_kept_by_name() {
     session.press(Modifiers::COMMAND, Key::Z);
     assert_eq!(points(&session), painted, "loading is an edit");
 }
+
+/// What is told of a finished picture must not take its room: it would be drawn for ever.
+#[test]
+fn a_finished_picture_stays_finished_at_every_width() {
+    for width in (860..=1140).step_by(40) {
+        let mut session = Session::sized("sphere", [width as f32, 500.0], 1.0);
+        session.rest();
+        // The line may have grown once.
+        session.frames(5);
+        session.rest();
+        let number = session.viewer().picture().expect("a picture").number;
+        session.frames(30);
+        session.rest();
+        assert_eq!(session.viewer().picture().expect("a picture").number, number, "{width} points across");
+    }
+}

@@ -9,15 +9,30 @@ use crate::worker::{Busy, Message};
 /// Points between what is told over the picture and its border.
 const MARGIN: f32 = 10.0;
 
+/// The room that the line has taken in a window of this width. It does not become less: what is told of a finished picture is more than of
+/// one that is refined, and if that took another line, the picture would become smaller, begin anew, and so on.
+#[derive(Default)]
+pub(crate) struct Room {
+    width: f32,
+    height: f32,
+}
+
 /// Shows the line.
-pub(crate) fn show(viewer: &Viewer, ui: &mut Ui) {
+pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::Panel::bottom("status").show(ui, |ui| {
-        ui.horizontal_wrapped(|ui| match &viewer.picture {
+        let width = ui.available_width();
+        if width != viewer.status_room.width {
+            viewer.status_room = Room { width, height: 0.0 };
+        }
+        ui.set_min_height(viewer.status_room.height);
+        let shown = ui.horizontal_wrapped(|ui| match &viewer.picture {
             Some(picture) => numbers(viewer, ui, picture),
             None => {
                 ui.label("no picture yet");
             }
         });
+        let room = &mut viewer.status_room;
+        room.height = room.height.max(shown.response.rect.height());
     });
 }
 
@@ -131,8 +146,9 @@ fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
         );
     }
     if let Some(failure) = stats.failures.first() {
-        let words = format!("{}: {}. Coarser bricks stand in for it", failure.brick, failure.reason);
-        ui.colored_label(ui.visuals().error_fg_color, words);
+        let words = format!("{}. Coarser bricks stand in for it", failure.reason);
+        let label = format!("{} could not be read", failure.brick);
+        ui.colored_label(ui.visuals().error_fg_color, label).on_hover_text(words);
     }
     ui.label(format!("CPU, {} threads", stats.threads)).on_hover_text("Who casts the rays");
 }
