@@ -23,7 +23,7 @@ fn facts() -> VolumeFacts {
 }
 
 fn function(spec: &PointsSpec) -> TransferFunction {
-    TransferFunction::new(spec.control_points(), spec.unit_distance.unwrap_or(1.0)).unwrap()
+    TransferFunction::new(spec.control_points(), spec.unit_distance.unwrap_or(1.0)).expect("a function")
 }
 
 fn parsed(text: &str, name: &str) -> TransferFile {

@@ -1,5 +1,5 @@
-//! What cuts the volume as a hand moves it: the crop box by its faces, clip planes along and about their normals, solids by their
-//! middle and their size. World space; each result is a `clip` of a scene.
+//! What cuts the volume as a hand moves it: the crop box by its faces, clip planes and slices along and about their normals, solids by
+//! their middle and their size. World space; each result is the `clip` and the `slices` of a scene.
 
 use glam::DVec3;
 use supervol_runtime::camera::unit_vector;
@@ -9,13 +9,17 @@ use supervol_runtime::preset::{domain, domain_corners};
 use supervol_runtime::scene::{
     BoxSpec, CameraSpec, ClipSpec, CylinderSpec, PLANE_LIMIT, PlaneSpec, Scene, SolidSpec, SphereSpec,
 };
+use supervol_runtime::slices::SliceSpec;
 
 use crate::edit;
 use crate::navigate;
+use crate::planes;
 
 /// Length of the arrow by which a plane is turned, and first radius of a solid, in diagonals of the volume.
 const ARROW: f64 = 0.15;
 const RADIUS: f64 = 0.2;
+/// Distance between the handles of planes that go through one point, in diagonals of the volume.
+const BESIDE: f64 = 0.05;
 /// Least size that a solid is made by hand, in diagonals of the volume.
 const LEAST_RADIUS: f64 = 1e-4;
 /// Least share of a direction that must lie across the view for something to be moved along it.
@@ -30,6 +34,10 @@ pub enum Grip {
     Plane(usize),
     /// The arrow of a clip plane: its normal.
     Arrow(usize),
+    /// A slice in the volume, along its normal.
+    Slice(usize),
+    /// The arrow of an oblique slice.
+    SliceArrow(usize),
     /// The middle of a solid.
     Middle(usize),
     /// The size of a solid.
@@ -121,6 +129,11 @@ pub fn crop_corners(clip: &ClipSpec, facts: &VolumeFacts) -> [DVec3; 8] {
     })
 }
 
+/// The plane of a slice.
+fn plane_of(slice: &SliceSpec) -> PlaneSpec {
+    PlaneSpec { normal: slice.normal, offset: slice.offset }
+}
+
 /// The point of a plane that is nearest to the middle of the volume.
 fn foot(plane: &PlaneSpec, facts: &VolumeFacts) -> Option<(DVec3, DVec3)> {
     let normal = unit_vector(plane.normal.into())?;
@@ -143,7 +156,8 @@ fn extent(solid: &SolidSpec) -> Option<(DVec3, f64)> {
 
 /// Where a hand can take hold of what cuts the volume, as it is seen by a camera.
 #[must_use]
-pub fn handles(clip: &ClipSpec, facts: &VolumeFacts, camera: &CameraSpec) -> Vec<Handle> {
+pub fn handles(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec) -> Vec<Handle> {
+    let clip = &scene.clip;
     let (ends, world) = (crop(clip, facts), facts.geometry.world_from_index());
     let mut found = Vec::new();
     for axis in 0..3 {
@@ -153,13 +167,26 @@ pub fn handles(clip: &ClipSpec, facts: &VolumeFacts, camera: &CameraSpec) -> Vec
             found.push(Handle { grip: Grip::Face(axis, end), at: world.transform_point3(face.into()), root: None });
         }
     }
-    let arrow = ARROW * diagonal(facts);
+    let (arrow, right) = (ARROW * diagonal(facts), navigate::right_of(camera));
+    // All planes go through the middle at first: their handles stand beside each other.
+    let mut beside = (1..).map(|n| BESIDE * f64::from(n) * diagonal(facts));
+    let mut grasp = |plane: &PlaneSpec| {
+        let (foot, normal) = foot(plane, facts)?;
+        let along = unit_vector(right - right.dot(normal) * normal).unwrap_or(normal.any_orthonormal_vector());
+        Some((foot + beside.next()? * along, normal))
+    };
+    for (i, slice) in scene.slices.iter().enumerate() {
+        let Some((foot, normal)) = grasp(&plane_of(slice)) else { continue };
+        found.push(Handle { grip: Grip::Slice(i), at: foot, root: None });
+        if planes::place_of(slice, facts).axis.is_none() {
+            found.push(Handle { grip: Grip::SliceArrow(i), at: foot + arrow * normal, root: Some(foot) });
+        }
+    }
     for (i, plane) in clip.planes.iter().enumerate() {
-        let Some((foot, normal)) = foot(plane, facts) else { continue };
+        let Some((foot, normal)) = grasp(plane) else { continue };
         found.push(Handle { grip: Grip::Plane(i), at: foot, root: None });
         found.push(Handle { grip: Grip::Arrow(i), at: foot + arrow * normal, root: Some(foot) });
     }
-    let right = navigate::right_of(camera);
     for (i, solid) in clip.solids.iter().enumerate() {
         let Some((center, reach)) = extent(solid) else { continue };
         found.push(Handle { grip: Grip::Middle(i), at: center, root: None });
@@ -168,9 +195,9 @@ pub fn handles(clip: &ClipSpec, facts: &VolumeFacts, camera: &CameraSpec) -> Vec
     found
 }
 
-/// What cuts the volume after a handle has been moved by a world vector across the view of a camera, from what it was before.
+/// The scene after a handle has been moved by a world vector across the view of a camera, from what it was before.
 #[must_use]
-pub fn moved(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec, handle: &Handle, by: DVec3) -> ClipSpec {
+pub fn moved(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec, handle: &Handle, by: DVec3) -> Scene {
     let mut after = scene.clone();
     let forward = navigate::forward_of(camera);
     // How far along a direction a hand has gone that moves across the view.
@@ -196,11 +223,29 @@ pub fn moved(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec, handle: &H
             }
         }
         Grip::Arrow(i) => {
-            if let Some(plane) = after.clip.planes.get_mut(i)
-                && let Some(foot) = handle.root
-                && let Some(normal) = unit_vector(handle.at + by - foot)
-            {
-                *plane = PlaneSpec { normal: normal.to_array(), offset: normal.dot(foot) };
+            if let (Some(plane), Some(turned)) = (after.clip.planes.get_mut(i), turned(handle, by)) {
+                *plane = turned;
+            }
+        }
+        Grip::Slice(i) => {
+            if let Some(slice) = after.slices.get_mut(i) {
+                let place = planes::place_of(slice, facts);
+                let way = along(DVec3::from_array(slice.normal).normalize_or_zero());
+                match place.axis {
+                    // From voxel to voxel.
+                    Some(axis) => {
+                        let index = facts.geometry.linear().inverse()
+                            * (way * DVec3::from_array(slice.normal).normalize_or_zero());
+                        let [least, most] = place.range;
+                        planes::move_to(slice, facts, (place.at + index[axis]).round().clamp(least, most));
+                    }
+                    None => planes::move_to(slice, facts, place.at + way),
+                }
+            }
+        }
+        Grip::SliceArrow(i) => {
+            if let (Some(slice), Some(turned)) = (after.slices.get_mut(i), turned(handle, by)) {
+                (slice.normal, slice.offset) = (turned.normal, turned.offset);
             }
         }
         Grip::Middle(i) => after.clip.solids.get_mut(i).into_iter().for_each(|solid| shift(solid, by)),
@@ -210,7 +255,14 @@ pub fn moved(scene: &Scene, facts: &VolumeFacts, camera: &CameraSpec, handle: &H
             after.clip.solids.get_mut(i).into_iter().for_each(|solid| resize(solid, by, least));
         }
     }
-    after.clip
+    after
+}
+
+/// A plane through the root of its arrow, after the arrow's tip has been moved.
+fn turned(handle: &Handle, by: DVec3) -> Option<PlaneSpec> {
+    let foot = handle.root?;
+    let normal = unit_vector(handle.at + by - foot)?;
+    Some(PlaneSpec { normal: normal.to_array(), offset: normal.dot(foot) })
 }
 
 fn shift(solid: &mut SolidSpec, by: DVec3) {
@@ -235,6 +287,7 @@ fn resize(solid: &mut SolidSpec, by: f64, least: f64) {
 mod tests {
     use supervol_format::{Dims, Geometry, ValueRange};
     use supervol_runtime::facts::{DataKind, Frame};
+    use supervol_runtime::scene::Mode;
 
     use super::*;
 
@@ -263,12 +316,12 @@ mod tests {
     }
 
     fn handle(scene: &Scene, grip: Grip) -> Handle {
-        let found = handles(&scene.clip, &facts(), &camera());
+        let found = handles(scene, &facts(), &camera());
         *found.iter().find(|handle| handle.grip == grip).expect("it is there")
     }
 
     fn drag(scene: &mut Scene, grip: Grip, by: [f64; 3]) {
-        scene.clip = moved(scene, &facts(), &camera(), &handle(scene, grip), by.into());
+        *scene = moved(scene, &facts(), &camera(), &handle(scene, grip), by.into());
         scene.validate().expect("a scene");
     }
 
@@ -303,13 +356,33 @@ mod tests {
         let PlaneSpec { normal, offset } = scene.clip.planes[0];
         let half = 0.5f64.sqrt();
         assert!((DVec3::from_array(normal) - DVec3::new(half, half, 0.0)).length() < 1e-12);
-        assert!((offset - DVec3::from_array(normal).dot(middle(&facts()))).abs() < 1e-12, "the foot stays");
+        assert!((offset - DVec3::from_array(normal).dot(tip.root.unwrap())).abs() < 1e-12, "its root stays");
         // Of a plane seen at an angle, the hand's way is that of what it holds.
         let before = handle(&scene, Grip::Plane(0)).at;
         drag(&mut scene, Grip::Plane(0), [3.0, 0.0, 0.0]);
         assert!((handle(&scene, Grip::Plane(0)).at.x - before.x - 3.0).abs() < 1e-9);
         (1..PLANE_LIMIT).for_each(|_| add_plane(&mut scene, &facts()).unwrap());
         assert!(add_plane(&mut scene, &facts()).unwrap_err().contains("at most"));
+    }
+
+    #[test]
+    fn slices_are_moved_voxel_by_voxel_or_along_their_normal() {
+        let mut scene = Scene { mode: Some(Mode::Dvr), ..Scene::default() };
+        planes::add(&mut scene, &facts(), Some(2)).unwrap();
+        planes::add(&mut scene, &facts(), None).unwrap();
+        drag(&mut scene, Grip::Slice(0), [9.0, 0.0, 1.2]);
+        // Voxels are half as high as long; the slice began at voxel 20.
+        assert_eq!(planes::place_of(&scene.slices[0], &facts()).at, 22.0);
+        drag(&mut scene, Grip::Slice(0), [0.0, 0.0, 1e6]);
+        assert_eq!(planes::place_of(&scene.slices[0], &facts()).at, 39.0, "no farther than the volume");
+        let found = handles(&scene, &facts(), &camera());
+        assert!(!found.iter().any(|handle| handle.grip == Grip::SliceArrow(0)), "it stays across its axis");
+        let before = scene.slices[1].clone();
+        drag(&mut scene, Grip::SliceArrow(1), [0.0, 0.0, 2.0]);
+        assert!(scene.slices[1].normal[2] > before.normal[2]);
+        let place = planes::place_of(&scene.slices[1], &facts()).at;
+        drag(&mut scene, Grip::Slice(1), [0.0, 0.0, 1.0]);
+        assert!(planes::place_of(&scene.slices[1], &facts()).at > place);
     }
 
     #[test]

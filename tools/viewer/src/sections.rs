@@ -9,6 +9,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::preset::section::{face_on, plane_across};
+use supervol_runtime::renderer::Picked;
 use supervol_runtime::scene::{CameraSpec, ImageSpec, Scene};
 use supervol_runtime::slices::{Interpolation, SliceSpec};
 use supervol_runtime::stats::FrameStats;
@@ -237,6 +238,35 @@ impl Sections {
         let camera = scene.camera.as_ref()?;
         let world = facts.geometry.world_from_index().transform_point3(index.into());
         navigate::place_of(camera, world, aspect(scene))
+    }
+}
+
+/// What is told of a point: value with its unit, voxel, world position, and of a survey its lines and its time or depth.
+#[must_use]
+pub fn told_of(picked: &Picked, opened: &Opened) -> String {
+    let list = |numbers: [f64; 3]| numbers.map(short).join(", ");
+    let unit = &opened.container.manifest().unit;
+    let value = if picked.value.is_nan() { "absent".into() } else { format!("{} {unit}", short(picked.value)) };
+    let voxel = picked.index.map(|i| (i * 100.0).round() / 100.0);
+    let mut words = format!("{}\nvoxel {}\nworld {}", value.trim_end(), list(voxel), list(picked.world));
+    if let Some(survey) = &opened.survey {
+        let scales = survey.scales();
+        let place = |axis: usize| {
+            let [first, step] = scales[axis];
+            format!("{} {}", planes::axis_name(opened, axis), short(first + step * picked.index[axis]))
+        };
+        words += &format!("\n{}, {}, {}", place(1), place(0), place(2));
+    }
+    words
+}
+
+/// A number in few digits.
+#[must_use]
+pub fn short(value: f64) -> String {
+    if value != 0.0 && !(1e-3..1e6).contains(&value.abs()) {
+        format!("{value:.3e}")
+    } else {
+        format!("{}", (value * 1e4).round() / 1e4)
     }
 }
 

@@ -155,3 +155,21 @@ fn handles_and_controls_fit() {
         session.screenshot(name);
     }
 }
+
+#[test]
+fn slices_are_dragged_in_the_picture() {
+    let mut session = with_handles();
+    session.click("+ z");
+    session.click("+ oblique");
+    session.rest();
+    let before = session.viewer().scene().slices.clone();
+    drag(&mut session, "Slice 1, move", Vec2::new(0.0, -60.0));
+    let z = session.viewer().scene().slices[0].offset;
+    assert!(z > before[0].offset && z.fract() == 0.0, "voxel by voxel, upwards: {z}");
+    session.assert_is_as_rendered();
+    drag(&mut session, "Slice 2, turn", Vec2::new(30.0, 20.0));
+    assert_ne!(session.viewer().scene().slices[1].normal, before[1].normal);
+    drag(&mut session, "Slice 2, move", Vec2::new(0.0, 25.0));
+    session.assert_is_as_rendered();
+    session.screenshot("slices-with-handles");
+}

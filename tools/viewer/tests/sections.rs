@@ -3,6 +3,8 @@
 
 mod support;
 
+use std::path::Path;
+
 use eframe::egui::{
     Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, Rect, TouchPhase, Vec2,
 };
@@ -11,7 +13,7 @@ use supervol_preprocess::Existing;
 use supervol_preprocess::extract::{Extraction, extract};
 use supervol_runtime::scene::Mode;
 use supervol_runtime::slices::Interpolation;
-use supervol_viewer::sections::Layout;
+use supervol_viewer::sections::{Layout, short, told_of};
 
 use support::Session;
 
@@ -273,4 +275,41 @@ fn panels_follow_the_volume_that_is_opened() {
     session.rest();
     (0..3).for_each(|axis| session.assert_section_is_as_rendered(axis));
     session.assert_is_as_rendered();
+}
+
+/// A survey whose values are its line numbers and samples: inline + crossline / 100 + sample / 100,000.
+#[test]
+#[allow(clippy::print_stderr, reason = "what is skipped is said")]
+fn a_survey_is_told_with_its_line_numbers() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/segy/odd/small.sgy");
+    if !file.exists() {
+        eprintln!("SKIPPED: {} is not there", file.display());
+        return;
+    }
+    let mut session = Session::of_file(|_| file);
+    session.click("Three panels");
+    session.click("Panels, interpolation");
+    session.frames(3);
+    session.click("nearest");
+    session.rest();
+    let opened = session.viewer().opened().expect("open").clone();
+    let scales = opened.survey.as_ref().expect("a survey").scales();
+    for axis in 0..3 {
+        let name = format!("Section {}", supervol_viewer::planes::axis_name(&opened, axis));
+        let at = session.node(&name).rect().center() + Vec2::new(17.0, -11.0);
+        session.harness.hover_at(at);
+        session.frames(2);
+        session.until("it is known", |s| s.viewer().sections().probed().is_some_and(|p| p.probe.panel == Some(axis)));
+        let found = session.viewer().sections().probed().expect("an answer").found.clone();
+        let picked = found.expect("no error").expect("a point");
+        let voxel = picked.index.map(|i| (i + 0.5).floor());
+        let [crossline, inline, _] = [0, 1, 2].map(|a| scales[a][0] + scales[a][1] * voxel[a]);
+        let expected = inline + crossline / 100.0 + voxel[2] / 1e5;
+        assert!((picked.value - expected).abs() < 1e-4, "{picked:?}: expected {expected}");
+        let told = told_of(&picked, &opened);
+        let [at_crossline, at_inline] = [0, 1].map(|a| scales[a][0] + scales[a][1] * picked.index[a]);
+        let lines = format!("inline {}, crossline {}, ", short(at_inline), short(at_crossline));
+        assert!(told.contains(&lines) && told.starts_with(&short(picked.value)), "{told}");
+    }
+    session.screenshot("survey-panels");
 }

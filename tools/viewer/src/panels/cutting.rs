@@ -21,7 +21,7 @@ pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
         ui.weak("A slice is not cut by them.");
         return;
     };
-    let words = "Handles of the crop box, of planes and solids in the picture: drag them (B)";
+    let words = "Handles of the crop box, of planes, slices and solids in the picture: drag them (B)";
     ui.checkbox(&mut viewer.looks.are_handles_shown, "Handles in the picture").on_hover_text(words);
     let mut added = None;
     ui.horizontal_wrapped(|ui| {

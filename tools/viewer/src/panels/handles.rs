@@ -1,4 +1,4 @@
-//! Handles in the picture: of the crop box, of clip planes and of solids, over the picture and no part of it.
+//! Handles in the picture: of the crop box, of clip planes, of slices and of solids, over the picture and no part of it.
 
 use eframe::egui::{Color32, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2};
 use glam::DVec3;
@@ -15,6 +15,7 @@ use crate::worker::Opened;
 const RADIUS: f32 = 5.0;
 const GROUND: f32 = 16.0;
 const CUT_COLOR: Color32 = Color32::from_rgb(240, 190, 60);
+const SLICE_COLOR: Color32 = Color32::from_rgb(200, 120, 240);
 /// The sides of a box: pairs of corners whose numbers differ in one bit.
 pub(super) const EDGES: [(usize, usize); 12] =
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
@@ -46,7 +47,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &Ui, picture: &Response) {
         }
     }
     let mut is_held = false;
-    for handle in cutting::handles(&viewer.scene.clip, &opened.facts, &camera) {
+    for handle in cutting::handles(&viewer.scene, &opened.facts, &camera) {
         // What lies beyond the border is held at the border.
         let Some(at) = see.place(handle.at).map(|at| rect.shrink(RADIUS).clamp(at)) else { continue };
         let ground = Rect::from_center_size(at, Vec2::splat(GROUND));
@@ -82,6 +83,8 @@ fn name_of(opened: &Opened, grip: Grip) -> String {
         Grip::Face(axis, end) => format!("Crop {}, {}", axis_name(opened, axis), ["first", "last"][end]),
         Grip::Plane(i) => format!("Plane {}, move", i + 1),
         Grip::Arrow(i) => format!("Plane {}, turn", i + 1),
+        Grip::Slice(i) => format!("Slice {}, move", i + 1),
+        Grip::SliceArrow(i) => format!("Slice {}, turn", i + 1),
         Grip::Middle(i) => format!("Solid {}, move", i + 1),
         Grip::Size(i) => format!("Solid {}, size", i + 1),
     }
@@ -99,12 +102,14 @@ fn drag(viewer: &mut Viewer, opened: &Opened, see: &Sight<'_>, handle: Handle, r
     let height = f64::from(see.rect.height().max(1.0));
     let way = [f64::from(held.way.x) / height, -f64::from(held.way.y) / height];
     let by = navigate::drag_at(see.camera, held.handle.at, way);
-    viewer.scene.clip = cutting::moved(&held.before, &opened.facts, see.camera, &held.handle, by);
+    let after = cutting::moved(&held.before, &opened.facts, see.camera, &held.handle, by);
+    (viewer.scene.clip, viewer.scene.slices) = (after.clip, after.slices);
 }
 
 fn paint(painter: &eframe::egui::Painter, see: &Sight<'_>, handle: Handle, at: Pos2, is_lit: bool) {
     let color = match handle.grip {
         Grip::Face(axis, _) => PLANE_COLORS[axis],
+        Grip::Slice(_) | Grip::SliceArrow(_) => SLICE_COLOR,
         _ => CUT_COLOR,
     };
     if let Some(root) = handle.root.and_then(|root| see.place(root)) {

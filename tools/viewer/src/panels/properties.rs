@@ -9,6 +9,7 @@ use supervol_runtime::scene::{ISO_LIMIT, LightSpec, Mode, ShadingSpec};
 
 use super::{editor, heading, transfer};
 use crate::edit;
+use crate::sections::short;
 use crate::viewer::Viewer;
 use crate::worker::{Inspect, Opened};
 
@@ -75,15 +76,6 @@ fn volume(opened: &Opened, ui: &mut Ui) {
     let unit = &manifest.unit;
     ui.label(format!("{x} x {y} x {z} voxels, {}", opened.container.descriptor().voxel_type.name()));
     ui.label(format!("values {} to {} {unit}", short(facts.value_range.min), short(facts.value_range.max)));
-}
-
-/// A number in few digits.
-pub(super) fn short(value: f64) -> String {
-    if value != 0.0 && !(1e-3..1e6).contains(&value.abs()) {
-        format!("{value:.3e}")
-    } else {
-        format!("{}", (value * 1e4).round() / 1e4)
-    }
 }
 
 fn look(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {

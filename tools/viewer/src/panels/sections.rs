@@ -6,12 +6,11 @@ use eframe::egui::{
 use supervol_runtime::scene::{CameraSpec, ImageSpec, RAY_LIMIT};
 
 use super::picture::{color, pixels_of, place, wheel_steps};
-use super::properties::short;
 use super::{heading, slices, wide_slider};
 use crate::edit;
 use crate::navigate;
 use crate::planes::{self, axis_name};
-use crate::sections::Layout;
+use crate::sections::{Layout, short, told_of};
 use crate::viewer::Viewer;
 use crate::worker::{Message, Opened, PANELS, Probe};
 
@@ -221,26 +220,7 @@ pub(super) fn tell_of_point(
     let Some(probed) = viewer.sections.probed().filter(|probed| probed.probe.panel == panel) else { return };
     let corner = rect.left_bottom() + Vec2::new(MARGIN, -MARGIN);
     match &probed.found {
-        Ok(Some(picked)) => {
-            let list = |numbers: [f64; 3]| numbers.map(short).join(", ");
-            let unit = &opened.container.manifest().unit;
-            let value = if picked.value.is_nan() { "absent".into() } else { format!("{} {unit}", short(picked.value)) };
-            let mut words = format!(
-                "{}\nvoxel {}\nworld {}",
-                value.trim_end(),
-                list(picked.index.map(|i| (i * 100.0).round() / 100.0)),
-                list(picked.world)
-            );
-            if let Some(survey) = &opened.survey {
-                let scales = survey.scales();
-                let named = |axis: usize| {
-                    let [first, step] = scales[axis];
-                    format!("{} {}", axis_name(opened, axis), short(first + step * picked.index[axis]))
-                };
-                words += &format!("\n{}, {}, {}", named(1), named(0), named(2));
-            }
-            tell(painter, corner, Align2::LEFT_BOTTOM, &words);
-        }
+        Ok(Some(picked)) => tell(painter, corner, Align2::LEFT_BOTTOM, &told_of(picked, opened)),
         Ok(None) if panel.is_some() => tell(painter, corner, Align2::LEFT_BOTTOM, "nothing is here"),
         Ok(None) => {}
         Err(why) if panel.is_some() => tell(painter, corner, Align2::LEFT_BOTTOM, why),
