@@ -120,6 +120,7 @@ pub const MOUSE: &[(&str, &str)] = &[
     ("In a section: click or drag", "Move the cursor, through which all sections go"),
     ("In a section: wheel; with Ctrl", "Move the section; nearer or away"),
     ("In a section: right drag; double click", "Move the picture; see all of it again"),
+    ("In a section: right click", "Save its scene, export it"),
     ("Click in the picture, with sections", "The cursor goes to what is there"),
     ("Drag a handle", "Move a face of the crop box, a clip plane, a slice, a solid"),
     ("Alt and wheel", "Move the slice, or the one that is held of several"),

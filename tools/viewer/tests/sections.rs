@@ -11,7 +11,7 @@ use eframe::egui::{
 use supervol_format::{Lod, VoxelBox, VoxelType};
 use supervol_preprocess::Existing;
 use supervol_preprocess::extract::{Extraction, extract};
-use supervol_runtime::scene::Mode;
+use supervol_runtime::scene::{Mode, Scene};
 use supervol_runtime::slices::Interpolation;
 use supervol_viewer::sections::{Layout, short, told_of};
 
@@ -312,4 +312,37 @@ fn a_survey_is_told_with_its_line_numbers() {
         assert!(told.contains(&lines) && told.starts_with(&short(picked.value)), "{told}");
     }
     session.screenshot("survey-panels");
+}
+
+#[test]
+fn a_section_is_saved_and_exported_as_it_is_shown() {
+    let mut session = at_rest_with_three();
+    let over = session.node(NAMES[1]).rect().center();
+    wheel(&mut session, over, 4.0, Modifiers::NONE);
+    let right_click = |session: &mut Session| {
+        session.harness.hover_at(over);
+        session.frames(1);
+        for pressed in [true, false] {
+            let (pos, button, modifiers) = (over, PointerButton::Secondary, Modifiers::NONE);
+            session.harness.event(Event::PointerButton { pos, button, pressed, modifiers });
+            session.frames(2);
+        }
+    };
+    right_click(&mut session);
+    session.click("Save the scene of this section ...");
+    session.click("Save");
+    let written = std::fs::read_to_string(session.folder.path().join("sphere.section.json")).expect("a scene file");
+    let scene = Scene::from_json(&written).expect("a scene");
+    assert_eq!(Some(&scene), session.viewer().sections().panel(1).expect("a panel").scene());
+    session.click("OK");
+    right_click(&mut session);
+    session.click("Export this section ...");
+    session.click("Export");
+    let exported = session.folder.path().join("sphere.section.png");
+    session.until("it is written", |s| exported.exists() && s.viewer().is_at_rest());
+    let expected = session.folder.path().join("expected.png");
+    let (image, background) = support::headless(session.viewer(), &scene);
+    image.write(&expected, background).expect("a file");
+    assert!(std::fs::read(&exported).expect("a file") == std::fs::read(&expected).expect("a file"), "other bytes");
+    session.assert_section_is_as_rendered(1);
 }

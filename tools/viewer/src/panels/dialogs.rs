@@ -40,6 +40,8 @@ pub(crate) struct Dialogs {
 struct SaveDialog {
     path: String,
     replace: bool,
+    /// That of a section; `None`: that of the picture, as it is when it is saved.
+    scene: Option<Scene>,
 }
 
 struct ExportDialog {
@@ -48,6 +50,8 @@ struct ExportDialog {
     size: [u32; 2],
     /// Width over height of the picture on the screen.
     aspect: f64,
+    /// As in [`SaveDialog`].
+    scene: Option<Scene>,
 }
 
 /// A file beside the volume.
@@ -64,14 +68,29 @@ impl Dialogs {
 
     /// A window to save the scene.
     pub(crate) fn begin_save(&mut self, opened: Option<&Opened>) {
-        self.save = Some(SaveDialog { path: beside(opened, "scene.json"), replace: false });
+        self.save = Some(SaveDialog { path: beside(opened, "scene.json"), replace: false, scene: None });
+    }
+
+    /// The same for a section.
+    pub(crate) fn begin_save_section(&mut self, opened: &Opened, scene: Scene) {
+        let path = beside(Some(opened), "section.json");
+        self.save = Some(SaveDialog { path, replace: false, scene: Some(scene) });
+    }
+
+    /// A window to export a section.
+    pub(crate) fn begin_export_section(&mut self, opened: &Opened, scene: Scene) {
+        self.begin_export(Some(opened), &scene);
+        if let Some(dialog) = &mut self.export {
+            dialog.path = beside(Some(opened), "section.png");
+            dialog.scene = Some(scene);
+        }
     }
 
     /// A window to export a picture, of the size of the one on the screen.
     pub(crate) fn begin_export(&mut self, opened: Option<&Opened>, scene: &Scene) {
         let size = [scene.image.width, scene.image.height];
         let aspect = f64::from(size[0]) / f64::from(size[1]);
-        self.export = Some(ExportDialog { path: beside(opened, "png"), replace: false, size, aspect });
+        self.export = Some(ExportDialog { path: beside(opened, "png"), replace: false, size, aspect, scene: None });
     }
 }
 
@@ -142,7 +161,8 @@ fn save(viewer: &mut Viewer, ctx: &egui::Context) {
     if is_saved {
         let path = PathBuf::from(dialog.path.trim());
         let existing = if dialog.replace { Existing::Replace } else { Existing::Keep };
-        viewer.message = Some(match save_scene(viewer, &path, existing) {
+        let scene = dialog.scene.as_ref().unwrap_or(&viewer.scene);
+        viewer.message = Some(match save_scene(viewer, scene, &path, existing) {
             Ok(()) => Message::Done(format!("{} is written", path.display())),
             Err(error) => Message::Failure(error.to_string()),
         });
@@ -152,11 +172,11 @@ fn save(viewer: &mut Viewer, ctx: &egui::Context) {
 }
 
 /// Writes the scene, by the rules of all commands: whole or not at all, and never over what is open.
-fn save_scene(viewer: &Viewer, path: &Path, existing: Existing) -> Result<(), BuildError> {
+fn save_scene(viewer: &Viewer, scene: &Scene, path: &Path, existing: Existing) -> Result<(), BuildError> {
     let read = viewer.opened.iter().flat_map(|opened| [opened.source.as_path(), opened.path.as_path()]);
     check_distinct(path, read)?;
     let output = OutputFile::begin(path, existing)?;
-    let written = output.file().write_all(scene_text(&viewer.scene).as_bytes());
+    let written = output.file().write_all(scene_text(scene).as_bytes());
     written.map_err(|source| BuildError::Write { path: path.into(), source })?;
     output.publish()?;
     Ok(())
@@ -172,7 +192,8 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
     let Some(mut dialog) = viewer.dialogs.export.take() else { return };
     let (mut is_open, mut is_begun) = (true, false);
     let middle = ctx.content_rect().center();
-    let samples = u64::from(viewer.scene.samples_per_pixel.unwrap_or(1));
+    let samples = dialog.scene.as_ref().unwrap_or(&viewer.scene).samples_per_pixel;
+    let samples = u64::from(samples.unwrap_or(1));
     window("Export picture", &mut is_open).default_pos(middle).show(ctx, |ui| {
         ui.label("PNG, EXR or NumPy (.npy), by the name's ending; written when it has converged:");
         path_field(ui, &mut dialog.path, "Picture file");
@@ -202,7 +223,7 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
         is_begun = ui.add_enabled(may, egui::Button::new("Export")).clicked();
     });
     if is_begun {
-        let mut scene = viewer.scene.clone();
+        let mut scene = dialog.scene.unwrap_or_else(|| viewer.scene.clone());
         [scene.image.width, scene.image.height] = dialog.size;
         let existing = if dialog.replace { Existing::ReplacePicture } else { Existing::Keep };
         viewer.export(Export { scene, path: PathBuf::from(dialog.path.trim()), existing });

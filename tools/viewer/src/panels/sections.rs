@@ -68,6 +68,7 @@ pub(super) fn show(viewer: &mut Viewer, ui: &Ui, rooms: &Rooms) {
         steer(viewer, &opened, ui, axis, &response);
         aim(viewer, &opened, ui, axis, rect);
         paint(viewer, &opened, ui, axis, &response);
+        take_along(viewer, &opened, axis, &response);
     }
     // Panels that were shown before the one in which the cursor was moved follow in the next frame.
     if viewer.sections.cursor != before {
@@ -82,6 +83,21 @@ fn aim(viewer: &mut Viewer, opened: &Opened, ui: &Ui, axis: usize, rect: Rect) {
     let scene = viewer.sections.scene_of(axis, opened, &image);
     let rays = |samples: u32| u64::from(width) * u64::from(height) * u64::from(samples);
     viewer.sections.panels[axis].scene = scene.filter(|scene| rays(scene.samples_per_pixel.unwrap_or(1)) <= RAY_LIMIT);
+}
+
+/// What a right click offers: the section as a scene file, and as a picture.
+fn take_along(viewer: &mut Viewer, opened: &Opened, axis: usize, response: &Response) {
+    let Some(scene) = viewer.sections.panels[axis].scene.clone() else { return };
+    response.context_menu(|ui| {
+        if ui.button("Save the scene of this section ...").clicked() {
+            viewer.dialogs.begin_save_section(opened, scene.clone());
+            ui.close();
+        }
+        if ui.button("Export this section ...").clicked() {
+            viewer.dialogs.begin_export_section(opened, scene.clone());
+            ui.close();
+        }
+    });
 }
 
 fn steer(viewer: &mut Viewer, opened: &Opened, ui: &Ui, axis: usize, response: &Response) {
