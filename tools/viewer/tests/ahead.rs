@@ -27,7 +27,7 @@ fn from_within() -> Scene {
 }
 
 fn session() -> Session {
-    Session::in_bricks("marschner-lobb", [EDGE, u64::from(BRICK)], from_within(), Settings::default())
+    Session::small_in_bricks("marschner-lobb", [EDGE, u64::from(BRICK)], from_within(), Settings::default())
 }
 
 #[test]
@@ -57,7 +57,7 @@ fn a_view_that_goes_on_turning_finds_its_bricks_in_memory() {
 fn a_new_wish_cuts_looking_ahead_short() {
     let mut session = session();
     session.rest();
-    for turn in 0..5 * TURNS {
+    for turn in 0..3 * TURNS {
         let key = if turn % 5 == 0 { Key::ArrowUp } else { Key::ArrowRight };
         session.press(Modifiers::NONE, key);
         session.rest();

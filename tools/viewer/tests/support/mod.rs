@@ -97,6 +97,11 @@ impl Session {
         Self::new(name, [1280.0, 800.0], 1.0, Settings { host_memory_bytes, ..Settings::default() })
     }
 
+    /// As [`Self::in_bricks`], in a window that is as small as it may be: many pictures take little time.
+    pub fn small_in_bricks(name: &str, edges: [u64; 2], scene: Scene, settings: Settings) -> Self {
+        Self::with(name, edges, scene, ([800.0, 500.0], 1.0), settings)
+    }
+
     /// The same in a window of another size.
     pub fn sized(name: &str, size: [f32; 2], scale: f32) -> Self {
         Self::new(name, size, scale, Settings::default())
