@@ -94,6 +94,8 @@ shot nearer
 # Keys: an arrow turns it on, the window of keys opens and closes.
 xdotool key --window 0 Right
 until_true "a key changes the picture" has_changed nearer
+# Beside the picture, so that nothing is told over it of the point under the mouse.
+xdotool mousemove --window "$window" $((WIDTH - 4)) $((HEIGHT - 6))
 until_true "the picture rests after the key" is_still
 shot keyed
 xdotool key --window 0 question

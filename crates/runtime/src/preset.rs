@@ -5,15 +5,18 @@
 //! the ray casters know nothing of volume sizes.
 //!
 //! `looks` says what each kind of data looks like, `ramps` with which transfer functions, `view` where cameras stand, `section`
-//! shows a slice face on, `placing` says where the volume lies, and `overview` what a coarse level tells of what can be seen.
+//! shows a slice face on, `placing` says where the volume lies, and `overview` what a coarse level tells of what can be seen;
+//! `transfer_file` reads transfer functions and colour maps of other programs.
 //! What they choose is a [`crate::scene::Scene`] written out.
 
+mod color_space;
 pub mod colormap;
 pub mod looks;
 pub mod overview;
 pub mod placing;
 pub mod ramps;
 pub mod section;
+pub mod transfer_file;
 pub mod view;
 
 use glam::DVec3;

@@ -1,10 +1,13 @@
-//! What a person wants to see beside the volume: its box with the ends of its axes, which way it is turned, a scale, what the
+//! What pictures of the command line and of the viewer share: decorations, and folders of animations ([`frames`]).
+//!
+//! Decorations are what a person wants to see beside the volume: its box with the ends of its axes, which way it is turned, a scale, what the
 //! colours mean, and what it is.
 //!
 //! Edges of the box that the volume hides are drawn behind it, the others before it, by the opacity of the picture: what lies
 //! between is not known, so that an edge inside of something clear looks as if it were behind it.
 
 mod canvas;
+pub mod frames;
 
 use glam::DVec3;
 use supervol_format::Container;

@@ -13,12 +13,12 @@ use supervol_format::Container;
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::preset::overview::Overview;
 use supervol_runtime::preset::view::{Framed, View, upright};
-use supervol_runtime::preset::{colormap, looks, placing, ramps};
+use supervol_runtime::preset::{looks, placing, ramps};
 use supervol_runtime::scene::{
     CameraSpec, ImageSpec, IsoSpec, Mode, PointsSpec, Scene, ShadingSpec, SolidSpec, TransferFunctionSpec,
 };
 
-use self::parse::{CameraWish, Cutter, SurfaceWish};
+use self::parse::{CameraWish, ColorMapWish, Cutter, SurfaceWish};
 use self::places::{Crop, Cut};
 use self::slices::SliceArguments;
 use crate::failure::Failure;
@@ -46,13 +46,14 @@ pub struct LookArguments {
     /// How many times as large as it would fit
     #[arg(long, value_name = "FACTOR", value_parser = parse::positive)]
     zoom: Option<f64>,
-    /// Colours and opacities: VALUE:COLOUR:OPACITY,... with colours as in --background, or a JSON file with `points` and
-    /// `unit_distance` as in a scene
+    /// Colours and opacities: VALUE:COLOUR:OPACITY,... with colours as in --background, or a file: JSON with `points` and
+    /// `unit_distance` as in a scene, a colour map of ParaView with opacities (.json), or a table of ImageVis3D (.1dt)
     #[arg(long, value_name = "FILE|POINTS", allow_hyphen_values = true)]
     tf: Option<String>,
-    /// Colours by name: grey, seismic, viridis, magma, inferno, plasma, cividis, turbo, cubehelix, warm, cool or spectral
-    #[arg(long, value_name = "NAME", value_parser = parse::color_map)]
-    colormap: Option<String>,
+    /// Colours by name: grey, seismic, viridis, magma, inferno, plasma, cividis, turbo, cubehelix, warm, cool or spectral; or those of
+    /// a file, as for --tf
+    #[arg(long, value_name = "NAME|FILE", value_parser = parse::color_map)]
+    colormap: Option<ColorMapWish>,
     /// Values that the colours and opacities span
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse::window, allow_hyphen_values = true)]
     window: Option<[f64; 2]>,
@@ -217,7 +218,7 @@ impl LookArguments {
         self.set_mode(&mut scene, facts, overview);
         self.add_surfaces(&mut scene, facts)?;
         if let Some(text) = &self.tf {
-            scene.transfer_function = Some(TransferFunctionSpec::Points(parse::transfer_function(text)?));
+            scene.transfer_function = Some(TransferFunctionSpec::Points(parse::transfer_function(text, facts)?));
         }
         if self.vertical_exaggeration.is_some() {
             scene.vertical_exaggeration = self.vertical_exaggeration.filter(|factor| *factor != 1.0);
@@ -354,7 +355,7 @@ impl LookArguments {
             };
         };
         let window = self.window.or(self.clip_percent.map(|percent| ramps::clipped_window(facts, percent)));
-        let colors = self.colormap.as_deref().and_then(colormap::by_name);
+        let colors = self.colormap.as_ref().map(ColorMapWish::colors).transpose()?;
         for slice in &mut scene.slices {
             slices::repaint(slice, window, colors.as_deref())?;
         }

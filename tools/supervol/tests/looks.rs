@@ -61,6 +61,42 @@ fn the_printed_scene_is_the_picture() {
 }
 
 #[test]
+fn transfer_functions_of_other_programs_are_drawn() {
+    let folder = Folder::with_sphere();
+    std::fs::write(folder.path("t.1dt"), "3\n0 0 0 0\n1 0 0 0.25\n1 1 1 1\n").expect("room");
+    let map = r#"[{"ColorSpace": "RGB", "Name": "m", "RGBPoints": [10, 0, 0, 1, 30, 1, 0, 0], "Points": [10, 0, 0.5, 0, 30, 1, 0.5, 0]}]"#;
+    std::fs::write(folder.path("m.json"), map).expect("room");
+    let points = |options: &[&str]| {
+        let scene = folder.scene(options);
+        scene.pointer("/transfer_function/points").and_then(|p| p.as_array()).expect("points").clone()
+    };
+    let table = points(&["--tf", "t.1dt"]);
+    assert_eq!((table.len(), table[1]["alpha"].as_f64(), table[1]["color"][0].as_f64()), (3, Some(0.25), Some(1.0)));
+    let paraview = points(&["--tf", "m.json"]);
+    assert_eq!((paraview[0]["value"].as_f64(), paraview[1]["value"].as_f64()), (Some(10.0), Some(30.0)));
+    // As a colour map, the values are those of the picture.
+    let [usual, painted] = [points(&[]), points(&["--colormap", "m.json"])];
+    let ends = |points: &[serde_json::Value]| (points[0]["value"].clone(), points[points.len() - 1]["value"].clone());
+    assert_eq!(ends(&painted), ends(&usual));
+    assert_eq!(painted[0]["color"], serde_json::json!([0.0, 0.0, 1.0]));
+    // The scene that is printed is the picture.
+    assert_eq!(folder.picture(&["--tf", "t.1dt"]), {
+        let text = folder.expect(0, &[&["render", "v.svol", "--print-scene", "--tf", "t.1dt"], &SMALL[..2]].concat());
+        std::fs::write(folder.path("s.json"), text).expect("room");
+        folder.picture(&["--scene", "s.json"])
+    });
+    std::fs::write(folder.path("c.json"), r#"[{"RGBPoints": [0, 0, 0, 0, 1, 1, 1, 1]}]"#).expect("room");
+    for (options, words) in [
+        (["--tf", "c.json"], "--colormap"),
+        (["--tf", "missing.1dt"], "missing.1dt"),
+        (["--colormap", "missing.json"], "missing.json"),
+    ] {
+        let told = folder.expect(2, &[&["render", "v.svol", "-o", "p.png"], &options[..]].concat());
+        assert!(told.contains(words), "{options:?}: {told}");
+    }
+}
+
+#[test]
 fn each_option_changes_its_part_of_the_scene() {
     let folder = Folder::with_sphere();
     let usual = folder.scene(&[]);

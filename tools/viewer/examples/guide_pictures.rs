@@ -19,6 +19,8 @@ use supervol_viewer::viewer::Viewer;
 use supervol_viewer::worker::Settings;
 
 const SIZE: [f32; 2] = [1280.0, 800.0];
+/// Of a picture that is mostly noise, which does not compress.
+const SMALLER: [f32; 2] = [1000.0, 640.0];
 const PATIENCE: Duration = Duration::from_secs(300);
 
 struct Artist {
@@ -27,7 +29,7 @@ struct Artist {
 }
 
 impl Artist {
-    fn new(volume: &Path, folder: &Path, theme: Theme) -> Result<Self, String> {
+    fn new(volume: &Path, folder: &Path, theme: Theme, size: [f32; 2]) -> Result<Self, String> {
         let launch = Launch {
             file: Some(volume.into()),
             scene: Scene::default(),
@@ -36,7 +38,7 @@ impl Artist {
         };
         let viewer = Viewer::new(launch, Remembered { theme, ..Remembered::default() });
         let harness = Harness::builder()
-            .with_size(SIZE)
+            .with_size(size)
             .with_render_cursor(false)
             .wgpu()
             .build_ui_state(|ui, viewer: &mut Viewer| viewer.ui(ui), viewer);
@@ -66,6 +68,20 @@ impl Artist {
         self.rest()
     }
 
+    /// Rests the mouse on the middle of something until it is told what is there.
+    fn point_at(&mut self, label: &str) -> Result<(), String> {
+        let at = self.harness.get_by_label(label).rect().center();
+        self.harness.hover_at(at + eframe::egui::vec2(40.0, 25.0));
+        let start = Instant::now();
+        while self.harness.state().sections().probed().is_none() {
+            self.harness.step();
+            if start.elapsed() > PATIENCE {
+                return Err(format!("nothing is told of {label}"));
+            }
+        }
+        Ok(())
+    }
+
     fn draw(&mut self, name: &str) -> Result<(), String> {
         self.harness.run_steps(8);
         let path = self.folder.join(name);
@@ -79,15 +95,19 @@ fn run() -> Result<(), String> {
         return Err("expected: CARP.svol SEISMIC.svol FOLDER".into());
     };
     std::fs::create_dir_all(folder).map_err(|e| e.to_string())?;
-    let mut artist = Artist::new(carp, folder, Theme::Dark)?;
+    let mut artist = Artist::new(carp, folder, Theme::Dark, SIZE)?;
     artist.draw("window.png")?;
     artist.click("Iso")?;
     artist.draw("surfaces.png")?;
-    let mut artist = Artist::new(seismic, folder, Theme::Light)?;
+    let mut artist = Artist::new(seismic, folder, Theme::Light, SIZE)?;
     artist.click("Box, scale, colours")?;
     artist.draw("survey.png")?;
     artist.click("inline")?;
-    artist.draw("slice.png")
+    artist.draw("slice.png")?;
+    let mut artist = Artist::new(seismic, folder, Theme::Light, SMALLER)?;
+    artist.click("Three panels")?;
+    artist.point_at("Section inline")?;
+    artist.draw("panels.png")
 }
 
 #[allow(clippy::print_stderr, reason = "why it failed")]

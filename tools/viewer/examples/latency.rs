@@ -2,19 +2,27 @@
 //!
 //!     cargo run --release -p supervol-viewer --example latency -- VOLUME.svol [WIDTHxHEIGHT] [HOST_MEMORY_MIB] [THREADS]
 //!
-//! A drag turns the volume by two degrees as soon as a picture has come; then, from pictures at rest, single steps do. The time that
-//! putting a picture on the screen takes comes on top.
+//! A drag turns the volume by two degrees as soon as a picture has come; then, from pictures at rest, single steps do. Then a section across
+//! the grid's last axis, in a panel of half the size, goes through the volume as soon as a picture of it has come, while the picture of the
+//! volume rests. Beside wall times stand the processor times of a step, since other programs may run. The time that putting a picture on the
+//! screen takes comes on top.
 
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use supervol_runtime::preset::section::{face_on, plane_across};
+use supervol_runtime::process::cpu_time;
 use supervol_runtime::scene::Scene;
+use supervol_runtime::slices::{Interpolation, SliceSpec};
 use supervol_viewer::folders::Folders;
-use supervol_viewer::worker::{Frame, Message, News, Open, Opened, Settings, View, Worker};
+use supervol_viewer::worker::{Beside, Frame, Message, News, Open, Opened, Settings, View, Worker};
 use supervol_viewer::{edit, navigate};
 
 const DRAG_STEPS: usize = 180;
 const SINGLE_STEPS: usize = 10;
+const SECTION_STEPS: usize = 60;
+/// The axis that sections go along.
+const AXIS: usize = 2;
 const PATIENCE: Duration = Duration::from_secs(600);
 
 struct Hand {
@@ -54,6 +62,20 @@ impl Hand {
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 
+    /// Wishes for a section; milliseconds to the first picture of it, and to the one that has converged.
+    fn wish_section(&mut self, opened: &Opened, scene: &Scene) -> Result<[f64; 2], String> {
+        self.number += 1;
+        let (start, number) = (Instant::now(), self.number);
+        self.worker.section(AXIS, View { number, volume: opened.number, scene: scene.clone() });
+        let section = |mut news: News| news.sections[AXIS].take().filter(|frame| frame.number == number);
+        let mut frame = self.wait(section)?;
+        let first = start.elapsed().as_secs_f64() * 1e3;
+        while !frame.is_converged {
+            frame = self.wait(section)?;
+        }
+        Ok([first, start.elapsed().as_secs_f64() * 1e3])
+    }
+
     /// Waits until the picture has converged; milliseconds that it took.
     fn rest(&mut self) -> Result<f64, String> {
         let last = match self.last.take() {
@@ -67,6 +89,37 @@ impl Hand {
 fn quantile(times: &mut [f64], share: f64) -> f64 {
     times.sort_by(f64::total_cmp);
     times[((times.len() - 1) as f64 * share).round() as usize]
+}
+
+fn milliseconds(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}
+
+/// Sections from end to end of the volume: times to their first pictures, and to those that have converged.
+#[allow(clippy::print_stdout, reason = "it is what this program is for")]
+fn sections(
+    hand: &mut Hand,
+    opened: &Opened,
+    settings: Settings,
+    [width, height]: [u32; 2],
+) -> Result<[Vec<f64>; 2], String> {
+    hand.worker.set(Settings { beside: Beside::Panels, ..settings });
+    let facts = &opened.facts;
+    let (cpu, mut times) = (cpu_time(), [Vec::new(), Vec::new()]);
+    for step in 0..SECTION_STEPS {
+        let at = (facts.dims.0[AXIS] - 1) as f64 * step as f64 / (SECTION_STEPS - 1) as f64;
+        let (normal, offset) = plane_across(facts, AXIS, at.round());
+        let interpolation = Interpolation::Linear;
+        let slice = SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new() };
+        let mut open = Scene { samples_per_pixel: Some(1), ..Scene::default() };
+        (open.image.width, open.image.height) = (width, height);
+        let scene = face_on(&open, facts, slice, 1.0).ok_or("there is no such section")?.complete(facts, None);
+        for (times, time) in times.iter_mut().zip(hand.wish_section(opened, &scene)?) {
+            times.push(time);
+        }
+    }
+    println!("sections: {:.0} ms of processor time each", milliseconds(cpu_time() - cpu) / SECTION_STEPS as f64);
+    Ok(times)
 }
 
 #[allow(clippy::print_stdout, reason = "it is what this program is for")]
@@ -99,11 +152,13 @@ fn run() -> Result<(), String> {
     let turn = |scene: &mut Scene| {
         scene.camera = scene.camera.as_ref().map(|camera| navigate::orbit(camera, &stage, [2.0, 0.0]));
     };
+    let cpu = cpu_time();
     let mut dragged = Vec::new();
     for _ in 0..DRAG_STEPS {
         turn(&mut scene);
         dragged.push(hand.wish(&opened, &scene)?);
     }
+    println!("dragged: {:.0} ms of processor time a step", milliseconds(cpu_time() - cpu) / DRAG_STEPS as f64);
     let mut single = Vec::new();
     let mut converged = Vec::new();
     for _ in 0..SINGLE_STEPS {
@@ -112,7 +167,15 @@ fn run() -> Result<(), String> {
         single.push(hand.wish(&opened, &scene)?);
         converged.push(hand.rest()?);
     }
-    for (name, times) in [("dragged", &mut dragged), ("from rest", &mut single), ("to convergence", &mut converged)] {
+    hand.rest()?;
+    let [mut sections, mut finished] = sections(&mut hand, &opened, settings, [width / 2, height / 2])?;
+    for (name, times) in [
+        ("dragged", &mut dragged),
+        ("from rest", &mut single),
+        ("to convergence", &mut converged),
+        ("sections", &mut sections),
+        ("sections to convergence", &mut finished),
+    ] {
         let [median, p95] = [0.5, 0.95].map(|share| quantile(times, share));
         println!("{name}: median {median:.0} ms, 95th percentile {p95:.0} ms, {} steps", times.len());
     }

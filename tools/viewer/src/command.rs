@@ -14,6 +14,8 @@ pub enum Command {
     SaveScene,
     /// The window to export a picture.
     Export,
+    /// The window to make an animation.
+    Animate,
     /// The command line of this picture, to the clipboard.
     CopyCommand,
     /// Back by one edit.
@@ -34,8 +36,12 @@ pub enum Command {
     Nearer(i8),
     /// So many steps forward, negative back, with the target.
     Fly(i8),
-    /// Panels beside the picture.
+    /// Panels beside the picture: controls.
     Panels,
+    /// Panels beside the picture: sections.
+    Sections,
+    /// Handles in the picture.
+    Handles,
     /// Full screen.
     FullScreen,
 }
@@ -78,6 +84,7 @@ pub const BINDINGS: &[Binding] = &[
     binding(Command::Open, &[with_command(Key::O)], "Open a file"),
     binding(Command::SaveScene, &[with_command(Key::S)], "Save the scene"),
     binding(Command::Export, &[with_command(Key::E)], "Export a picture"),
+    binding(Command::Animate, &[with_command(Key::M)], "Make an animation"),
     binding(Command::Move([-1, 0]), &[with_shift(Key::ArrowLeft)], "Move the picture to the left"),
     binding(Command::Move([1, 0]), &[with_shift(Key::ArrowRight)], "Move the picture to the right"),
     binding(Command::Move([0, 1]), &[with_shift(Key::ArrowUp)], "Move the picture up"),
@@ -98,6 +105,8 @@ pub const BINDINGS: &[Binding] = &[
     binding(Command::ViewFrom(Direction::Top), &[plain(Key::Num5)], "From above"),
     binding(Command::ViewFrom(Direction::Bottom), &[plain(Key::Num6)], "From below"),
     binding(Command::Projection, &[plain(Key::P)], "Perspective or parallel rays"),
+    binding(Command::Sections, &[plain(Key::T)], "Three sections beside the picture, or the picture alone"),
+    binding(Command::Handles, &[plain(Key::B)], "Handles of crop box, clip planes, slices and solids"),
     binding(Command::Panels, &[plain(Key::H)], "Hide or show the panels"),
     binding(Command::FullScreen, &[plain(Key::F11)], "Full screen"),
     binding(Command::Help, &[plain(Key::Questionmark), plain(Key::F1), with_shift(Key::Slash)], "Keys and mouse"),
@@ -108,6 +117,13 @@ pub const MOUSE: &[(&str, &str)] = &[
     ("Drag", "Turn"),
     ("Right or middle drag, or Shift and drag", "Move the picture"),
     ("Wheel, two fingers, pinch", "Nearer or away, towards the cursor"),
+    ("In a section: click or drag", "Move the cursor, through which all sections go"),
+    ("In a section: wheel; with Ctrl", "Move the section; nearer or away"),
+    ("In a section: right drag; double click", "Move the picture; see all of it again"),
+    ("In a section: right click", "Save its scene, export it"),
+    ("Click in the picture, with sections", "The cursor goes to what is there"),
+    ("Drag a handle", "Move a face of the crop box, a clip plane, a slice, a solid"),
+    ("Alt and wheel", "Move the slice, or the one that is held of several"),
     ("Double click", "The point under the cursor comes to the middle, nearer"),
     ("Drop a file on the window", "Open it"),
 ];

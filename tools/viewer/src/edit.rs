@@ -113,8 +113,13 @@ pub fn clip_percent(scene: &mut Scene, facts: &VolumeFacts, percent: f64) {
 /// Paints with a colour map by its name.
 pub fn set_colors(scene: &mut Scene, name: &str) {
     if let Some(colors) = colormap::by_name(name) {
-        repaint(scene, None, Some(&colors));
+        paint(scene, &colors);
     }
+}
+
+/// Paints with colours at places from 0 to 1 of the window.
+pub fn paint(scene: &mut Scene, colors: &[(f64, [f64; 3])]) {
+    repaint(scene, None, Some(colors));
 }
 
 fn repaint(scene: &mut Scene, window: Option<[f64; 2]>, colors: Option<&[(f64, [f64; 3])]>) {

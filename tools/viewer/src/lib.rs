@@ -8,19 +8,25 @@
 //! ```
 //!
 //! - [`viewer`]: one frame of the window: news of the worker, keys, panels, the picture; knows nothing of windows;
-//! - `panels/`: what stands around the picture; `navigate`, `edit`: what mouse, keys and panels do to the scene; `history`: undo;
+//! - `panels/`: what stands around the picture; `navigate`, `edit`, `planes`, `cutting`: what mouse, keys and panels do to the
+//!   scene; `sections`:
+//!   what panels beside the picture show; `history`: undo;
 //!   `command`: the list of keys;
 //! - [`worker`]: the thread that opens, builds, draws and exports;
-//! - `folders`, `remembered`: the cache folder, and what is remembered from one time to the next;
+//! - `errand`: what is read and written beside it; `folders`, `remembered`: the cache folder, and what is remembered from one time to the next;
 //! - this file: the window.
 
 pub mod command;
+pub mod cutting;
 pub mod edit;
+mod errand;
 pub mod folders;
 pub mod history;
 pub mod navigate;
 mod panels;
+pub mod planes;
 pub mod remembered;
+pub mod sections;
 pub mod viewer;
 pub mod worker;
 

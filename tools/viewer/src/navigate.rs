@@ -109,6 +109,47 @@ pub fn fly(camera: &CameraSpec, share: f64) -> CameraSpec {
     moved(camera, share * axes.distance * axes.forward)
 }
 
+/// The world direction in which a camera looks, and the one to its right: unit vectors.
+#[must_use]
+pub fn forward_of(camera: &CameraSpec) -> DVec3 {
+    Axes::of(camera).forward
+}
+
+/// See [`forward_of`].
+#[must_use]
+pub fn right_of(camera: &CameraSpec) -> DVec3 {
+    Axes::of(camera).right
+}
+
+/// The world vector across the view by which a world point moves that is dragged by shares of the picture's height, to the right and up.
+#[must_use]
+pub fn drag_at(camera: &CameraSpec, point: DVec3, [right, up]: [f64; 2]) -> DVec3 {
+    let axes = Axes::of(camera);
+    let depth = (point - DVec3::from_array(camera.eye)).dot(axes.forward);
+    let scale = if camera.height.is_some() { 1.0 } else { depth / axes.distance };
+    scale * axes.height(camera) * (right * axes.right + up * axes.up)
+}
+
+/// The world point at the target's depth that is seen at a place of a picture of this aspect (width over height).
+#[must_use]
+pub fn point_at(camera: &CameraSpec, at: [f64; 2], aspect: f64) -> DVec3 {
+    let axes = Axes::of(camera);
+    let half = 0.5 * axes.height(camera);
+    DVec3::from_array(camera.target) + half * (at[0] * aspect * axes.right + at[1] * axes.up)
+}
+
+/// Where a world point is seen in a picture of this aspect; `None` beside or behind a perspective camera.
+#[must_use]
+pub fn place_of(camera: &CameraSpec, point: DVec3, aspect: f64) -> Option<[f64; 2]> {
+    let axes = Axes::of(camera);
+    let from_eye = point - DVec3::from_array(camera.eye);
+    let depth = from_eye.dot(axes.forward);
+    let scale = if camera.height.is_some() { 1.0 } else { depth / axes.distance };
+    let half = 0.5 * axes.height(camera) * scale;
+    let place = [from_eye.dot(axes.right) / (half * aspect), from_eye.dot(axes.up) / half];
+    (scale > 0.0 && place.iter().all(|p| p.is_finite())).then_some(place)
+}
+
 /// The camera as it stands, moved along its own view direction to the depth of another one's target: from slice to slice.
 #[must_use]
 pub fn shifted_to(camera: &CameraSpec, other: &CameraSpec) -> CameraSpec {
@@ -194,6 +235,27 @@ mod tests {
             let nearest = dolly(&start, &STAGE, 0.0, cursor, 2.0);
             assert!(Axes::of(&nearest).height(&nearest) > 0.0, "never through the target");
         }
+    }
+
+    #[test]
+    fn points_are_seen_where_they_are() {
+        for start in both() {
+            let point = DVec3::new(0.5, 3.0, 2.0);
+            let found = place_of(&start, point, 2.0).expect("it is before the camera");
+            let expected = place(&start, point);
+            assert!((0..2).all(|a| (found[a] - expected[a]).abs() < 1e-12), "{found:?} {expected:?}");
+            // What is dragged is where the mouse is: a height is 2 of y and, at this aspect, 1 of x.
+            let dragged = point + drag_at(&start, point, [0.1, -0.05]);
+            let moved = place_of(&start, dragged, 2.0).expect("it is before the camera");
+            assert!(
+                (moved[0] - found[0] - 0.1).abs() < 1e-12 && (moved[1] - found[1] + 0.1).abs() < 1e-12,
+                "{moved:?}"
+            );
+            let at = [0.3, -0.7];
+            let back = place_of(&start, point_at(&start, at, 2.0), 2.0).expect("it is before the camera");
+            assert!((0..2).all(|a| (back[a] - at[a]).abs() < 1e-12), "{back:?}");
+        }
+        assert_eq!(place_of(&camera(Some(30.0), None), DVec3::new(20.0, 2.0, 7.0), 2.0), None, "behind the camera");
     }
 
     #[test]

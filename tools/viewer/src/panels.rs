@@ -1,16 +1,25 @@
 //! What stands around the picture, and the picture itself. Panels show the scene and change it; nothing else.
 
+pub(crate) mod animate;
+mod browse;
+mod cutting;
 pub(crate) mod dialogs;
 mod editor;
+mod handles;
+mod marks;
 pub(crate) mod picture;
 pub(crate) mod properties;
+mod sections;
+mod slices;
 pub(crate) mod status;
 pub(crate) mod tools;
+pub(crate) mod transfer;
 
 use std::path::PathBuf;
 
 use eframe::egui;
 use supervol_runtime::scene::{IsoSpec, Mode, Scene, ShadingSpec, TransferFunctionSpec};
+use supervol_runtime::slices::SliceSpec;
 
 use crate::edit;
 use crate::worker::Opened;
@@ -29,6 +38,16 @@ pub(crate) struct Looks {
     pub(crate) clip_percent: f64,
     /// Where light comes from: degrees to the right of and above the viewer, as it was asked for last.
     pub(crate) light: [f64; 2],
+    /// The slice in the volume that the wheel moves: its place in the scene.
+    pub(crate) held_slice: usize,
+    /// Points of the wheel that have moved no slice yet; `None`: the wheel moves the camera.
+    pub(crate) wheel_points: Option<f64>,
+    /// Handles of what cuts the volume are shown.
+    pub(crate) are_handles_shown: bool,
+    /// The one that is dragged.
+    pub(crate) held: Option<handles::Held>,
+    /// Slices of the modes that draw them at their depth, while another one is shown.
+    kept_slices: Vec<SliceSpec>,
 }
 
 /// What a mode was left with.
@@ -54,12 +73,14 @@ impl Looks {
         self.left.retain(|(left, _)| *left != now);
         self.left.push((now, Look { transfer_function, shading, iso, samples_per_pixel }));
         self.chosen = None;
+        let slices = slices::with_mode(&mut self.kept_slices, now, &scene.slices, mode);
+        let scene = Scene { slices, ..scene.clone() };
         match self.left.iter().find(|(left, _)| *left == mode) {
             Some((_, look)) => {
                 let Look { transfer_function, shading, iso, samples_per_pixel } = look.clone();
-                Scene { mode: Some(mode), transfer_function, shading, iso, samples_per_pixel, ..scene.clone() }
+                Scene { mode: Some(mode), transfer_function, shading, iso, samples_per_pixel, ..scene }
             }
-            None => edit::with_mode(scene, opened, mode),
+            None => Scene { slices: scene.slices.clone(), ..edit::with_mode(&scene, opened, mode) },
         }
     }
 }
@@ -67,6 +88,14 @@ impl Looks {
 /// Files that were dropped on the window.
 pub(crate) fn dropped_files(ctx: &egui::Context) -> Vec<PathBuf> {
     ctx.input(|input| input.raw.dropped_files.iter().map(|file| file.path().into()).collect())
+}
+
+/// Points that stand beside a slider: its number.
+const BESIDE_SLIDER: f32 = 70.0;
+
+/// The next sliders are as wide as there is room.
+fn wide_slider(ui: &mut egui::Ui) {
+    ui.spacing_mut().slider_width = (ui.available_width() - BESIDE_SLIDER).max(40.0);
 }
 
 /// A heading of a panel.

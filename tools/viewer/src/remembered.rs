@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::folders::Folders;
+use crate::sections::Layout;
 use crate::worker::Decorations;
 
 /// Most files that are remembered.
@@ -40,6 +41,8 @@ pub struct Remembered {
     pub decorations: Decorations,
     /// Panels are hidden.
     pub panels_hidden: bool,
+    /// What stands beside the picture of the volume.
+    pub layout: Layout,
 }
 
 fn file(folders: &Folders) -> Option<PathBuf> {

@@ -17,9 +17,16 @@ use crate::edit;
 use crate::folders::Folders;
 use crate::history::History;
 use crate::navigate;
+use crate::panels::animate::Keys;
+use crate::panels::status::Room;
+use crate::panels::transfer::{self, Transfer};
 use crate::panels::{self, Dialogs, Looks};
+use crate::planes;
 use crate::remembered::{Remembered, Theme};
-use crate::worker::{Busy, Export, Frame, Message, Open, Opened, Settings, View, Worker};
+use crate::sections::{Layout, Sections, Shown};
+use crate::worker::{
+    Beside, Busy, Export, Frame, LookedAhead, Mark, Message, Open, Opened, PANELS, Probed, Settings, View, Worker,
+};
 
 /// Degrees of one step of turning, share of the picture's height of one of moving, factor of one nearer, share of the way to the
 /// target of one of flying: by keys.
@@ -45,6 +52,8 @@ pub struct Picture {
     pub is_converged: bool,
     /// Wall time of drawing it so far, milliseconds.
     pub spent_ms: f64,
+    /// Bricks to mark in it.
+    pub marks: Vec<Mark>,
 }
 
 /// A slice that is shown instead of the volume.
@@ -66,11 +75,17 @@ pub struct Viewer {
     pub(crate) settings: Settings,
     pub(crate) exaggeration: f64,
     pub(crate) picture: Option<Picture>,
+    pub(crate) ahead: Option<LookedAhead>,
     pub(crate) busy: Option<Busy>,
     pub(crate) message: Option<Message>,
     pub(crate) dialogs: Dialogs,
     pub(crate) looks: Looks,
     pub(crate) slice: Option<Sliced>,
+    pub(crate) sections: Sections,
+    pub(crate) transfer: Transfer,
+    pub(crate) status_room: Room,
+    /// Views of an animation.
+    pub(crate) keys: Keys,
     pub(crate) remembered: Remembered,
     pub(crate) folders: Folders,
     /// Milliseconds from wishes to the first pictures that answered them, the last ones last.
@@ -87,7 +102,8 @@ impl Viewer {
     /// A viewer that will open what is said; the worker starts with the first frame.
     #[must_use]
     pub fn new(launch: Launch, remembered: Remembered) -> Self {
-        let settings = Settings { decorations: remembered.decorations, ..launch.settings };
+        let beside = beside(remembered.layout);
+        let settings = Settings { decorations: remembered.decorations, beside, ..launch.settings };
         Self {
             worker: None,
             opened: None,
@@ -96,11 +112,16 @@ impl Viewer {
             settings,
             exaggeration: 1.0,
             picture: None,
+            ahead: None,
             busy: None,
             message: None,
             dialogs: Dialogs::default(),
             looks: Looks::default(),
             slice: None,
+            sections: Sections { layout: remembered.layout, ..Sections::default() },
+            transfer: Transfer::default(),
+            status_room: Room::default(),
+            keys: Keys::default(),
             remembered,
             folders: launch.folders.clone(),
             latencies_ms: VecDeque::new(),
@@ -142,6 +163,18 @@ impl Viewer {
         self.picture.as_ref()
     }
 
+    /// Sections in panels beside the picture.
+    #[must_use]
+    pub fn sections(&self) -> &Sections {
+        &self.sections
+    }
+
+    /// What is in memory for the next picture, if the one on the screen has converged and the camera came from somewhere.
+    #[must_use]
+    pub fn looked_ahead(&self) -> Option<LookedAhead> {
+        self.ahead.filter(|ahead| ahead.number == self.wishes)
+    }
+
     /// What went wrong or well last.
     #[must_use]
     pub fn message(&self) -> Option<&Message> {
@@ -157,8 +190,14 @@ impl Viewer {
     /// Whether nothing is to be expected: the picture on the screen is the one that is wanted, and it has converged.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
-        let is_drawn = self.picture.as_ref().is_some_and(|p| p.number == self.wishes && p.is_converged);
-        self.busy.is_none() && (self.opened.is_none() || is_drawn)
+        let is_drawn = self.picture.as_ref().is_some_and(|p| p.is_converged) && self.is_up_to_date();
+        self.busy.is_none() && (self.opened.is_none() || is_drawn && self.sections.are_at_rest())
+    }
+
+    /// Whether the picture on the screen shows what is wanted, finished or not.
+    pub(crate) fn is_up_to_date(&self) -> bool {
+        let is_sent = self.sent.as_ref().is_some_and(|(_, scene)| *scene == self.scene);
+        is_sent && self.picture.as_ref().is_some_and(|picture| picture.number == self.wishes)
     }
 
     /// One frame.
@@ -166,6 +205,7 @@ impl Viewer {
         let ctx = ui.ctx().clone();
         self.start(&ctx);
         self.receive(&ctx);
+        transfer::receive(self);
         for path in panels::dropped_files(&ctx) {
             self.open(&path);
         }
@@ -231,6 +271,7 @@ impl Viewer {
         let is_dead = worker.is_dead();
         let news = worker.news();
         self.busy = if is_dead { None } else { news.busy };
+        self.ahead = news.ahead.or(self.ahead);
         if let Some(message) = news.message {
             self.message = Some(message);
         }
@@ -245,12 +286,38 @@ impl Viewer {
         if let Some(frame) = news.frame {
             self.show(ctx, frame);
         }
+        for (axis, frame) in news.sections.into_iter().enumerate() {
+            if let Some(frame) = frame {
+                self.show_section(ctx, axis, frame);
+            }
+        }
+        if let Some(probed) = news.probed {
+            self.hear(probed);
+        }
+    }
+
+    /// What is under a pixel is known.
+    pub(crate) fn hear(&mut self, probed: Probed) {
+        let Some(opened) = self.opened.clone().filter(|opened| opened.number == probed.probe.volume) else { return };
+        if self.sections.moving == Some(probed.probe.number) {
+            self.sections.moving = None;
+            if let Ok(Some(picked)) = &probed.found {
+                self.sections.move_to(picked.index, &opened.facts, &mut self.scene);
+            }
+        }
+        self.sections.answered = Some(probed);
     }
 
     /// A volume has been opened: its scene is shown.
     fn take_up(&mut self, ctx: &egui::Context, opened: Arc<Opened>) {
         let is_same = self.opened.as_ref().is_some_and(|before| before.source == opened.source);
         let mut scene = opened.scene.clone();
+        if let Some(before) =
+            self.opened.as_ref().filter(|before| is_same && before.exaggeration != opened.exaggeration)
+        {
+            planes::carry(&mut scene, &before.facts.geometry, &opened.facts.geometry);
+            self.sections.panels.iter_mut().for_each(|panel| panel.camera = None);
+        }
         // The window decides how large the picture is, and with that what a camera frames that nobody has asked for.
         (scene.image.width, scene.image.height) = (self.scene.image.width, self.scene.image.height);
         if !opened.is_camera_asked {
@@ -261,7 +328,9 @@ impl Viewer {
             self.history.commit(&scene);
         } else {
             self.history = History::new(&scene);
+            self.sections = Sections::of(&opened.facts, self.sections.layout);
             self.looks = Looks::of(&scene);
+            self.keys = Keys::default();
             self.picture = None;
             self.remembered.add(&opened.source);
             self.remembered.write(&self.folders);
@@ -278,7 +347,7 @@ impl Viewer {
             return;
         }
         self.note_latency(frame.number);
-        let Frame { number, image, stats, is_converged, spent_ms, .. } = frame;
+        let Frame { number, image, stats, is_converged, spent_ms, marks, .. } = frame;
         let texture = match self.picture.take() {
             Some(mut picture) => {
                 picture.texture.set(image.clone(), TextureOptions::NEAREST);
@@ -286,7 +355,36 @@ impl Viewer {
             }
             None => ctx.load_texture("picture", image.clone(), TextureOptions::NEAREST),
         };
-        self.picture = Some(Picture { image, texture, number, stats, is_converged, spent_ms });
+        self.picture = Some(Picture { image, texture, number, stats, is_converged, spent_ms, marks });
+    }
+
+    fn show_section(&mut self, ctx: &egui::Context, axis: usize, frame: Frame) {
+        if self.opened.as_ref().is_none_or(|opened| opened.number != frame.volume) {
+            return;
+        }
+        let Frame { number, image, stats, is_converged, .. } = frame;
+        let panel = &mut self.sections.panels[axis];
+        let texture = match panel.shown.take() {
+            Some(mut shown) => {
+                shown.texture.set(image.clone(), TextureOptions::NEAREST);
+                shown.texture
+            }
+            None => ctx.load_texture(format!("section {axis}"), image.clone(), TextureOptions::NEAREST),
+        };
+        panel.shown = Some(Shown { image, texture, number, stats, is_converged });
+    }
+
+    /// Sections beside the picture, or none.
+    pub(crate) fn set_layout(&mut self, layout: Layout) {
+        if layout == self.sections.layout {
+            return;
+        }
+        (self.sections.layout, self.remembered.layout) = (layout, layout);
+        self.settings.beside = beside(layout);
+        // Panels that are gone keep no picture; those that stay are asked for again, since the memory is divided anew.
+        for panel in &mut self.sections.panels {
+            (panel.shown, panel.sent) = (None, None);
+        }
     }
 
     /// Does what a key or a button says.
@@ -300,8 +398,14 @@ impl Viewer {
                 ctx.send_viewport_cmd(egui::ViewportCommand::Fullscreen(!is_full));
             }
             _ if self.opened.is_none() => {}
+            Command::Handles => self.looks.are_handles_shown = !self.looks.are_handles_shown,
+            Command::Sections => self.set_layout(match self.sections.layout {
+                Layout::Three => Layout::Alone,
+                _ => Layout::Three,
+            }),
             Command::SaveScene => self.dialogs.begin_save(self.opened.as_deref()),
             Command::Export => self.dialogs.begin_export(self.opened.as_deref(), &self.scene),
+            Command::Animate => panels::dialogs::begin_animation(self),
             Command::CopyCommand => self.copy_command(ctx),
             Command::Undo => {
                 let before = self.history.undo(&self.scene);
@@ -390,6 +494,20 @@ impl Viewer {
         self.slice = Some(Sliced { axis, at, before });
     }
 
+    /// Moves the slice that is shown, or the one of those in the volume that is held, by steps, as far as the volume reaches.
+    pub(crate) fn step_slice(&mut self, steps: f64) {
+        let Some(opened) = self.opened.clone() else { return };
+        if let Some((axis, at)) = self.slice.as_ref().map(|slice| (slice.axis, slice.at)) {
+            let last = (opened.facts.dims.0[axis] - 1) as f64;
+            let next = (at as f64 + steps).clamp(0.0, last) as u64;
+            if next != at {
+                self.set_slice(Some((axis, next)));
+            }
+        } else if let Some(slice) = self.scene.slices.get_mut(self.looks.held_slice) {
+            planes::step(slice, &opened.facts, steps);
+        }
+    }
+
     /// Tells the worker what has changed in this frame.
     fn send(&mut self, ctx: &egui::Context) {
         let Some(worker) = &self.worker else { return };
@@ -409,6 +527,23 @@ impl Viewer {
             worker.view(View { number: self.wishes, volume: opened.number, scene: self.scene.clone() });
             self.sent = Some((opened.number, self.scene.clone()));
             push_bounded(&mut self.unanswered, (self.wishes, Instant::now()));
+        }
+        self.send_sections(!are_set);
+    }
+
+    /// Tells the worker which sections have changed, or are wanted again.
+    fn send_sections(&mut self, again: bool) {
+        let (Some(worker), Some(opened)) = (&self.worker, &self.opened) else { return };
+        for axis in 0..PANELS {
+            let panel = &mut self.sections.panels[axis];
+            let Some(scene) = panel.scene.as_ref().filter(|_| self.sections.layout.shows(axis)) else { continue };
+            let is_sent = |(volume, sent, _): &(u64, Scene, u64)| *volume == opened.number && sent == scene;
+            if again || !panel.sent.as_ref().is_some_and(is_sent) {
+                self.sections.wishes += 1;
+                let number = self.sections.wishes;
+                worker.section(axis, View { number, volume: opened.number, scene: scene.clone() });
+                panel.sent = Some((opened.number, scene.clone(), number));
+            }
         }
     }
 
@@ -440,6 +575,11 @@ fn push_bounded<T>(list: &mut VecDeque<T>, value: T) {
         list.pop_front();
     }
     list.push_back(value);
+}
+
+/// Whether a layout has panels.
+fn beside(layout: Layout) -> Beside {
+    if layout == Layout::Alone { Beside::Nothing } else { Beside::Panels }
 }
 
 /// Light, dark, or as the desktop is.

@@ -5,35 +5,49 @@
 //! ```
 //!
 //! 1. Whoever wishes something puts it on the desk; what was wished before and not begun is forgotten.
-//! 2. The worker takes, in this order: an end, a volume to open, settings, a picture to export, a view. With nothing to take it
-//!    goes on with the picture that it has begun, until that has converged.
+//! 2. The worker takes, in this order: an end, a volume to open, settings, a picture to export, an animation, a view, the sections of panels, a
+//!    pixel to look under. With nothing to take it goes on with the sections and then with the picture that it has begun, until
+//!    these have converged, and then brings into memory what the next picture will want if the camera goes on as it came.
 //! 3. A new view gets a picture within the time for interaction ([`Settings::interaction_ms`]). Only what comes after that is cut
 //!    short by the next wish: otherwise a view that changes all the time would never be seen.
 //! 4. News replace older news of their kind; the window is woken for each.
 //!
 //! Both directions hold at most one of each kind: nothing queues.
 
+mod animate;
 mod easel;
 mod export;
+mod marks;
 mod open;
+mod sections;
 
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Instant;
 
 use eframe::egui::ColorImage;
 use serde::{Deserialize, Serialize};
 use supervol_format::Container;
 use supervol_preprocess::report::Progress as BuildProgress;
+use supervol_preprocess::source::Survey;
 use supervol_runtime::facts::VolumeFacts;
+use supervol_runtime::frame::RenderError;
+use supervol_runtime::image::Image;
 use supervol_runtime::preset::overview::Overview;
+use supervol_runtime::renderer::Picked;
 use supervol_runtime::scene::Scene;
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::stop::Canceller;
 
+pub use self::animate::{Animation, Motion};
 use self::easel::Easel;
 pub use self::export::Export;
+pub use self::marks::{MARK_LIMIT, Mark};
 use crate::folders::Folders;
+
+/// Panels with a section each, beside the picture.
+pub const PANELS: usize = 3;
 
 /// With what pictures are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,6 +62,32 @@ pub struct Settings {
     pub threads: Option<usize>,
     /// Whether box, orientation, scale and colours are drawn beside the volume.
     pub decorations: Decorations,
+    /// Whether a part of the memory is that of panels beside the picture.
+    pub beside: Beside,
+    /// What is shown of how the picture was made.
+    pub inspect: Inspect,
+}
+
+/// What is shown of how a picture was made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Inspect {
+    /// Nothing but bricks that failed.
+    #[default]
+    Nothing,
+    /// Bricks in memory, in the colours of their levels.
+    Bricks,
+    /// In place of the picture, once it has converged: how far each pixel may be off, as `render --error-map` writes it.
+    Errors,
+}
+
+/// Whether there are panels beside the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Beside {
+    /// The picture is alone.
+    #[default]
+    Nothing,
+    /// Panels, with sections.
+    Panels,
 }
 
 /// Whether something stands beside the volume.
@@ -68,6 +108,8 @@ impl Default for Settings {
             interaction_ms: 33,
             threads: None,
             decorations: Decorations::Off,
+            beside: Beside::Nothing,
+            inspect: Inspect::Nothing,
         }
     }
 }
@@ -107,6 +149,8 @@ pub struct Opened {
     pub container: Arc<Container>,
     /// What its header says.
     pub facts: VolumeFacts,
+    /// Line numbers and times or depths, of a survey.
+    pub survey: Option<Survey>,
     /// What a coarse level tells, where one is small enough.
     pub overview: Option<Overview>,
     /// How many times as large heights or depths are drawn.
@@ -131,6 +175,41 @@ pub struct Frame {
     pub is_converged: bool,
     /// Wall time of drawing it so far, milliseconds.
     pub spent_ms: f64,
+    /// Bricks to mark in it: those that failed, and others where somebody wants to see them.
+    pub marks: Vec<Mark>,
+}
+
+/// A question: what is under a pixel?
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Probe {
+    /// Counts questions.
+    pub number: u64,
+    /// Of which volume.
+    pub volume: u64,
+    /// The panel; `None`: of the picture.
+    pub panel: Option<usize>,
+    /// Pixel (x, y), from the top left.
+    pub pixel: [u32; 2],
+}
+
+/// The answer: a point, nothing, or why nobody knows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Probed {
+    /// To what.
+    pub probe: Probe,
+    /// What is there.
+    pub found: Result<Option<Picked>, String>,
+}
+
+/// What was brought into memory for the next picture, since the present one has converged.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct LookedAhead {
+    /// The wish that the present picture answers.
+    pub number: u64,
+    /// Bricks that came.
+    pub page_ins: u64,
+    /// Whether all that was looked for is there.
+    pub is_complete: bool,
 }
 
 /// What takes long, and how far it is.
@@ -142,6 +221,8 @@ pub enum Busy {
     Building(PathBuf, BuildProgress),
     /// A picture is exported: rows that are finished, and all.
     Exporting(PathBuf, [u32; 2]),
+    /// Pictures of an animation go to a folder: those that are there, and all.
+    Animating(PathBuf, [usize; 2]),
 }
 
 /// Something went wrong, or well.
@@ -160,6 +241,12 @@ pub struct News {
     pub opened: Option<Arc<Opened>>,
     /// A picture has been drawn.
     pub frame: Option<Frame>,
+    /// Pictures of the panels.
+    pub sections: [Option<Frame>; PANELS],
+    /// What is under the pixel that was asked for last.
+    pub probed: Option<Probed>,
+    /// What is there for the next picture.
+    pub ahead: Option<LookedAhead>,
     /// What is going on.
     pub busy: Option<Busy>,
     /// What was done or went wrong.
@@ -173,11 +260,21 @@ struct Wishes {
     open: Option<Open>,
     settings: Option<Settings>,
     export: Option<Export>,
+    animation: Option<Animation>,
     view: Option<View>,
+    sections: [Option<View>; PANELS],
+    probe: Option<Probe>,
     /// Stops what the worker does, while that may be cut short.
     cut: Option<Canceller>,
     /// Stops an export.
     export_canceller: Option<Canceller>,
+}
+
+impl Wishes {
+    /// The first section that is wanted.
+    fn section(&mut self) -> Option<(usize, View)> {
+        self.sections.iter_mut().enumerate().find_map(|(panel, view)| Some((panel, view.take()?)))
+    }
 }
 
 /// What lies between window and worker.
@@ -220,13 +317,16 @@ enum Work {
     Open(Open),
     Settings(Settings),
     Export(Export),
+    Animation(Box<Animation>),
     View(View),
-    Refine,
+    Section(usize, View),
+    Probe(Probe),
+    GoOn,
 }
 
 impl Desk {
-    /// The next piece of work; waits where there is none. What refines may be cut short by the next wish.
-    fn next(&self, refine: Option<Canceller>) -> Work {
+    /// The next piece of work; waits where there is none. What goes on may be cut short by the next wish.
+    fn next(&self, going_on: Option<Canceller>) -> Work {
         let mut wishes = lock(&self.wishes);
         loop {
             wishes.cut = None;
@@ -236,13 +336,16 @@ impl Desk {
             let work = (wishes.open.take().map(Work::Open))
                 .or_else(|| wishes.settings.take().map(Work::Settings))
                 .or_else(|| wishes.export.take().map(Work::Export))
-                .or_else(|| wishes.view.take().map(Work::View));
+                .or_else(|| wishes.animation.take().map(|animation| Work::Animation(Box::new(animation))))
+                .or_else(|| wishes.view.take().map(Work::View))
+                .or_else(|| wishes.section().map(|(panel, view)| Work::Section(panel, view)))
+                .or_else(|| wishes.probe.take().map(Work::Probe));
             if let Some(work) = work {
                 return work;
             }
-            if refine.is_some() {
-                wishes.cut = refine;
-                return Work::Refine;
+            if going_on.is_some() {
+                wishes.cut = going_on;
+                return Work::GoOn;
             }
             wishes = self.rung.wait(wishes).unwrap_or_else(PoisonError::into_inner);
         }
@@ -280,12 +383,28 @@ impl Worker {
 
     /// Opens a volume, instead of the one that is open.
     pub fn open(&self, open: Open) {
-        self.desk.wish(|wishes| (wishes.open, wishes.view) = (Some(open), None));
+        self.desk.wish(|wishes| {
+            (wishes.open, wishes.view, wishes.probe) = (Some(open), None, None);
+            wishes.sections = [const { None }; PANELS];
+        });
     }
 
     /// Draws a picture.
     pub fn view(&self, view: View) {
         self.desk.wish(|wishes| wishes.view = Some(view));
+    }
+
+    /// Draws the section of a panel.
+    ///
+    /// # Panics
+    /// If there is no such panel.
+    pub fn section(&self, panel: usize, view: View) {
+        self.desk.wish(|wishes| wishes.sections[panel] = Some(view));
+    }
+
+    /// Looks what is under a pixel.
+    pub fn probe(&self, probe: Probe) {
+        self.desk.wish(|wishes| wishes.probe = Some(probe));
     }
 
     /// From now on pictures are made like this.
@@ -298,10 +417,15 @@ impl Worker {
         self.desk.wish(|wishes| wishes.export = Some(export));
     }
 
-    /// Gives an export up.
+    /// Draws the pictures of an animation, and writes them to a folder.
+    pub fn animate(&self, animation: Animation) {
+        self.desk.wish(|wishes| wishes.animation = Some(animation));
+    }
+
+    /// Gives an export or an animation up.
     pub fn cancel_export(&self) {
         self.desk.wish(|wishes| {
-            wishes.export = None;
+            (wishes.export, wishes.animation) = (None, None);
             if let Some(canceller) = wishes.export_canceller.take() {
                 canceller.cancel();
             }
@@ -314,6 +438,9 @@ impl Worker {
         News {
             opened: news.opened.take(),
             frame: news.frame.take(),
+            sections: std::mem::take(&mut news.sections),
+            probed: news.probed.take(),
+            ahead: news.ahead.take(),
             busy: news.busy.clone(),
             message: news.message.take(),
         }
@@ -338,13 +465,45 @@ impl Drop for Worker {
     }
 }
 
+/// A picture for the window, with its background, that was begun then. Where bricks failed, it may have come to its end without having
+/// converged as statistics mean it.
+fn frame_of(
+    view: &View,
+    (picture, background): (&Image, [f64; 3]),
+    (stats, is_converged): (FrameStats, bool),
+    began: Instant,
+) -> Frame {
+    let size = [picture.width, picture.height].map(|n| n as usize);
+    Frame {
+        volume: view.volume,
+        number: view.number,
+        image: Arc::new(ColorImage::from_rgb(size, &picture.to_rgb8(background))),
+        stats,
+        is_converged,
+        marks: Vec::new(),
+        spent_ms: began.elapsed().as_secs_f64() * 1e3,
+    }
+}
+
+/// What was found, or why not; nothing where somebody wanted something else meanwhile.
+fn picked(found: Result<Option<Picked>, RenderError>) -> Option<Result<Option<Picked>, String>> {
+    match found {
+        Err(RenderError::Cancelled) => None,
+        found => Some(found.map_err(|e| e.to_string())),
+    }
+}
+
 /// What the thread does.
 fn work(desk: &Arc<Desk>, mut settings: Settings) {
     let mut easel: Option<Easel> = None;
     let mut volumes = 0;
     loop {
-        let refine = easel.as_ref().and_then(Easel::unfinished);
-        match desk.next(refine) {
+        let going_on = easel.as_ref().and_then(Easel::unfinished);
+        let next = desk.next(going_on);
+        if let (Some(easel), false) = (&mut easel, matches!(next, Work::GoOn)) {
+            easel.forget_cut();
+        }
+        match next {
             Work::Quit => return,
             Work::Open(wish) => {
                 volumes += 1;
@@ -369,14 +528,31 @@ fn work(desk: &Arc<Desk>, mut settings: Settings) {
                     desk.tell(|news| (news.busy, news.message) = (None, Some(message)));
                 }
             }
+            Work::Animation(wish) => {
+                if let Some(easel) = &mut easel {
+                    let message = easel.animate(desk, &wish, &settings).unwrap_or_else(Message::Failure);
+                    lock(&desk.wishes).export_canceller = None;
+                    desk.tell(|news| (news.busy, news.message) = (None, Some(message)));
+                }
+            }
             Work::View(view) => {
                 if let Some(easel) = &mut easel {
                     easel.begin(desk, view, &settings);
                 }
             }
-            Work::Refine => {
+            Work::Section(panel, view) => {
                 if let Some(easel) = &mut easel {
-                    easel.refine(desk);
+                    easel.begin_section(desk, panel, view, &settings);
+                }
+            }
+            Work::Probe(probe) => {
+                if let Some(easel) = &mut easel {
+                    easel.probe(desk, probe);
+                }
+            }
+            Work::GoOn => {
+                if let Some(easel) = &mut easel {
+                    easel.go_on(desk);
                 }
             }
         }

@@ -3,37 +3,9 @@
 
 mod support;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicUsize, Ordering};
-
 use eframe::egui::{Key, Modifiers};
 use support::Session;
-
-/// Bytes that are allocated now, and that were at most.
-static NOW: AtomicUsize = AtomicUsize::new(0);
-static PEAK: AtomicUsize = AtomicUsize::new(0);
-
-struct Counting;
-
-fn count(bytes: usize) {
-    let now = NOW.fetch_add(bytes, Ordering::Relaxed) + bytes;
-    PEAK.fetch_max(now, Ordering::Relaxed);
-}
-
-// SAFETY: every call goes to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count(layout.size());
-        // SAFETY: the caller's promises are the system allocator's conditions.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
-        NOW.fetch_sub(layout.size(), Ordering::Relaxed);
-        // SAFETY: as above.
-        unsafe { System.dealloc(block, layout) }
-    }
-}
+use support::counting::{self, Counting};
 
 #[global_allocator]
 static COUNTING: Counting = Counting;
@@ -59,7 +31,7 @@ fn a_long_session_stays_within_its_budget() {
         session.harness.state_mut().open(file);
         session.until("it is open", |s| s.viewer().opened().is_some_and(|o| o.source.ends_with(name)));
         if round == 2 {
-            PEAK.store(NOW.load(Ordering::Relaxed), Ordering::Relaxed);
+            counting::forget_peak();
         }
         for key in [Key::ArrowRight, Key::Plus, Key::P, Key::Num5, Key::ArrowUp, Key::Minus, Key::Num0] {
             session.press(Modifiers::NONE, key);
@@ -76,9 +48,9 @@ fn a_long_session_stays_within_its_budget() {
         assert_eq!(stats.bricks_failed, 0);
         // The harness keeps what it has not drawn.
         session.screenshot("session");
-        at_rest.push(NOW.load(Ordering::Relaxed));
+        at_rest.push(counting::now());
     }
-    let peak = PEAK.load(Ordering::Relaxed);
+    let peak = counting::peak();
     assert!(peak <= BUDGET + WINDOW, "{peak} bytes at the peak; at rest {at_rest:?}");
     // The same volume, four times later.
     let growth = at_rest[9].saturating_sub(at_rest[1]);

@@ -6,9 +6,11 @@ mod support;
 use eframe::egui::{Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2};
 use egui_kittest::kittest::Queryable;
 use supervol_preprocess::Existing;
-use supervol_runtime::scene::{Mode, Scene, ShadingSpec};
+use supervol_runtime::scene::{Mode, Scene, ShadingSpec, TransferFunctionSpec};
+use supervol_runtime::slices::Interpolation;
+use supervol_runtime::slices::filter::{FilterKind, FilterSpec};
 use supervol_viewer::command::{BINDINGS, Command};
-use supervol_viewer::worker::Message;
+use supervol_viewer::worker::{Message, Settings};
 
 use support::{Session, headless};
 
@@ -276,6 +278,129 @@ fn slices_are_shown_face_on_and_the_volume_comes_back() {
     session.assert_is_as_rendered();
 }
 
+/// Turns the wheel over the picture with Alt held.
+fn wheel_with_alt(session: &mut Session, notches: f32) {
+    let middle = session.node("Picture").rect().center();
+    session.harness.hover_at(middle);
+    session.harness.event(Event::ModifiersChanged(Modifiers::ALT));
+    session.harness.event(Event::MouseWheel {
+        unit: MouseWheelUnit::Line,
+        delta: Vec2::new(0.0, notches),
+        phase: TouchPhase::Move,
+        source: MouseWheelSource::Wheel,
+        modifiers: Modifiers::ALT,
+    });
+    session.frames(12);
+    session.harness.event(Event::ModifiersChanged(Modifiers::NONE));
+    session.frames(3);
+}
+
+#[test]
+fn slices_in_the_volume_are_planes_of_the_scene_at_their_depth() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let (plain, camera) = (session.pixels(), session.viewer().scene().camera.clone());
+    session.click("+ z");
+    session.set("Slice 1, place", 20.0);
+    session.rest();
+    assert_ne!(session.pixels(), plain);
+    session.assert_is_as_rendered();
+    let slices = session.viewer().scene().slices.clone();
+    assert_eq!((slices[0].normal, slices[0].offset), ([0.0, 0.0, 1.0], 20.0));
+
+    session.click("+ oblique");
+    session.set("Slice 2, opacity", 0.5);
+    session.set("Slice 2, normal x", 0.0);
+    session.rest();
+    let oblique = session.viewer().scene().slices[1].clone();
+    assert!(
+        oblique.opacity == 0.5
+            && oblique.normal[0] == 0.0
+            && (oblique.normal[1].hypot(oblique.normal[2]) - 1.0).abs() < 1e-12
+    );
+    session.assert_is_as_rendered();
+    // The wheel moves the slice that was added last, and not the camera.
+    wheel_with_alt(&mut session, 3.0);
+    session.rest();
+    assert_ne!(session.viewer().scene().slices[1].offset, oblique.offset);
+    assert_eq!(session.viewer().scene().slices[0], slices[0]);
+    session.click("1: z");
+    wheel_with_alt(&mut session, -3.0);
+    session.rest();
+    assert_eq!(session.viewer().scene().slices[0].offset, 17.0);
+    assert_eq!(session.viewer().scene().camera, camera, "the wheel with Alt is the slice's");
+    session.assert_is_as_rendered();
+
+    // Projections have no slices; they are there again afterwards.
+    let both = session.viewer().scene().slices.clone();
+    session.click("Max");
+    session.rest();
+    assert!(session.viewer().scene().slices.is_empty() && session.viewer().message().is_none());
+    session.assert_is_as_rendered();
+    session.click("Volume");
+    session.rest();
+    assert_eq!(session.viewer().scene().slices, both);
+    session.set("Vertical exaggeration", 2.0);
+    session.until("the volume is placed anew", |s| s.viewer().opened().is_some_and(|o| o.exaggeration == 2.0));
+    session.rest();
+    assert_eq!(session.viewer().scene().slices[0].offset / session.viewer().scene().slices[0].normal[2], 34.0);
+    session.assert_is_as_rendered();
+}
+
+#[test]
+fn slices_have_filters_colours_and_interpolations() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    session.click("+ x");
+    for (box_, choice) in [
+        ("Slice 1, interpolation", "cubic"),
+        ("Slice 1, colours", "viridis"),
+        ("Slice 1, filter", "median"),
+        ("Slice 1, filter", "sobel"),
+    ] {
+        session.click(box_);
+        session.frames(3);
+        session.click(choice);
+        session.rest();
+        session.assert_is_as_rendered();
+    }
+    let slice = session.viewer().scene().slices[0].clone();
+    assert_eq!(slice.interpolation, Interpolation::Cubic);
+    assert_eq!(slice.filter, Some(FilterSpec { kind: FilterKind::Sobel, size: None }));
+    assert!(slice.colors.is_empty(), "colours of values are none of slopes");
+    session.press(Modifiers::COMMAND, Key::Z);
+    session.rest();
+    let before = session.viewer().scene().slices[0].clone();
+    assert_eq!(before.filter, Some(FilterSpec { kind: FilterKind::Median, size: Some(1.0) }));
+    assert!(before.colors.len() > 2);
+    session.assert_is_as_rendered();
+    let picture = session.pixels();
+    session.click("Slice 1, take away");
+    session.rest();
+    assert_ne!(session.pixels(), picture);
+}
+
+#[test]
+fn the_controls_of_slices_fit() {
+    for (name, scale) in [("slices-1280x800", 1.0), ("slices-scale2", 2.0)] {
+        // Pictures of the regions between slices take memory that a window of so many pixels does not have by default.
+        let settings = Settings { host_memory_bytes: 2 << 30, ..Settings::default() };
+        let mut session = Session::in_window("vessels", ([1280.0, 800.0], scale), settings);
+        session.rest();
+        session.click("Volume");
+        session.click("+ y");
+        session.click("+ oblique");
+        session.rest();
+        let last = session.node("Slice 2, colours").rect();
+        let panel = session.node("Picture").rect().left();
+        assert!(last.right() <= panel, "{name}: {last:?} reaches into the picture at {panel}");
+        session.node("Slice 2, colours").scroll_to_me();
+        session.frames(8);
+        session.rest();
+        session.screenshot(name);
+    }
+}
+
 #[test]
 fn decorations_are_those_of_render() {
     let mut session = Session::of("sphere");
@@ -319,4 +444,81 @@ fn nothing_that_is_no_picture_is_replaced() {
     session.click("Save");
     assert!(matches!(session.viewer().message(), Some(Message::Failure(m)) if m.contains("sphere.svol")));
     assert_eq!(std::fs::read(&volume).expect("a file")[1..5], *b"SVOL");
+}
+
+/// Files of other programs and names of one's own: what is loaded is what `--tf` and `--colormap` would draw.
+#[test]
+fn transfer_functions_are_loaded_saved_and_kept_by_name() {
+    let mut session = Session::of("vessels");
+    session.rest();
+    session.click("Volume");
+    session.rest();
+    let first = session.viewer().scene().clone();
+    let points = |session: &Session| match &session.viewer().scene().transfer_function {
+        Some(TransferFunctionSpec::Points(spec)) => spec.clone(),
+        other => panic!("no points: {other:?}"),
+    };
+    let unit_distance = points(&session).unit_distance;
+    session.click("Save as ...");
+    session.type_over("Name to keep it by", "first look");
+    session.click("Keep");
+    session
+        .until("it is written", |s| matches!(s.viewer().message(), Some(Message::Done(m)) if m.contains("first look")));
+
+    let folder = session.folder.path().to_path_buf();
+    std::fs::write(folder.join("ramp.1dt"), "2\n0 0 0 0\n1 1 0 0.5\n").expect("a file");
+    std::fs::write(folder.join("colours.json"), r#"[{"RGBPoints": [0, 0, 0, 1, 9, 1, 0, 0]}]"#).expect("a file");
+    std::fs::write(folder.join("wrong.json"), "[1]").expect("a file");
+    let load = |session: &mut Session, name: &str| {
+        session.click("Load ...");
+        session.type_over("File to open", &folder.join(name).display().to_string());
+        session.click("Open");
+    };
+    load(&mut session, "ramp.1dt");
+    session.until("it is loaded", |s| s.viewer().scene().transfer_function != first.transfer_function);
+    session.rest();
+    let ramp = points(&session);
+    assert_eq!(ramp.points.iter().map(|p| p.alpha).collect::<Vec<_>>(), [0.0, 0.5]);
+    assert_eq!((ramp.points[1].color, ramp.unit_distance), ([1.0, 1.0, 0.0], unit_distance));
+    session.assert_is_as_rendered();
+    load(&mut session, "colours.json");
+    session.until("it is painted", |s| points(s) != ramp);
+    session.rest();
+    let painted = points(&session);
+    assert_eq!(
+        painted.points.iter().map(|p| (p.color, p.alpha)).collect::<Vec<_>>(),
+        [([0.0, 0.0, 1.0], 0.0), ([1.0, 0.0, 0.0], 0.5)]
+    );
+    session.assert_is_as_rendered();
+    load(&mut session, "wrong.json");
+    session.until(
+        "it is refused",
+        |s| matches!(s.viewer().message(), Some(Message::Failure(m)) if m.contains("wrong.json")),
+    );
+    assert_eq!(points(&session), painted);
+
+    session.click("Named transfer functions");
+    session.frames(3);
+    session.click("first look");
+    session.until("it is there again", |s| s.viewer().scene().transfer_function == first.transfer_function);
+    session.rest();
+    session.assert_is_as_rendered();
+    session.press(Modifiers::COMMAND, Key::Z);
+    assert_eq!(points(&session), painted, "loading is an edit");
+}
+
+/// What is told of a finished picture must not take its room: it would be drawn for ever.
+#[test]
+fn a_finished_picture_stays_finished_at_every_width() {
+    for width in (860..=1140).step_by(40) {
+        let mut session = Session::sized("sphere", [width as f32, 500.0], 1.0);
+        session.rest();
+        // The line may have grown once.
+        session.frames(5);
+        session.rest();
+        let number = session.viewer().picture().expect("a picture").number;
+        session.frames(30);
+        session.rest();
+        assert_eq!(session.viewer().picture().expect("a picture").number, number, "{width} points across");
+    }
 }

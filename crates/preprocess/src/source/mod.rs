@@ -191,6 +191,14 @@ impl Survey {
     pub fn of(manifest: &Manifest) -> Option<Self> {
         manifest.survey.as_ref().and_then(|json| serde_json::from_value(json.value()).ok())
     }
+
+    /// What each axis of the grid counts in, as (of index 0, from index to index): crossline numbers, inline numbers, and times or
+    /// depths in the third axis's unit.
+    #[must_use]
+    pub fn scales(&self) -> [[f64; 2]; 3] {
+        let lines = |lines: LineNumbers| [lines.first as f64, lines.step as f64];
+        [lines(self.crossline), lines(self.inline), [self.first_sample, self.sample_interval]]
+    }
 }
 
 /// Arithmetic progression of line numbers.

@@ -1,9 +1,11 @@
 //! Looks as people write them: colours, cameras, planes, transfer functions.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use supervol_runtime::clip::solids::Keep;
+use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::preset::colormap;
+use supervol_runtime::preset::transfer_file::TransferFile;
 use supervol_runtime::preset::view::Direction;
 use supervol_runtime::scene::{BoxSpec, CylinderSpec, PlaneSpec, PointSpec, PointsSpec, SolidSpec, SphereSpec};
 
@@ -142,12 +144,42 @@ fn plane(text: &str) -> Result<PlaneSpec, String> {
     }
 }
 
-/// The name of a colour map.
-pub fn color_map(text: &str) -> Result<String, String> {
+/// A colour map: its name, or the file that holds it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ColorMapWish {
+    /// One of those that are known by name.
+    Named(String),
+    /// Of a file.
+    File(PathBuf),
+}
+
+/// The name of a colour map, or a file.
+pub fn color_map(text: &str) -> Result<ColorMapWish, String> {
     if colormap::NAMES.contains(&text) {
-        return Ok(text.into());
+        return Ok(ColorMapWish::Named(text.into()));
     }
-    Err(format!("'{text}': expected one of {}", colormap::NAMES.join(", ")))
+    if names_file(text) {
+        return Ok(ColorMapWish::File(text.into()));
+    }
+    Err(format!("'{text}': expected a file (.json, .1dt), or one of {}", colormap::NAMES.join(", ")))
+}
+
+impl ColorMapWish {
+    /// Colours at places from 0 to 1.
+    pub fn colors(&self) -> Result<Vec<(f64, [f64; 3])>, Failure> {
+        match self {
+            Self::Named(name) => Ok(colormap::by_name(name).unwrap_or_default()),
+            Self::File(path) => {
+                let colors = TransferFile::read(path).and_then(|file| file.color_map());
+                colors.map_err(|e| Failure::Command(format!("--colormap: {e}")))
+            }
+        }
+    }
+}
+
+/// Whether a text is the name of a file with a transfer function or a colour map.
+fn names_file(text: &str) -> bool {
+    [".json", ".1dt"].iter().any(|end| text.to_lowercase().ends_with(end)) || Path::new(text).is_file()
 }
 
 /// A colour: a name, #rrggbb, or R,G,B from 0 to 1.
@@ -193,12 +225,16 @@ pub fn surface(text: &str) -> Result<SurfaceWish, String> {
     }
 }
 
-/// `VALUE:COLOUR:OPACITY,...`, or a file with a transfer function as in a scene.
-pub fn transfer_function(text: &str) -> Result<PointsSpec, Failure> {
-    if text.ends_with(".json") || Path::new(text).is_file() {
-        let json = crate::input::read_text(Path::new(text), "a transfer function")?;
-        return serde_json::from_str(&json).map_err(|e| Failure::Command(format!("--tf: {text}: {e}")));
+/// `VALUE:COLOUR:OPACITY,...`, or a file with a transfer function.
+pub fn transfer_function(text: &str, facts: &VolumeFacts) -> Result<PointsSpec, Failure> {
+    if names_file(text) {
+        let points = TransferFile::read(Path::new(text)).and_then(|file| file.points(facts));
+        return points.map_err(|e| Failure::Command(format!("--tf: {e}")));
     }
+    points(text)
+}
+
+fn points(text: &str) -> Result<PointsSpec, Failure> {
     let point = |part: &str| -> Result<PointSpec, String> {
         let expected = || format!("'{part}': expected VALUE:COLOUR:OPACITY, such as 300:white:0.4 or 300:#ffddaa:0.4");
         let [value, color_text, alpha] = part.split(':').collect::<Vec<_>>()[..] else { return Err(expected()) };
@@ -210,7 +246,7 @@ pub fn transfer_function(text: &str) -> Result<PointsSpec, Failure> {
         }
     };
     let points: Result<Vec<_>, _> = text.split(',').map(point).collect();
-    let points = points.map_err(|e| Failure::Command(format!("--tf {e}, or the name of a JSON file")))?;
+    let points = points.map_err(|e| Failure::Command(format!("--tf {e}, or the name of a file (.json, .1dt)")))?;
     Ok(PointsSpec { unit_distance: None, points })
 }
 
@@ -248,8 +284,10 @@ mod tests {
         assert_eq!(surface("-3.5:white:0.25"), Ok(wish));
         assert_eq!(surface("7").map(|wish| (wish.color, wish.alpha)), Ok((None, 1.0)));
         assert!(["", "a", "1:", "1:white:2", "1:white:1:1"].iter().all(|text| surface(text).is_err()));
-        let points = transfer_function("0:black:0,100:#ffffff:0.5").expect("two points").points;
-        assert_eq!((points.len(), points[1].color, points[1].alpha), (2, [1.0; 3], 0.5));
-        assert!(transfer_function("0:black").is_err() && transfer_function("0:black:2").is_err());
+        let read = points("0:black:0,100:#ffffff:0.5").expect("two points").points;
+        assert_eq!((read.len(), read[1].color, read[1].alpha), (2, [1.0; 3], 0.5));
+        assert!(points("0:black").is_err() && points("0:black:2").is_err());
+        assert_eq!(color_map("viridis"), Ok(ColorMapWish::Named("viridis".into())));
+        assert!(matches!(color_map("Map.JSON"), Ok(ColorMapWish::File(_))) && color_map("jet").is_err());
     }
 }

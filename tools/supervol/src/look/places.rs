@@ -195,23 +195,16 @@ impl Scale {
         let manifest = container.manifest();
         let survey = Survey::of(manifest);
         if let Some(survey) = &survey {
-            match name {
-                "crossline" => return Ok(Self::lines(0, survey.crossline)),
-                "inline" => return Ok(Self::lines(1, survey.inline)),
-                _ if name == manifest.axes[2].name => {
-                    return Ok(Self { axis: 2, first: survey.first_sample, step: survey.sample_interval });
-                }
-                _ => {}
+            let names = ["crossline", "inline", manifest.axes[2].name.as_str()];
+            if let Some(axis) = names.iter().position(|known| *known == name) {
+                let [first, step] = survey.scales()[axis];
+                return Ok(Self { axis, first, step });
             }
         }
         if let Some(world) = world_axis(name, facts.frame) {
             return Ok(Self::world(world, facts));
         }
         Err(Failure::Command(format!("'{name}' is no axis of this volume: expected {}", names(container, facts))))
-    }
-
-    fn lines(axis: usize, lines: supervol_preprocess::source::LineNumbers) -> Self {
-        Self { axis, first: lines.first as f64, step: lines.step as f64 }
     }
 
     /// The grid axis that runs along a world axis most of all, counted by that coordinate on the line through the middle.

@@ -11,47 +11,37 @@ use supervol_runtime::image::{GREY_LEVELS, ImageFormat};
 use supervol_runtime::scene::{RAY_LIMIT, Scene};
 use xxhash_rust::xxh3::xxh3_64;
 
+use super::animate::AnimationDialog;
+use super::browse::{Browser, Wanted};
+use super::{animate, browse, transfer};
 use crate::command::{BINDINGS, MOUSE};
 use crate::folders::{self, Folders};
 use crate::viewer::Viewer;
 use crate::worker::{Decorations, Export, Message, Opened, Settings};
 
-/// Files of a folder that are listed at most.
-const LIST_LIMIT: usize = 2000;
-/// Names that end so may be volumes; others are listed where all files are asked for.
-const VOLUMES: [&str; 16] = [
-    "svol", "sgy", "segy", "seg", "seg-y", "nrrd", "nhdr", "nii", "gz", "hdr", "img", "mha", "mhd", "tif", "tiff",
-    "npy",
-];
 /// Scenes of commands that are kept.
 const SCENE_LIMIT: usize = 200;
 /// Most pixels of an exported picture along a side.
-const SIDE_LIMIT: u32 = 32_768;
+pub(super) const SIDE_LIMIT: u32 = 32_768;
 
 /// Which windows are open, and what is in them.
 #[derive(Default)]
 pub(crate) struct Dialogs {
     /// The window of keys.
     pub(crate) keys: bool,
-    open: Option<OpenDialog>,
+    /// The window in which a file is chosen.
+    pub(crate) browser: Option<Browser>,
     save: Option<SaveDialog>,
     export: Option<ExportDialog>,
-}
-
-struct OpenDialog {
-    /// What stands in the field.
-    path: String,
-    folder: PathBuf,
-    /// Folders first; names with whether they are folders.
-    entries: Vec<(String, bool)>,
-    /// Why it cannot be listed.
-    trouble: Option<String>,
-    all_files: bool,
+    /// The window of animations.
+    pub(crate) animation: Option<AnimationDialog>,
 }
 
 struct SaveDialog {
     path: String,
     replace: bool,
+    /// That of a section; `None`: that of the picture, as it is when it is saved.
+    scene: Option<Scene>,
 }
 
 struct ExportDialog {
@@ -60,87 +50,66 @@ struct ExportDialog {
     size: [u32; 2],
     /// Width over height of the picture on the screen.
     aspect: f64,
+    /// As in [`SaveDialog`].
+    scene: Option<Scene>,
 }
 
 /// A file beside the volume.
-fn beside(opened: Option<&Opened>, ending: &str) -> String {
+pub(super) fn beside(opened: Option<&Opened>, ending: &str) -> String {
     let path = opened.map(|opened| opened.source.with_extension(ending)).unwrap_or_default();
     std::path::absolute(&path).unwrap_or(path).display().to_string()
-}
-
-impl OpenDialog {
-    fn at(folder: PathBuf) -> Self {
-        let mut dialog =
-            Self { path: folder.display().to_string(), folder, entries: Vec::new(), trouble: None, all_files: false };
-        dialog.list();
-        dialog
-    }
-
-    fn list(&mut self) {
-        self.entries.clear();
-        self.trouble = None;
-        let listed = match std::fs::read_dir(&self.folder) {
-            Ok(listed) => listed,
-            Err(error) => {
-                self.trouble = Some(format!("{}: {error}", self.folder.display()));
-                return;
-            }
-        };
-        for entry in listed.flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            // Links are followed.
-            let is_folder = entry.path().is_dir();
-            let ending = Path::new(&name).extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-            let is_shown = self.all_files || is_folder || VOLUMES.contains(&ending.as_str());
-            if is_shown && !name.starts_with('.') {
-                self.entries.push((name, is_folder));
-            }
-        }
-        self.entries.sort_by(|a, b| b.1.cmp(&a.1).then_with(|| a.0.to_lowercase().cmp(&b.0.to_lowercase())));
-        if self.entries.len() > LIST_LIMIT {
-            self.trouble = Some(format!("{} of {} names are listed", LIST_LIMIT, self.entries.len()));
-            self.entries.truncate(LIST_LIMIT);
-        }
-    }
-
-    fn go(&mut self, folder: PathBuf) {
-        let all_files = self.all_files;
-        *self = Self { all_files, ..Self::at(folder) };
-        self.list();
-    }
 }
 
 impl Dialogs {
     /// A window to open a file, with the folder of the present one.
     pub(crate) fn begin_open(&mut self, opened: Option<&Opened>) {
-        let folder =
-            opened.and_then(|opened| std::path::absolute(&opened.source).ok()?.parent().map(Path::to_path_buf));
-        let folder = folder.or_else(|| std::env::current_dir().ok()).unwrap_or_default();
-        self.open = Some(OpenDialog::at(folder));
+        self.browser = Some(Browser::new(Wanted::Volume, opened));
     }
 
     /// A window to save the scene.
     pub(crate) fn begin_save(&mut self, opened: Option<&Opened>) {
-        self.save = Some(SaveDialog { path: beside(opened, "scene.json"), replace: false });
+        self.save = Some(SaveDialog { path: beside(opened, "scene.json"), replace: false, scene: None });
+    }
+
+    /// The same for a section.
+    pub(crate) fn begin_save_section(&mut self, opened: &Opened, scene: Scene) {
+        let path = beside(Some(opened), "section.json");
+        self.save = Some(SaveDialog { path, replace: false, scene: Some(scene) });
+    }
+
+    /// A window to export a section.
+    pub(crate) fn begin_export_section(&mut self, opened: &Opened, scene: Scene) {
+        self.begin_export(Some(opened), &scene);
+        if let Some(dialog) = &mut self.export {
+            dialog.path = beside(Some(opened), "section.png");
+            dialog.scene = Some(scene);
+        }
     }
 
     /// A window to export a picture, of the size of the one on the screen.
     pub(crate) fn begin_export(&mut self, opened: Option<&Opened>, scene: &Scene) {
         let size = [scene.image.width, scene.image.height];
         let aspect = f64::from(size[0]) / f64::from(size[1]);
-        self.export = Some(ExportDialog { path: beside(opened, "png"), replace: false, size, aspect });
+        self.export = Some(ExportDialog { path: beside(opened, "png"), replace: false, size, aspect, scene: None });
     }
+}
+
+/// A window to make an animation.
+pub(crate) fn begin_animation(viewer: &mut Viewer) {
+    viewer.dialogs.animation = Some(AnimationDialog::new(viewer));
 }
 
 /// Shows those that are open.
 pub(crate) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
     keys(viewer, ctx);
-    open(viewer, ctx);
+    browse::show(viewer, ctx);
+    transfer::show(viewer, ctx);
+    animate::show(viewer, ctx);
     save(viewer, ctx);
     export(viewer, ctx);
 }
 
-fn window<'a>(title: &'static str, is_open: &'a mut bool) -> egui::Window<'a> {
+pub(super) fn window<'a>(title: &'static str, is_open: &'a mut bool) -> egui::Window<'a> {
     egui::Window::new(title).open(is_open).collapsible(false).pivot(egui::Align2::CENTER_CENTER).default_width(460.0)
 }
 
@@ -165,68 +134,13 @@ fn keys(viewer: &mut Viewer, ctx: &egui::Context) {
     viewer.dialogs.keys = is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape));
 }
 
-fn open(viewer: &mut Viewer, ctx: &egui::Context) {
-    let Some(mut dialog) = viewer.dialogs.open.take() else { return };
-    let (mut is_open, mut chosen) = (true, None);
-    let middle = ctx.content_rect().center();
-    window("Open", &mut is_open).default_pos(middle).show(ctx, |ui| {
-        path_field(ui, &mut dialog.path, "File to open");
-        ui.horizontal(|ui| {
-            if ui.button("Open").clicked() || ui.input(|input| input.key_pressed(egui::Key::Enter)) {
-                let path = PathBuf::from(dialog.path.trim());
-                if path.is_dir() { dialog.go(path) } else { chosen = Some(path) }
-            }
-            if ui.button("Folder above").clicked()
-                && let Some(above) = dialog.folder.parent().map(Path::to_path_buf)
-            {
-                dialog.go(above);
-            }
-            if ui.checkbox(&mut dialog.all_files, "All files").changed() {
-                dialog.list();
-            }
-        });
-        if let Some(trouble) = &dialog.trouble {
-            ui.colored_label(ui.visuals().warn_fg_color, trouble);
-        }
-        if let Some(path) = entries(ui, &mut dialog) {
-            chosen = Some(path);
-        }
-    });
-    match chosen {
-        Some(path) => viewer.open(&path),
-        None if is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape)) => {
-            viewer.dialogs.open = Some(dialog)
-        }
-        None => {}
-    }
-}
-
-/// The folder's files; the one that was chosen.
-fn entries(ui: &mut Ui, dialog: &mut OpenDialog) -> Option<PathBuf> {
-    let (mut chosen, mut folder) = (None, None);
-    let row = ui.text_style_height(&egui::TextStyle::Body);
-    let count = dialog.entries.len();
-    egui::ScrollArea::vertical().max_height(300.0).auto_shrink([false, true]).show_rows(ui, row, count, |ui, rows| {
-        for (name, is_folder) in &dialog.entries[rows] {
-            let path = dialog.folder.join(name);
-            let label = if *is_folder { format!("{name}/") } else { name.clone() };
-            if ui.selectable_label(false, label).clicked() {
-                if *is_folder { folder = Some(path) } else { chosen = Some(path) }
-            }
-        }
-    });
-    if let Some(folder) = folder {
-        dialog.go(folder);
-    }
-    chosen
-}
-
-fn path_field(ui: &mut Ui, path: &mut String, name: &str) {
+/// A field for a path or a name, with what it is for.
+pub(super) fn path_field(ui: &mut Ui, path: &mut String, name: &str) {
     ui.add(TextEdit::singleline(path).desired_width(f32::INFINITY)).accessible_name(name);
 }
 
 /// A box to tick where something is in the way; whether a file may be written.
-fn may_write(ui: &mut Ui, path: &str, replace: &mut bool) -> bool {
+pub(super) fn may_write(ui: &mut Ui, path: &str, replace: &mut bool) -> bool {
     let exists = Path::new(path).exists();
     if exists {
         ui.checkbox(replace, "Replace the file that is there");
@@ -247,7 +161,8 @@ fn save(viewer: &mut Viewer, ctx: &egui::Context) {
     if is_saved {
         let path = PathBuf::from(dialog.path.trim());
         let existing = if dialog.replace { Existing::Replace } else { Existing::Keep };
-        viewer.message = Some(match save_scene(viewer, &path, existing) {
+        let scene = dialog.scene.as_ref().unwrap_or(&viewer.scene);
+        viewer.message = Some(match save_scene(viewer, scene, &path, existing) {
             Ok(()) => Message::Done(format!("{} is written", path.display())),
             Err(error) => Message::Failure(error.to_string()),
         });
@@ -257,11 +172,11 @@ fn save(viewer: &mut Viewer, ctx: &egui::Context) {
 }
 
 /// Writes the scene, by the rules of all commands: whole or not at all, and never over what is open.
-fn save_scene(viewer: &Viewer, path: &Path, existing: Existing) -> Result<(), BuildError> {
+fn save_scene(viewer: &Viewer, scene: &Scene, path: &Path, existing: Existing) -> Result<(), BuildError> {
     let read = viewer.opened.iter().flat_map(|opened| [opened.source.as_path(), opened.path.as_path()]);
     check_distinct(path, read)?;
     let output = OutputFile::begin(path, existing)?;
-    let written = output.file().write_all(scene_text(&viewer.scene).as_bytes());
+    let written = output.file().write_all(scene_text(scene).as_bytes());
     written.map_err(|source| BuildError::Write { path: path.into(), source })?;
     output.publish()?;
     Ok(())
@@ -277,7 +192,8 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
     let Some(mut dialog) = viewer.dialogs.export.take() else { return };
     let (mut is_open, mut is_begun) = (true, false);
     let middle = ctx.content_rect().center();
-    let samples = u64::from(viewer.scene.samples_per_pixel.unwrap_or(1));
+    let samples = dialog.scene.as_ref().unwrap_or(&viewer.scene).samples_per_pixel;
+    let samples = u64::from(samples.unwrap_or(1));
     window("Export picture", &mut is_open).default_pos(middle).show(ctx, |ui| {
         ui.label("PNG, EXR or NumPy (.npy), by the name's ending; written when it has converged:");
         path_field(ui, &mut dialog.path, "Picture file");
@@ -307,7 +223,7 @@ fn export(viewer: &mut Viewer, ctx: &egui::Context) {
         is_begun = ui.add_enabled(may, egui::Button::new("Export")).clicked();
     });
     if is_begun {
-        let mut scene = viewer.scene.clone();
+        let mut scene = dialog.scene.unwrap_or_else(|| viewer.scene.clone());
         [scene.image.width, scene.image.height] = dialog.size;
         let existing = if dialog.replace { Existing::ReplacePicture } else { Existing::Keep };
         viewer.export(Export { scene, path: PathBuf::from(dialog.path.trim()), existing });

@@ -1,10 +1,12 @@
 //! The picture, and what the mouse does in it.
 
 use eframe::egui::{self, Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Ui, Vec2};
-use supervol_runtime::scene::{ImageSpec, RAY_LIMIT};
+use supervol_runtime::scene::{ImageSpec, Mode, RAY_LIMIT};
 
+use super::{handles, marks, sections};
 use crate::edit;
 use crate::navigate;
+use crate::sections::Layout;
 use crate::viewer::Viewer;
 use crate::worker::Busy;
 
@@ -12,6 +14,8 @@ use crate::worker::Busy;
 const TURN_PER_POINT: f64 = 0.4;
 /// Points of scrolling that bring the target nearer by a factor of e.
 const SCROLL_POINTS: f64 = 300.0;
+/// Points of scrolling that move a slice by a step: one notch of most wheels.
+const SLICE_POINTS: f64 = 40.0;
 /// Factor of a double click.
 const DOUBLE_CLICK: f64 = 0.5;
 /// Most pixels of the picture along a side, whatever the screen can show.
@@ -21,11 +25,25 @@ const SIDE_LIMIT: u32 = 16_384;
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     let frame = egui::Frame::NONE.fill(color(viewer.scene.image.background));
     egui::CentralPanel::default().frame(frame).show(ui, |ui| {
-        let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
+        let (whole, _) = ui.allocate_exact_size(ui.available_size(), Sense::hover());
+        let layout = if viewer.opened.is_some() { viewer.sections.layout } else { Layout::Alone };
+        let rooms = sections::rooms(layout, whole);
+        let rect = rooms.picture;
+        let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::click_and_drag());
         let response = response.accessible_name("Picture");
+        sections::show(viewer, ui, &rooms);
         fit(viewer, ui, rect);
+        move_slice(viewer, ui, &response);
         move_camera(viewer, ui, &response);
+        look_at_point(viewer, &response);
         paint(viewer, ui, rect);
+        if response.contains_pointer()
+            && let Some(opened) = viewer.opened.clone()
+        {
+            sections::tell_of_point(viewer, &opened, None, &ui.painter().with_clip_rect(rect), rect);
+        }
+        marks::paint(viewer, ui, rect);
+        handles::show(viewer, ui, &response);
         if viewer.opened.is_none() {
             invite(viewer, ui, rect);
         }
@@ -33,16 +51,20 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     });
 }
 
-fn color(rgb: [f64; 3]) -> Color32 {
+pub(super) fn color(rgb: [f64; 3]) -> Color32 {
     let [r, g, b] = rgb.map(|c| (255.0 * c.clamp(0.0, 1.0)).round() as u8);
     Color32::from_rgb(r, g, b)
 }
 
+/// Pixels that the screen has in a rectangle, along x and y.
+pub(super) fn pixels_of(ui: &Ui, rect: Rect) -> [u32; 2] {
+    let most = ui.input(|input| u32::try_from(input.max_texture_side).unwrap_or(SIDE_LIMIT)).min(SIDE_LIMIT);
+    [rect.width(), rect.height()].map(|points| ((points * ui.pixels_per_point()).round() as u32).clamp(1, most))
+}
+
 /// The picture has as many pixels as the screen has there.
 fn fit(viewer: &mut Viewer, ui: &Ui, rect: Rect) {
-    let most = ui.input(|input| u32::try_from(input.max_texture_side).unwrap_or(SIDE_LIMIT)).min(SIDE_LIMIT);
-    let [width, height] =
-        [rect.width(), rect.height()].map(|points| ((points * ui.pixels_per_point()).round() as u32).clamp(1, most));
+    let [width, height] = pixels_of(ui, rect);
     let samples = u64::from(viewer.scene.samples_per_pixel.unwrap_or(1));
     if u64::from(width) * u64::from(height) * samples <= RAY_LIMIT {
         viewer.scene.image = ImageSpec { width, height, ..viewer.scene.image };
@@ -50,9 +72,49 @@ fn fit(viewer: &mut Viewer, ui: &Ui, rect: Rect) {
 }
 
 /// Where a point of the window is in the picture: normalised, y up.
-fn place(rect: Rect, at: Pos2) -> [f64; 2] {
+pub(super) fn place(rect: Rect, at: Pos2) -> [f64; 2] {
     let share = (at - rect.min) / rect.size().max(Vec2::splat(1.0));
     [2.0 * f64::from(share.x) - 1.0, 1.0 - 2.0 * f64::from(share.y)]
+}
+
+/// With Alt, the wheel moves the slice that is shown, or the one that is held: until it has come to rest, or letting Alt go would
+/// move the camera by what is left.
+fn move_slice(viewer: &mut Viewer, ui: &Ui, response: &Response) {
+    let (is_meant, scrolled) = ui.input(|input| (input.modifiers.alt, f64::from(input.smooth_scroll_delta().y)));
+    let before = viewer.looks.wheel_points.filter(|_| is_meant || scrolled != 0.0);
+    viewer.looks.wheel_points = before.or((is_meant && response.contains_pointer()).then_some(0.0));
+    let Some(points) = &mut viewer.looks.wheel_points else { return };
+    let steps = wheel_steps(points, scrolled);
+    if steps != 0.0 {
+        viewer.step_slice(steps);
+    }
+}
+
+/// Steps of the wheel: what it has scrolled is added to the points that have moved nothing yet.
+pub(super) fn wheel_steps(points: &mut f64, scrolled: f64) -> f64 {
+    *points += scrolled;
+    // What is smoothed out over frames adds up to a whole notch but for rounding.
+    let steps = (*points / SLICE_POINTS + 1e-3 * points.signum()).trunc();
+    *points -= steps * SLICE_POINTS;
+    steps
+}
+
+/// Asks what is under the mouse where it rests on a finished picture; with panels, a click moves their cursor there.
+fn look_at_point(viewer: &mut Viewer, response: &Response) {
+    let Some(opened) = viewer.opened.clone() else { return };
+    let Some(at) = response.hover_pos().filter(|_| response.contains_pointer()) else { return };
+    let is_ready = viewer.picture.as_ref().is_some_and(|picture| picture.is_converged) && viewer.is_up_to_date();
+    if !is_ready || response.dragged() || viewer.scene.mode == Some(Mode::Mean) {
+        return;
+    }
+    let number = sections::probe(viewer, &opened, None, place(response.rect, at));
+    if response.clicked() && viewer.sections.layout != Layout::Alone {
+        viewer.sections.moving = number;
+        // The answer may have come while the mouse was resting there.
+        if let Some(probed) = viewer.sections.probed().cloned() {
+            viewer.hear(probed);
+        }
+    }
 }
 
 fn move_camera(viewer: &mut Viewer, ui: &Ui, response: &Response) {
@@ -73,8 +135,11 @@ fn move_camera(viewer: &mut Viewer, ui: &Ui, response: &Response) {
     }
     let at = response.hover_pos().map(|at| place(rect, at));
     if let Some(cursor) = at.filter(|_| response.contains_pointer()) {
-        let (scroll, zoom) =
-            ui.input(|input| (f64::from(input.smooth_scroll_delta().y), f64::from(input.zoom_delta())));
+        let is_slices = viewer.looks.wheel_points.is_some();
+        let (scroll, zoom) = ui.input(|input| {
+            let scroll = if is_slices { 0.0 } else { f64::from(input.smooth_scroll_delta().y) };
+            (scroll, f64::from(input.zoom_delta()))
+        });
         let factor = (-scroll / SCROLL_POINTS).exp() / zoom;
         if factor != 1.0 {
             moved = Some(navigate::dolly(moved.as_ref().unwrap_or(camera), &stage, factor, cursor, aspect));

@@ -7,10 +7,11 @@ use supervol_runtime::preset::colormap;
 use supervol_runtime::raycast::cpu::MAX_ERROR_LIMITS;
 use supervol_runtime::scene::{ISO_LIMIT, LightSpec, Mode, ShadingSpec};
 
-use super::{editor, heading};
+use super::{editor, heading, transfer};
 use crate::edit;
+use crate::sections::short;
 use crate::viewer::Viewer;
-use crate::worker::Opened;
+use crate::worker::{Inspect, Opened};
 
 /// Points of the panel across.
 const WIDTH: f32 = 300.0;
@@ -28,6 +29,20 @@ const DENSITIES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 const MEMORY_MIB: std::ops::RangeInclusive<u64> = 64..=65_536;
 /// Least and greatest time for interaction that can be chosen, ms.
 const INTERACTION_MS: std::ops::RangeInclusive<u64> = 10..=1000;
+/// What can be seen of how a picture was made.
+const INSPECTIONS: [(Inspect, &str, &str); 3] = [
+    (Inspect::Nothing, "nothing", "The picture; bricks that could not be read are marked all the same, in red"),
+    (
+        Inspect::Bricks,
+        "bricks",
+        "Bricks in memory, in the colours of their levels, whether the picture shows them or not",
+    ),
+    (
+        Inspect::Errors,
+        "errors",
+        "How far each pixel may be off, in grey levels: black 0.1, blue 0.5, green 2, yellow 16, red 64 (--error-map)",
+    ),
+];
 /// Samples of a pixel that can be chosen.
 const SAMPLES: [u32; 4] = [1, 4, 9, 16];
 
@@ -61,15 +76,6 @@ fn volume(opened: &Opened, ui: &mut Ui) {
     let unit = &manifest.unit;
     ui.label(format!("{x} x {y} x {z} voxels, {}", opened.container.descriptor().voxel_type.name()));
     ui.label(format!("values {} to {} {unit}", short(facts.value_range.min), short(facts.value_range.max)));
-}
-
-/// A number in few digits.
-pub(super) fn short(value: f64) -> String {
-    if value != 0.0 && !(1e-3..1e6).contains(&value.abs()) {
-        format!("{value:.3e}")
-    } else {
-        format!("{}", (value * 1e4).round() / 1e4)
-    }
 }
 
 fn look(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
@@ -119,6 +125,7 @@ fn colors(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     heading(ui, "Colours and opacity");
     let facts = &opened.facts;
     editor::show(viewer, opened, ui);
+    transfer::controls(viewer, ui);
     ui.horizontal(|ui| {
         ui.label("Colours");
         let box_ = ComboBox::from_id_salt("colormap")
@@ -292,5 +299,11 @@ fn quality(viewer: &mut Viewer, ui: &mut Ui) {
             .suffix(" ms");
         let words = "Time after which a change shows a picture, if coarse at first";
         ui.add(drag).on_hover_text(words).accessible_name("Time for interaction");
+    });
+    ui.horizontal_wrapped(|ui| {
+        ui.label("Inspect");
+        for (inspect, name, words) in INSPECTIONS {
+            ui.selectable_value(&mut settings.inspect, inspect, name).on_hover_text(words);
+        }
     });
 }

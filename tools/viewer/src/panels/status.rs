@@ -9,15 +9,30 @@ use crate::worker::{Busy, Message};
 /// Points between what is told over the picture and its border.
 const MARGIN: f32 = 10.0;
 
+/// The room that the line has taken in a window of this width. It does not become less: what is told of a finished picture is more than of
+/// one that is refined, and if that took another line, the picture would become smaller, begin anew, and so on.
+#[derive(Default)]
+pub(crate) struct Room {
+    width: f32,
+    height: f32,
+}
+
 /// Shows the line.
-pub(crate) fn show(viewer: &Viewer, ui: &mut Ui) {
+pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::Panel::bottom("status").show(ui, |ui| {
-        ui.horizontal_wrapped(|ui| match &viewer.picture {
+        let width = ui.available_width();
+        if width != viewer.status_room.width {
+            viewer.status_room = Room { width, height: 0.0 };
+        }
+        ui.set_min_height(viewer.status_room.height);
+        let shown = ui.horizontal_wrapped(|ui| match &viewer.picture {
             Some(picture) => numbers(viewer, ui, picture),
             None => {
                 ui.label("no picture yet");
             }
         });
+        let room = &mut viewer.status_room;
+        room.height = room.height.max(shown.response.rect.height());
     });
 }
 
@@ -55,13 +70,17 @@ fn busy(viewer: &Viewer, ui: &mut Ui) {
                 let share = *done as f32 / (*rows).max(1) as f32;
                 (Some(share), format!("exporting {}: {done} of {rows} rows", path.display()))
             }
+            Busy::Animating(folder, [done, frames]) => {
+                let share = *done as f32 / (*frames).max(1) as f32;
+                (Some(share), format!("{}: {done} of {frames} pictures", folder.display()))
+            }
         };
         match share {
             Some(share) => ui.add(ProgressBar::new(share).desired_width(200.0)),
             None => ui.spinner(),
         };
         ui.label(words);
-        if matches!(busy, Busy::Exporting(..)) && ui.button("Give up").clicked() {
+        if matches!(busy, Busy::Exporting(..) | Busy::Animating(..)) && ui.button("Give up").clicked() {
             viewer.worker.iter().for_each(crate::worker::Worker::cancel_export);
         }
         if matches!(busy, Busy::Building(..)) {
@@ -109,9 +128,15 @@ fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
     }
     number(ui, levels(stats), "Levels of detail in memory; 0 is the finest");
     number(ui, bricks(stats), "Bricks in memory, wanted and not there yet, and failed to read");
+    if let Some(ahead) = viewer.looked_ahead().filter(|ahead| ahead.page_ins > 0) {
+        let words = "Bricks read for the next picture, should the camera go on as it came here";
+        number(ui, format!("{} ahead", ahead.page_ins), words);
+    }
     let [cache, budget] = [stats.host_cache_bytes, stats.host_budget_bytes].map(mebibytes);
     number(ui, format!("{cache} of {budget} MiB"), "Bricks in memory, and the memory for bricks, rays and pictures");
-    number(ui, format!("{} MiB read", mebibytes(stats.bytes_read)), "Read from the file for this picture");
+    let seconds = picture.spent_ms.max(1.0) / 1e3;
+    let words = format!("{} MiB read, {:.0} reads/s", mebibytes(stats.bytes_read), stats.reads as f64 / seconds);
+    number(ui, words, "Read from the file for this picture, and how many reads a second of drawing it");
     if let Some(stated) = &stats.error_stated {
         let words = format!("off by at most {:.2} of 255", stated.largest_grey_levels);
         number(
@@ -121,8 +146,9 @@ fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
         );
     }
     if let Some(failure) = stats.failures.first() {
-        let words = format!("{}: {}. Coarser bricks stand in for it", failure.brick, failure.reason);
-        ui.colored_label(ui.visuals().error_fg_color, words);
+        let words = format!("{}. Coarser bricks stand in for it", failure.reason);
+        let label = format!("{} could not be read", failure.brick);
+        ui.colored_label(ui.visuals().error_fg_color, label).on_hover_text(words);
     }
     ui.label(format!("CPU, {} threads", stats.threads)).on_hover_text("Who casts the rays");
 }

@@ -3,12 +3,13 @@
 use eframe::egui::{self, Button, Slider, SliderClamping, Ui};
 use supervol_runtime::preset::view::Direction;
 
-use super::heading;
+use super::{heading, wide_slider};
 use crate::command::{Command, keys_of};
 use crate::edit;
+use crate::planes::axis_name;
 use crate::remembered::Theme;
 use crate::viewer::{Viewer, set_theme};
-use crate::worker::{Decorations, Opened};
+use crate::worker::Decorations;
 
 /// Points of the panel across.
 const WIDTH: f32 = 200.0;
@@ -24,7 +25,10 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             ui.add_enabled_ui(is_open, |ui| {
                 view(viewer, ui);
                 slice(viewer, ui);
+                super::sections::controls(viewer, ui);
+                super::slices::show(viewer, ui);
                 crop(viewer, ui);
+                super::cutting::controls(viewer, ui);
             });
             heading(ui, "Window");
             theme(viewer, ui);
@@ -64,6 +68,7 @@ fn files(viewer: &mut Viewer, ui: &mut Ui) {
         command(viewer, ui, Command::SaveScene, "Save scene ...");
         command(viewer, ui, Command::CopyCommand, "Copy command");
         command(viewer, ui, Command::Export, "Export picture ...");
+        command(viewer, ui, Command::Animate, "Animation ...");
         let can = viewer.history.can();
         ui.columns(2, |columns| {
             for (i, (what, label)) in [(Command::Undo, "Undo"), (Command::Redo, "Redo")].into_iter().enumerate() {
@@ -116,12 +121,6 @@ fn view(viewer: &mut Viewer, ui: &mut Ui) {
     }
 }
 
-/// What an axis of the grid is called.
-fn axis_name(opened: &Opened, axis: usize) -> String {
-    let name = &opened.container.manifest().axes[axis].name;
-    if name.is_empty() { ["i", "j", "k"][axis].into() } else { name.clone() }
-}
-
 fn slice(viewer: &mut Viewer, ui: &mut Ui) {
     heading(ui, "Slice");
     let Some(opened) = viewer.opened.clone() else { return };
@@ -139,7 +138,7 @@ fn slice(viewer: &mut Viewer, ui: &mut Ui) {
     }
     if let Some((axis, mut at)) = viewer.slice.as_ref().map(|slice| (slice.axis, slice.at)) {
         let last = opened.facts.dims.0[axis] - 1;
-        ui.spacing_mut().slider_width = (ui.available_width() - 70.0).max(40.0);
+        wide_slider(ui);
         let words = format!("Voxel along {}, 0 to {last}", axis_name(&opened, axis));
         let response =
             ui.add(Slider::new(&mut at, 0..=last).clamping(SliderClamping::Edits).integer()).on_hover_text(words);
@@ -164,7 +163,7 @@ fn crop(viewer: &mut Viewer, ui: &mut Ui) {
         ui.label(&name).on_hover_text(format!("{name}: {} voxels, 0 to {last}", dims[axis]));
         for (end, what) in [(0, "first"), (1, "last")] {
             let slider = Slider::new(&mut kept[axis][end], 0..=last).clamping(SliderClamping::Edits).integer();
-            ui.spacing_mut().slider_width = (ui.available_width() - 70.0).max(40.0);
+            wide_slider(ui);
             ui.add(slider)
                 .on_hover_text(format!("The {what} voxel along {name} that is shown"))
                 .accessible_name(format!("{name}, {what} voxel"));

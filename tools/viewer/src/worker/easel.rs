@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use eframe::egui::ColorImage;
+use supervol_runtime::frame::stated::in_colors;
 use supervol_runtime::frame::{Backend, Progress, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::renderer::Renderer;
@@ -12,25 +12,41 @@ use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stop::Canceller;
 use supervol_runtime::volume::Volume;
 
-use super::{Busy, Decorations, Desk, Frame, Opened, Settings, View, lock};
+use super::marks::marks;
+use super::sections::{Sections, needed, shares};
+use super::{
+    Beside, Busy, Decorations, Desk, Frame, Inspect, LookedAhead, Opened, Probe, Probed, Settings, View, frame_of, lock,
+};
 
 /// A picture at rest is shown anew after so long, as far as it has come.
 const REFINEMENT: Duration = Duration::from_millis(150);
+/// One step of looking ahead. A new wish cuts it short; this bounds what comes where that is not heard at once.
+const LOOK: Duration = Duration::from_millis(40);
+/// Most steps of looking ahead from one picture: with those, reading ends in a file that is slow and a cache that is large.
+const LOOK_LIMIT: u32 = 100;
 
 /// See the module.
 pub(super) struct Easel {
     pub(super) opened: Arc<Opened>,
     pub(super) renderer: Renderer,
+    /// The panels, once there were some.
+    sections: Option<Sections>,
     view: Option<View>,
     /// The same, resolved.
     scene: Option<ResolvedScene>,
     /// The view's picture is what it will be, or cannot be drawn.
     is_settled: bool,
+    /// Steps of looking ahead that may follow.
+    looks_left: u32,
+    /// What they have brought.
+    ahead: LookedAhead,
     began: Instant,
     decorations: Decorations,
+    inspect: Inspect,
 }
 
-fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
+/// With what pictures of the volume are made.
+pub(super) fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
     let desk = Arc::downgrade(desk);
     let on_progress = move |progress: Progress| {
         let Some(desk) = desk.upgrade() else { return };
@@ -42,13 +58,28 @@ fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
             (desk.wake)();
         }
     };
+    let host_memory_bytes = match settings.beside {
+        Beside::Nothing => settings.host_memory_bytes,
+        Beside::Panels => shares(settings.host_memory_bytes)[0],
+    };
     RenderOptions {
         backend: Backend::Cpu,
-        host_memory_bytes: settings.host_memory_bytes,
+        host_memory_bytes,
         threads: settings.threads,
         max_error: settings.max_error,
         predict_error: true,
         progress: Some(Arc::new(on_progress)),
+        ..RenderOptions::default()
+    }
+}
+
+/// The same of sections.
+fn options_of_sections(settings: &Settings) -> RenderOptions {
+    RenderOptions {
+        backend: Backend::Cpu,
+        host_memory_bytes: shares(settings.host_memory_bytes)[1],
+        threads: settings.threads,
+        max_error: settings.max_error,
         ..RenderOptions::default()
     }
 }
@@ -59,20 +90,46 @@ impl Easel {
         let volume = Volume::of(opened.container.clone());
         let renderer = Renderer::new(volume, options(desk, settings)).map_err(|e| e.to_string())?;
         desk.tell(|news| (news.opened, news.frame) = (Some(opened.clone()), None));
-        let decorations = settings.decorations;
-        Ok(Self { opened, renderer, view: None, scene: None, is_settled: true, began: Instant::now(), decorations })
+        let Settings { decorations, inspect, .. } = *settings;
+        Ok(Self {
+            opened,
+            renderer,
+            sections: None,
+            view: None,
+            scene: None,
+            is_settled: true,
+            looks_left: 0,
+            ahead: LookedAhead::default(),
+            began: Instant::now(),
+            decorations,
+            inspect,
+        })
     }
 
-    /// Who can stop the picture in progress; none where there is none.
+    /// Who can stop the picture in progress or what is read for the next one; none where nothing is left to do.
     pub(super) fn unfinished(&self) -> Option<Canceller> {
-        (!self.is_settled).then(|| self.renderer.canceller())
+        let sections = self.sections.as_ref().and_then(Sections::unfinished);
+        sections.or_else(|| (!self.is_settled || self.looks_left > 0).then(|| self.renderer.canceller()))
+    }
+
+    /// A wish that came when the work it was to cut short had just ended must not stop what it asks for.
+    pub(super) fn forget_cut(&mut self) {
+        if self.scene.is_some() && self.renderer.canceller().is_cancelled() {
+            // A step that is cancelled ends at once, and takes the word with it; errors show again in the next step.
+            let _ = self.renderer.advance(Some(Instant::now()));
+        }
+        self.sections.iter_mut().for_each(Sections::forget_cut);
     }
 
     /// From now on pictures are made like this, from the next view on. What is loaded stays.
     pub(super) fn set(&mut self, desk: &Arc<Desk>, settings: &Settings) {
         self.renderer.set_options(options(desk, settings));
-        self.decorations = settings.decorations;
-        self.is_settled = true;
+        match settings.beside {
+            Beside::Nothing => self.sections = None,
+            Beside::Panels => self.sections.iter_mut().for_each(|s| s.set(options_of_sections(settings))),
+        }
+        (self.decorations, self.inspect) = (settings.decorations, settings.inspect);
+        (self.is_settled, self.looks_left) = (true, 0);
     }
 
     /// Begins a picture, and shows what there is of it within the time for interaction.
@@ -81,6 +138,7 @@ impl Easel {
             return;
         }
         self.began = Instant::now();
+        self.looks_left = 0;
         match view.scene.resolve(&self.opened.facts) {
             Ok(scene) => {
                 self.scene = Some(scene.clone());
@@ -97,9 +155,72 @@ impl Easel {
         self.advance(desk, Duration::from_millis(settings.interaction_ms));
     }
 
-    /// Goes on with the picture.
-    pub(super) fn refine(&mut self, desk: &Desk) {
-        self.advance(desk, REFINEMENT);
+    /// Begins the section of a panel.
+    pub(super) fn begin_section(&mut self, desk: &Desk, panel: usize, view: View, settings: &Settings) {
+        if view.volume != self.opened.number || settings.beside == Beside::Nothing {
+            return;
+        }
+        match needed(&mut self.sections, &self.opened, || options_of_sections(settings)) {
+            Ok(sections) => sections.begin(desk, &self.opened, panel, view, settings.interaction_ms),
+            Err(error) => desk.fail(error),
+        }
+    }
+
+    /// Looks what is under a pixel; the next wish cuts that short.
+    pub(super) fn probe(&mut self, desk: &Desk, probe: Probe) {
+        if probe.volume != self.opened.number {
+            return;
+        }
+        let found = match (probe.panel, &mut self.sections) {
+            (Some(panel), Some(sections)) => {
+                lock(&desk.wishes).cut = Some(sections.canceller());
+                sections.pick(panel, probe.pixel)
+            }
+            (None, _) if self.scene.is_some() => {
+                lock(&desk.wishes).cut = Some(self.renderer.canceller());
+                super::picked(self.renderer.pick(probe.pixel))
+            }
+            _ => None,
+        };
+        if let Some(found) = found {
+            desk.tell(|news| news.probed = Some(Probed { probe, found }));
+        }
+    }
+
+    /// Goes on with the sections, then with the picture, or reads for the next one where this one has converged.
+    pub(super) fn go_on(&mut self, desk: &Desk) {
+        if let Some(sections) = self.sections.as_mut().filter(|sections| sections.unfinished().is_some()) {
+            sections.go_on(desk);
+        } else if self.is_settled {
+            self.look_ahead(desk);
+        } else {
+            self.advance(desk, REFINEMENT);
+        }
+    }
+
+    /// Brings into memory what the next picture will want, for a short time.
+    fn look_ahead(&mut self, desk: &Desk) {
+        self.looks_left = self.looks_left.saturating_sub(1);
+        let until = Instant::now() + LOOK;
+        match self.renderer.look_ahead(Some(until)) {
+            Ok(ahead) => {
+                self.ahead.page_ins += ahead.page_ins;
+                self.ahead.is_complete = ahead.is_complete;
+                // Before its time it ends where all is there, where there is no room or no motion to go by, or where somebody
+                // has a wish.
+                if ahead.is_complete || Instant::now() < until {
+                    self.looks_left = 0;
+                }
+                if ahead.page_ins > 0 || ahead.is_complete {
+                    let so_far = self.ahead;
+                    desk.tell(|news| news.ahead = Some(so_far));
+                }
+            }
+            Err(error) => {
+                self.looks_left = 0;
+                desk.fail(error);
+            }
+        }
     }
 
     fn advance(&mut self, desk: &Desk, time: Duration) {
@@ -107,6 +228,10 @@ impl Easel {
             Ok(step) => {
                 self.is_settled = step.is_converged;
                 self.show(desk, step.is_converged);
+                if let (true, Some(view)) = (step.is_converged, &self.view) {
+                    self.looks_left = LOOK_LIMIT;
+                    self.ahead = LookedAhead { number: view.number, ..LookedAhead::default() };
+                }
             }
             Err(error) => {
                 self.is_settled = true;
@@ -119,19 +244,17 @@ impl Easel {
         let (Some(view), Some(scene), Some(picture)) = (&self.view, &self.scene, self.renderer.picture()) else {
             return;
         };
-        let picture = self.decorated(picture, scene);
-        let size = [picture.width, picture.height].map(|n| n as usize);
-        let image = Arc::new(ColorImage::from_rgb(size, &picture.to_rgb8(scene.background)));
-        drop(picture);
-        let frame = Frame {
-            volume: view.volume,
-            number: view.number,
-            image,
-            // Of pictures that are on their way, nobody can read it: it would take as long as casting them.
-            stats: if is_converged { self.renderer.stats() } else { self.renderer.counts() },
-            is_converged,
-            spent_ms: self.began.elapsed().as_secs_f64() * 1e3,
+        let errors = (self.inspect == Inspect::Errors && is_converged).then(|| self.renderer.error_map()).flatten();
+        let picture = match errors {
+            Some(errors) => Cow::Owned(in_colors(errors)),
+            None => self.decorated(picture, scene),
         };
+        // Of pictures that are on their way, nobody can read the stated error: it would take as long as casting them.
+        let stats = if is_converged { self.renderer.stats() } else { self.renderer.counts() };
+        let has_marks = stats.bricks_failed > 0 || self.inspect == Inspect::Bricks;
+        let marks = if has_marks { marks(&self.renderer, self.inspect) } else { Vec::new() };
+        let frame = frame_of(view, (&picture, scene.background), (stats, is_converged), self.began);
+        let frame = Frame { marks, ..frame };
         desk.tell(|news| news.frame = Some(frame));
     }
 

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use supervol_format::Container;
 use supervol_preprocess::kept::{Cache, Reading, Told, advice, is_container};
+use supervol_preprocess::source::Survey;
 use supervol_preprocess::{BuildError, BuildOptions};
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::preset::overview::Overview;
@@ -32,8 +33,20 @@ pub(super) fn open(desk: &Arc<Desk>, wish: Open, number: u64, settings: &Setting
     let mut scene = wish.scene.complete(&facts, overview.as_ref());
     scene.vertical_exaggeration = (wish.exaggeration != 1.0).then_some(wish.exaggeration);
     let is_camera_asked = wish.scene.camera.is_some();
+    let survey = Survey::of(container.manifest());
     let Open { path: source, exaggeration, .. } = wish;
-    Ok(Arc::new(Opened { number, source, path, container, facts, overview, exaggeration, scene, is_camera_asked }))
+    Ok(Arc::new(Opened {
+        number,
+        source,
+        path,
+        container,
+        facts,
+        survey,
+        overview,
+        exaggeration,
+        scene,
+        is_camera_asked,
+    }))
 }
 
 /// The container of a source file, in the cache folder: the one that is there, or a new one.

@@ -2,6 +2,9 @@
 
 #![allow(dead_code, reason = "each file of tests uses a part of it")]
 
+pub mod counting;
+
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -30,9 +33,14 @@ const SCREENSHOTS: &str = "SUPERVOL_SCREENSHOTS";
 
 /// A container of a synthetic volume of `edge`^3 voxels in bricks of 32.
 pub fn container(folder: &Path, name: &str, edge: u64) -> PathBuf {
+    container_in_bricks(folder, name, [edge, 32])
+}
+
+/// The same in bricks of another edge.
+pub fn container_in_bricks(folder: &Path, name: &str, [edge, brick]: [u64; 2]) -> PathBuf {
     let path = folder.join(format!("{name}.svol"));
     let source = Synthetic::new(name, Dims([edge; 3]), None, 1).expect("a synthetic volume");
-    let layout = supervol_format::BrickLayout::new(32).expect("a size of bricks");
+    let layout = supervol_format::BrickLayout::new(brick as u32).expect("a size of bricks");
     let options = BuildOptions { layout, threads: 2, ..BuildOptions::default() };
     build(&source, Source::computed(name), &path, &options, &|_| {}).expect("it is built");
     path
@@ -89,18 +97,47 @@ impl Session {
         Self::new(name, [1280.0, 800.0], 1.0, Settings { host_memory_bytes, ..Settings::default() })
     }
 
+    /// As [`Self::in_bricks`], in a window that is as small as it may be: many pictures take little time.
+    pub fn small_in_bricks(name: &str, edges: [u64; 2], scene: Scene, settings: Settings) -> Self {
+        Self::with(name, edges, scene, ([800.0, 500.0], 1.0), settings)
+    }
+
     /// The same in a window of another size.
     pub fn sized(name: &str, size: [f32; 2], scale: f32) -> Self {
         Self::new(name, size, scale, Settings::default())
     }
 
+    /// What a function makes of a volume file in the folder of the session.
+    pub fn of_file(make: impl FnOnce(&Path) -> PathBuf) -> Self {
+        let mut session = Self::of("sphere");
+        let file = make(session.folder.path());
+        session.harness.state_mut().open(&file);
+        session.until("it is open", |s| s.viewer().opened().is_some_and(|opened| opened.source == file));
+        session.rest();
+        session
+    }
+
+    /// A volume of another edge in bricks of another edge, seen as a scene says.
+    pub fn in_bricks(name: &str, edges: [u64; 2], scene: Scene, settings: Settings) -> Self {
+        Self::with(name, edges, scene, ([1280.0, 800.0], 1.0), settings)
+    }
+
+    /// A window of another size and scale, pictures made with these settings.
+    pub fn in_window(name: &str, window: ([f32; 2], f32), settings: Settings) -> Self {
+        Self::new(name, window.0, window.1, settings)
+    }
+
     fn new(name: &str, size: [f32; 2], scale: f32, settings: Settings) -> Self {
+        Self::with(name, [64, 32], Scene::default(), (size, scale), settings)
+    }
+
+    fn with(name: &str, edges: [u64; 2], scene: Scene, (size, scale): ([f32; 2], f32), settings: Settings) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        let file = Some(container(folder.path(), name, 64));
+        let file = Some(container_in_bricks(folder.path(), name, edges));
         let [cache, kept] = ["cache", "settings"].map(|below| Some(folder.path().join(below)));
         let folders = Folders { cache, settings: kept, ..Folders::default() };
         let settings = Settings { threads: Some(2), ..settings };
-        let launch = Launch { file, scene: Scene::default(), settings, folders };
+        let launch = Launch { file, scene, settings, folders };
         let harness = Harness::builder()
             .with_size(size)
             .with_pixels_per_point(scale)
@@ -166,7 +203,13 @@ impl Session {
         }
     }
 
+    /// Clicks what is called so; a panel is scrolled there first.
     pub fn click(&mut self, label: &str) {
+        let window = self.harness.ctx.content_rect();
+        if !window.shrink(40.0).contains_rect(self.node(label).rect()) {
+            self.node(label).scroll_to_me();
+            self.frames(10);
+        }
         self.node(label).click();
         self.frames(3);
     }
@@ -257,6 +300,16 @@ impl Session {
         assert_eq!(most, Some(0), "grey levels between what is shown and what is rendered");
     }
 
+    /// The panel of the section across an axis shows what `render` draws of its scene, bit for bit.
+    pub fn assert_section_is_as_rendered(&mut self, axis: usize) {
+        let panel = self.viewer().sections().panel(axis).expect("a panel");
+        let (scene, shown) = (panel.scene().expect("a scene"), panel.shown().expect("a picture"));
+        let (expected, background) = headless(self.viewer(), scene);
+        assert_eq!(shown.image.size, [expected.width, expected.height].map(|n| n as usize));
+        let bytes: Vec<u8> = shown.image.pixels.iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();
+        assert!(bytes == expected.to_rgb8(background), "section {axis} is not what render draws");
+    }
+
     /// Draws the window, and writes it where somebody asks for it; without a graphics adapter, says so.
     #[allow(clippy::print_stderr, reason = "what is skipped is said")]
     pub fn screenshot(&mut self, name: &str) {
@@ -270,5 +323,39 @@ impl Session {
             }
             Err(error) => eprintln!("SKIPPED: no GPU adapter draws the window: {error}"),
         }
+    }
+}
+
+/// Bytes of a brick's record on the disk that were made unreadable, to be mended.
+pub struct Fault {
+    path: PathBuf,
+    offset: u64,
+    bytes: Vec<u8>,
+}
+
+impl Fault {
+    /// Turns over every byte of a stored brick of level 0, the `number`th of those that have bytes.
+    pub fn new(path: &Path, container: &supervol_format::Container, number: usize) -> Self {
+        let keys = container.pyramid().keys_of(supervol_format::Lod::FINEST);
+        let entries = keys.map(|key| container.entry(key).expect("an entry"));
+        let stored: Vec<_> = entries.filter(|entry| entry.payload_bytes > 0 && entry.offset > 0).collect();
+        let entry = &stored[number % stored.len()];
+        let (offset, length) = (entry.offset, entry.payload_bytes as usize);
+        let mut bytes = vec![0; length];
+        let mut file = std::fs::OpenOptions::new().read(true).write(true).open(path).expect("the container");
+        file.seek(SeekFrom::Start(offset)).and_then(|_| file.read_exact(&mut bytes)).expect("a record");
+        let fault = Self { path: path.into(), offset, bytes };
+        fault.write(&fault.bytes.iter().map(|byte| !byte).collect::<Vec<u8>>());
+        fault
+    }
+
+    fn write(&self, bytes: &[u8]) {
+        let mut file = std::fs::OpenOptions::new().write(true).open(&self.path).expect("the container");
+        file.seek(SeekFrom::Start(self.offset)).and_then(|_| file.write_all(bytes)).expect("it is written");
+    }
+
+    /// What was there is there again.
+    pub fn mend(self) {
+        self.write(&self.bytes);
     }
 }

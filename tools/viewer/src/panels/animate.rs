@@ -1,0 +1,196 @@
+//! The window in which an animation is made: once around, or from view to view.
+
+use std::path::PathBuf;
+
+use eframe::egui::{self, Button, DragValue, Ui};
+use supervol_preprocess::Existing;
+use supervol_runtime::camera_path::{CameraPath, FRAME_LIMIT, KeyFrame};
+use supervol_runtime::scene::{CameraSpec, RAY_LIMIT};
+
+use super::dialogs::{SIDE_LIMIT, beside, path_field, window};
+use crate::viewer::Viewer;
+use crate::worker::{Animation, Motion};
+
+/// Pictures of a turntable, and between two views, that are proposed: four seconds, and two.
+const TURN_FRAMES: u32 = 100;
+const STEP_FRAMES: u32 = 50;
+/// Most views that are listed.
+const KEY_LIMIT: usize = 200;
+
+/// Which kind of animation is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Turntable,
+    Path,
+}
+
+/// The window.
+pub(crate) struct AnimationDialog {
+    kind: Kind,
+    frames: u32,
+    folder: String,
+    replace: bool,
+    size: [u32; 2],
+}
+
+/// Views that were taken, one after the other: they stay while the window is closed.
+#[derive(Default)]
+pub(crate) struct Keys(Vec<KeyFrame>);
+
+impl Keys {
+    fn add(&mut self, camera: &CameraSpec) {
+        let frame = self.0.last().map_or(0, |last| last.frame + STEP_FRAMES);
+        if self.0.len() < KEY_LIMIT && frame < FRAME_LIMIT {
+            self.0.push(KeyFrame { frame, camera: camera.clone() });
+        }
+    }
+
+    /// Takes one away; the first that is left begins.
+    fn remove(&mut self, i: usize) {
+        self.0.remove(i);
+        let first = self.0.first().map_or(0, |key| key.frame);
+        self.0.iter_mut().for_each(|key| key.frame -= first);
+    }
+
+    /// The path, or why it is none.
+    fn path(&self) -> Result<CameraPath, String> {
+        if self.0.len() < 2 {
+            return Err("Take two views at least: turn the volume, take the view, and so on.".into());
+        }
+        let path = CameraPath { keys: self.0.clone() };
+        let text = serde_json::to_string(&path).map_err(|e| e.to_string())?;
+        CameraPath::from_json(&text).map_err(|e| e.to_string())
+    }
+}
+
+impl AnimationDialog {
+    pub(super) fn new(viewer: &Viewer) -> Self {
+        let image = &viewer.scene.image;
+        let folder = beside(viewer.opened.as_deref(), "frames");
+        Self { kind: Kind::Turntable, frames: TURN_FRAMES, folder, replace: false, size: [image.width, image.height] }
+    }
+}
+
+/// Shows the window, where it is open.
+pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
+    let Some(mut dialog) = viewer.dialogs.animation.take() else { return };
+    let (mut is_open, mut motion) = (true, None);
+    let middle = ctx.content_rect().center();
+    window("Animation", &mut is_open).default_pos(middle).show(ctx, |ui| motion = contents(viewer, &mut dialog, ui));
+    if let Some(motion) = motion {
+        let mut scene = viewer.scene.clone();
+        [scene.image.width, scene.image.height] = dialog.size;
+        let existing = if dialog.replace { Existing::Replace } else { Existing::Keep };
+        let folder = PathBuf::from(dialog.folder.trim());
+        viewer.worker.iter().for_each(|worker| {
+            let (scene, motion, folder) = (scene.clone(), motion.clone(), folder.clone());
+            worker.animate(Animation { scene, motion, folder, existing });
+        });
+    } else if is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape)) {
+        viewer.dialogs.animation = Some(dialog);
+    }
+}
+
+/// What is in the window; what was asked for.
+fn contents(viewer: &mut Viewer, dialog: &mut AnimationDialog, ui: &mut Ui) -> Option<Motion> {
+    ui.horizontal(|ui| {
+        ui.selectable_value(&mut dialog.kind, Kind::Turntable, "Turntable").on_hover_text("Once around (--turntable)");
+        ui.selectable_value(&mut dialog.kind, Kind::Path, "Key frames").on_hover_text("From view to view (--path)");
+    });
+    let motion = match dialog.kind {
+        Kind::Turntable => {
+            ui.horizontal(|ui| {
+                ui.label("Pictures of one turn");
+                ui.add(DragValue::new(&mut dialog.frames).range(1..=FRAME_LIMIT).clamp_existing_to_range(false))
+                    .accessible_name("Pictures of one turn");
+            });
+            Ok(Motion::Turntable(dialog.frames))
+        }
+        Kind::Path => {
+            keys(viewer, ui);
+            viewer.keys.path().map(Motion::Path)
+        }
+    };
+    ui.label("PNG files in this folder, frame-00000.png and so on; what is there already is kept:");
+    path_field(ui, &mut dialog.folder, "Folder of the pictures");
+    ui.horizontal(|ui| {
+        ui.label("Pixels");
+        for (side, name) in dialog.size.iter_mut().zip(["Width of pictures", "Height of pictures"]) {
+            ui.add(DragValue::new(side).range(1..=SIDE_LIMIT).clamp_existing_to_range(false)).accessible_name(name);
+        }
+        ui.checkbox(&mut dialog.replace, "Replace pictures of something else");
+    });
+    let samples = u64::from(viewer.scene.samples_per_pixel.unwrap_or(1));
+    let rays = dialog.size.map(u64::from).iter().product::<u64>() * samples;
+    let trouble = match &motion {
+        Err(why) => Some(why.clone()),
+        _ if rays > RAY_LIMIT => Some(format!("at most {RAY_LIMIT} rays in a picture; these would be {rays}")),
+        _ => None,
+    };
+    if let Some(trouble) = &trouble {
+        ui.colored_label(ui.visuals().warn_fg_color, trouble);
+    }
+    let may = trouble.is_none() && !dialog.folder.trim().is_empty();
+    let is_begun = ui.add_enabled(may, Button::new("Make the pictures")).clicked();
+    motion.ok().filter(|_| is_begun)
+}
+
+/// The views that were taken.
+fn keys(viewer: &mut Viewer, ui: &mut Ui) {
+    let camera = viewer.scene.camera.clone();
+    if ui.add_enabled(camera.is_some(), Button::new("Take this view")).clicked()
+        && let Some(camera) = &camera
+    {
+        viewer.keys.add(camera);
+    }
+    let (mut gone, mut shown) = (None, None);
+    egui::ScrollArea::vertical().max_height(160.0).show(ui, |ui| {
+        for (i, key) in viewer.keys.0.iter_mut().enumerate() {
+            ui.horizontal(|ui| {
+                ui.label(format!("View {} at picture", i + 1));
+                // The first begins.
+                let drag = DragValue::new(&mut key.frame).range(0..=FRAME_LIMIT - 1).clamp_existing_to_range(false);
+                ui.add_enabled(i > 0, drag).accessible_name(format!("View {}, picture", i + 1));
+                if ui.small_button("show").on_hover_text("Looks from there").clicked() {
+                    shown = Some(key.camera.clone());
+                }
+                let button = ui.small_button("x").on_hover_text("Takes it away");
+                if button.accessible_name(format!("View {}, take away", i + 1)).clicked() {
+                    gone = Some(i);
+                }
+            });
+        }
+    });
+    if let Some(i) = gone {
+        viewer.keys.remove(i);
+    }
+    viewer.scene.camera = shown.or(viewer.scene.camera.take());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_are_key_frames_that_begin_at_0() {
+        let camera = |x: f64| CameraSpec {
+            eye: [x, -5.0, 0.0],
+            target: [0.0; 3],
+            up: [0.0, 0.0, 1.0],
+            fov_y: Some(30.0),
+            height: None,
+        };
+        let mut keys = Keys::default();
+        keys.add(&camera(0.0));
+        assert!(keys.path().unwrap_err().contains("two views"));
+        (1..4).for_each(|x| keys.add(&camera(f64::from(x))));
+        assert_eq!(keys.path().unwrap().cameras().len() as u32, 3 * STEP_FRAMES + 1);
+        keys.remove(0);
+        let frames: Vec<u32> = keys.path().unwrap().keys.iter().map(|key| key.frame).collect();
+        assert_eq!(frames, [0, STEP_FRAMES, 2 * STEP_FRAMES]);
+        keys.0[1].frame = 500;
+        assert!(keys.path().unwrap_err().contains("ascend"));
+        (0..2 * KEY_LIMIT).for_each(|_| keys.add(&camera(1.0)));
+        assert_eq!(keys.0.len(), KEY_LIMIT);
+    }
+}

@@ -1,0 +1,228 @@
+//! The window in which a file is chosen: a volume, or a transfer function. Folders are listed by an [`Errand`].
+
+use std::path::{Path, PathBuf};
+
+use eframe::egui::{self, Ui};
+use supervol_runtime::clip::solids::Keep;
+use supervol_runtime::scene::SolidSpec;
+
+use super::dialogs::{path_field, window};
+use crate::cutting;
+use crate::errand::Errand;
+use crate::viewer::Viewer;
+use crate::worker::{Message, Opened};
+
+/// Files of a folder that are listed at most.
+const LIST_LIMIT: usize = 2000;
+/// Names that are looked at, of a folder that holds more.
+const NAME_LIMIT: usize = 200_000;
+/// Names that end so may be volumes; others are listed where all files are asked for.
+const VOLUMES: [&str; 16] = [
+    "svol", "sgy", "segy", "seg", "seg-y", "nrrd", "nhdr", "nii", "gz", "hdr", "img", "mha", "mhd", "tif", "tiff",
+    "npy",
+];
+/// The same of transfer functions.
+const TRANSFER_FUNCTIONS: [&str; 2] = ["json", "1dt"];
+/// The same of meshes.
+const MESHES: [&str; 3] = ["ply", "stl", "obj"];
+
+/// What is looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Wanted {
+    /// A volume to open.
+    Volume,
+    /// A transfer function or a colour map.
+    TransferFunction,
+    /// A closed mesh to cut the volume with.
+    Mesh,
+}
+
+impl Wanted {
+    fn endings(self) -> &'static [&'static str] {
+        match self {
+            Self::Volume => &VOLUMES,
+            Self::TransferFunction => &TRANSFER_FUNCTIONS,
+            Self::Mesh => &MESHES,
+        }
+    }
+
+    fn title(self) -> &'static str {
+        match self {
+            Self::Volume => "Open",
+            Self::TransferFunction => "Load a transfer function",
+            Self::Mesh => "Cut with a mesh",
+        }
+    }
+}
+
+/// What a folder holds.
+#[derive(Default)]
+struct Listing {
+    /// Folders first; names with whether they are folders.
+    entries: Vec<(String, bool)>,
+    /// Why it cannot be listed, or not whole.
+    trouble: Option<String>,
+}
+
+/// The window.
+pub(crate) struct Browser {
+    wanted: Wanted,
+    /// What stands in the field.
+    path: String,
+    folder: PathBuf,
+    listing: Listing,
+    /// The listing that is on its way.
+    errand: Option<Errand<Listing>>,
+    all_files: bool,
+}
+
+fn list(folder: &Path, endings: Option<&[&str]>) -> Listing {
+    let mut listing = Listing::default();
+    let listed = match std::fs::read_dir(folder) {
+        Ok(listed) => listed,
+        Err(error) => {
+            listing.trouble = Some(format!("{}: {error}", folder.display()));
+            return listing;
+        }
+    };
+    for entry in listed.flatten().take(NAME_LIMIT) {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        // Links are followed.
+        let is_folder = entry.path().is_dir();
+        let ending = Path::new(&name).extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let is_shown = is_folder || endings.is_none_or(|endings| endings.contains(&ending.as_str()));
+        if is_shown && !name.starts_with('.') {
+            listing.entries.push((name, is_folder));
+        }
+    }
+    listing.entries.sort_by(|a, b| b.1.cmp(&a.1).then_with(|| a.0.to_lowercase().cmp(&b.0.to_lowercase())));
+    if listing.entries.len() > LIST_LIMIT {
+        listing.trouble = Some(format!("{LIST_LIMIT} of {} names are listed", listing.entries.len()));
+        listing.entries.truncate(LIST_LIMIT);
+    }
+    listing
+}
+
+impl Browser {
+    /// With the folder of the volume that is open, or the one that the program runs in.
+    pub(crate) fn new(wanted: Wanted, opened: Option<&Opened>) -> Self {
+        let folder =
+            opened.and_then(|opened| std::path::absolute(&opened.source).ok()?.parent().map(Path::to_path_buf));
+        let folder = folder.or_else(|| std::env::current_dir().ok()).unwrap_or_default();
+        let path = folder.display().to_string();
+        Self { wanted, path, folder, listing: Listing::default(), errand: None, all_files: false }
+    }
+
+    fn begin_list(&mut self, ctx: &egui::Context) {
+        let (folder, endings) = (self.folder.clone(), (!self.all_files).then(|| self.wanted.endings()));
+        self.errand = Some(Errand::start(ctx, move || list(&folder, endings)));
+    }
+
+    fn go(&mut self, ctx: &egui::Context, folder: PathBuf) {
+        self.path = folder.display().to_string();
+        (self.folder, self.listing) = (folder, Listing::default());
+        self.begin_list(ctx);
+    }
+
+    /// What is in the window; the file that was chosen.
+    fn show(&mut self, ui: &mut Ui) -> Option<PathBuf> {
+        let ctx = ui.ctx().clone();
+        match self.errand.as_ref().map(Errand::take) {
+            Some(Some(listing)) => self.listing = listing,
+            Some(None) => {}
+            None => self.begin_list(&ctx),
+        }
+        let mut chosen = None;
+        path_field(ui, &mut self.path, "File to open");
+        ui.horizontal(|ui| {
+            if ui.button("Open").clicked() || ui.input(|input| input.key_pressed(egui::Key::Enter)) {
+                // A folder that is chosen is entered; whoever opens a file says what is wrong with it.
+                chosen = Some(PathBuf::from(self.path.trim()));
+            }
+            if ui.button("Folder above").clicked()
+                && let Some(above) = self.folder.parent().map(Path::to_path_buf)
+            {
+                self.go(&ctx, above);
+            }
+            if ui.checkbox(&mut self.all_files, "All files").changed() {
+                self.begin_list(&ctx);
+            }
+        });
+        if let Some(trouble) = &self.listing.trouble {
+            ui.colored_label(ui.visuals().warn_fg_color, trouble);
+        }
+        chosen = self.entries(ui).or(chosen);
+        // What stands in the field may be a folder: one of those that are listed, or the one that is shown.
+        if let Some(folder) = chosen.take_if(|path| path.is_dir()) {
+            self.go(&ctx, folder);
+        }
+        chosen
+    }
+
+    /// The folder's files; the one that was chosen.
+    fn entries(&mut self, ui: &mut Ui) -> Option<PathBuf> {
+        let mut chosen = None;
+        let row = ui.text_style_height(&egui::TextStyle::Body);
+        let count = self.listing.entries.len();
+        egui::ScrollArea::vertical().max_height(300.0).auto_shrink([false, true]).show_rows(
+            ui,
+            row,
+            count,
+            |ui, rows| {
+                for (name, is_folder) in &self.listing.entries[rows] {
+                    let label = if *is_folder { format!("{name}/") } else { name.clone() };
+                    if ui.selectable_label(false, label).clicked() {
+                        chosen = Some(self.folder.join(name));
+                    }
+                }
+            },
+        );
+        chosen
+    }
+}
+
+/// Shows the window, where one is open.
+pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
+    let Some(mut browser) = viewer.dialogs.browser.take() else { return };
+    let (mut is_open, mut chosen) = (true, None);
+    let middle = ctx.content_rect().center();
+    window(browser.wanted.title(), &mut is_open).default_pos(middle).show(ctx, |ui| chosen = browser.show(ui));
+    match chosen {
+        Some(path) => match browser.wanted {
+            Wanted::Volume => viewer.open(&path),
+            Wanted::TransferFunction => viewer.transfer.load(ctx, path),
+            Wanted::Mesh => {
+                let mesh = Some(std::path::absolute(&path).unwrap_or(path));
+                let solid = SolidSpec { keep: Keep::Inside, mesh, ..SolidSpec::default() };
+                if let Err(why) = cutting::push_solid(&mut viewer.scene, solid) {
+                    viewer.message = Some(Message::Failure(why));
+                }
+            }
+        },
+        None if is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape)) => {
+            viewer.dialogs.browser = Some(browser);
+        }
+        None => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_come_first_and_other_files_only_when_they_are_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["b.svol", "A.NII", "notes.txt", ".hidden.svol", "look.1dt"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        std::fs::create_dir(folder.path().join("z")).unwrap();
+        let names = |endings: Option<&[&str]>| -> Vec<String> {
+            list(folder.path(), endings).entries.into_iter().map(|(name, _)| name).collect()
+        };
+        assert_eq!(names(Some(Wanted::Volume.endings())), ["z", "A.NII", "b.svol"]);
+        assert_eq!(names(Some(Wanted::TransferFunction.endings())), ["z", "look.1dt"]);
+        assert_eq!(names(None), ["z", "A.NII", "b.svol", "look.1dt", "notes.txt"]);
+        assert!(list(&folder.path().join("none"), None).trouble.is_some_and(|trouble| trouble.contains("none")));
+    }
+}

@@ -1,0 +1,120 @@
+//! Handles in the picture: of the crop box, of clip planes, of slices and of solids, over the picture and no part of it.
+
+use eframe::egui::{Color32, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2};
+use glam::DVec3;
+use supervol_runtime::scene::{CameraSpec, Scene};
+
+use super::sections::{PLANE_COLORS, point};
+use crate::cutting::{self, Grip, Handle};
+use crate::navigate;
+use crate::planes::axis_name;
+use crate::viewer::Viewer;
+use crate::worker::Opened;
+
+/// Points across a handle, and of the ground that answers the mouse.
+const RADIUS: f32 = 5.0;
+const GROUND: f32 = 16.0;
+const CUT_COLOR: Color32 = Color32::from_rgb(240, 190, 60);
+const SLICE_COLOR: Color32 = Color32::from_rgb(200, 120, 240);
+/// The sides of a box: pairs of corners whose numbers differ in one bit.
+pub(super) const EDGES: [(usize, usize); 12] =
+    [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
+
+/// What is held, from where it was taken.
+pub(crate) struct Held {
+    handle: Handle,
+    /// The scene when it was taken.
+    before: Scene,
+    /// How far the mouse has come since then, points.
+    way: Vec2,
+}
+
+/// Shows them where they are wanted, and moves what is dragged.
+pub(super) fn show(viewer: &mut Viewer, ui: &Ui, picture: &Response) {
+    let Some(opened) = viewer.opened.clone().filter(|_| viewer.looks.are_handles_shown && viewer.slice.is_none())
+    else {
+        viewer.looks.held = None;
+        return;
+    };
+    let Some(camera) = viewer.scene.camera.clone() else { return };
+    let rect = picture.rect;
+    let see = Sight { camera: &camera, rect };
+    let painter = ui.painter().with_clip_rect(rect);
+    let corners = cutting::crop_corners(&viewer.scene.clip, &opened.facts).map(|corner| see.place(corner));
+    for (from, to) in EDGES {
+        if let (Some(from), Some(to)) = (corners[from], corners[to]) {
+            painter.line_segment([from, to], Stroke::new(1.0, CUT_COLOR.gamma_multiply(0.7)));
+        }
+    }
+    let mut is_held = false;
+    for handle in cutting::handles(&viewer.scene, &opened.facts, &camera) {
+        // What lies beyond the border is held at the border.
+        let Some(at) = see.place(handle.at).map(|at| rect.shrink(RADIUS).clamp(at)) else { continue };
+        let ground = Rect::from_center_size(at, Vec2::splat(GROUND));
+        let id = ui.scope_id().with(("handle", name_of(&opened, handle.grip)));
+        let response = ui.interact(ground, id, Sense::drag());
+        let response = response.accessible_name(name_of(&opened, handle.grip));
+        is_held |= response.dragged();
+        drag(viewer, &opened, &see, handle, &response);
+        let response = response.on_hover_text(name_of(&opened, handle.grip));
+        paint(&painter, &see, handle, at, response.hovered() || response.dragged());
+    }
+    if !is_held {
+        viewer.looks.held = None;
+    }
+}
+
+/// How the picture is seen.
+pub(super) struct Sight<'a> {
+    pub(super) camera: &'a CameraSpec,
+    pub(super) rect: Rect,
+}
+
+impl Sight<'_> {
+    /// Where a world point is in the window.
+    pub(super) fn place(&self, world: DVec3) -> Option<Pos2> {
+        let aspect = f64::from(self.rect.width() / self.rect.height().max(1.0));
+        navigate::place_of(self.camera, world, aspect).map(|place| point(self.rect, place))
+    }
+}
+
+fn name_of(opened: &Opened, grip: Grip) -> String {
+    match grip {
+        Grip::Face(axis, end) => format!("Crop {}, {}", axis_name(opened, axis), ["first", "last"][end]),
+        Grip::Plane(i) => format!("Plane {}, move", i + 1),
+        Grip::Arrow(i) => format!("Plane {}, turn", i + 1),
+        Grip::Slice(i) => format!("Slice {}, move", i + 1),
+        Grip::SliceArrow(i) => format!("Slice {}, turn", i + 1),
+        Grip::Middle(i) => format!("Solid {}, move", i + 1),
+        Grip::Size(i) => format!("Solid {}, size", i + 1),
+    }
+}
+
+fn drag(viewer: &mut Viewer, opened: &Opened, see: &Sight<'_>, handle: Handle, response: &Response) {
+    if response.drag_started() {
+        viewer.looks.held = Some(Held { handle, before: viewer.scene.clone(), way: Vec2::ZERO });
+    }
+    let Some(held) = viewer.looks.held.as_mut().filter(|held| held.handle.grip == handle.grip) else { return };
+    if !response.dragged() || response.drag_delta() == Vec2::ZERO {
+        return;
+    }
+    held.way += response.drag_delta();
+    let height = f64::from(see.rect.height().max(1.0));
+    let way = [f64::from(held.way.x) / height, -f64::from(held.way.y) / height];
+    let by = navigate::drag_at(see.camera, held.handle.at, way);
+    let after = cutting::moved(&held.before, &opened.facts, see.camera, &held.handle, by);
+    (viewer.scene.clip, viewer.scene.slices) = (after.clip, after.slices);
+}
+
+fn paint(painter: &eframe::egui::Painter, see: &Sight<'_>, handle: Handle, at: Pos2, is_lit: bool) {
+    let color = match handle.grip {
+        Grip::Face(axis, _) => PLANE_COLORS[axis],
+        Grip::Slice(_) | Grip::SliceArrow(_) => SLICE_COLOR,
+        _ => CUT_COLOR,
+    };
+    if let Some(root) = handle.root.and_then(|root| see.place(root)) {
+        painter.line_segment([root, at], Stroke::new(1.5, color));
+    }
+    let radius = if is_lit { RADIUS + 1.5 } else { RADIUS };
+    painter.circle(at, radius, color, Stroke::new(1.0, Color32::BLACK));
+}

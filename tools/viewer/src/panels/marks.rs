@@ -1,0 +1,57 @@
+//! Bricks over the picture: those that failed, in red, and those in memory where somebody wants to see them.
+
+use eframe::egui::{Align2, Color32, FontId, Rect, Stroke, Ui};
+use glam::DVec3;
+use supervol_runtime::preset::colormap;
+
+use super::handles::{EDGES, Sight};
+use super::picture::color;
+use crate::viewer::Viewer;
+use crate::worker::{Inspect, MARK_LIMIT};
+
+const FAILED: Color32 = Color32::from_rgb(255, 40, 40);
+/// Points between lines of the legend, and between it and the border.
+const LINE: f32 = 16.0;
+const MARGIN: f32 = 8.0;
+
+/// The colour of a level.
+fn of_level(level: u8) -> Color32 {
+    color(colormap::of_label(u64::from(level) + 1))
+}
+
+/// Paints them, with what their colours mean.
+pub(super) fn paint(viewer: &Viewer, ui: &Ui, rect: Rect) {
+    let (Some(picture), Some(opened), Some(camera)) = (&viewer.picture, &viewer.opened, &viewer.scene.camera) else {
+        return;
+    };
+    let painter = ui.painter().with_clip_rect(rect);
+    let (see, world) = (Sight { camera, rect }, opened.facts.geometry.world_from_index());
+    for mark in &picture.marks {
+        let corner = |n: usize| {
+            let at: [f64; 3] = std::array::from_fn(|a| mark.corners[n >> a & 1][a]);
+            see.place(world.transform_point3(DVec3::from_array(at)))
+        };
+        let stroke = if mark.is_failed { Stroke::new(2.0, FAILED) } else { Stroke::new(1.0, of_level(mark.level)) };
+        for (from, to) in EDGES {
+            if let (Some(from), Some(to)) = (corner(from), corner(to)) {
+                painter.line_segment([from, to], stroke);
+            }
+        }
+    }
+    let mut lines: Vec<(String, Color32)> = Vec::new();
+    if picture.marks.iter().any(|mark| mark.is_failed) {
+        lines.push(("could not be read: coarser bricks stand in".into(), FAILED));
+    }
+    if viewer.settings.inspect == Inspect::Bricks {
+        let mut levels: Vec<u8> = picture.marks.iter().filter(|mark| !mark.is_failed).map(|mark| mark.level).collect();
+        levels.dedup();
+        lines.extend(levels.into_iter().map(|level| (format!("level {level}"), of_level(level))));
+        if picture.marks.len() >= MARK_LIMIT {
+            lines.push((format!("the first {MARK_LIMIT} bricks are shown"), Color32::GRAY));
+        }
+    }
+    for (i, (words, color)) in lines.into_iter().enumerate() {
+        let at = rect.left_top() + eframe::egui::vec2(MARGIN, MARGIN + LINE * i as f32);
+        painter.text(at, Align2::LEFT_TOP, words, FontId::proportional(13.0), color);
+    }
+}

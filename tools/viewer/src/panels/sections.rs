@@ -1,0 +1,313 @@
+//! Panels with sections beside the picture: where they lie, what the mouse does in them, and what is told of the point under it.
+
+use eframe::egui::{
+    Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Slider, SliderClamping, Stroke, Ui, Vec2, pos2,
+};
+use supervol_runtime::scene::{CameraSpec, ImageSpec, RAY_LIMIT};
+
+use super::picture::{color, pixels_of, place, wheel_steps};
+use super::{heading, slices, wide_slider};
+use crate::edit;
+use crate::navigate;
+use crate::planes::{self, axis_name};
+use crate::sections::{Layout, short, told_of};
+use crate::viewer::Viewer;
+use crate::worker::{Message, Opened, PANELS, Probe};
+
+/// Points between panels.
+const GAP: f32 = 3.0;
+/// Points between what is told in a panel and its border.
+const MARGIN: f32 = 6.0;
+/// Points of the cross that stays clear around the cursor, so that what lies there can be seen.
+const CLEAR: f32 = 7.0;
+/// The planes across the grid's axes, wherever they are drawn.
+pub(super) const PLANE_COLORS: [Color32; PANELS] =
+    [Color32::from_rgb(235, 90, 80), Color32::from_rgb(90, 200, 90), Color32::from_rgb(90, 150, 255)];
+
+/// Where the picture and the panels lie.
+pub(super) struct Rooms {
+    pub(super) picture: Rect,
+    panels: [Option<Rect>; PANELS],
+}
+
+/// Divides the room.
+pub(super) fn rooms(layout: Layout, whole: Rect) -> Rooms {
+    let half = |from: f32, to: f32| [from, 0.5 * (from + to - GAP), 0.5 * (from + to + GAP), to].map(f32::round);
+    let [x, y] = [half(whole.left(), whole.right()), half(whole.top(), whole.bottom())];
+    let room = |[x0, y0]: [f32; 2], [x1, y1]: [f32; 2]| Rect::from_min_max(pos2(x0, y0), pos2(x1, y1));
+    match layout {
+        Layout::Alone => Rooms { picture: whole, panels: [None; PANELS] },
+        Layout::One(axis) => {
+            let mut panels = [None; PANELS];
+            if let Some(panel) = panels.get_mut(axis) {
+                *panel = Some(room([x[0], y[0]], [x[1], y[3]]));
+            }
+            Rooms { picture: room([x[2], y[0]], [x[3], y[3]]), panels }
+        }
+        Layout::Three => Rooms {
+            picture: room([x[2], y[2]], [x[3], y[3]]),
+            panels: [
+                Some(room([x[0], y[2]], [x[1], y[3]])),
+                Some(room([x[2], y[0]], [x[3], y[1]])),
+                Some(room([x[0], y[0]], [x[1], y[1]])),
+            ],
+        },
+    }
+}
+
+/// Shows the panels that there are.
+pub(super) fn show(viewer: &mut Viewer, ui: &Ui, rooms: &Rooms) {
+    let Some(opened) = viewer.opened.clone() else { return };
+    let before = viewer.sections.cursor;
+    for axis in 0..PANELS {
+        viewer.sections.panels[axis].scene = None;
+        let Some(rect) = rooms.panels[axis].filter(|rect| rect.is_positive()) else { continue };
+        let response = ui.interact(rect, ui.scope_id().with(("section", axis)), Sense::click_and_drag());
+        let response = response.accessible_name(format!("Section {}", axis_name(&opened, axis)));
+        aim(viewer, &opened, ui, axis, rect);
+        steer(viewer, &opened, ui, axis, &response);
+        aim(viewer, &opened, ui, axis, rect);
+        paint(viewer, &opened, ui, axis, &response);
+        take_along(viewer, &opened, axis, &response);
+    }
+    // Panels that were shown before the one in which the cursor was moved follow in the next frame.
+    if viewer.sections.cursor != before {
+        ui.ctx().request_repaint();
+    }
+}
+
+/// What the panel is to show, in as many pixels as the screen has there.
+fn aim(viewer: &mut Viewer, opened: &Opened, ui: &Ui, axis: usize, rect: Rect) {
+    let [width, height] = pixels_of(ui, rect);
+    let image = ImageSpec { width, height, ..viewer.scene.image };
+    let scene = viewer.sections.scene_of(axis, opened, &image);
+    let rays = |samples: u32| u64::from(width) * u64::from(height) * u64::from(samples);
+    viewer.sections.panels[axis].scene = scene.filter(|scene| rays(scene.samples_per_pixel.unwrap_or(1)) <= RAY_LIMIT);
+}
+
+/// What a right click offers: the section as a scene file, and as a picture.
+fn take_along(viewer: &mut Viewer, opened: &Opened, axis: usize, response: &Response) {
+    let Some(scene) = viewer.sections.panels[axis].scene.clone() else { return };
+    response.context_menu(|ui| {
+        if ui.button("Save the scene of this section ...").clicked() {
+            viewer.dialogs.begin_save_section(opened, scene.clone());
+            ui.close();
+        }
+        if ui.button("Export this section ...").clicked() {
+            viewer.dialogs.begin_export_section(opened, scene.clone());
+            ui.close();
+        }
+    });
+}
+
+fn steer(viewer: &mut Viewer, opened: &Opened, ui: &Ui, axis: usize, response: &Response) {
+    let rect = response.rect;
+    let moves = ui.input(|input| input.modifiers.shift) || response.dragged_by(PointerButton::Middle);
+    let moves = moves || response.dragged_by(PointerButton::Secondary);
+    let at = response.interact_pointer_pos().map(|at| place(rect, at));
+    let is_pointing = response.is_pointer_button_down_on() || response.clicked();
+    if response.double_clicked() {
+        viewer.sections.panels[axis].camera = None;
+    } else if moves && response.drag_delta() != Vec2::ZERO {
+        let height = f64::from(rect.height().max(1.0));
+        let by = [f64::from(response.drag_delta().x) / height, -f64::from(response.drag_delta().y) / height];
+        turn(viewer, axis, |camera| navigate::pan(camera, by));
+    } else if let Some(at) = at.filter(|_| is_pointing && !moves && ui.input(|i| i.pointer.primary_down())) {
+        viewer.sections.point_at(axis, at, &opened.facts, &mut viewer.scene);
+    }
+    if !response.contains_pointer() {
+        return;
+    }
+    let (scrolled, zoom) = ui.input(|input| (f64::from(input.smooth_scroll_delta().y), f64::from(input.zoom_delta())));
+    let steps = wheel_steps(&mut viewer.sections.panels[axis].wheel_points, scrolled);
+    if steps != 0.0 {
+        let mut cursor = viewer.sections.cursor;
+        cursor[axis] += steps;
+        viewer.sections.move_to(cursor, &opened.facts, &mut viewer.scene);
+    }
+    if let Some(at) = response.hover_pos().map(|at| place(rect, at)) {
+        if zoom != 1.0 {
+            let aspect = f64::from(rect.width() / rect.height().max(1.0));
+            let stage = edit::stage(&opened.facts);
+            turn(viewer, axis, |camera| navigate::dolly(camera, &stage, 1.0 / zoom, at, aspect));
+        }
+        probe(viewer, opened, Some(axis), at);
+    }
+}
+
+/// Looks at a section from elsewhere.
+fn turn(viewer: &mut Viewer, axis: usize, turned: impl FnOnce(&CameraSpec) -> CameraSpec) {
+    let panel = &mut viewer.sections.panels[axis];
+    if let Some(camera) = panel.scene.as_ref().and_then(|scene| scene.camera.as_ref()) {
+        panel.camera = Some(turned(camera));
+    }
+}
+
+/// Asks what is under a place of a panel, or of the picture, once.
+pub(super) fn probe(viewer: &mut Viewer, opened: &Opened, panel: Option<usize>, at: [f64; 2]) -> Option<u64> {
+    let image = match panel {
+        Some(axis) => viewer.sections.panels[axis].shown.as_ref().map(|shown| shown.image.size),
+        None => viewer.picture.as_ref().map(|picture| picture.image.size),
+    };
+    let size = image?;
+    let share = [0.5 * (1.0 + at[0]), 0.5 * (1.0 - at[1])];
+    let pixel = [0, 1].map(|a| ((share[a] * size[a] as f64).max(0.0) as u32).min(size[a].saturating_sub(1) as u32));
+    let number = viewer.sections.asked.map_or(0, |asked| asked.number);
+    let next = Probe { number, volume: opened.number, panel, pixel };
+    if viewer.sections.asked == Some(next) {
+        return Some(number);
+    }
+    let next = Probe { number: number + 1, ..next };
+    viewer.sections.asked = Some(next);
+    viewer.worker.iter().for_each(|worker| worker.probe(next));
+    Some(next.number)
+}
+
+fn paint(viewer: &Viewer, opened: &Opened, ui: &Ui, axis: usize, response: &Response) {
+    let rect = response.rect;
+    let painter = ui.painter().with_clip_rect(rect);
+    painter.rect_filled(rect, 0.0, color(viewer.scene.image.background));
+    if let Some(shown) = &viewer.sections.panels[axis].shown {
+        let size = Vec2::from(shown.texture.size().map(|n| n as f32)) / ui.pixels_per_point();
+        let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
+        painter.image(shown.texture.id(), Rect::from_min_size(rect.min, size), whole, Color32::WHITE);
+    }
+    let facts = &opened.facts;
+    let at_cursor = viewer.sections.place_of(axis, viewer.sections.cursor, facts).map(|place| point(rect, place));
+    for other in (0..PANELS).filter(|other| *other != axis) {
+        // The plane across the other axis is seen as the line along the third one.
+        let along = 3 - axis - other;
+        let mut ends = [viewer.sections.cursor; 2];
+        (ends[0][along], ends[1][along]) = (-0.5, facts.dims.0[along] as f64 - 0.5);
+        let ends = ends.map(|end| viewer.sections.place_of(axis, end, facts).map(|place| point(rect, place)));
+        let (Some(middle), [Some(from), Some(to)]) = (at_cursor, ends) else { continue };
+        let stroke = Stroke::new(1.0, PLANE_COLORS[other]);
+        for end in [from, to] {
+            let way = end - middle;
+            if way.length() > CLEAR {
+                painter.line_segment([middle + CLEAR * way.normalized(), end], stroke);
+            }
+        }
+    }
+    painter.rect_stroke(rect, 0.0, Stroke::new(1.0, PLANE_COLORS[axis]), eframe::egui::StrokeKind::Inside);
+    let corner = rect.left_top() + Vec2::splat(MARGIN);
+    tell(&painter, corner, Align2::LEFT_TOP, &title(viewer, opened, axis));
+    if response.contains_pointer() {
+        tell_of_point(viewer, opened, Some(axis), &painter, rect);
+    }
+    if viewer.sections.panels[axis].scene.is_none() {
+        tell(&painter, rect.center(), Align2::CENTER_CENTER, "no section can be shown here");
+    }
+}
+
+/// Where a normalised place is in the window.
+pub(super) fn point(rect: Rect, [x, y]: [f64; 2]) -> Pos2 {
+    let [x, y] = [0.5 * (1.0 + x), 0.5 * (1.0 - y)];
+    rect.min + Vec2::new(x as f32, y as f32) * rect.size()
+}
+
+/// Words over a picture, on a ground on which they can be read.
+fn tell(painter: &eframe::egui::Painter, at: Pos2, align: Align2, words: &str) {
+    let galley = painter.layout(words.into(), FontId::proportional(12.0), Color32::WHITE, painter.clip_rect().width());
+    let rect = align.anchor_size(at, galley.size());
+    painter.rect_filled(rect.expand(2.0), 2.0, Color32::from_black_alpha(170));
+    painter.galley(rect.min, galley, Color32::WHITE);
+}
+
+fn title(viewer: &Viewer, opened: &Opened, axis: usize) -> String {
+    let voxel = viewer.sections.cursor[axis];
+    let place = opened.survey.as_ref().map(|survey| {
+        let [first, step] = survey.scales()[axis];
+        format!("{} ", short(first + step * voxel))
+    });
+    let failed = viewer.sections.panels[axis].shown.as_ref().map_or(0, |shown| shown.stats.bricks_failed);
+    let failed = if failed > 0 { format!(", {failed} bricks failed") } else { String::new() };
+    format!("{} {}voxel {voxel}{failed}", axis_name(opened, axis), place.unwrap_or_default())
+}
+
+/// Value and place of the point under the mouse, once it is known.
+pub(super) fn tell_of_point(
+    viewer: &Viewer,
+    opened: &Opened,
+    panel: Option<usize>,
+    painter: &eframe::egui::Painter,
+    rect: Rect,
+) {
+    let Some(probed) = viewer.sections.probed().filter(|probed| probed.probe.panel == panel) else { return };
+    let corner = rect.left_bottom() + Vec2::new(MARGIN, -MARGIN);
+    match &probed.found {
+        Ok(Some(picked)) => tell(painter, corner, Align2::LEFT_BOTTOM, &told_of(picked, opened)),
+        Ok(None) if panel.is_some() => tell(painter, corner, Align2::LEFT_BOTTOM, "nothing is here"),
+        Ok(None) => {}
+        Err(why) if panel.is_some() => tell(painter, corner, Align2::LEFT_BOTTOM, why),
+        Err(_) => {}
+    }
+}
+
+/// Shows the controls.
+pub(super) fn controls(viewer: &mut Viewer, ui: &mut Ui) {
+    heading(ui, "Panels beside the picture");
+    let Some(opened) = viewer.opened.clone() else { return };
+    let before = viewer.sections.layout;
+    let mut layout = before;
+    ui.horizontal_wrapped(|ui| {
+        ui.selectable_value(&mut layout, Layout::Alone, "Picture alone").on_hover_text("No panels");
+        let words = "Sections across all axes, linked by a cursor (T)";
+        ui.selectable_value(&mut layout, Layout::Three, "Three panels").on_hover_text(words);
+        for axis in 0..PANELS {
+            let name = axis_name(&opened, axis);
+            let words = format!("One panel with the section across {name}");
+            let _ = ui.selectable_value(&mut layout, Layout::One(axis), format!("Panel {name}")).on_hover_text(words);
+        }
+    });
+    viewer.set_layout(layout);
+    if layout == Layout::Alone {
+        return;
+    }
+    let mut cursor = viewer.sections.cursor;
+    for (axis, place) in cursor.iter_mut().enumerate() {
+        let name = axis_name(&opened, axis);
+        let last = (opened.facts.dims.0[axis] - 1) as f64;
+        ui.label(format!("Cursor, {name}"));
+        wide_slider(ui);
+        ui.add(Slider::new(place, 0.0..=last).clamping(SliderClamping::Edits).integer())
+            .on_hover_text(format!("Voxel along {name}, 0 to {last}, through which the section goes"))
+            .accessible_name(format!("Cursor, {name}"));
+    }
+    if cursor != viewer.sections.cursor {
+        viewer.sections.move_to(cursor, &opened.facts, &mut viewer.scene);
+    }
+    ui.push_id("panels", |ui| {
+        let look = &mut viewer.sections.look;
+        slices::interpolation(look, "Panels", ui);
+        slices::filter(look, &opened, "Panels", ui);
+    });
+    let words = "Slices of the picture at the cursor, with which they move";
+    if ui.button("Show them in the volume").on_hover_text(words).clicked() {
+        show_in_volume(viewer, &opened);
+    }
+}
+
+/// Adds slices at the cursor to the picture, of the look that the panels have.
+fn show_in_volume(viewer: &mut Viewer, opened: &Opened) {
+    for axis in (0..PANELS).filter(|axis| viewer.sections.layout.shows(*axis)) {
+        let place = viewer.sections.cursor[axis];
+        let is_there = |slice| {
+            let found = planes::place_of(slice, &opened.facts);
+            found.axis == Some(axis) && (found.at - place).abs() < 0.5
+        };
+        if viewer.scene.slices.iter().any(is_there) {
+            continue;
+        }
+        if let Err(why) = planes::add(&mut viewer.scene, &opened.facts, Some(axis)) {
+            viewer.message = Some(Message::Failure(why));
+            return;
+        }
+        if let Some(slice) = viewer.scene.slices.last_mut() {
+            planes::move_to(slice, &opened.facts, place);
+            let look = &viewer.sections.look;
+            (slice.interpolation, slice.filter) = (look.interpolation, look.filter);
+            slice.colors.clone_from(&look.colors);
+        }
+    }
+}

@@ -1,0 +1,284 @@
+//! Sections in panels beside the picture: one, or three that are linked by a cursor.
+//!
+//! Each is a scene of its own in mode `slice`, face on, of the plane across an axis of the grid through the cursor. The cursor is a
+//! voxel of level 0. Sections show the whole volume, whatever the picture's scene cuts away; places in panels are normalised device
+//! coordinates, as in [`navigate`].
+
+use eframe::egui::TextureHandle;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use supervol_runtime::facts::VolumeFacts;
+use supervol_runtime::preset::section::{face_on, plane_across};
+use supervol_runtime::renderer::Picked;
+use supervol_runtime::scene::{CameraSpec, ImageSpec, Scene};
+use supervol_runtime::slices::{Interpolation, SliceSpec};
+use supervol_runtime::stats::FrameStats;
+
+use crate::navigate;
+use crate::planes;
+use crate::worker::{Opened, PANELS, Probe, Probed};
+
+/// Greatest distance between the place of a slice in the picture and the cursor that it moves with, voxels.
+const SAME_PLACE: f64 = 1e-6;
+
+/// What stands beside the picture of the volume.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
+#[serde(rename_all = "lowercase")]
+pub enum Layout {
+    /// Nothing.
+    #[default]
+    Alone,
+    /// The section across this axis of the grid.
+    One(usize),
+    /// Sections across all axes.
+    Three,
+}
+
+impl Layout {
+    /// Whether the section across an axis is shown.
+    #[must_use]
+    pub fn shows(self, axis: usize) -> bool {
+        self == Self::Three || self == Self::One(axis)
+    }
+}
+
+/// A picture of a panel on the screen.
+pub struct Shown {
+    /// Its pixels.
+    pub image: std::sync::Arc<eframe::egui::ColorImage>,
+    /// The same, where the window draws from.
+    pub texture: TextureHandle,
+    /// The wish that it answers.
+    pub number: u64,
+    /// What it cost.
+    pub stats: FrameStats,
+    /// Nothing is left to do.
+    pub is_converged: bool,
+}
+
+/// One panel.
+#[derive(Default)]
+pub struct Panel {
+    /// Where it is looked at from, if somebody has moved it: the depth is the plane's.
+    pub(crate) camera: Option<CameraSpec>,
+    /// What is to be drawn; `None`: nothing, or the panel has no room.
+    pub(crate) scene: Option<Scene>,
+    /// What was asked for last, of which volume, and its number.
+    pub(crate) sent: Option<(u64, Scene, u64)>,
+    /// What is on the screen.
+    pub(crate) shown: Option<Shown>,
+    /// Points of the wheel that have moved nothing yet.
+    pub(crate) wheel_points: f64,
+}
+
+impl Panel {
+    /// What is to be drawn.
+    #[must_use]
+    pub fn scene(&self) -> Option<&Scene> {
+        self.scene.as_ref()
+    }
+
+    /// What is on the screen.
+    #[must_use]
+    pub fn shown(&self) -> Option<&Shown> {
+        self.shown.as_ref()
+    }
+
+    /// Whether what is on the screen is what is to be drawn.
+    fn is_at_rest(&self) -> bool {
+        match (&self.scene, &self.sent, &self.shown) {
+            (None, ..) => true,
+            (Some(scene), Some((_, sent, number)), Some(shown)) => {
+                scene == sent && shown.number == *number && shown.is_converged
+            }
+            _ => false,
+        }
+    }
+}
+
+/// See the module.
+pub struct Sections {
+    /// What is shown.
+    pub(crate) layout: Layout,
+    /// The voxel that all sections go through, index coordinates.
+    pub(crate) cursor: [f64; 3],
+    /// How values are found, filtered and coloured; the plane is none.
+    pub(crate) look: SliceSpec,
+    /// By axis.
+    pub(crate) panels: [Panel; PANELS],
+    /// Wishes that were made.
+    pub(crate) wishes: u64,
+    /// What was asked last about a pixel, and the last answer.
+    pub(crate) asked: Option<Probe>,
+    pub(crate) answered: Option<Probed>,
+    /// The question whose answer moves the cursor.
+    pub(crate) moving: Option<u64>,
+}
+
+impl Default for Sections {
+    fn default() -> Self {
+        let look = SliceSpec {
+            normal: [0.0, 0.0, 1.0],
+            offset: 0.0,
+            opacity: 1.0,
+            interpolation: Interpolation::default(),
+            filter: None,
+            colors: Vec::new(),
+        };
+        Self {
+            layout: Layout::Alone,
+            cursor: [0.0; 3],
+            look,
+            panels: Default::default(),
+            wishes: 0,
+            asked: None,
+            answered: None,
+            moving: None,
+        }
+    }
+}
+
+impl Sections {
+    /// For a volume that is opened: the cursor is in its middle.
+    pub(crate) fn of(facts: &VolumeFacts, layout: Layout) -> Self {
+        Self { layout, cursor: facts.dims.0.map(|n| (n / 2) as f64), ..Self::default() }
+    }
+
+    /// What is shown.
+    #[must_use]
+    pub fn layout(&self) -> Layout {
+        self.layout
+    }
+
+    /// The voxel that all sections go through, index coordinates.
+    #[must_use]
+    pub fn cursor(&self) -> [f64; 3] {
+        self.cursor
+    }
+
+    /// The panel of the section across an axis.
+    #[must_use]
+    pub fn panel(&self, axis: usize) -> Option<&Panel> {
+        self.panels.get(axis).filter(|_| self.layout.shows(axis))
+    }
+
+    /// The last answer to what is under the mouse.
+    #[must_use]
+    pub fn probed(&self) -> Option<&Probed> {
+        let asked = self.asked.map(|probe| probe.number);
+        self.answered.as_ref().filter(|probed| Some(probed.probe.number) == asked)
+    }
+
+    /// Whether all panels show what they are to show.
+    #[must_use]
+    pub fn are_at_rest(&self) -> bool {
+        (0..PANELS).all(|axis| self.panel(axis).is_none_or(Panel::is_at_rest))
+    }
+
+    /// The scene of a panel in a picture of this size; `None` where nothing can be shown.
+    #[must_use]
+    pub fn scene_of(&self, axis: usize, opened: &Opened, image: &ImageSpec) -> Option<Scene> {
+        let facts = &opened.facts;
+        let (normal, offset) = plane_across(facts, axis, self.cursor[axis]);
+        let slice = SliceSpec { normal, offset, ..self.look.clone() };
+        let vertical_exaggeration = (opened.exaggeration != 1.0).then_some(opened.exaggeration);
+        let open = Scene { image: image.clone(), vertical_exaggeration, ..Scene::default() };
+        let mut scene = face_on(&open, facts, slice, 1.0)?;
+        scene.camera = match (&self.panels[axis].camera, scene.camera.take()) {
+            (Some(now), Some(usual)) => Some(navigate::shifted_to(now, &usual)),
+            (_, usual) => usual,
+        };
+        scene.samples_per_pixel = Some(samples(scene.camera.as_ref(), image, facts));
+        Some(scene.complete(facts, None))
+    }
+
+    /// Moves the cursor, as far as the volume reaches, and with it the slices of the picture that lie at it.
+    pub(crate) fn move_to(&mut self, cursor: [f64; 3], facts: &VolumeFacts, scene: &mut Scene) {
+        let last = facts.dims.0.map(|n| (n - 1) as f64);
+        let next: [f64; 3] = std::array::from_fn(|a| match cursor[a].round() {
+            place if place.is_finite() => place.clamp(0.0, last[a]),
+            _ => self.cursor[a],
+        });
+        for slice in &mut scene.slices {
+            let place = planes::place_of(slice, facts);
+            if let Some(axis) = place.axis
+                && (place.at - self.cursor[axis]).abs() < SAME_PLACE
+                && next[axis] != self.cursor[axis]
+            {
+                planes::move_to(slice, facts, next[axis]);
+            }
+        }
+        self.cursor = next;
+    }
+
+    /// Moves the cursor within a section to a point of its panel.
+    pub(crate) fn point_at(&mut self, axis: usize, at: [f64; 2], facts: &VolumeFacts, scene: &mut Scene) {
+        let Some(index) = self.index_at(axis, at, facts) else { return };
+        let mut cursor = index;
+        cursor[axis] = self.cursor[axis];
+        self.move_to(cursor, facts, scene);
+    }
+
+    /// The point of a section, index coordinates, that lies at a place of its panel.
+    #[must_use]
+    pub fn index_at(&self, axis: usize, at: [f64; 2], facts: &VolumeFacts) -> Option<[f64; 3]> {
+        let scene = self.panels[axis].scene.as_ref()?;
+        let camera = scene.camera.as_ref()?;
+        let world = navigate::point_at(camera, at, aspect(scene));
+        let (normal, offset) = plane_across(facts, axis, self.cursor[axis]);
+        let normal = DVec3::from_array(normal);
+        let on_plane = world + (offset - normal.dot(world)) * normal;
+        Some(facts.geometry.world_from_index().inverse().transform_point3(on_plane).to_array())
+    }
+
+    /// Where an index point is in the panel of a section.
+    #[must_use]
+    pub fn place_of(&self, axis: usize, index: [f64; 3], facts: &VolumeFacts) -> Option<[f64; 2]> {
+        let scene = self.panels[axis].scene.as_ref()?;
+        let camera = scene.camera.as_ref()?;
+        let world = facts.geometry.world_from_index().transform_point3(index.into());
+        navigate::place_of(camera, world, aspect(scene))
+    }
+}
+
+/// What is told of a point: value with its unit, voxel, world position, and of a survey its lines and its time or depth.
+#[must_use]
+pub fn told_of(picked: &Picked, opened: &Opened) -> String {
+    let list = |numbers: [f64; 3]| numbers.map(short).join(", ");
+    let unit = &opened.container.manifest().unit;
+    let value = if picked.value.is_nan() { "absent".into() } else { format!("{} {unit}", short(picked.value)) };
+    let voxel = picked.index.map(|i| (i * 100.0).round() / 100.0);
+    let mut words = format!("{}\nvoxel {}\nworld {}", value.trim_end(), list(voxel), list(picked.world));
+    if let Some(survey) = &opened.survey {
+        let scales = survey.scales();
+        let place = |axis: usize| {
+            let [first, step] = scales[axis];
+            format!("{} {}", planes::axis_name(opened, axis), short(first + step * picked.index[axis]))
+        };
+        words += &format!("\n{}, {}, {}", place(1), place(0), place(2));
+    }
+    words
+}
+
+/// A number in few digits.
+#[must_use]
+pub fn short(value: f64) -> String {
+    if value != 0.0 && !(1e-3..1e6).contains(&value.abs()) {
+        format!("{value:.3e}")
+    } else {
+        format!("{}", (value * 1e4).round() / 1e4)
+    }
+}
+
+/// Rays of each pixel: more where a pixel covers several voxels. Else the values between voxels are smooth already, and the section
+/// follows the hand four times as fast.
+fn samples(camera: Option<&CameraSpec>, image: &ImageSpec, facts: &VolumeFacts) -> u32 {
+    const FINE: u32 = 4;
+    let pixel = camera.and_then(|camera| camera.height).unwrap_or(0.0) / f64::from(image.height.max(1));
+    if pixel > facts.geometry.smallest_spacing() { FINE } else { 1 }
+}
+
+/// Width over height.
+fn aspect(scene: &Scene) -> f64 {
+    f64::from(scene.image.width) / f64::from(scene.image.height.max(1))
+}

@@ -1,0 +1,128 @@
+//! Animations for a folder: picture after picture by the renderer that draws for the screen, as `render --turntable` and `--path` do.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+use supervol_decorations::frames::{Frames, Others};
+use supervol_preprocess::Existing;
+use supervol_preprocess::output::{OutputFile, check_distinct};
+use supervol_runtime::camera_path::{self, CameraPath};
+use supervol_runtime::image::ImageFormat;
+use supervol_runtime::preset::view::upright;
+use supervol_runtime::scene::{CameraSpec, Scene};
+
+use super::easel::{Easel, options};
+use super::{Busy, Decorations, Desk, Message, Settings, lock};
+
+/// How the camera moves.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Motion {
+    /// Once around what it looks at, in so many pictures.
+    Turntable(u32),
+    /// From key frame to key frame.
+    Path(CameraPath),
+}
+
+/// Pictures of an animation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Animation {
+    /// What they show, with their size; its camera begins a turntable.
+    pub scene: Scene,
+    /// How the camera moves.
+    pub motion: Motion,
+    /// Where the pictures go.
+    pub folder: PathBuf,
+    /// Whether pictures of something else are replaced.
+    pub existing: Existing,
+}
+
+impl Motion {
+    /// What was asked for, as `sequence.json` has it.
+    fn asked(&self) -> Value {
+        match self {
+            Self::Turntable(frames) => json!({ "turntable": frames }),
+            Self::Path(path) => json!({ "path": path }),
+        }
+    }
+
+    fn cameras(&self, camera: &CameraSpec, facts: &supervol_runtime::facts::VolumeFacts) -> Vec<CameraSpec> {
+        match self {
+            Self::Turntable(frames) => camera_path::turntable(camera, upright(facts), *frames),
+            Self::Path(path) => path.cameras(),
+        }
+    }
+}
+
+impl Easel {
+    /// Draws the pictures that are missing until all are there or somebody cancels.
+    pub(super) fn animate(
+        &mut self,
+        desk: &std::sync::Arc<Desk>,
+        animation: &Animation,
+        settings: &Settings,
+    ) -> Result<Message, String> {
+        let opened = self.opened.clone();
+        let camera = animation.scene.camera.as_ref();
+        let camera = camera.ok_or("this volume lies where the world is too coarse for a camera that moves")?;
+        let (cameras, motion) = (animation.motion.cameras(camera, &opened.facts), animation.motion.asked());
+        let scene = Scene { camera: cameras.first().cloned(), ..animation.scene.clone() };
+        let inputs: Vec<&Path> =
+            [opened.source.as_path(), opened.path.as_path()].into_iter().chain(scene.files()).collect();
+        let frames = Frames {
+            container: &opened.container,
+            scene: &scene,
+            decorate: settings.decorations == Decorations::On,
+            cameras: &cameras,
+            motion: &motion,
+            folder: &animation.folder,
+            inputs: &inputs,
+        };
+        let others = match animation.existing {
+            Existing::Replace => Others::Replace,
+            _ => Others::Keep("tick that they are replaced"),
+        };
+        let missing = frames.begin(&options(desk, settings), others).map_err(|e| e.to_string())?;
+        lock(&desk.wishes).export_canceller = Some(self.renderer.canceller());
+        let mut drawn = Ok(true);
+        for (done, frame) in missing.iter().enumerate() {
+            let progress = [cameras.len() - missing.len() + done, cameras.len()];
+            desk.tell(|news| news.busy = Some(Busy::Animating(animation.folder.clone(), progress)));
+            drawn = self.draw_frame(&frames, *frame);
+            if !matches!(drawn, Ok(true)) {
+                break;
+            }
+        }
+        self.resume();
+        let folder = animation.folder.display();
+        drawn.map(|is_done| match is_done {
+            true => Message::Done(format!(
+                "{folder}: {} pictures, {} of them drawn now; a film of them: ffmpeg -framerate 25 -i {folder}/frame-%05d.png film.mp4",
+                cameras.len(),
+                missing.len()
+            )),
+            false => Message::Done(format!("given up; the same again goes on with what {folder} holds")),
+        })
+    }
+
+    /// Draws and writes one picture; whether nobody has cancelled.
+    fn draw_frame(&mut self, frames: &Frames<'_>, frame: usize) -> Result<bool, String> {
+        let path = frames.path(frame);
+        check_distinct(&path, frames.inputs.iter().copied()).map_err(|e| e.to_string())?;
+        let output = OutputFile::begin(&path, Existing::ReplacePicture).map_err(|e| e.to_string())?;
+        let scene = frames.scene(frame).resolve(&self.opened.facts).map_err(|e| e.to_string())?;
+        self.renderer.set_scene(scene.clone());
+        let step = self.renderer.advance(None).map_err(|e| e.to_string())?;
+        let Some(picture) = self.renderer.picture().filter(|_| !step.is_cancelled && step.is_converged) else {
+            return Ok(false);
+        };
+        let failed = self.renderer.stats().bricks_failed;
+        if failed > 0 {
+            return Err(format!("{} is not written: {failed} bricks could not be read", path.display()));
+        }
+        let mut file = output.file();
+        let picture = self.decorated(picture, &scene);
+        picture.encode(ImageFormat::Png, scene.background, &mut file).map_err(|e| e.to_string())?;
+        output.publish().map_err(|e| e.to_string())?;
+        Ok(true)
+    }
+}

@@ -1,0 +1,47 @@
+//! What can be seen of the renderer's work beside its picture: bricks that are in memory, by level, and bricks that failed.
+
+use supervol_format::{BrickKey, Lod};
+use supervol_runtime::renderer::Renderer;
+use supervol_runtime::streamer::state::StateKind;
+
+use super::Inspect;
+
+/// Most bricks that are marked, and most of a level that are looked at for failures.
+pub const MARK_LIMIT: usize = 1000;
+const LOOK_LIMIT: usize = 1 << 18;
+
+/// A brick in the picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mark {
+    /// Its level of detail.
+    pub level: u8,
+    /// Least and greatest corner, index coordinates of level 0.
+    pub corners: [[f64; 3]; 2],
+    /// Whether it could not be read.
+    pub is_failed: bool,
+}
+
+/// Bricks to mark: those that failed, and all in memory where somebody wants to see them.
+pub(super) fn marks(renderer: &Renderer, inspect: Inspect) -> Vec<Mark> {
+    let Some(streamer) = renderer.streamer() else { return Vec::new() };
+    let pyramid = renderer.volume().container().pyramid();
+    let mark = |key: BrickKey, is_failed: bool| {
+        let (level, voxels) = (pyramid.level_at(key.lod()), pyramid.core_box(key));
+        let dims = renderer.volume().facts().dims.0;
+        let corner =
+            |at: [u64; 3]| -> [f64; 3] { std::array::from_fn(|a| (at[a] * level.scale[a]).min(dims[a]) as f64 - 0.5) };
+        Mark { level: key.lod().0, corners: [corner(voxels.start), corner(voxels.end)], is_failed }
+    };
+    let has_failed = |lod: &Lod| streamer.states().count(*lod, StateKind::Failed) > 0;
+    let failed = (0..=pyramid.coarsest().0).map(Lod).filter(has_failed).flat_map(|lod| {
+        let keys = pyramid.keys_of(lod).take(LOOK_LIMIT);
+        keys.filter(|key| streamer.states().state(*key).kind() == StateKind::Failed)
+    });
+    let mut marks: Vec<Mark> = failed.map(|key| mark(key, true)).take(MARK_LIMIT).collect();
+    if inspect == Inspect::Bricks {
+        let mut there: Vec<BrickKey> = streamer.cache().keys().collect();
+        there.sort_unstable();
+        marks.extend(there.into_iter().map(|key| mark(key, false)).take(MARK_LIMIT - marks.len()));
+    }
+    marks
+}

@@ -1,0 +1,138 @@
+//! Pictures of the panels beside the picture, each one section of the volume; and what is under a pixel of them.
+//!
+//! They have a renderer of their own, with a part of the memory: the picture of the volume keeps what it has begun and what it
+//! has read while sections change. Both draw in the worker's thread, one after the other.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use supervol_runtime::frame::RenderOptions;
+use supervol_runtime::renderer::{Picked, Renderer};
+use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::stop::Canceller;
+use supervol_runtime::volume::Volume;
+
+use super::{Desk, Opened, PANELS, View, frame_of};
+
+/// What is left to do of a section goes on for so long at a time.
+const REFINEMENT: Duration = Duration::from_millis(100);
+
+/// See the module.
+pub(super) struct Sections {
+    renderer: Renderer,
+    panels: [Option<Panel>; PANELS],
+}
+
+/// One section.
+struct Panel {
+    view: View,
+    scene: ResolvedScene,
+    /// Its picture is what it will be, or cannot be drawn.
+    is_settled: bool,
+    began: Instant,
+}
+
+impl Sections {
+    /// Nothing yet.
+    pub(super) fn new(opened: &Opened, options: RenderOptions) -> Result<Self, String> {
+        let volume = Volume::of(opened.container.clone());
+        let renderer = Renderer::new(volume, options).map_err(|e| e.to_string())?;
+        Ok(Self { renderer, panels: [const { None }; PANELS] })
+    }
+
+    /// From now on pictures are made like this, from the next wish on.
+    pub(super) fn set(&mut self, options: RenderOptions) {
+        self.renderer.set_options(options);
+        self.panels.iter_mut().flatten().for_each(|panel| panel.is_settled = true);
+    }
+
+    /// Begins the picture of a panel, and shows what there is of it within the time for interaction.
+    pub(super) fn begin(&mut self, desk: &Desk, opened: &Opened, number: usize, view: View, interaction_ms: u64) {
+        match view.scene.resolve(&opened.facts) {
+            Ok(scene) => {
+                let panel = Panel { view, scene, is_settled: false, began: Instant::now() };
+                self.panels[number] = Some(panel);
+                self.advance(desk, number, Duration::from_millis(interaction_ms));
+            }
+            Err(error) => {
+                self.panels[number] = None;
+                desk.fail(error);
+            }
+        }
+    }
+
+    /// Goes on with the first panel that is not finished.
+    pub(super) fn go_on(&mut self, desk: &Desk) {
+        if let Some(number) = self.unsettled() {
+            self.advance(desk, number, REFINEMENT);
+        }
+    }
+
+    fn unsettled(&self) -> Option<usize> {
+        self.panels.iter().position(|panel| panel.as_ref().is_some_and(|panel| !panel.is_settled))
+    }
+
+    /// Who can stop the picture in progress; none where nothing is left to do.
+    pub(super) fn unfinished(&self) -> Option<Canceller> {
+        self.unsettled().map(|_| self.renderer.canceller())
+    }
+
+    /// Who can stop whatever is done.
+    pub(super) fn canceller(&self) -> Canceller {
+        self.renderer.canceller()
+    }
+
+    /// As [`super::easel::Easel::forget_cut`].
+    pub(super) fn forget_cut(&mut self) {
+        if self.panels.iter().any(Option::is_some) && self.renderer.canceller().is_cancelled() {
+            let _ = self.renderer.advance(Some(Instant::now()));
+        }
+    }
+
+    fn advance(&mut self, desk: &Desk, number: usize, time: Duration) {
+        let Some(panel) = &mut self.panels[number] else { return };
+        self.renderer.set_scene(panel.scene.clone());
+        match self.renderer.advance(Some(Instant::now() + time)) {
+            Ok(step) => {
+                panel.is_settled = step.is_converged;
+                let Some(picture) = self.renderer.picture() else { return };
+                // A section's error is none, or nobody knows it: nothing is lost by asking for counts alone.
+                let stats = self.renderer.counts();
+                let frame =
+                    frame_of(&panel.view, (&picture, panel.scene.background), (stats, step.is_converged), panel.began);
+                desk.tell(|news| news.sections[number] = Some(frame));
+            }
+            Err(error) => {
+                panel.is_settled = true;
+                desk.fail(error);
+            }
+        }
+    }
+
+    /// What is under a pixel of a panel.
+    pub(super) fn pick(&mut self, number: usize, pixel: [u32; 2]) -> Option<Result<Option<Picked>, String>> {
+        let panel = self.panels[number].as_ref()?;
+        self.renderer.set_scene(panel.scene.clone());
+        super::picked(self.renderer.pick(pixel))
+    }
+}
+
+/// The memory that the picture of the volume has, and that the panels have.
+pub(super) fn shares(host_memory_bytes: u64) -> [u64; 2] {
+    /// One part of so many is the panels'.
+    const PARTS: u64 = 4;
+    let of_panels = host_memory_bytes / PARTS;
+    [host_memory_bytes - of_panels, of_panels]
+}
+
+/// Where there are panels, their renderer; it is made when it is needed.
+pub(super) fn needed<'a>(
+    sections: &'a mut Option<Sections>,
+    opened: &Arc<Opened>,
+    options: impl FnOnce() -> RenderOptions,
+) -> Result<&'a mut Sections, String> {
+    match sections {
+        Some(sections) => Ok(sections),
+        None => Ok(sections.insert(Sections::new(opened, options())?)),
+    }
+}

@@ -1,0 +1,157 @@
+//! Ten minutes at the viewer, scripted: turned, edited, cut, sliced, with panels, one volume after the other, while bricks cannot be
+//! read and can be read again. Memory stays within its budget, nothing leaks, no brick is lost, and the picture is right.
+//!
+//! `cargo test -p supervol-viewer --test ten_minutes -- --ignored` takes ten minutes; else a few rounds are gone through.
+
+mod support;
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use eframe::egui::{Key, Modifiers, PointerButton, Vec2};
+use supervol_format::Container;
+use supervol_runtime::scene::Scene;
+use supervol_viewer::worker::Settings;
+
+use support::counting::{self, Counting};
+use support::{Fault, Session};
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+const BUDGET: usize = 64 << 20;
+/// Pictures on their way to the screen and on it, those of the panels, the window, its fonts.
+const WINDOW: usize = 72 << 20;
+/// What the same volume may hold more, rounds later: history, what is remembered, tables that have grown.
+const SLACK: usize = 4 << 20;
+const ROUNDS: usize = 6;
+const SEED: u64 = 20_261_123;
+
+/// Numbers that look random and are not (Knuth's constants): the same session every time.
+struct Dice(u64);
+
+impl Dice {
+    fn roll(&mut self, sides: usize) -> usize {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) as usize % sides
+    }
+}
+
+/// One thing that somebody does.
+fn act(session: &mut Session, dice: &mut Dice) {
+    const KEYS: [Key; 10] =
+        [Key::ArrowRight, Key::ArrowUp, Key::Plus, Key::Minus, Key::P, Key::Num4, Key::Num0, Key::T, Key::B, Key::W];
+    match dice.roll(9) {
+        0..=2 => session.press(Modifiers::NONE, KEYS[dice.roll(KEYS.len())]),
+        3 => {
+            let middle = session.node("Picture").rect().center();
+            session.drag(middle, Vec2::new(dice.roll(120) as f32 - 60.0, dice.roll(60) as f32), PointerButton::Primary);
+        }
+        4 => session.click(["Max", "Volume", "Iso", "Mean"][dice.roll(4)]),
+        5 => session.set(["x, first voxel", "y, last voxel"][dice.roll(2)], dice.roll(40) as f64 + 4.0),
+        6 => session.press(Modifiers::COMMAND, [Key::Z, Key::Y][dice.roll(2)]),
+        7 => {
+            let level = dice.roll(10) as f64 / 20.0;
+            session.edit(|scene| scene.image.background = [level; 3]);
+        }
+        _ => {
+            // Slices in the volume, where the mode has a depth: one at most, as many pictures as the budget holds.
+            session.click("Volume");
+            if session.viewer().scene().slices.is_empty() {
+                session.click("+ z");
+            } else {
+                session.click("Slice 1, take away");
+            }
+        }
+    }
+    session.frames(dice.roll(6));
+}
+
+/// Begins again: the picture that suits the volume, everything read.
+fn clean(session: &mut Session) {
+    session.click("Picture alone");
+    session.click("Show all");
+    session.edit(|scene| {
+        scene.slices.clear();
+        scene.clip = Default::default();
+    });
+    session.click("Max");
+    session.press(Modifiers::NONE, Key::Num0);
+    session.rest();
+}
+
+fn use_it(is_over: impl Fn(usize) -> bool) {
+    let settings = Settings { host_memory_bytes: BUDGET as u64, ..Settings::default() };
+    let mut session = Session::in_bricks("vessels", [64, 16], Scene::default(), settings);
+    session.rest();
+    let folder = session.folder.path().to_path_buf();
+    let others = [("marschner-lobb", 48), ("sphere", 40)]
+        .map(|(name, edge)| support::container_in_bricks(&folder, name, [edge, 16]));
+    let files: Vec<PathBuf> = [folder.join("vessels.svol")].into_iter().chain(others).collect();
+    let mut dice = Dice(SEED);
+    let mut at_rest: Vec<Vec<usize>> = vec![Vec::new(); files.len()];
+    let mut met = 0;
+    for round in 0.. {
+        if is_over(round) {
+            break;
+        }
+        let number = round % files.len();
+        let file = &files[number];
+        if round == files.len() {
+            counting::forget_peak();
+        }
+        let container = Container::open(file).expect("a container");
+        let fault = (round % 2 == 1).then(|| Fault::new(file, &container, dice.roll(1000)));
+        session.harness.state_mut().open(file);
+        session.until("it is open", |s| s.viewer().opened().is_some_and(|opened| opened.source == *file));
+        for _ in 0..8 {
+            act(&mut session, &mut dice);
+        }
+        if let Some(fault) = fault {
+            // All of it is looked at.
+            session.click("Mean");
+            session.rest();
+            met += session.viewer().picture().expect("a picture").stats.bricks_failed;
+            fault.mend();
+        }
+        for _ in 0..4 {
+            act(&mut session, &mut dice);
+        }
+        clean(&mut session);
+        // What could not be read is tried again as time goes by.
+        let failed = |session: &Session| session.viewer().picture().expect("a picture").stats.bricks_failed;
+        for _ in 0..60 {
+            if failed(&session) == 0 {
+                break;
+            }
+            session.press(Modifiers::NONE, Key::ArrowRight);
+            session.rest();
+        }
+        assert_eq!(failed(&session), 0, "round {round}, seed {SEED}: bricks are lost");
+        session.assert_is_as_rendered();
+        let stats = &session.viewer().picture().expect("a picture").stats;
+        assert!(stats.host_cache_peak_bytes <= stats.host_cache_budget_bytes, "round {round}");
+        // The harness keeps what it has not drawn.
+        session.screenshot("ten-minutes");
+        at_rest[number].push(counting::now());
+    }
+    assert!(met > 0, "no brick failed: the test tests nothing");
+    let peak = counting::peak();
+    assert!(peak <= BUDGET + WINDOW, "{peak} bytes at the peak; at rest {at_rest:?}");
+    for of_file in at_rest {
+        let growth = of_file[of_file.len() - 1].saturating_sub(of_file[0]);
+        assert!(growth <= SLACK, "{growth} bytes more: {of_file:?}");
+    }
+}
+
+#[test]
+fn some_rounds_of_everything_lose_nothing() {
+    use_it(|round| round >= ROUNDS);
+}
+
+#[test]
+#[ignore = "takes ten minutes"]
+fn ten_minutes_of_everything_lose_nothing() {
+    let start = Instant::now();
+    use_it(|round| round >= ROUNDS && start.elapsed() > Duration::from_secs(600));
+}
