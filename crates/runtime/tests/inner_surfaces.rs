@@ -123,7 +123,7 @@ fn random_scene(random: &mut Random, volume: &Volume, size: f64, rest: &str) -> 
     let shading = if random.below(2) == 0 { r#"{}"# } else { "null" };
     let json = format!(
         r#"{{"camera": {{"eye": {eye:?}, "target": {target:?}, "up": [0.1, 0.2, 1], {lens}}}, "mode": "dvr",
-            "image": {{"width": 20, "height": 16}}, "transfer_function": {tf}, "iso": [{surfaces}], "shading": {shading}{rest}}}"#
+            "image": {{"width": 15, "height": 12}}, "transfer_function": {tf}, "iso": [{surfaces}], "shading": {shading}{rest}}}"#
     );
     scene(volume, &json)
 }
@@ -155,7 +155,7 @@ fn random_volume(random: &mut Random, index: usize) -> (Volume, f64) {
 fn random_scenes_agree_with_the_reference() {
     let mut random = Random(SEED);
     let (mut pixels, mut all) = (0, 0);
-    for index in 0..18 {
+    for index in 0..12 {
         let (volume, size) = random_volume(&mut random, index);
         let scene = random_scene(&mut random, &volume, size, "");
         let found = Bricked::new(&volume, 16).render(&scene);
@@ -172,7 +172,7 @@ fn random_scenes_agree_with_the_reference() {
 }
 
 fn smooth() -> Volume {
-    Volume::new([37, 33, 29], VoxelType::F32, |p| {
+    Volume::new([36, 32, 28], VoxelType::F32, |p| {
         0.5 + 0.25 * (0.31 * p[0]).sin() + 0.25 * (0.27 * p[1] + 0.2 * p[2]).cos()
     })
 }
@@ -221,12 +221,9 @@ fn bricks_caches_and_levels() {
     let (walked, _) = bricked.render_with(&scene, LodChoice::Fixed(Lod::FINEST), Skipping::Off);
     assert!(difference(&walked, &picture) < 0.01);
     let (coarse, _) = bricked.render_with(&scene, LodChoice::Fixed(Lod(1)), Skipping::On);
-    let mut exact = volume.coarser([2, 2, 2]).reference();
-    exact.value_range = volume.range();
-    let exact = supervol_runtime::raycast::reference::render_reference(&exact, &scene);
-    let off = coarse.distance_where(&exact, |_| true);
-    eprintln!("level 1: {off:.3}/255");
-    assert!(coarse.pixels.iter().zip(&exact.pixels).filter(|(a, b)| (a[3] - b[3]).abs() > 0.01).count() < 20);
+    let (off, count) = judged(&volume.coarser([2, 2, 2]), &scene, &coarse);
+    eprintln!("level 1: {off:.3}/255, {count} pixels judged");
+    assert!(off <= BOUND && count > coarse.pixels.len() / 2, "level 1: {off}/255, {count} judged");
     let container = open(&container_bytes(&volume, 16));
     let options = |bytes| RenderOptions { cache_bytes: bytes, ..options(LevelChoice::Fixed(Lod::FINEST)) };
     let of = |bytes: Option<u64>| render(&container, &scene, &options(bytes)).expect("a picture").0;

@@ -215,8 +215,13 @@ impl LookArguments {
                 Cutter::Solid(solid) => scene.clip.solids.push(SolidSpec::clone(solid)),
             }
         }
+        let says_light = scene.shading.is_some();
         self.set_mode(&mut scene, facts, overview);
         self.add_surfaces(&mut scene, facts)?;
+        if !self.surface.is_empty() && !says_light {
+            // Surfaces are nothing without light, whatever suits the kind of data.
+            scene.shading = Some(Some(ShadingSpec::default()));
+        }
         if let Some(text) = &self.tf {
             scene.transfer_function = Some(TransferFunctionSpec::Points(parse::transfer_function(text, facts)?));
         }

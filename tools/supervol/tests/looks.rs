@@ -401,6 +401,7 @@ fn surfaces_stand_inside_the_volume() {
     let scene = folder.scene(&surfaces);
     assert_eq!((scene["mode"].as_str(), scene["iso"].as_array().map(Vec::len)), (Some("dvr"), Some(2)));
     assert_eq!((&scene["iso"][0]["value"], &scene["iso"][0]["alpha"]), (&0.2.into(), &0.5.into()));
+    assert!(scene["shading"].is_object(), "surfaces are lit");
     assert_eq!(folder.scene(&surfaces[2..])["mode"], "dvr");
     assert_ne!(folder.picture(&surfaces), folder.picture(&["--mode", "dvr"]));
     // The scene that is printed means the same.
