@@ -1,7 +1,11 @@
 //! Iso surfaces inside the semi-transparent volume (mode `dvr` with `iso`): against closed forms, against the reference, and
 //! whatever bricks, levels, cuts and caches rays meet.
 
-#![allow(clippy::print_stderr, reason = "tests show the errors they measure")]
+#![allow(
+    clippy::print_stderr,
+    clippy::unwrap_used,
+    reason = "tests show the errors they measure; helpers of tests are tests"
+)]
 
 mod containers;
 mod support;
@@ -237,7 +241,7 @@ fn bricks_caches_and_levels() {
 fn bricks_are_read_for_surfaces_alone() {
     let volume = smooth();
     let tf = points(1.0, &[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 0.0)]);
-    let json = smooth_json("").replace(r#""mode": "dvr""#, &format!(r#""mode": "dvr", "shading": {{}}"#));
+    let json = smooth_json("").replace(r#""mode": "dvr""#, r#""mode": "dvr", "shading": {}"#);
     let start = json.find(r#""transfer_function""#).expect("it is there");
     let end = json.find(r#", "iso""#).expect("it is there");
     let json = format!("{}\"transfer_function\": {tf}{}", &json[..start], &json[end..]);
@@ -293,7 +297,7 @@ fn the_surface_that_hides_the_rest_is_picked() {
 
 #[test]
 fn limits_and_devices_are_refused_by_name() {
-    let nine = vec![r#"{"value": 1, "color": [1, 1, 1]}"#; 9].join(", ");
+    let nine = [r#"{"value": 1, "color": [1, 1, 1]}"#; 9].join(", ");
     let error = Scene::from_json(&format!(r#"{{"mode": "dvr", "iso": [{nine}]}}"#)).unwrap_err().to_string();
     assert!(error.contains("at most 8"), "{error}");
     assert!(Scene::from_json(r#"{"mode": "mip", "iso": [{"value": 1, "color": [1, 1, 1]}]}"#).is_err());
