@@ -291,6 +291,12 @@ impl LookArguments {
 
     /// Surfaces inside the volume that are asked for: instead of the scene's.
     fn add_surfaces(&self, scene: &mut Scene, facts: &VolumeFacts) -> Result<(), Failure> {
+        if !self.iso.is_empty() && scene.mode != Some(Mode::Iso) {
+            return Err(Failure::Command(
+                "--iso names the surfaces of mode iso; inside the semi-transparent volume (--mode dvr) --surface does"
+                    .into(),
+            ));
+        }
         if self.surface.is_empty() {
             return Ok(());
         }

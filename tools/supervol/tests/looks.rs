@@ -409,5 +409,7 @@ fn surfaces_stand_inside_the_volume() {
     assert_eq!(folder.picture(&["--scene", "s.json"]), folder.picture(&surfaces));
     let refused = folder.expect(2, &["render", "v.svol", "-o", "p.png", "--mode", "mip", "--surface", "0.2"]);
     assert!(refused.contains("mode dvr"), "{refused}");
+    let refused = folder.expect(2, &["render", "v.svol", "-o", "p.png", "--mode", "dvr", "--iso", "0.2"]);
+    assert!(refused.contains("--surface"), "{refused}");
     folder.expect(2, &["render", "v.svol", "-o", "p.png", "--iso", "0.1", "--surface", "0.2"]);
 }

@@ -69,7 +69,7 @@ pub fn slice(text: &str) -> Result<Cut, String> {
     let Some(rest) = text.trim().strip_prefix("normal=") else { return place(text).map(Cut::Across) };
     let expected = || {
         format!(
-            "'{text}': expected normal=NX,NY,NZ or normal=NX,NY,NZ@X,Y,Z: a direction that is not zero, and a point, in world units"
+            "'{text}': expected normal=NX,NY,NZ or normal=NX,NY,NZ@X,Y,Z: a direction, not all zero, and a point, in world units"
         )
     };
     let triple = |text: &str| -> Option<[f64; 3]> {
