@@ -15,7 +15,7 @@ use crate::{BrickKey, Lod};
 /// Rules: the record's checksum fits and the payload decodes; flags say what the voxels are; the range is exactly that
 /// of the voxels interpolation reaches, macro cells are exactly what [`macro_cells::quantize`] makes of theirs; the
 /// range beneath is the union with the children's; level 0 has no error but that of moved voxels
-/// ([`Descriptor::quantizer`]), and no brick less than its children.
+/// ([`Descriptor::quantizer`](super::header::Descriptor::quantizer)), and no brick less than its children.
 ///
 /// # Errors
 /// The first rule that is broken, with the brick, what was expected and what was found.

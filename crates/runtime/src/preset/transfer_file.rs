@@ -3,7 +3,7 @@
 //! | file | values | colours | opacities |
 //! |---|---|---|---|
 //! | JSON object with `points` and `unit_distance`, as in a scene | the data's | linear between points | linear between points |
-//! | ParaView JSON: an array of presets, of which the first with `RGBPoints` is read | the data's | in its `ColorSpace` ([`super::color_space`]) | its `Points`, if it has some |
+//! | ParaView JSON: an array of presets, of which the first with `RGBPoints` is read | the data's | in its `ColorSpace` (`color_space.rs`) | its `Points`, if it has some |
 //! | ImageVis3D `.1dt`: the number of entries, then red, green, blue, alpha of each | equal parts of the data's range | linear between entries | linear between entries |
 //!
 //! A file is read whole, up to a limit. What it says and this program does not draw is refused by name.
