@@ -35,6 +35,9 @@ struct Wanted {
     size: [u32; 2],
 }
 
+/// Mode `dvr`, with surfaces inside the volume.
+const SURFACES_INSIDE: &str = "dvr with iso";
+
 const FIRST: Wanted = Wanted { mode: "dvr", eye: [190.0, -130.0, 120.0], opacity: 0.3, size: SIZE };
 
 fn scene_of(volume: &Volume, wanted: Wanted) -> ResolvedScene {
@@ -43,7 +46,12 @@ fn scene_of(volume: &Volume, wanted: Wanted) -> ResolvedScene {
         points(4.0, &[(90.0, [0.1, 0.2, 0.9], 0.0), (160.0, [0.9, 0.8, 0.1], 0.05), (255.0, [0.9, 0.1, 0.1], opacity)]);
     let camera = format!(r#""eye": {eye:?}, "target": [31, 29, 24], "up": [0, 0, 1], "fov_y": 25"#);
     let image = format!(r#""image": {{"width": {width}, "height": {height}}}"#);
-    let iso = if mode == "iso" { r#", "iso": [{"value": 130, "color": [1, 1, 1]}]"# } else { "" };
+    let surface = r#", "iso": [{"value": 130, "color": [1, 1, 1], "alpha": 0.6}]"#;
+    let (mode, iso) = match mode {
+        "iso" => (mode, surface),
+        SURFACES_INSIDE => ("dvr", surface),
+        _ => (mode, ""),
+    };
     scene(volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "mode": "{mode}", "transfer_function": {tf}{iso}}}"#))
 }
 
@@ -87,6 +95,8 @@ fn every_picture_becomes_that_of_a_new_renderer() {
         Wanted { mode: "iso", ..FIRST },
         Wanted { eye: [33.0, 20.0, 20.0], ..FIRST },
         FIRST,
+        Wanted { mode: SURFACES_INSIDE, ..FIRST },
+        Wanted { mode: SURFACES_INSIDE, eye: [33.0, 20.0, 20.0], ..FIRST },
     ];
     for level in [LevelChoice::Auto, LevelChoice::Fixed(Lod::FINEST), LevelChoice::Fixed(Lod(1))] {
         // A cache that holds all, and one of some bricks.
