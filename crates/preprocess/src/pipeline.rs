@@ -167,9 +167,20 @@ pub fn build(
 
     let mut notes = notes_of(source, (options, reduce), plan, &descriptor);
     notes.extend(note_of_restored(restored, &descriptor));
+    Ok(report_of(levels, container_bytes, (&descriptor, plan), started, notes))
+}
+
+/// What a build that is done says of itself.
+fn report_of(
+    levels: Vec<LevelReport>,
+    container_bytes: u64,
+    (descriptor, plan): (&Descriptor, MemoryPlan),
+    started: Instant,
+    notes: Vec<String>,
+) -> BuildReport {
     let source_bytes = descriptor.dims().bytes(descriptor.voxel_type).unwrap_or(u64::MAX);
     let wall = started.elapsed().as_secs_f64();
-    Ok(BuildReport {
+    BuildReport {
         bricks: levels.iter().map(|l| l.bricks).sum(),
         levels,
         source_bytes,
@@ -180,7 +191,7 @@ pub fn build(
         wall_ms: wall * 1e3,
         bytes_per_second: source_bytes as f64 / wall,
         notes,
-    })
+    }
 }
 
 /// What is left of a build that the machine has failed, so that it can go on later; where nothing is finished, the source is gone, or

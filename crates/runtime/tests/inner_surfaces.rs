@@ -19,7 +19,7 @@ use supervol_runtime::raycast::cpu::Skipping;
 use supervol_runtime::renderer::{PickedOn, Renderer, render, render_with_errors};
 use supervol_runtime::scene::{ResolvedScene, Scene};
 use supervol_runtime::volume::Volume as OpenVolume;
-use support::{Bricked, Random, Volume, difference, marschner_lobb, noise, points, reference, scene};
+use support::{Bricked, Random, Volume, difference, marschner_lobb, noise, points, reference, scene, stable};
 
 const SEED: u64 = 25;
 /// Grey levels off silhouettes.
@@ -29,17 +29,6 @@ const JUDGED: usize = 4;
 
 fn options(level: LevelChoice) -> RenderOptions {
     RenderOptions { backend: Backend::Cpu, level, threads: Some(2), ..RenderOptions::default() }
-}
-
-/// Where the reference does not change when the eye moves by a ten-thousandth of a voxel: not on silhouettes.
-fn stable(volume: &Volume, scene: &ResolvedScene, exact: &Image) -> Vec<bool> {
-    let moved = [(1e-4, 0.0), (-1e-4, 0.0), (0.0, 1e-4), (0.0, -1e-4)].map(|(x, y)| {
-        let mut moved = scene.clone();
-        moved.camera.eye += x * scene.camera.right + y * scene.camera.up;
-        reference(volume, &moved)
-    });
-    let agree = |i: usize, other: &Image| (0..4).all(|c| (other.pixels[i][c] - exact.pixels[i][c]).abs() < 0.01);
-    (0..exact.pixels.len()).map(|i| moved.iter().all(|m| agree(i, m))).collect()
 }
 
 /// Greatest difference off silhouettes, grey levels, and how many pixels were judged.

@@ -6,14 +6,13 @@
 mod support;
 
 use supervol_format::{BrickKey, Lod, VoxelType};
-use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, CpuQuality, PacketRule, Skipping, cast_pass};
 use supervol_runtime::raycast::scalar::CellRule;
 use supervol_runtime::raycast::volume::{BrickView, Resident};
 use supervol_runtime::scene::{Mode, ResolvedScene};
-use support::{Bricked, Random, Volume, difference, marschner_lobb, noise, points, reference, scene};
+use support::{Bricked, Random, Volume, difference, marschner_lobb, noise, points, reference, scene, stable};
 
 const SEED: u64 = 20_261_123;
 /// Grey levels between packets and the scalar caster, for values; surfaces are found in `f64` by either.
@@ -126,17 +125,6 @@ fn bound(scene: &ResolvedScene) -> f64 {
         (Mode::Iso, Some(_)) => SHADED_BOUND,
         _ => VALUE_BOUND,
     }
-}
-
-/// Where the reference does not change when the eye moves by a ten-thousandth of a voxel: not on silhouettes.
-fn stable(volume: &Volume, scene: &ResolvedScene, exact: &Image) -> Vec<bool> {
-    let moved = [(1e-4, 0.0), (-1e-4, 0.0), (0.0, 1e-4), (0.0, -1e-4)].map(|(x, y)| {
-        let mut moved = scene.clone();
-        moved.camera.eye += x * scene.camera.right + y * scene.camera.up;
-        reference(volume, &moved)
-    });
-    let agree = |i: usize, other: &Image| (0..4).all(|c| (other.pixels[i][c] - exact.pixels[i][c]).abs() < 0.01);
-    (0..exact.pixels.len()).map(|i| moved.iter().all(|m| agree(i, m))).collect()
 }
 
 #[test]

@@ -280,6 +280,17 @@ pub fn marschner_lobb(n: usize) -> impl Fn([f64; 3]) -> f64 {
     }
 }
 
+/// Where the reference does not change when the eye moves by a ten-thousandth of a voxel: not on silhouettes.
+pub fn stable(volume: &Volume, scene: &ResolvedScene, exact: &Image) -> Vec<bool> {
+    let moved = [(1e-4, 0.0), (-1e-4, 0.0), (0.0, 1e-4), (0.0, -1e-4)].map(|(x, y)| {
+        let mut moved = scene.clone();
+        moved.camera.eye += x * scene.camera.right + y * scene.camera.up;
+        reference(volume, &moved)
+    });
+    let agree = |i: usize, other: &Image| (0..4).all(|c| (other.pixels[i][c] - exact.pixels[i][c]).abs() < 0.01);
+    (0..exact.pixels.len()).map(|i| moved.iter().all(|m| agree(i, m))).collect()
+}
+
 /// Numbers that look random, the same on every run.
 pub struct Random(pub u64);
 
