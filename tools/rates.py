@@ -14,12 +14,15 @@ What is fair, as far as it goes:
   anything else codes a brick, and bits and bytes are those of voxels that are left, for all. Sections are coded with two axes.
 - zstd, lz4 and blosc2 lose nothing: where an error is allowed, they code the voxels that `build --max-error` would store.
 - zfp and SZ3 code the exact voxels, integers as 32-bit floats, which hold them exactly, and what they decode is rounded to whole numbers: an
-  error of n is asked for as n + 0.499, which is n after rounding. So are floats that are all multiples of one power of two. zfp's reversible mode is tried on integers (32 bits, unscaled) and on floats; the smallest of what is exact counts.
+  error of n is asked for as n + 0.499, which is n after rounding. So are floats that are all multiples of one power
+  of two. zfp's reversible mode is tried on integers (32 bits, unscaled) and on floats; the smallest of what is exact counts.
 - zfp keeps well below a tolerance, and knows powers of two only. `zfp asked` is what it makes of the error that was asked for;
   `zfp equal` the greatest tolerance whose greatest error over all bricks is still within ours, found by bisection on voxels scaled so
   that every tolerance can be met. SZ3 meets its bound; `SZ3 equal` asks for the error that ours has, in whichever of
-  its two predictors (its default of interpolation and Lorenzo, or Lorenzo and regression) takes less.
-- Holes are no errors. Floats that are not finite are 0 for zfp and SZ3, which do not know them.
+  its two predictors (its default of interpolation and Lorenzo, or Lorenzo and regression) takes less. `SZ3 of moved voxels` tells predictors
+  and entropy coders apart from when voxels are rounded: it codes what ours codes, and loses nothing more.
+- Masks of two values are coded as they are: `--max-error` does not move labels. Holes are no errors. Floats that are
+  not finite are 0 for zfp and SZ3, which do not know them.
 
 Speeds are bytes of voxels, as the volume stores them, per second of processor time of one thread, the best of ROUNDS over all bricks.
 Conversions between integers and floats are not counted: they are ours, not the codecs'.
@@ -40,6 +43,7 @@ TYPES = {"u8": "u1", "i8": "i1", "u16": "<u2", "i16": "<i2", "u32": "<u4", "i32"
 COLUMNS = ["data", "type", "share", "codec", "bits", "asked", "found", "psnr", "encode_mb_s", "decode_mb_s", "call_share", "bricks"]
 # Most of what rounding adds to an error of whole numbers.
 ALMOST_HALF = 0.499
+SZ3_PREDICTORS = ("INTERP_LORENZO", "LORENZO_REG")
 
 
 def without_repeats(brick):
@@ -71,14 +75,8 @@ def best(of_all, rounds):
     return result, least
 
 
-class Lossless:
-    """A codec of bytes."""
-
-    def __init__(self, encode, decode):
-        self.encode, self.decode = encode, decode
-
-
 def lossless_codecs(itemsize):
+    """What codes and decodes bytes, by name."""
     import blosc2
     import lz4.frame
     import zstandard
@@ -88,11 +86,11 @@ def lossless_codecs(itemsize):
 
     def blosc(codec):
         one = {"codec": codec, "clevel": 5, "typesize": itemsize, "filters": [blosc2.Filter.SHUFFLE], "nthreads": 1}
-        return Lossless(lambda b: blosc2.compress2(b, **one), lambda b: blosc2.decompress2(b, nthreads=1))
+        return lambda b: blosc2.compress2(b, **one), lambda b: blosc2.decompress2(b, nthreads=1)
 
     return {
-        "zstd": Lossless(zstd.compress, unzstd.decompress),
-        "lz4": Lossless(lz4.frame.compress, lz4.frame.decompress),
+        "zstd": (zstd.compress, unzstd.decompress),
+        "lz4": (lz4.frame.compress, lz4.frame.decompress),
         "blosc2 zstd": blosc(blosc2.Codec.ZSTD),
         "blosc2 lz4": blosc(blosc2.Codec.LZ4),
     }
@@ -186,7 +184,8 @@ class Volume:
         encode, decode = codec
         coded, encode_s = best(lambda: [encode(brick) for brick in bricks], ROUNDS)
         decoded, decode_s = best(lambda: [decode(c) for c in coded], ROUNDS)
-        one = encode(bricks[0].reshape(-1)[:1].reshape([1] * bricks[0].ndim).copy()) if isinstance(bricks[0], np.ndarray) else encode(bricks[0][: self.itemsize])
+        first = bricks[0]
+        one = encode(first[: self.itemsize] if isinstance(first, bytes) else first[(slice(0, 1),) * first.ndim].copy())
         _, call_s = best(lambda: [decode(one) for _ in bricks], ROUNDS)
         return sum(map(length, coded)), decoded, encode_s, decode_s, call_s / decode_s
 
@@ -199,7 +198,7 @@ class Volume:
     def lossless(self, error):
         bricks = [b.tobytes() for b in self.cut(read_bricks(self.folder, self.about, error["file"]))]
         for name, codec in lossless_codecs(self.itemsize).items():
-            size, decoded, encode_s, decode_s, call = self.timed((codec.encode, codec.decode), bricks)
+            size, decoded, encode_s, decode_s, call = self.timed(codec, bricks)
             if any(bytes(a) != b for a, b in zip(decoded, bricks)):
                 raise AssertionError(f"{name}: not what was encoded")
             self.record(error["share"], name, error["asked"], error["found"], error["psnr"], size, encode_s, decode_s, call)
@@ -218,7 +217,7 @@ class Volume:
         if self.quantum:
             tolerance = ALMOST_HALF * self.quantum
             ways["zfp rounded"] = (zfp(tolerance), self.floats)
-            ways |= {f"SZ3 {a}": (sz3(tolerance, a), self.floats) for a in ("INTERP_LORENZO", "LORENZO_REG")}
+            ways |= {f"SZ3 {a}": (sz3(tolerance, a), self.floats) for a in SZ3_PREDICTORS}
         sizes = {}
         for way, (codec, bricks) in ways.items():
             size, decoded = self.once(codec, bricks)
@@ -238,8 +237,7 @@ class Volume:
 
     def sz3_at(self, share, name, asked, found):
         to, bound = self.quantum, self.bound(found)
-        algorithms = ("INTERP_LORENZO", "LORENZO_REG")
-        smallest = min(algorithms, key=lambda a: self.once(sz3(bound, a), self.floats)[0])
+        smallest = min(SZ3_PREDICTORS, key=lambda a: self.once(sz3(bound, a), self.floats)[0])
         self.lossy(share, name, sz3(bound, smallest), self.floats, 1, to, asked)
 
     def zfp_at(self, share, asked, ours):
@@ -260,8 +258,22 @@ class Volume:
         scale, codec, bricks = scaled(ours * 2**low)
         self.lossy(share, "zfp equal", codec, bricks, scale, to, asked)
 
+    def sz3_of_moved(self, error):
+        """What SZ3's predictors and entropy coder make of moved voxels, losing nothing more."""
+        bricks = self.cut(read_bricks(self.folder, self.about, error["file"]))
+        moved = [np.nan_to_num(brick / error["step"], nan=0, posinf=0, neginf=0).astype("f4") for brick in bricks]
+        sizes = []
+        for algorithm in SZ3_PREDICTORS:
+            size, decoded = self.once(sz3(ALMOST_HALF, algorithm), moved)
+            if all(np.array_equal(np.rint(a), np.rint(b)) for a, b in zip(decoded, moved)):
+                sizes.append(size)
+        if sizes:
+            self.record(error["share"], "SZ3 of moved voxels", error["asked"], error["found"], error["psnr"], min(sizes), None, None)
+
     def measure(self):
         for error in self.about["errors"]:
+            if error["share"] > 0 and error["found"] == 0:
+                continue  # Nothing is moved: two values that are multiples of the step.
             self.ours(error)
             self.lossless(error)
             if error["share"] == 0:
@@ -270,6 +282,7 @@ class Volume:
                 self.zfp_at(error["share"], error["asked"], error["found"])
                 self.sz3_at(error["share"], "SZ3 asked", error["asked"], error["asked"])
                 self.sz3_at(error["share"], "SZ3 equal", error["asked"], error["found"])
+                self.sz3_of_moved(error)
         return self.rows
 
 
@@ -297,26 +310,50 @@ def read_figures(path):
     return figures
 
 
+def bits_at(codecs_by_share, codec, psnr):
+    """Bits of a codec at this PSNR, between the two errors whose PSNR is next to it; none beyond them."""
+    points = sorted((codecs[codec]["psnr"], codecs[codec]["bits"]) for codecs in codecs_by_share if codec in codecs and codecs[codec]["psnr"])
+    for (low, few), (high, many) in zip(points, points[1:]):
+        if low <= psnr <= high:
+            return few + (many - few) * (psnr - low) / (high - low)
+    return None
+
+
 def table(path):
-    """A line for each volume and error, and how often what was hoped for is so."""
-    print("| data | error, share of range | found | PSNR, dB | ours | zfp, equal error | zfp as asked: its error | SZ3, equal error | blosc2 (zstd) | zstd | lz4 | bits: ours / zfp, / SZ3 | decoding: ours / SZ3 |")
-    print("|---" * 13 + "|")
-    figures = read_figures(path)
+    """A line for each volume and error; then how often ours takes fewer bits, and decodes faster."""
+    print("| data | error | found, PSNR | ours: bit; MB/s | zfp, equal error: bit; MB/s; dB | zfp as asked: bit; error | "
+          "SZ3, equal error: bit; MB/s; dB | zstd, blosc2, lz4: bit | our bits as a share of zfp's, of SZ3's | our speed over SZ3's |")
+    print("|---" * 10 + "|")
+    figures, ratios = read_figures(path), {"zfp": [], "SZ3": [], "speed": [], "zfp, equal PSNR": []}
+
+    def psnr(row, before=""):
+        return f"{before}{row['psnr']:.1f}" if row["psnr"] else ""
 
     def cell(row):
-        return f"{row['bits']:.2f}; {row['decode_mb_s']:.0f}" if row else "-"
+        return f"{row['bits']:.2f}; {row['decode_mb_s']:.0f}{psnr(row, '; ')}" if row else "-"
 
-    def ratio(a, b, key):
-        return f"{a[key] / b[key]:.2f}" if b else "-"
+    def ratio(kind, label, a, b, key):
+        if b is None:
+            return "-"
+        ratios[kind].append((a[key] / b[key], label))
+        return f"{a[key] / b[key]:.2f}"
 
     for name, shares in figures.items():
         for share, codecs in shares.items():
+            label = f"{name} {share:g}"
             own, zfp_, sz, asked = (codecs.get(c) for c in ("ours auto", "zfp equal", "SZ3 equal", "zfp asked"))
-            psnr = f"{own['psnr']:.1f}" if own["psnr"] else "-"
-            as_asked = f"{asked['bits']:.2f}: {asked['found']:.3g}" if asked else "-"
-            print(f"| {name} | {share:g} | {own['found']:.4g} | {psnr} | {cell(own)} | {cell(zfp_)} | {as_asked} | {cell(sz)} | "
-                  f"{cell(codecs['blosc2 zstd'])} | {cell(codecs['zstd'])} | {cell(codecs['lz4'])} | "
-                  f"{ratio(own, zfp_, 'bits')}, {ratio(own, sz, 'bits')} | {ratio(own, sz, 'decode_mb_s')} |")
+            as_asked = f"{asked['bits']:.2f}; {asked['found']:.3g}" if asked else "-"
+            others = ", ".join(f"{codecs[c]['bits']:.2f}" for c in ("zstd", "blosc2 zstd", "lz4"))
+            print(f"| {name} | {share:g} | {own['found']:.4g}{psnr(own, '; ')} | {own['bits']:.2f}; {own['decode_mb_s']:.0f} | {cell(zfp_)} | {as_asked} | "
+                  f"{cell(sz)} | {others} | {ratio('zfp', label, own, zfp_, 'bits')}, {ratio('SZ3', label, own, sz, 'bits')} | "
+                  f"{ratio('speed', label, own, sz, 'decode_mb_s')} |")
+            own_bits = zfp_["psnr"] and bits_at(shares.values(), "ours auto", zfp_["psnr"])
+            if own_bits:
+                ratios["zfp, equal PSNR"].append((own_bits / zfp_["bits"], label))
+    for kind, found in ratios.items():
+        (least, of_least), (greatest, of_greatest) = min(found), max(found)
+        counts = ", ".join(f"below {limit} in {sum(value < limit for value, _ in found)}" for limit in (1, 3))
+        print(f"\n{kind}: {counts} of {len(found)}; {least:.2f} ({of_least}) to {greatest:.2f} ({of_greatest})")
 
 
 # Name, colour and dashes of a line of the chart.
@@ -325,13 +362,13 @@ LINES = {
     "zstd": ("zstd 3", "#8c564b", "2 2"),
     "blosc2 zstd": ("blosc2, shuffle and zstd", "#9467bd", "5 2"),
     "zfp asked": ("zfp, tolerance as asked", "#8fce8f", "5 2"),
-    "zfp equal": ("zfp, equal error", "#2ca02c", ""),
-    "SZ3 equal": ("SZ3, equal error", "#1f77b4", ""),
-    "ours auto": ("ours, auto", "#d62728", ""),
+    "zfp equal": ("zfp, equal error", "#2ca02c", "none"),
+    "SZ3 equal": ("SZ3, equal error", "#1f77b4", "none"),
+    "ours auto": ("ours, auto", "#d62728", "none"),
 }
 # Where an error of 0 stands on an axis of logarithms.
 NO_ERROR = 1e-5
-COLUMNS_OF_CHART, PANEL, GAP, ROW = 3, (104, 92), 30, 140
+COLUMNS_OF_CHART, PANEL, GAP, ROW = 3, (104, 92), 34, 140
 
 
 class Axis:
@@ -367,7 +404,7 @@ def panel(left, top, x, y, lines):
 
 
 def plain(values):
-    return [(value, f"{value:g}") for value in values]
+    return [(value, f"{value:.2g}" if value < 10 else f"{value:g}") for value in values]
 
 
 def points_of(shares, codec, across, up):

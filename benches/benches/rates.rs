@@ -10,7 +10,8 @@
 //!
 //! Into `FOLDER` go, for each `NAME.svol`, `NAME-SHARE.raw`, which is all bricks one behind the other, x fastest,
 //! little-endian, and `NAME.json`: the type of voxels, the stored voxels of each brick along x, y, z with the apron, the
-//! range, the declared "no data" value, and for each share the file of moved bricks, the errors and the codecs' figures.
+//! range, the declared "no data" value, and for each share the file of moved bricks, the step, the errors and the codecs'
+//! figures.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a bench has no callers, and prints what it found")]
 
@@ -166,7 +167,7 @@ fn measure(path: &Path, folder: Option<&Path>) {
         write_bricks(&folder.join(&file), &moved);
         let of_codec = |f: Figures| json!({ "codec": f.codec, "bytes": f.bytes, "decode_mb_s": f.decode_mb_s, "encode_mb_s": f.encode_mb_s });
         let codecs: Vec<Value> = codecs.into_iter().map(of_codec).collect();
-        errors.push(json!({ "share": share, "asked": share * width, "found": greatest, "psnr": psnr, "file": file, "codecs": codecs }));
+        errors.push(json!({ "share": share, "asked": share * width, "step": quantizer.map(Quantizer::step), "found": greatest, "psnr": psnr, "file": file, "codecs": codecs }));
     }
     if let Some(folder) = folder {
         let extents: Vec<[usize; 3]> = exact.iter().map(|brick| container.shape(brick.key).extent).collect();
