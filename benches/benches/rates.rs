@@ -1,17 +1,24 @@
 //! Rate, distortion and speed of the codecs on the bricks of real volumes:
-//! `cargo bench -p supervol-benches --bench rates -- A.svol B.svol ...` prints a table.
+//! `cargo bench -p supervol-benches --bench rates -- A.svol B.svol ...` prints a table; with `--bricks FOLDER`, the bricks that
+//! were measured, exact and moved, and the figures are written, too: what `tools/rates.py` reads.
 //!
 //! Of each container, which must hold the source's own voxels, up to [`BRICKS`] bricks of level 0 are looked at, evenly
 //! spaced among those of more than one value. Voxels are moved to multiples of a step for each of [`SHARES`] of the
 //! volume's range, as `build --max-error` does, and encoded by each codec. Bits are per voxel that is stored, aprons
 //! included; speeds are bytes of voxels per second of processor time on one thread, the best of [`ROUNDS`] rounds over all
 //! bricks.
+//!
+//! Into `FOLDER` go, for each `NAME.svol`, `NAME-SHARE.raw`, which is all bricks one behind the other, x fastest,
+//! little-endian, and `NAME.json`: the type of voxels, the stored voxels of each brick along x, y, z with the apron, the
+//! range, the declared "no data" value, and for each share the file of moved bricks, the step, the errors and the codecs'
+//! figures.
 
 #![allow(missing_docs, clippy::print_stdout, reason = "a bench has no callers, and prints what it found")]
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rustix::time::{ClockId, clock_gettime};
+use serde_json::{Value, json};
 use supervol_format::codec::quantize::Quantizer;
 use supervol_format::codec::{Codec, CodecChoice, Coding, decode_into, encode};
 use supervol_format::voxel_type::voxels_as_f64;
@@ -78,55 +85,97 @@ fn distortion(container: &Container, exact: &[Brick], moved: &[Brick]) -> (f64, 
     (greatest, squares / count.max(1.0))
 }
 
-fn measure(path: &Path) {
+/// Moves voxels as `build --max-error` does.
+fn moved(container: &Container, exact: &[Brick], quantizer: Option<Quantizer>) -> Vec<Brick> {
+    let descriptor = container.descriptor();
+    let moved_one = |brick: &Brick| {
+        let mut voxels = brick.voxels.clone();
+        let _ = quantizer.map(|q| q.snap(descriptor.voxel_type, descriptor.absence, &mut voxels));
+        Brick { key: brick.key, voxels }
+    };
+    exact.iter().map(moved_one).collect()
+}
+
+/// What a codec makes of bricks.
+struct Figures {
+    codec: &'static str,
+    bytes: usize,
+    decode_mb_s: f64,
+    encode_mb_s: f64,
+}
+
+fn figures(container: &Container, bricks: &[Brick], choice: CodecChoice, quantizer: Option<Quantizer>) -> Figures {
+    let coding = Coding { choice, absence: container.descriptor().absence, quantizer };
+    let code = |brick: &Brick| encode(coding, container.shape(brick.key), &brick.voxels).expect("there is memory");
+    let payloads: Vec<(Codec, Vec<u8>)> = bricks.iter().map(code).collect();
+    let encode_s = best_of_rounds(|| bricks.iter().for_each(|brick| drop(std::hint::black_box(code(brick)))));
+    let mut out = Vec::new();
+    let decode_s = best_of_rounds(|| {
+        for (brick, (codec, payload)) in bricks.iter().zip(&payloads) {
+            out.resize(brick.voxels.len(), 0);
+            decode_into(*codec, container.shape(brick.key), payload, &mut out).expect("what was encoded decodes");
+        }
+    });
+    let megabytes = bytes_of(bricks) as f64 / 1e6;
+    let codec = match choice {
+        CodecChoice::Only(codec) => codec.name(),
+        CodecChoice::Smallest => "auto",
+    };
+    let bytes = payloads.iter().map(|(_, payload)| payload.len()).sum();
+    Figures { codec, bytes, decode_mb_s: megabytes / decode_s, encode_mb_s: megabytes / encode_s }
+}
+
+fn bytes_of(bricks: &[Brick]) -> usize {
+    bricks.iter().map(|brick| brick.voxels.len()).sum()
+}
+
+/// Writes bricks one behind the other.
+fn write_bricks(path: &Path, bricks: &[Brick]) {
+    let voxels: Vec<&[u8]> = bricks.iter().map(|brick| brick.voxels.as_slice()).collect();
+    std::fs::write(path, voxels.concat()).expect("room for bricks");
+}
+
+fn measure(path: &Path, folder: Option<&Path>) {
     let container = Container::open(path).expect("a container");
     let descriptor = container.descriptor();
     assert!(descriptor.quantizer.is_none(), "{}: its voxels have been moved already", path.display());
     let exact = bricks_of(&container);
-    let width = range_of(&container, &exact).width();
+    let range = range_of(&container, &exact);
+    let width = range.width();
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
-    let bytes: usize = exact.iter().map(|brick| brick.voxels.len()).sum();
+    let voxels = bytes_of(&exact) / descriptor.voxel_type.bytes();
+    let mut errors: Vec<Value> = Vec::new();
     for share in SHARES {
         let quantizer = Quantizer::within(descriptor.voxel_type, share * width);
         if share > 0.0 && quantizer.is_none() {
             continue;
         }
-        let moved_one = |brick: &Brick| {
-            let mut voxels = brick.voxels.clone();
-            let _ = quantizer.map(|q| q.snap(descriptor.voxel_type, descriptor.absence, &mut voxels));
-            Brick { key: brick.key, voxels }
-        };
-        let moved: Vec<Brick> = exact.iter().map(moved_one).collect();
+        let moved = moved(&container, &exact, quantizer);
         let (greatest, mean_square) = distortion(&container, &exact, &moved);
-        let psnr =
-            if mean_square > 0.0 { format!("{:.1}", 10.0 * (width * width / mean_square).log10()) } else { "-".into() };
-        for choice in CODECS {
-            let coding = Coding { choice, absence: descriptor.absence, quantizer };
-            let code =
-                |brick: &Brick| encode(coding, container.shape(brick.key), &brick.voxels).expect("there is memory");
-            let payloads: Vec<(Codec, Vec<u8>)> = moved.iter().map(code).collect();
-            let encode_s = best_of_rounds(|| moved.iter().for_each(|brick| drop(std::hint::black_box(code(brick)))));
-            let mut out = Vec::new();
-            let decode_s = best_of_rounds(|| {
-                for (brick, (codec, payload)) in moved.iter().zip(&payloads) {
-                    out.resize(brick.voxels.len(), 0);
-                    decode_into(*codec, container.shape(brick.key), payload, &mut out)
-                        .expect("what was encoded decodes");
-                }
-            });
-            let payload_bytes: usize = payloads.iter().map(|(_, payload)| payload.len()).sum();
-            let bits = payload_bytes as f64 * 8.0 / (bytes / descriptor.voxel_type.bytes()) as f64;
-            let codec = match choice {
-                CodecChoice::Only(codec) => codec.name(),
-                CodecChoice::Smallest => "auto",
-            };
+        let psnr = (mean_square > 0.0).then(|| 10.0 * (width * width / mean_square).log10());
+        let codecs: Vec<Figures> = CODECS.map(|choice| figures(&container, &moved, choice, quantizer)).into();
+        for Figures { codec, bytes, decode_mb_s, encode_mb_s } in &codecs {
+            let bits = *bytes as f64 * 8.0 / voxels as f64;
+            let psnr = psnr.map_or("-".into(), |psnr| format!("{psnr:.1}"));
+            let voxel_type = descriptor.voxel_type;
             println!(
-                "| {name} {} | {share} | {greatest:.4} | {psnr} | {codec} | {bits:.3} | {:.0} | {:.0} |",
-                descriptor.voxel_type,
-                bytes as f64 / decode_s / 1e6,
-                bytes as f64 / encode_s / 1e6,
+                "| {name} {voxel_type} | {share} | {greatest:.4} | {psnr} | {codec} | {bits:.3} | {decode_mb_s:.0} | {encode_mb_s:.0} |"
             );
         }
+        let Some(folder) = folder else { continue };
+        let file = format!("{name}-{share}.raw");
+        write_bricks(&folder.join(&file), &moved);
+        let of_codec = |f: Figures| json!({ "codec": f.codec, "bytes": f.bytes, "decode_mb_s": f.decode_mb_s, "encode_mb_s": f.encode_mb_s });
+        let codecs: Vec<Value> = codecs.into_iter().map(of_codec).collect();
+        errors.push(json!({ "share": share, "asked": share * width, "step": quantizer.map(Quantizer::step), "found": greatest, "psnr": psnr, "file": file, "codecs": codecs }));
+    }
+    if let Some(folder) = folder {
+        let extents: Vec<[usize; 3]> = exact.iter().map(|brick| container.shape(brick.key).extent).collect();
+        let about = json!({
+            "name": name, "type": descriptor.voxel_type.to_string(), "extents": extents, "range": [range.min, range.max],
+            "nodata": descriptor.absence.nodata, "errors": errors,
+        });
+        std::fs::write(folder.join(format!("{name}.json")), format!("{about:#}\n")).expect("room for figures");
     }
 }
 
@@ -135,7 +184,16 @@ fn main() {
         "| data | error asked, share of range | greatest error | PSNR, dB | codec | bit/voxel | decode, MB/s | encode, MB/s |"
     );
     println!("|---|---|---|---|---|---|---|---|");
-    // Cargo hands benches an option of its own.
-    let containers = std::env::args_os().skip(1).filter(|argument| !argument.to_string_lossy().starts_with("--"));
-    containers.for_each(|path| measure(Path::new(&path)));
+    let mut arguments = std::env::args_os().skip(1);
+    let (mut folder, mut containers) = (None, Vec::new());
+    while let Some(argument) = arguments.next() {
+        if argument == "--bricks" {
+            folder = Some(PathBuf::from(arguments.next().expect("a folder after --bricks")));
+        } else if !argument.to_string_lossy().starts_with("--") {
+            // Cargo hands benches an option of its own.
+            containers.push(PathBuf::from(argument));
+        }
+    }
+    folder.iter().for_each(|folder| std::fs::create_dir_all(folder).expect("a folder for bricks"));
+    containers.iter().for_each(|path| measure(path, folder.as_deref()));
 }
