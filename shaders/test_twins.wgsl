@@ -26,10 +26,6 @@ struct TwinResult {
     search: vec4<f32>,
     // Gauss pairs for a variation and for a turning normal.
     counts: vec4<f32>,
-    // Of a chord: colour and transmittance; error, and value and twist of a cell; channels at a value.
-    part: vec4<f32>,
-    cell: vec4<f32>,
-    channels: vec4<f32>,
 }
 
 @group(2) @binding(0) var<storage, read> twin_cases: array<TwinCase>;
@@ -67,14 +63,5 @@ fn test_twins(@builtin(global_invocation_id) id: vec3<u32>) {
     // Squared: small variations are most frequent.
     result.counts.x = f32(pair_count(c.near.x * c.near.x, 8.0 * c.near.y));
     result.counts.y = f32(shaded_pair_count(2.0 * c.far.x, 8.0 * c.far.y));
-    // Chords of a bin and of all bins, also outside.
-    let bins = f32(LIGHT_BINS) * (1.2 * c.low - 0.1);
-    let spread = c.high.w * c.high.w * c.high.w * c.high.w;
-    let values = mix(bins.xxx, bins.xyz, spread);
-    let part = integrate_chord(LightChord(values, 100.0 * spread * c.high.x, 4.0 * u));
-    let field = LightCell(vec4<f32>(c.low.xz, c.high.xz), vec4<f32>(c.low.yw - c.low.xz, c.high.yw - c.high.xz), true);
-    result.part = vec4<f32>(part.color, part.transmittance);
-    result.cell = vec4<f32>(part.error, value_in(field, a), twist_of(field), 0.0);
-    result.channels = light_at(bins.w).value;
     twin_results[id.x] = result;
 }

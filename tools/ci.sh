@@ -121,6 +121,10 @@ prepare() {
     export XDG_RUNTIME_DIR="$work/runtime"
     mkdir -m 700 "$XDG_RUNTIME_DIR"
     export SUPERVOL_REQUIRE_GPU=1
+    # A fresh clone has nothing that an incremental build could go on from.
+    if [ ! -d "${CARGO_TARGET_DIR:-target}/debug" ]; then
+        export CARGO_INCREMENTAL=0
+    fi
     # Many tests see to it that something panics, and pass: their backtraces would hide what fails.
     export RUST_BACKTRACE=0
     say "ci: $(rustc --version), $(nproc) cores, $free_gb GB free, Vulkan driver ${VK_DRIVER_FILES:-of the system}"

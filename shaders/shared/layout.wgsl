@@ -50,9 +50,9 @@ const FLAG_SHADED: u32 = 4u;
 const FLAG_SKIPPING: u32 = 8u;
 // Flag: voxels can be absent at all.
 const FLAG_HOLES: u32 = 16u;
-// Flag: antiderivatives of the transfer function are used (light_walk.wgsl): mode dvr, unshaded, without steps.
+// Flag: antiderivatives of the transfer function are used (light_walk.wgsl): mode dvr, without steps.
 const FLAG_LIGHT: u32 = 32u;
-// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, scene.rs.
+// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, scene.rs.
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
 const KNOT_LIMIT: u32 = 8u;
@@ -66,6 +66,13 @@ const PAIR_NORMAL_CHANGE: f32 = 0.085;
 const PAIR_NORMAL_DEPTH: f32 = 0.3;
 const MIN_WEIGHT: f32 = 1e-20;
 const ISO_LIMIT: u32 = 32u;
+const KINK_SHARE: f32 = 0.25;
+const BEND_SHARE: f32 = 0.05;
+const COLOR_SHARE: f32 = 0.15;
+const CUT_SHARE: f32 = 0.25;
+const TURN_SHARE: f32 = 0.1;
+const HIGHLIGHT_SHARE: f32 = 0.006;
+const HIGHLIGHT_REACH: f32 = 0.5;
 
 // Where one cache texture's slots lie.
 struct SlotGrid {
@@ -213,8 +220,10 @@ struct Config {
     light_unit: f32,
     // Greatest channel: extinction per unit distance, or that times a colour.
     light_most: f32,
-    // Zero: the size is a multiple of 16.
-    light_padding: vec2<u32>,
+    // Opacity of a part, times the transmittance in front, from which it is shaded.
+    least_shaded: f32,
+    // Intensity of all lights.
+    light_sum: f32,
     // The cache textures.
     grids: array<SlotGrid, 4>,
 }

@@ -58,6 +58,17 @@ struct LightPart {
     transmittance: f32,
     // Bound on the error of both.
     error: f32,
+    // Light from the front end, over that from both, if it varies evenly between them.
+    front_share: f32,
+    // By what share of the part light that varies evenly may be misplaced.
+    misplaced: f32,
+    // Variation of colour over the part.
+    colors: f32,
+}
+
+// Nothing at all.
+fn no_part() -> LightPart {
+    return LightPart(vec3<f32>(0.0), 1.0, 0.0, 0.0, 0.0, 0.0);
 }
 
 // Integrates a chord.
@@ -98,5 +109,13 @@ fn integrate_chord(chord: LightChord) -> LightPart {
     let of_mean = 0.5 * sums.x * average * extent;
     let uneven = min(0.25 * sums.x * abs(rise) / max(kappa, 1.0e-12), 1.0);
     let of_order = opacity * sums.y * (0.06 + 0.84 * uneven) * tau / (4.0 + tau);
-    return LightPart(color, transmittance, clamp(of_mean, 0.0, 1.0) + of_order);
+    let error = clamp(of_mean, 0.0, 1.0) + of_order;
+    // Where both ends are dark, the light in between comes from anywhere.
+    let dim = 1.0e-3 * kappa + TINY;
+    let at_front = max(a.value.w, 0.0) + dim;
+    let at_back = max(b.value.w, 0.0) * transmittance + dim;
+    // Evenly from end to end is not how light falls off in a part that is nearly opaque.
+    let fall = 0.03 * tau * tau / (1.0 + 0.1 * tau * tau);
+    let front_share = at_front / (at_front + at_back);
+    return LightPart(color, transmittance, error, front_share, 0.6 * uneven + fall, min(sums.y, 1.0));
 }

@@ -48,15 +48,46 @@ fn is_absent(bits: vec4<u32>) -> vec4<bool> {
     return bits == vec4<u32>(select(NO_NUMBER, config.absent, has_flag(FLAG_ABSENT)));
 }
 
-// The cell that begins at a voxel, for a ray that crosses it from `a` to `b`.
-fn light_cell(slot: Slot, voxel: vec3<i32>, a: vec3<f32>, b: vec3<f32>) -> LightCell {
+// The stored numbers at a cell's corners: those with x = 0, as (y, z) = 00, 10, 01, 11, and those with x = 1.
+struct StoredCell {
+    near: vec4<u32>,
+    far: vec4<u32>,
+}
+
+// The cell that begins at a voxel.
+fn stored_cell(slot: Slot, voxel: vec3<i32>) -> StoredCell {
     let x = vec3<i32>(1, 0, 0);
     let y = vec3<i32>(0, 1, 0);
     let z = vec3<i32>(0, 0, 1);
-    let near = vec4<u32>(
-        stored(slot, voxel), stored(slot, voxel + y), stored(slot, voxel + z), stored(slot, voxel + y + z));
-    let far = vec4<u32>(
-        stored(slot, voxel + x), stored(slot, voxel + x + y), stored(slot, voxel + x + z), stored(slot, voxel + x + y + z));
+    return StoredCell(
+        vec4<u32>(stored(slot, voxel), stored(slot, voxel + y), stored(slot, voxel + z), stored(slot, voxel + y + z)),
+        vec4<u32>(
+            stored(slot, voxel + x), stored(slot, voxel + x + y), stored(slot, voxel + x + z), stored(slot, voxel + x + y + z)),
+    );
+}
+
+// Its render values.
+fn corners_of_stored(cell: StoredCell) -> Corners {
+    let n0 = value_of(cell.near.x);
+    let n1 = value_of(cell.near.y);
+    let n2 = value_of(cell.near.z);
+    let n3 = value_of(cell.near.w);
+    let f0 = value_of(cell.far.x);
+    let f1 = value_of(cell.far.y);
+    let f2 = value_of(cell.far.z);
+    let f3 = value_of(cell.far.w);
+    return Corners(
+        vec4<f32>(n0.x, f0.x, n1.x, f1.x),
+        vec4<f32>(n2.x, f2.x, n3.x, f3.x),
+        vec4<f32>(n0.y, f0.y, n1.y, f1.y),
+        vec4<f32>(n2.y, f2.y, n3.y, f3.y),
+    );
+}
+
+// The field in a cell, for a ray that crosses it from `a` to `b`.
+fn light_cell(cell: StoredCell, a: vec3<f32>, b: vec3<f32>) -> LightCell {
+    let near = cell.near;
+    let far = cell.far;
     let first = bins_of(near);
     let second = bins_of(far);
     if (!has_flag(FLAG_HOLES)) {
@@ -128,6 +159,9 @@ struct LightWalk {
     // Share of the cell that is done, and length of the next part, in cells.
     at: f32,
     next: f32,
+    // Along the ray's way through the cell, once it is asked for: what is fetched for one part serves the next.
+    gradient: ChordGradient,
+    has_gradient: bool,
 }
 
 fn cell_at(ray: LightRay, t: f32) -> vec3<f32> {
@@ -156,7 +190,7 @@ fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>) {
 }
 
 // Integrates the next part of a cell, and takes it or makes it shorter; behind the last one the next cell begins.
-fn try_part(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>) {
+fn try_part(slot: Slot, local: LocalRay, ray: LightRay, walk: ptr<function, LightWalk>) {
     let exits = ((*walk).cell + ray.ahead) * ray.inverse + ray.offset;
     let cell_leave = max(min(first_crossing(exits), ray.leave), (*walk).t);
     let length = cell_leave - (*walk).t;
@@ -167,7 +201,8 @@ fn try_part(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>) {
     let end = select(at + size, 1.0, is_last);
     let entry = ray.origin + (*walk).t * ray.direction - (*walk).cell;
     let way = length * ray.direction;
-    let field = light_cell(slot, vec3<i32>((*walk).cell), entry, entry + way);
+    let voxels = stored_cell(slot, vec3<i32>((*walk).cell));
+    let field = light_cell(voxels, entry, entry + way);
     let values = vec3<f32>(
         value_in(field, entry + at * way),
         value_in(field, entry + (at + 0.5 * size) * way),
@@ -177,9 +212,22 @@ fn try_part(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>) {
     let cubic = twist_of(field) * part_way.x * part_way.y * part_way.z;
     var part = integrate_chord(LightChord(values, cubic, length * ray.extent_per_t * size));
     if (!field.is_present) {
-        part = LightPart(vec3<f32>(0.0), 1.0, 0.0);
+        part = no_part();
     }
     samples += 2u;
+    if (has_flag(FLAG_SHADED) && (1.0 - part.transmittance) * (*walk).transmittance > config.least_shaded) {
+        if (!(*walk).has_gradient) {
+            let chord = Chord(entry, entry + way, 0.0);
+            (*walk).gradient = chord_gradient(slot, vec3<i32>((*walk).cell), corners_of_stored(voxels), chord);
+            (*walk).has_gradient = true;
+        }
+        let gradient = (*walk).gradient;
+        if (gradient.present != 0u) {
+            let middle = gradient_at(gradient, at + 0.5 * size, local);
+            let gradients = mat3x3<f32>(gradient_at(gradient, at, local), middle, gradient_at(gradient, end, local));
+            part = shade_part(part, gradients, local.to_eye);
+        }
+    }
 
     let ratio = part.error * (*walk).transmittance / config.cell_error;
     let is_taken = ratio <= max(size, LEAST_SHARE) || size <= LEAST_PART;
@@ -194,6 +242,7 @@ fn try_part(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>) {
         (*walk).t = cell_leave;
         (*walk).at = 0.0;
         (*walk).next = 1.0;
+        (*walk).has_gradient = false;
         cells += 1u;
     }
 }
@@ -213,14 +262,19 @@ fn next_size(size: f32, ratio: f32, is_taken: bool) -> f32 {
 fn cast_brick_light(slot: Slot, local: LocalRay, leave: f32, state: ptr<function, RayState>) {
     let ray = light_ray(local, leave);
     let begin = (*state).t;
-    var walk = LightWalk(begin, (*state).transmittance, (*state).color, cell_at(ray, begin), 0.0, 1.0);
+    var walk: LightWalk;
+    walk.t = begin;
+    walk.transmittance = (*state).transmittance;
+    walk.color = (*state).color;
+    walk.cell = cell_at(ray, begin);
+    walk.next = 1.0;
     var goes_on = walk.t < leave;
     while (goes_on) {
         leap_on(slot, ray, &walk);
         macro_cells += 1u;
         work += ROUND;
         for (var i = 0u; i < ROUND; i += 1u) {
-            try_part(slot, ray, &walk);
+            try_part(slot, local, ray, &walk);
             goes_on = walk.t < leave && walk.transmittance > config.transmittance_limit;
             if (!goes_on) {
                 break;

@@ -98,7 +98,7 @@ fn random_scenes_further_off_than_asked() {
     let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
     let mut kept = Vec::new();
     for (scene, above) in [(934, 1), (978, 2)] {
-        let options = Options { seed: 1, first: scene, scenes: 1, threads: 2 };
+        let options = Options { seed: 1, first: scene, scenes: 1, threads: 2, backend: Backend::Cpu };
         let found = run(&context, options).unwrap_or_else(|e| panic!("scene {scene}: {e}"));
         for at in &found.errors {
             println!("scene {scene}, {} asked for: {:.4}", at.asked_grey_levels, at.largest_grey_levels);

@@ -42,6 +42,12 @@ impl ValueRange {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
+    /// Whether a value lies inside.
+    #[must_use]
+    pub fn contains(self, value: f64) -> bool {
+        self.min <= value && value <= self.max
+    }
+
     /// Whether every value of `other` lies inside.
     #[must_use]
     pub fn holds(self, other: Self) -> bool {

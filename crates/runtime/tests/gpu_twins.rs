@@ -10,7 +10,7 @@ use gpu_support::{F32, TestVolume, gpu, marschner_lobb};
 use supervol_format::Geometry;
 use supervol_format::random::Random;
 use supervol_runtime::gpu::layout::{LIGHT_BINS, Scene as GpuScene, SlotGrid, View};
-use supervol_runtime::gpu::light::{LightChord, LightPart, integrate_chord, light_at, twist_of, value_in};
+use supervol_runtime::gpu::light::{LightChord, LightPart, integrate_chord, light_at, shade_part, twist_of, value_in};
 use supervol_runtime::gpu::light_table::LightTable;
 use supervol_runtime::gpu::scene_tables::{self, Exactness, FeedbackPlaces};
 use supervol_runtime::gpu::shaders;
@@ -56,24 +56,21 @@ struct Outcome {
     search: [f32; 4],
     /// Numbers of Gauss pairs; checked by [`check_counts`].
     counts: [f32; 4],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct LightOutcome {
     part: [f32; 4],
     cell: [f32; 4],
     channels: [f32; 4],
+    lit: [f32; 4],
 }
 
 /// The same through the Rust functions.
-fn outcome(case: &Case, tf: &RenderTransferFunction, light: &LightTable, lighting: &Lighting) -> Outcome {
-    let bins = case.low.map(|v| LIGHT_BINS as f32 * (1.2 * v - 0.1));
-    let spread = case.high[3].powi(4);
-    let chord = LightChord {
-        values: [0, 1, 2].map(|i| bins[0] * (1.0 - spread) + bins[i] * spread),
-        cubic: 100.0 * spread * case.high[0],
-        extent: 4.0 * case.b_u[3],
-    };
-    let LightPart { color: [r, g, blue], transmittance, error } = integrate_chord(light, &chord);
-    let corners: [f32; 8] = std::array::from_fn(|i| if i < 4 { case.low[i] } else { case.high[i - 4] });
+fn outcome(case: &Case, tf: &RenderTransferFunction, lighting: &Lighting) -> Outcome {
+    let corners = corners(case);
     let [a, b] = [case.a_value, case.b_u].map(|v| [v[0], v[1], v[2]].map(f64::from));
-    let place = [case.a_value[0], case.a_value[1], case.a_value[2]];
     let (value, u) = (case.a_value[3], case.b_u[3]);
     let cubic = cubic_of_cell(&corners, a, b);
     let ends = monotone_intervals(&cubic);
@@ -81,8 +78,7 @@ fn outcome(case: &Case, tf: &RenderTransferFunction, light: &LightTable, lightin
     let extremes = cubic_extremes(&cubic, ends);
     let colors = [case.near, case.far].map(|c| [c[0], c[1], c[2]]);
     let (pair, opacity) = integrate_pair([case.near[3], case.far[3]], colors, 4.0 * u);
-    let to_eye = Vec3::from_array(std::array::from_fn(|i| case.a_value[i] - case.b_u[i])).normalize();
-    let shaded = shade(lighting, colors[0], Vec3::new(case.low[0], case.low[1], case.low[2]), to_eye);
+    let shaded = shade(lighting, colors[0], Vec3::new(case.low[0], case.low[1], case.low[2]), to_eye(case));
     let knots = tf.knots_in(value, value + u);
     let first = tf.knots.iter().position(|k| knots.first() == Some(k)).unwrap_or(0);
     let mut intervals = [1.0; 4];
@@ -102,10 +98,45 @@ fn outcome(case: &Case, tf: &RenderTransferFunction, light: &LightTable, lightin
             knots.len() as f32,
         ],
         counts: [0.0; 4],
+    }
+}
+
+/// Parts of rays and their light through the Rust functions.
+fn light_outcome(case: &Case, light: &LightTable, lighting: &Lighting) -> LightOutcome {
+    let bins = case.low.map(|v| LIGHT_BINS as f32 * (1.2 * v - 0.1));
+    let spread = case.high[3].powi(4);
+    let chord = LightChord {
+        values: [0, 1, 2].map(|i| bins[0] * (1.0 - spread) + bins[i] * spread),
+        cubic: 100.0 * spread * case.high[0],
+        extent: 4.0 * case.b_u[3],
+    };
+    let part = integrate_chord(light, &chord);
+    let LightPart { color: [r, g, blue], transmittance, error, .. } = part;
+    let (corners, place) = (corners(case), [case.a_value[0], case.a_value[1], case.a_value[2]]);
+    LightOutcome {
         part: [r, g, blue, transmittance],
         cell: [error, value_in(&corners, place), twist_of(&corners), 0.0],
         channels: light_at(light, bins[3]).value,
+        lit: shade_part(lighting, &part, gradients(case), to_eye(case)),
     }
+}
+
+/// Corner by corner.
+fn corners(case: &Case) -> [f32; 8] {
+    std::array::from_fn(|i| if i < 4 { case.low[i] } else { case.high[i - 4] })
+}
+
+/// A line of sight.
+fn to_eye(case: &Case) -> Vec3 {
+    Vec3::from_array(std::array::from_fn(|i| case.a_value[i] - case.b_u[i])).normalize()
+}
+
+/// Normals of all directions, some of which turn little, and some gradients too short for any.
+fn gradients(case: &Case) -> [Vec3; 3] {
+    let [low, high, near] = [case.low, case.high, case.near].map(|v| Vec3::new(v[0], v[1], v[2]) - 0.5);
+    let turn = case.far[0] * case.far[0];
+    let size = if case.far[1] < 0.1 { 1e-8 } else { 1.0 };
+    [low, low + turn * high, size * (low + turn * near)]
 }
 
 /// Numbers of Gauss pairs: where what is wanted is next to a whole number, rounding may decide for either.
@@ -178,21 +209,43 @@ fn shader_functions_equal_their_twins() {
         (0, Resource::Storage(bytemuck::bytes_of(&scene))),
         (2, Resource::Table(bytemuck::cast_slice(&points), 4)),
         (3, Resource::Table(&index, 1)),
-        (4, Resource::Table(&light.words, 4)),
     ];
+    let light_group_0 = [(0, Resource::Storage(bytemuck::bytes_of(&scene))), (4, Resource::Table(&light.words, 4))];
     let cases = cases();
     let found: Vec<Outcome> = run(&gpu, shaders::TEST_TWINS, &group_0, &cases);
     check_counts(&cases, &found);
 
-    let names =
-        ["cubic", "intervals", "field", "rgba", "light", "pair", "shaded", "search", "", "part", "cell", "channels"];
+    let expected: Vec<Outcome> = cases.iter().map(|case| outcome(case, &tf, &lighting)).collect();
     // Roots and turning points are ill-conditioned where the cubic is flat.
-    let tolerances = [2e-6, 2e-3, 2e-6, 2e-6, 4e-6, 4e-6, 2e-5, 2e-3, f64::INFINITY, 2e-4, 2e-3, 2e-4];
-    let expected: Vec<Outcome> = cases.iter().map(|case| outcome(case, &tf, &light, &lighting)).collect();
-    let numbers = |outcomes: &[Outcome]| -> Vec<[[f32; 4]; 12]> { bytemuck::pod_collect_to_vec(outcomes) };
-    let (found, expected) = (numbers(&found), numbers(&expected));
-    for (i, (name, tolerance)) in names.into_iter().zip(tolerances).enumerate() {
-        let pairs = found.iter().zip(&expected).flat_map(|(f, e)| (0..4).map(move |c| [f[i][c], e[i][c]]));
+    compare(
+        [
+            ("cubic", 2e-6),
+            ("intervals", 2e-3),
+            ("field", 2e-6),
+            ("rgba", 2e-6),
+            ("light", 4e-6),
+            ("pair", 4e-6),
+            ("shaded", 2e-5),
+            ("search", 2e-3),
+            ("counts", f64::INFINITY),
+        ],
+        &bytemuck::pod_collect_to_vec(&found),
+        &bytemuck::pod_collect_to_vec(&expected),
+    );
+
+    let found: Vec<LightOutcome> = run(&gpu, shaders::TEST_LIGHT, &light_group_0, &cases);
+    let expected: Vec<LightOutcome> = cases.iter().map(|case| light_outcome(case, &light, &lighting)).collect();
+    compare(
+        [("part", 2e-4), ("cell", 2e-3), ("channels", 2e-4), ("lit", 2e-3)],
+        &bytemuck::pod_collect_to_vec(&found),
+        &bytemuck::pod_collect_to_vec(&expected),
+    );
+}
+
+/// Holds the numbers of each case, by name and tolerance, against the expected ones.
+fn compare<const N: usize>(names: [(&str, f64); N], found: &[[[f32; 4]; N]], expected: &[[[f32; 4]; N]]) {
+    for (i, (name, tolerance)) in names.into_iter().enumerate() {
+        let pairs = found.iter().zip(expected).flat_map(|(f, e)| (0..4).map(move |c| [f[i][c], e[i][c]]));
         let worst = greatest(pairs.map(|[f, e]| f64::from(f) - f64::from(e)));
         println!("{name}: {worst:e}");
         assert!(worst <= tolerance, "{name}: {worst} exceeds {tolerance}");

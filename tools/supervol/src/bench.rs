@@ -226,9 +226,16 @@ impl Arguments {
     }
 
     fn random(&self, context: &Context<'_>, scenes: u64) -> Result<(), Failure> {
-        let (seed, first) = (self.seed, self.first_scene);
-        let found =
-            random_scenes::run(context, random_scenes::Options { seed, first, scenes, threads: self.threads.get() })?;
+        let (seed, first, threads) = (self.seed, self.first_scene, self.threads.get());
+        let backend = match self.backend {
+            PathBackend::Cpu => Backend::Cpu,
+            PathBackend::Gpu => Backend::Gpu,
+            PathBackend::Both => {
+                let message = "--random-scenes: --backend both compares nothing; expected cpu or gpu";
+                return Err(Failure::Command(message.into()));
+            }
+        };
+        let found = random_scenes::run(context, random_scenes::Options { seed, first, scenes, threads, backend })?;
         let text = random_scenes::markdown(&found, &command_line());
         if let Some(output) = &self.output {
             self.reports(output, |folder| random_scenes::write(&found, &text, folder))?;

@@ -6,6 +6,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::raycast::cpu::shade;
 use crate::raycast::scalar::quadrature;
 
 /// A Rust type with a WGSL name.
@@ -154,7 +155,7 @@ shared_constants! {
     FLAG_SKIPPING = 8;
     /// Flag: voxels can be absent at all.
     FLAG_HOLES = 16;
-    /// Flag: antiderivatives of the transfer function are used (light_walk.wgsl): mode dvr, unshaded, without steps.
+    /// Flag: antiderivatives of the transfer function are used (light_walk.wgsl): mode dvr, without steps.
     FLAG_LIGHT = 32;
 }
 
@@ -315,8 +316,10 @@ shared_struct! {
         light_unit: f32,
         /// Greatest channel: extinction per unit distance, or that times a colour.
         light_most: f32,
-        /// Zero: the size is a multiple of 16.
-        light_padding: [u32; 2],
+        /// Opacity of a part, times the transmittance in front, from which it is shaded.
+        least_shaded: f32,
+        /// Intensity of all lights.
+        light_sum: f32,
         /// The cache textures.
         grids: [SlotGrid; 4],
     }
@@ -490,7 +493,7 @@ shared_struct! {
 }
 
 /// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 13] {
+fn borrowed_constants() -> [(&'static str, &'static str, String); 20] {
     let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
     [
         ("APRON", "i32", apron.to_string()),
@@ -506,6 +509,13 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 13] {
         ("PAIR_NORMAL_DEPTH", "f32", format!("{:?}", quadrature::PAIR_NORMAL_DEPTH)),
         ("MIN_WEIGHT", "f32", format!("{:?}", quadrature::MIN_WEIGHT)),
         ("ISO_LIMIT", "u32", format!("{}u", crate::scene::ISO_LIMIT)),
+        ("KINK_SHARE", "f32", format!("{:?}", shade::KINK_SHARE)),
+        ("BEND_SHARE", "f32", format!("{:?}", shade::BEND_SHARE)),
+        ("COLOR_SHARE", "f32", format!("{:?}", shade::COLOR_SHARE)),
+        ("CUT_SHARE", "f32", format!("{:?}", shade::CUT_SHARE)),
+        ("TURN_SHARE", "f32", format!("{:?}", shade::TURN_SHARE)),
+        ("HIGHLIGHT_SHARE", "f32", format!("{:?}", shade::HIGHLIGHT_SHARE)),
+        ("HIGHLIGHT_REACH", "f32", format!("{:?}", shade::HIGHLIGHT_REACH)),
     ]
 }
 
@@ -536,7 +546,7 @@ pub fn structs() -> Vec<StructLayout> {
 pub fn wgsl() -> String {
     let mut text = "// Constants and structs shared with Rust. Written by gpu/layout.rs; do not edit.\n\n".to_owned();
     text.push_str(&constants_wgsl());
-    text.push_str("// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, scene.rs.\n");
+    text.push_str("// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, scene.rs.\n");
     for (name, ty, value) in borrowed_constants() {
         text.push_str(&format!("const {name}: {ty} = {value};\n"));
     }

@@ -1,13 +1,23 @@
 //! Twins of `shaders/shared/light.wgsl` and of the arithmetic of `light_walk.wgsl`: the same functions in Rust, by which tests
-//! hold the shader to account. The rule and its error are derived in `raycast::cpu::integrate`.
+//! hold the shader to account. The rule and its error are derived in `raycast::cpu::integrate`. What light makes of a part
+//! (`light_shading.wgsl`) is what the CPU makes of it: [`shade_part`] calls its code.
 //!
 //! Values are bins of the transfer function ([`super::light_table`]), extents are in unit distances.
 
+use glam::Vec3;
+use supervol_format::Geometry;
+
 use super::layout::{LIGHT_BINS, TABLE_WIDTH};
 use super::light_table::{LightTable, PLANE_ROWS};
+use crate::raycast::cpu::integrate::Part;
+use crate::raycast::cpu::shade::PacketLighting;
+use crate::raycast::cpu::simd::{LANES_LIMIT, Portable, Simd};
+use crate::raycast::scalar::shade::Lighting;
 
 /// Width, in bins, below which the mean of an interval is that of its ends.
 pub const NARROW: f32 = 1.0;
+/// Extinction that stands for none.
+const DIM: f32 = 1e-30;
 
 /// The channels at a value: red, green, blue (times extinction), extinction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,6 +50,12 @@ pub struct LightPart {
     pub transmittance: f32,
     /// Bound on the error of both.
     pub error: f32,
+    /// Light from the front end, over that from both, if it varies evenly between them.
+    pub front_share: f32,
+    /// By what share of the part light that varies evenly may be misplaced.
+    pub misplaced: f32,
+    /// Variation of colour over the part.
+    pub colors: f32,
 }
 
 fn light_bin(value: f32) -> f32 {
@@ -101,11 +117,40 @@ pub fn integrate_chord(table: &LightTable, chord: &LightChord) -> LightPart {
         let ordered = between(c) * kappa - means[c] * between(3);
         (means[c] * emitting - order * ordered).clamp(0.0, opacity)
     });
-    LightPart { color, transmittance, error: error_of(table, chord, kappa) }
+    let [error, misplaced, colors] = error_of(table, chord, kappa);
+    let dim = 1e-3 * kappa + DIM;
+    let (at_front, at_back) = (a.value[3].max(0.0) + dim, b.value[3].max(0.0) * transmittance + dim);
+    LightPart { color, transmittance, error, front_share: at_front / (at_front + at_back), misplaced, colors }
 }
 
-/// What the line misses.
-fn error_of(table: &LightTable, chord: &LightChord, kappa: f32) -> f32 {
+/// A part after shading, in the same way on the CPU: colour and error. `gradients` are those at its beginning, middle and end,
+/// `to_eye` is a unit vector.
+#[must_use]
+pub fn shade_part(lighting: &Lighting, part: &LightPart, gradients: [Vec3; 3], to_eye: Vec3) -> [f32; 4] {
+    type S = Portable;
+    let splat = <S as Simd>::splat;
+    // Of places in space it needs to know nothing.
+    let lighting = PacketLighting::new(lighting, &Geometry::IDENTITY, [1; 3], 1.0);
+    let lit = lighting.at::<S, 3>(&gradients.map(|g| g.to_array().map(splat)), &to_eye.to_array().map(splat));
+    let part = Part::<S> {
+        color: part.color.map(splat),
+        tau: splat(-part.transmittance.ln()),
+        transmittance: splat(part.transmittance),
+        error: splat(part.error),
+        front_share: splat(part.front_share),
+        misplaced: splat(part.misplaced),
+        colors: splat(part.colors),
+    };
+    let ([r, g, b], error) = lighting.shade::<S>(&part, &lit);
+    [r, g, b, error].map(|lanes| {
+        let mut numbers = [0.0; LANES_LIMIT];
+        S::store(lanes, &mut numbers);
+        numbers[0]
+    })
+}
+
+/// What the line misses, [`LightPart::misplaced`] and [`LightPart::colors`].
+fn error_of(table: &LightTable, chord: &LightChord, kappa: f32) -> [f32; 3] {
     let ([first, middle, last], extent) = (chord.values, chord.extent);
     let (bump, cubic) = ((middle - 0.5 * (first + last)).abs(), chord.cubic.abs());
     let most = 2.0 / 3.0 * bump + 0.05 * cubic;
@@ -119,7 +164,8 @@ fn error_of(table: &LightTable, chord: &LightChord, kappa: f32) -> f32 {
     let uneven = (0.25 * bends * width / kappa.max(1e-12)).min(1.0);
     let tau = kappa * extent;
     let of_order = (1.0 - (-tau).exp()) * colors * (0.06 + 0.84 * uneven) * tau / (4.0 + tau);
-    of_mean.clamp(0.0, 1.0) + of_order
+    let fall = 0.03 * tau * tau / (1.0 + 0.1 * tau * tau);
+    [of_mean.clamp(0.0, 1.0) + of_order, 0.6 * uneven + fall, colors.min(1.0)]
 }
 
 /// The value at a place of a cell, both in [0, 1]^3; corner c has the offsets (c & 1, c >> 1 & 1, c >> 2).

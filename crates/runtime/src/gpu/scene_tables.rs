@@ -12,7 +12,7 @@ use super::layout::{
     GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
 };
 use super::light_table::LightTable;
-use crate::raycast::cpu::{CELL_SHARE, END_SHARE, Skipping, TERMINATION_OPACITY};
+use crate::raycast::cpu::{CELL_SHARE, END_SHARE, LEAST_SHADED_SHARE, Skipping, TERMINATION_OPACITY};
 use crate::raycast::scalar::shade::Lighting;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{Mode, ResolvedScene};
@@ -77,7 +77,7 @@ pub fn config(
         (lighting.is_some(), FLAG_SHADED),
         (skipping == Skipping::On, FLAG_SKIPPING),
         (has_holes, FLAG_HOLES),
-        (scene.mode == Mode::Dvr && lighting.is_none() && light.is_resolved, FLAG_LIGHT),
+        (scene.mode == Mode::Dvr && light.is_resolved, FLAG_LIGHT),
     ];
     let mut config = Config {
         world_x: column(world.x_axis),
@@ -123,6 +123,8 @@ pub fn config(
         config.shininess = lighting.shininess;
         config.gradient_floor = lighting.gradient_floor;
         config.light_count = lighting.lights.len() as u32;
+        config.least_shaded = (LEAST_SHADED_SHARE * max_error) as f32;
+        config.light_sum = lighting.lights.iter().map(|light| light.1).sum();
     }
     Ok(config)
 }

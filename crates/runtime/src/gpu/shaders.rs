@@ -39,6 +39,7 @@ const RAY: &[ShaderFile] = &[
     file!("shared/quadrature.wgsl"),
     file!("shared/compositing.wgsl"),
     file!("shared/light.wgsl"),
+    file!("shared/light_shading.wgsl"),
     file!("shared/cell.wgsl"),
     file!("shared/light_walk.wgsl"),
     file!("shared/feedback.wgsl"),
@@ -65,12 +66,16 @@ pub const GATHER_MISSES: ShaderModule = ShaderModule {
 /// For the tests: single functions on given numbers.
 pub const TEST_TWINS: ShaderModule = ShaderModule { name: "test_twins", shared: RAY, entry: file!("test_twins.wgsl") };
 
+/// For the tests: parts of rays and their light.
+pub const TEST_LIGHT: ShaderModule = ShaderModule { name: "test_light", shared: RAY, entry: file!("test_light.wgsl") };
+
 /// For the tests: places on rays, bricks, pages and gradients.
 pub const TEST_PLACES: ShaderModule =
     ShaderModule { name: "test_places", shared: RAY, entry: file!("test_places.wgsl") };
 
 /// Every module there is.
-pub const ALL: [ShaderModule; 6] = [RAYCAST, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, TEST_TWINS, TEST_PLACES];
+pub const ALL: [ShaderModule; 7] =
+    [RAYCAST, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, TEST_TWINS, TEST_LIGHT, TEST_PLACES];
 
 impl ShaderModule {
     /// The files joined.

@@ -216,13 +216,12 @@ impl LevelsByError {
 
     /// Whether a surface may lie where values have this range; data units.
     fn meets_surface(&self, range: ValueRange) -> bool {
-        self.iso.iter().any(|&value| range.min <= value && value <= range.max)
+        self.iso.iter().any(|&value| range.contains(value))
     }
 
     /// Whether the brick's own values meet every surface that those beneath it do.
     fn keeps_surfaces(&self, own: ValueRange, beneath: ValueRange) -> bool {
-        let meets = |range: ValueRange, value: f64| range.min <= value && value <= range.max;
-        self.iso.iter().all(|&value| meets(own, value) || !meets(beneath, value))
+        self.iso.iter().all(|&value| own.contains(value) || !beneath.contains(value))
     }
 
     /// Whether opacity and colour change little over an interval.

@@ -246,7 +246,7 @@ impl Deviations {
             presence_may_change: may_have_holes,
             ..Deviation::NONE
         };
-        let has_surface = self.iso.iter().any(|&value| beneath.min <= value && value <= beneath.max);
+        let has_surface = self.iso.iter().any(|&value| beneath.contains(value));
         match self.mode {
             // Nobody knows where a surface would be on another level, or without the error.
             Mode::Dvr | Mode::Iso if has_surface => Deviation { kappa_max: f64::INFINITY, ..known },

@@ -42,6 +42,8 @@ pub struct Options {
     pub scenes: u64,
     /// Threads of the renderer and of the reference.
     pub threads: usize,
+    /// Who draws: packets on the CPU, or a GPU, which neither predicts nor states errors.
+    pub backend: Backend,
 }
 
 /// What was found.
@@ -63,7 +65,7 @@ pub struct Found {
     pub seconds: f64,
     /// By error asked for.
     pub errors: Vec<AtError>,
-    /// By level that is asked for: what is stated of pixels against level 0.
+    /// By level that is asked for: what is stated of pixels against level 0; nothing on a GPU.
     pub stated: Vec<AtLevel>,
 }
 
@@ -80,19 +82,27 @@ pub struct AtError {
     pub p999_grey_levels: f64,
     /// Scenes with a greater error than was asked for.
     pub scenes_above: Vec<u64>,
-    /// Scenes with a greater error than the renderer predicted (`error_predicted` of its statistics).
-    pub scenes_above_predicted: Vec<u64>,
+    /// Against what the renderer predicted; nothing on a GPU.
+    pub predicted: Option<AgainstPredicted>,
+}
+
+/// Errors against those that the renderer predicted (`error_predicted` of its statistics).
+#[derive(Debug, Clone, PartialEq, Serialize, Default)]
+pub struct AgainstPredicted {
+    /// Scenes with a greater error.
+    pub scenes_above: Vec<u64>,
     /// Greatest error measured over the error predicted.
-    pub largest_share_of_predicted: f64,
+    pub largest_share: f64,
     /// Median of the errors predicted.
-    pub median_predicted_grey_levels: f64,
+    pub median_grey_levels: f64,
 }
 
 /// The differences at one error while scenes are drawn.
 struct Differences {
     sizes: Vec<f32>,
-    /// One a scene, grey levels.
+    /// One a scene, grey levels, and what was found against them; none on a GPU.
     predicted: Vec<f64>,
+    against_predicted: AgainstPredicted,
     at: AtError,
 }
 
@@ -136,12 +146,14 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
         shown += u64::from(exact.pixels.iter().any(|pixel| pixel[3] > 0.0));
         for differences in &mut differences {
             let aimed = aimed_at(differences.at.asked_grey_levels, options.threads);
-            let (picture, stats) = volume.render(&scene, &aimed)?;
-            let predicted = stats.error_predicted.and_then(|predicted| predicted.total.grey_levels);
-            let predicted = predicted.ok_or_else(|| ChartError::Broken(format!("no prediction: {stats:?}")))?;
+            let (picture, stats) = volume.render(&scene, &RenderOptions { backend: options.backend, ..aimed })?;
+            let predicted = stats.error_predicted.as_ref().and_then(|predicted| predicted.total.grey_levels);
+            if predicted.is_none() && options.backend == Backend::Cpu {
+                return Err(ChartError::Broken(format!("no prediction: {stats:?}")));
+            }
             differences.add(number, &picture, &exact, predicted);
         }
-        for pixels in &mut stated {
+        for pixels in stated.iter_mut().filter(|_| options.backend == Backend::Cpu) {
             pixels.draw(number, &volume, &scene, &exact, options.threads)?;
         }
         let done = number - options.first + 1;
@@ -156,7 +168,10 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
         scenes_not_judged: not_judged,
         seconds: start.elapsed().as_secs_f64(),
         errors: differences.into_iter().map(Differences::finish).collect(),
-        stated: stated.into_iter().map(Pixels::finish).collect(),
+        stated: match options.backend {
+            Backend::Cpu => stated.into_iter().map(Pixels::finish).collect(),
+            _ => Vec::new(),
+        },
     })
 }
 
@@ -175,14 +190,12 @@ impl Differences {
             worst_scene: 0,
             p999_grey_levels: 0.0,
             scenes_above: Vec::new(),
-            scenes_above_predicted: Vec::new(),
-            largest_share_of_predicted: 0.0,
-            median_predicted_grey_levels: 0.0,
+            predicted: None,
         };
-        Self { sizes: Vec::new(), predicted: Vec::new(), at }
+        Self { sizes: Vec::new(), predicted: Vec::new(), against_predicted: AgainstPredicted::default(), at }
     }
 
-    fn add(&mut self, scene: u64, picture: &Image, exact: &Image, predicted: f64) {
+    fn add(&mut self, scene: u64, picture: &Image, exact: &Image, predicted: Option<f64>) {
         let shows = |(a, b): &(&[f32; 4], &[f32; 4])| a[3] != 0.0 || b[3] != 0.0;
         let seen = picture.pixels.iter().zip(&exact.pixels).filter(shows);
         let sizes = seen.flat_map(|(a, b)| [0, 1, 2, 3].map(|c| GREY_LEVELS as f32 * (a[c] - b[c]).abs()));
@@ -194,11 +207,14 @@ impl Differences {
         if error > self.at.asked_grey_levels {
             self.at.scenes_above.push(scene);
         }
-        self.predicted.push(predicted);
-        if error > predicted {
-            self.at.scenes_above_predicted.push(scene);
+        if let Some(predicted) = predicted {
+            self.predicted.push(predicted);
+            let against = &mut self.against_predicted;
+            if error > predicted {
+                against.scenes_above.push(scene);
+            }
+            against.largest_share = against.largest_share.max(error / predicted);
         }
-        self.at.largest_share_of_predicted = self.at.largest_share_of_predicted.max(error / predicted);
     }
 
     fn finish(mut self) -> AtError {
@@ -206,8 +222,9 @@ impl Differences {
         let rank = (self.sizes.len() as f64 * 0.999).ceil() as usize;
         let p999 = self.sizes.get(rank.max(1) - 1).copied().unwrap_or(0.0);
         self.predicted.sort_by(f64::total_cmp);
-        let median = self.predicted.get(self.predicted.len() / 2).copied().unwrap_or(0.0);
-        AtError { p999_grey_levels: f64::from(p999), median_predicted_grey_levels: median, ..self.at }
+        let median = self.predicted.get(self.predicted.len() / 2).copied();
+        let predicted = median.map(|median| AgainstPredicted { median_grey_levels: median, ..self.against_predicted });
+        AtError { p999_grey_levels: f64::from(p999), predicted, ..self.at }
     }
 }
 
@@ -244,13 +261,15 @@ pub fn write(found: &Found, page: &str, folder: &Path) -> Result<(), ChartError>
     Ok(())
 }
 
+/// Why nothing that is written into a text fails.
+const WRITES: &str = "strings take everything";
+
 /// What was found, as a table.
 ///
 /// # Panics
 /// Never: a text takes everything.
 #[must_use]
 pub fn markdown(found: &Found, command: &str) -> String {
-    const WRITES: &str = "strings take everything";
     let [width, height] = found.image;
     let last = found.first_scene + found.scenes.saturating_sub(1);
     let mut text = format!(
@@ -261,26 +280,40 @@ pub fn markdown(found: &Found, command: &str) -> String {
         found.first_scene, found.seed, found.scenes_that_show_something, found.scenes, found.seconds
     );
     for at in &found.errors {
+        let against = at.predicted.as_ref().map_or("- | - | -".into(), |predicted| {
+            let AgainstPredicted { scenes_above, largest_share, median_grey_levels } = predicted;
+            format!("{median_grey_levels:.2} | {largest_share:.2} | {}", counted(scenes_above))
+        });
         writeln!(
             text,
-            "| {} | {:.4} | {} | {:.4} | {} | {:.2} | {:.2} | {} |",
+            "| {} | {:.4} | {} | {:.4} | {} | {against} |",
             at.asked_grey_levels,
             at.largest_grey_levels,
             at.worst_scene,
             at.p999_grey_levels,
             counted(&at.scenes_above),
-            at.median_predicted_grey_levels,
-            at.largest_share_of_predicted,
-            counted(&at.scenes_above_predicted)
         )
         .expect(WRITES);
     }
-    text.push_str(
+    text.push_str(&stated_table(&found.stated));
+    if !found.scenes_not_judged.is_empty() {
+        let numbers = &found.scenes_not_judged;
+        writeln!(text, "\nNot judged, because the reference did not stand still: scenes {numbers:?}.").expect(WRITES);
+    }
+    text
+}
+
+/// What is stated of pixels, as a table; nothing where nothing is.
+fn stated_table(stated: &[AtLevel]) -> String {
+    if stated.is_empty() {
+        return String::new();
+    }
+    let mut text = String::from(
         "\nWhat is stated of each pixel (`error_stated`) against the exact picture of level 0, over the pixels that are more \
          than 0.01 off:\n\n| level drawn | pixels | true, median | stated, median | stated / true, median | largest true / \
          stated | pixels with a bound below 254 | scenes above stated |\n|---|---|---|---|---|---|---|---|\n",
     );
-    for at in &found.stated {
+    for at in stated {
         writeln!(
             text,
             "| {} | {} | {:.3} | {:.3} | {:.1} | {:.2} | {:.0} % | {} |",
@@ -294,10 +327,6 @@ pub fn markdown(found: &Found, command: &str) -> String {
             counted(&at.scenes_above_stated)
         )
         .expect(WRITES);
-    }
-    if !found.scenes_not_judged.is_empty() {
-        let numbers = &found.scenes_not_judged;
-        writeln!(text, "\nNot judged, because the reference did not stand still: scenes {numbers:?}.").expect(WRITES);
     }
     text
 }
@@ -329,8 +358,8 @@ mod tests {
         let mut off = exact.clone();
         off.pixels[0][1] += 0.75 / 255.0;
         let mut differences = Differences::new(0.5);
-        differences.add(11, &exact, &exact, 0.6);
-        differences.add(12, &off, &exact, 0.6);
+        differences.add(11, &exact, &exact, Some(0.6));
+        differences.add(12, &off, &exact, Some(0.6));
         assert_eq!(differences.sizes.len(), 8, "pixels that show nothing do not count");
         let at = differences.finish();
         assert!((at.largest_grey_levels - 0.75).abs() < 1e-3 && at.worst_scene == 12, "{at:?}");
@@ -338,7 +367,8 @@ mod tests {
             (at.scenes_above.as_slice(), at.p999_grey_levels),
             (&[12u64][..], at.largest_grey_levels as f32 as f64)
         );
-        assert_eq!((at.scenes_above_predicted.as_slice(), at.median_predicted_grey_levels), (&[12u64][..], 0.6));
+        let predicted = at.predicted.as_ref().expect("predictions");
+        assert_eq!((predicted.scenes_above.as_slice(), predicted.median_grey_levels), (&[12u64][..], 0.6));
         let found = Found {
             seed: 1,
             first_scene: 11,

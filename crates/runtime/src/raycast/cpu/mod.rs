@@ -22,7 +22,7 @@ pub mod blocks;
 mod fetch;
 mod inner_surfaces;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
-mod integrate;
+pub(crate) mod integrate;
 pub mod leap;
 pub mod levels;
 mod lookup;
@@ -39,7 +39,7 @@ mod queue;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod refine;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
-mod shade;
+pub(crate) mod shade;
 mod shaded_cells;
 pub mod simd;
 mod span;
@@ -76,7 +76,7 @@ use crate::scene::{Mode, ResolvedScene};
 use crate::stop::Stop;
 use crate::transfer_function::RenderTransferFunction;
 use levels::ErrorsByReason;
-pub(crate) use packets::{CELL_SHARE, END_SHARE, FIT_SHARE};
+pub(crate) use packets::{CELL_SHARE, END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE};
 use packets::{PacketTables, Tile, cast_tiles, tiles_of};
 use pixels::{error_pixels_of, pixels_of};
 pub use quality::{Caster, CpuQuality, MAX_ERROR_LIMITS, PacketRule};

@@ -332,7 +332,7 @@ pub(crate) const FIT_SHARE: f64 = 0.25;
 pub(crate) const END_SHARE: f64 = 0.15;
 
 /// Share of the largest error that a cell's light may be, and not be shaded.
-const LEAST_SHADED_SHARE: f64 = 5e-4;
+pub(crate) const LEAST_SHADED_SHARE: f64 = 5e-4;
 
 /// The middle of the transfer function's window where that lies far from zero for its width: `f32` then resolves it.
 fn origin_of(source: &TransferFunction, shift: f64) -> f32 {

@@ -21,14 +21,14 @@ use crate::raycast::scalar::shade::Lighting;
 /// Share of f's second difference that its mean may be off by where f may have a kink: 1/6 at the worst place.
 pub const KINK_SHARE: f32 = 0.25;
 /// The same where f is smooth: 1/50 and less, and the turn of the normal has an error of its own.
-const BEND_SHARE: f32 = 0.05;
+pub const BEND_SHARE: f32 = 0.05;
 /// Share of f's range that its mean may be off by, for a colour that varies by 1.
-const COLOR_SHARE: f32 = 0.15;
+pub const COLOR_SHARE: f32 = 0.15;
 /// Multiple of what is uneven, where nothing else is uncertain any more: then it is not outweighed by what is estimated too
 /// high.
 pub const UNEVEN_SHARE: f32 = 4.0;
 /// Share of what is cut off at 1 that the mean may be off by where colour varies.
-const CUT_SHARE: f32 = 0.25;
+pub const CUT_SHARE: f32 = 0.25;
 /// Share of the diffuse light that its mean may be off by, for a normal that turns by one radian; falls with the square.
 pub const TURN_SHARE: f32 = 0.1;
 /// Share of the highlights that their mean may be off by, where the square of the turn is the shininess's inverse: that is

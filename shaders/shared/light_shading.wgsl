@@ -1,0 +1,133 @@
+// Mode dvr, shaded: what light makes of the colour of a part of a ray, from three places of it, and what these miss. Does
+// what raycast/cpu/shade.rs does, which derives the rule and its error; `gpu/light.rs` holds one against the other.
+
+// Squares that a normal number still holds: pow takes the logarithm.
+const LEAST_SQUARE: f32 = 1.0e-37;
+
+// Light at the beginning, the middle and the end of a part.
+struct Lit {
+    // 1 / length of the gradients; 0 where they are too short for a normal.
+    inverse: vec3<f32>,
+    // A colour c becomes c * diffuse + specular.
+    diffuse: vec3<f32>,
+    specular: vec3<f32>,
+    // Greatest |n.h| of all lights.
+    nearest: vec3<f32>,
+    // What diffuse light may be off by where one side goes over into the other between two places; whether it does.
+    of_sides: f32,
+    goes_over: bool,
+}
+
+// `gradients`: a column for each place, in world space.
+fn lit_along(gradients: mat3x3<f32>, to_eye: vec3<f32>) -> Lit {
+    let lengths = vec3<f32>(length(gradients[0]), length(gradients[1]), length(gradients[2]));
+    let floor = max(config.gradient_floor, TINY);
+    let has_normal = lengths >= vec3<f32>(floor);
+    let inverse = select(vec3<f32>(0.0), 1.0 / max(lengths, vec3<f32>(floor)), has_normal);
+    var lit = Lit(inverse, vec3<f32>(config.ambient), vec3<f32>(0.0), vec3<f32>(0.0), 0.0, false);
+    for (var i = 0u; i < config.light_count; i += 1u) {
+        let light = scene.tables.lights[i];
+        let cosines = (light.to_light * gradients) * inverse;
+        lit.diffuse += config.diffuse * light.intensity * abs(cosines);
+        // The triangles between |cosine| and the line over it, if the cosine itself is a line between two places.
+        let products = max(-cosines.xy * cosines.yz, vec2<f32>(0.0));
+        let widths = max(abs(cosines.xy - cosines.yz), vec2<f32>(TINY));
+        lit.of_sides += 0.5 * config.diffuse * light.intensity * dot(products, 1.0 / widths);
+        lit.goes_over = lit.goes_over || any(products > vec2<f32>(0.0));
+        let between = light.to_light + to_eye;
+        let facing = abs(between * gradients) * inverse / max(length(between), TINY);
+        lit.nearest = max(lit.nearest, facing);
+        lit.specular += config.specular * light.intensity * highlights(min(facing * facing, vec3<f32>(1.0)));
+    }
+    lit.diffuse = select(vec3<f32>(1.0), lit.diffuse, has_normal);
+    lit.specular = select(vec3<f32>(0.0), lit.specular, has_normal);
+    return lit;
+}
+
+// |n.h| to the power of the shininess, from its squares.
+fn highlights(squares: vec3<f32>) -> vec3<f32> {
+    return pow(max(squares, vec3<f32>(LEAST_SQUARE)), vec3<f32>(0.5 * config.shininess));
+}
+
+// The mean over a part of what varies as a quadratic between three places, by where its light comes from.
+fn mean_along(f: vec3<f32>, front_share: f32) -> f32 {
+    return (f.z + front_share * (f.x - f.z) + 2.0 * f.y) * (1.0 / 3.0);
+}
+
+fn least_of(v: vec3<f32>) -> f32 {
+    return min(min(v.x, v.y), v.z);
+}
+
+fn greatest_of(v: vec3<f32>) -> f32 {
+    return max(max(v.x, v.y), v.z);
+}
+
+fn range_of(f: vec3<f32>) -> f32 {
+    return greatest_of(f) - least_of(f);
+}
+
+// The second difference.
+fn bend_of(f: vec3<f32>) -> f32 {
+    return abs((f.x - f.y) + (f.z - f.y));
+}
+
+// A part of a ray after shading.
+fn shade_part(plain: LightPart, gradients: mat3x3<f32>, to_eye: vec3<f32>) -> LightPart {
+    let lit = lit_along(gradients, to_eye);
+    let opacity = 1.0 - plain.transmittance;
+    let color = plain.color / max(opacity, TINY);
+    var part = plain;
+    let of_specular = opacity * mean_along(lit.specular, plain.front_share);
+    part.color = plain.color * mean_along(lit.diffuse, plain.front_share) + of_specular;
+
+    // Range and bend of a channel are convex in its colour: greatest at the strongest, or at black.
+    let brightest = greatest_of(color) * lit.diffuse + lit.specular;
+    let range = max(range_of(brightest), range_of(lit.specular));
+    let bend = max(bend_of(brightest), bend_of(lit.specular));
+    let uneven = COLOR_SHARE * plain.colors + plain.misplaced;
+    let has_kink = lit.goes_over || lit.inverse.x * lit.inverse.y * lit.inverse.z <= 0.0;
+    var of_place = select(BEND_SHARE, KINK_SHARE, has_kink) * bend + range * uneven;
+    let most = greatest_of(brightest);
+    let half_colors = 0.5 * plain.colors;
+    if (most + half_colors > 1.0) {
+        for (var c = 0u; c < 3u; c += 1u) {
+            let f = min(color[c] * lit.diffuse + lit.specular, vec3<f32>(1.0));
+            part.color[c] = opacity * mean_along(f, plain.front_share);
+        }
+        let low = least_of(least_of(color) * lit.diffuse + lit.specular) - half_colors;
+        let of_colors = CUT_SHARE * min(most + half_colors - 1.0, plain.colors);
+        let of_cut = KINK_SHARE * (0.5 * range + bend) + range * uneven + of_colors;
+        of_place = select(of_place, of_cut, low < 1.0);
+    }
+    of_place = max(of_place, lit.of_sides) + error_of_turn(gradients, lit);
+    // What the part itself is off by is lit as the part is; its opacity is not.
+    let gain = max(greatest_of(lit.diffuse + lit.specular), 1.0);
+    part.error = opacity * min(of_place, 1.0) + plain.error * gain;
+    return part;
+}
+
+// What three places can miss of the light between them: a highlight where the normal turns, and a gradient that is too
+// short for a normal.
+fn error_of_turn(gradients: mat3x3<f32>, lit: Lit) -> f32 {
+    // Of the first two places, and of the last two.
+    let ab = vec2<f32>(dot(gradients[0], gradients[1]), dot(gradients[1], gradients[2]));
+    let squares = vec3<f32>(
+        dot(gradients[0], gradients[0]), dot(gradients[1], gradients[1]), dot(gradients[2], gradients[2]));
+    let scale = lit.inverse.xy * lit.inverse.yz;
+    let turns = select(vec2<f32>(0.0), max(2.0 - 2.0 * ab * scale, vec2<f32>(0.0)), scale > vec2<f32>(0.0));
+    let turn = turns.x + turns.y;
+    let widths = turn * config.shininess;
+    let reach = greatest_of(lit.nearest) + HIGHLIGHT_REACH * sqrt(max(turns.x, turns.y));
+    let seen = highlights(vec3<f32>(min(reach * reach, 1.0))).x;
+    let of_highlight = min(HIGHLIGHT_SHARE * widths * widths, 1.0) * seen * config.specular * config.light_sum;
+    let of_turn = turn * turn * TURN_SHARE * config.diffuse * config.light_sum;
+    // Share of the part in which the gradient may be too short: if it varies evenly, on the chord through a sphere, which
+    // is taken twice as wide, since it does not vary quite evenly.
+    let floor = 2.0 * max(config.gradient_floor, TINY);
+    let way = max(squares.xy + squares.yz - 2.0 * ab, vec2<f32>(LEAST_SQUARE));
+    let nearest = max(squares.xy * squares.yz - ab * ab, vec2<f32>(0.0)) / way;
+    let is_passed = (ab < squares.xy) & (ab < squares.yz) & (nearest < vec2<f32>(floor * floor));
+    let flat = select(vec2<f32>(0.0), min(floor * inverseSqrt(way), vec2<f32>(1.0)), is_passed);
+    let gain = max(config.ambient + (config.diffuse + config.specular) * config.light_sum, 1.0);
+    return of_highlight + of_turn + gain * (flat.x + flat.y);
+}
