@@ -588,6 +588,7 @@ pub(crate) fn tally(report: &mut LevelReport, entry: &BrickEntry, scale: f64) {
     report.rle_bricks += u64::from(entry.codec == Codec::Rle);
     report.zstd_bricks += u64::from(entry.codec == Codec::Zstd);
     report.wavelet_bricks += u64::from(entry.codec == Codec::Wavelet);
+    report.trimmed_bricks += u64::from(entry.codec == Codec::Trimmed);
     report.bytes += entry.record_bytes();
     report.error = report.error.max(entry.error * scale.abs());
 }
