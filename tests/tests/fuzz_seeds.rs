@@ -59,6 +59,11 @@ fn codec_wavelet() {
 }
 
 #[test]
+fn codec_trimmed() {
+    run("codec_trimmed");
+}
+
+#[test]
 fn segy() {
     run("segy");
 }

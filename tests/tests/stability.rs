@@ -107,6 +107,16 @@ fn s18_thin_features() {
 }
 
 #[test]
+fn s19_wavelets_overshoot() {
+    holds("S19");
+}
+
+#[test]
+fn s20_bounds_of_quantised_voxels() {
+    holds("S20");
+}
+
+#[test]
 fn s21_leaping() {
     holds("S21");
 }

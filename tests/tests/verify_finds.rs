@@ -202,7 +202,7 @@ fn overlapping_and_unreachable_records() {
 #[test]
 fn reserved_bytes_and_unknown_codecs() {
     for (byte, value, word) in
-        [(16, 5, "newer"), (16, 9, "codec"), (17, 8, "flags"), (18, 1, "stored scale"), (20, 1, "reserved")]
+        [(16, 6, "newer"), (16, 9, "codec"), (17, 8, "flags"), (18, 1, "stored scale"), (20, 1, "reserved")]
     {
         let mut forge = container();
         let mut entry = forge.entry(key(0, VARIED)).encode();

@@ -8,6 +8,9 @@
 //!   `WORSE` more variance than the best axis.
 //!
 //! An axis that fits one brick is not halved for its own sake; the last level fits one brick on every axis.
+//!
+//! What was measured stands in the manifest ([`Plan::describe`]), and `info` shows it. The boxes are the same in every run, at most
+//! 27 of 32^3 voxels however large the volume: a build that goes on decides what the one that was killed decided.
 
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickLayout, Dims, VoxelBox};
@@ -33,11 +36,40 @@ const SAMPLE_EDGE: u64 = 32;
 /// Sample boxes along each axis of the volume.
 const SAMPLES_ALONG: u64 = 3;
 
-/// Factors of levels 1, 2, ... for this source.
+/// The levels of a volume, and what was measured to choose them.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Plan {
+    /// Factors of levels 1, 2, ...
+    pub factors: Vec<[u32; 3]>,
+    /// For each of these levels, what halving x, y or z alone would keep of the field of the level before: the RMS of its
+    /// deviations from each sample box's mean, as a share; 1 where nothing can be said. Empty unless measured.
+    pub rms_kept: Vec<[f64; 3]>,
+}
+
+impl Plan {
+    /// What was measured, as the manifest says it: three shares for each level from level 1 on, levels apart by semicolons.
+    #[must_use]
+    pub fn describe(&self) -> Option<String> {
+        let level = |[x, y, z]: &[f64; 3]| format!("{x:.4} {y:.4} {z:.4}");
+        (!self.rms_kept.is_empty()).then(|| self.rms_kept.iter().map(level).collect::<Vec<_>>().join("; "))
+    }
+
+    /// Reads what [`Self::describe`] writes; none where it is anything else.
+    #[must_use]
+    pub fn rms_kept_from(text: &str) -> Option<Vec<[f64; 3]>> {
+        let share = |word: &str| word.parse::<f64>().ok().filter(|share| (0.0..=1.0).contains(share));
+        let level = |level: &str| -> Option<[f64; 3]> {
+            level.split_whitespace().map(share).collect::<Option<Vec<f64>>>()?.try_into().ok()
+        };
+        text.split(';').map(level).collect()
+    }
+}
+
+/// The levels of this source.
 ///
 /// # Errors
 /// If the sample boxes cannot be read.
-pub fn factors(source: &dyn VolumeSource, layout: BrickLayout, choice: LodAxes) -> Result<Vec<[u32; 3]>, SourceError> {
+pub fn plan(source: &dyn VolumeSource, layout: BrickLayout, choice: LodAxes) -> Result<Plan, SourceError> {
     let info = source.info();
     let mut samples = match choice {
         LodAxes::Auto => sample_boxes(source)?,
@@ -45,13 +77,17 @@ pub fn factors(source: &dyn VolumeSource, layout: BrickLayout, choice: LodAxes) 
     };
     let mut dims = info.dims.0;
     let mut spacing = info.geometry.spacing;
-    let mut out = Vec::new();
+    let mut out = Plan::default();
     while dims.iter().any(|&n| layout.bricks_along(n) > 1) {
         let open: [bool; 3] = dims.map(|n| layout.bricks_along(n) > 1);
         let halved = match choice {
             LodAxes::Xyz => open,
             LodAxes::Xy => z_last(open),
-            LodAxes::Auto => best_axes(info, open, spacing, &samples),
+            LodAxes::Auto => {
+                let kept: [f64; 3] = std::array::from_fn(|a| variance_kept(&samples, a));
+                out.rms_kept.push(kept.map(f64::sqrt));
+                best_axes(info, open, spacing, kept)
+            }
         };
         let factors = halved.map(|h| if h { 2 } else { 1 });
         for a in 0..3 {
@@ -59,7 +95,7 @@ pub fn factors(source: &dyn VolumeSource, layout: BrickLayout, choice: LodAxes) 
             spacing[a] *= f64::from(factors[a]);
         }
         samples.iter_mut().for_each(|s| s.halve(halved));
-        out.push(factors);
+        out.factors.push(factors);
     }
     Ok(out)
 }
@@ -68,11 +104,11 @@ fn z_last(open: [bool; 3]) -> [bool; 3] {
     [open[0], open[1], open[2] && !(open[0] || open[1])]
 }
 
-fn best_axes(info: &SourceInfo, open: [bool; 3], spacing: [f64; 3], samples: &[Sample]) -> [bool; 3] {
+/// `kept` is the share of the variance that halving each axis keeps.
+fn best_axes(info: &SourceInfo, open: [bool; 3], spacing: [f64; 3], kept: [f64; 3]) -> [bool; 3] {
     if info.survey.is_some() && (open[0] || open[1]) {
         return z_last(open);
     }
-    let kept: [f64; 3] = std::array::from_fn(|a| variance_kept(samples, a));
     let best = (0..3).filter(|&a| open[a]).map(|a| kept[a]).fold(0.0, f64::max);
     let one_unit = info.axes.iter().all(|axis| axis.unit == info.axes[0].unit);
     let smallest = (0..3).filter(|&a| open[a]).map(|a| spacing[a]).fold(f64::INFINITY, f64::min);
@@ -125,7 +161,8 @@ fn variance_kept(samples: &[Sample], axis: usize) -> f64 {
             lost += (a - b).powi(2) / 2.0;
         }
     }
-    if total > 0.0 { 1.0 - lost / total } else { 1.0 }
+    // Rounding may take a field that cancels out below nothing.
+    if total > 0.0 { (1.0 - lost / total).max(0.0) } else { 1.0 }
 }
 
 /// Up to 27 boxes, evenly spread.
@@ -183,11 +220,44 @@ mod tests {
         }
     }
 
-    fn factors_of(dims: [u64; 3], spacing: [f64; 3], value: fn([u64; 3]) -> u8) -> Vec<[u32; 3]> {
+    fn plan_of(dims: [u64; 3], spacing: [f64; 3], choice: LodAxes, value: fn([u64; 3]) -> u8) -> Plan {
         let mut info = SourceInfo::plain("synth", Dims(dims), VoxelType::U8);
         info.geometry.spacing = spacing;
         let layout = BrickLayout::new(16).expect("16 is a core");
-        factors(&Field { info, value }, layout, LodAxes::Auto).expect("the field is always readable")
+        plan(&Field { info, value }, layout, choice).expect("the field is always readable")
+    }
+
+    fn factors_of(dims: [u64; 3], spacing: [f64; 3], value: fn([u64; 3]) -> u8) -> Vec<[u32; 3]> {
+        plan_of(dims, spacing, LodAxes::Auto, value).factors
+    }
+
+    /// Means of pairs of a wave of k radians a voxel are that wave times cos(k / 2).
+    #[test]
+    fn what_is_kept_of_waves_is_the_closed_form() {
+        let k = |voxels: f64| std::f64::consts::TAU / voxels;
+        let waves = |p: [u64; 3]| (128.0 + 100.0 * (p[2] as f64 * std::f64::consts::TAU / 8.0).sin()).round() as u8;
+        let kept = plan_of([64; 3], [1.0; 3], LodAxes::Auto, waves).rms_kept;
+        let expected = [(k(8.0) / 2.0).cos(), (k(4.0) / 2.0).cos()];
+        assert_eq!(kept.len(), 2);
+        for (level, (kept, expected)) in kept.iter().zip(expected).enumerate() {
+            assert_eq!(kept[..2], [1.0, 1.0], "nothing changes along x and y");
+            assert!((kept[2] - expected).abs() < 0.01, "level {}: {} instead of {expected}", level + 1, kept[2]);
+        }
+    }
+
+    #[test]
+    fn what_was_measured_is_written_and_read() {
+        let layers = |p: [u64; 3]| if p[2].is_multiple_of(2) { 200 } else { 50 };
+        let measured = plan_of([64; 3], [1.0; 3], LodAxes::Auto, layers);
+        let text = measured.describe().expect("auto measures");
+        assert!(text.starts_with("1.0000 1.0000 0.0000; "), "{text}");
+        let read = Plan::rms_kept_from(&text).expect("it was written");
+        assert_eq!(read.len(), measured.factors.len());
+        assert_eq!(measured, plan_of([64; 3], [1.0; 3], LodAxes::Auto, layers), "another run measures the same");
+        assert_eq!(plan_of([64; 3], [1.0; 3], LodAxes::Xyz, layers).describe(), None, "nobody measured");
+        for wrong in ["", "1 1", "1 1 1;", "1 1 2", "1 1 x", "1 1 NaN", "1 1 1 1"] {
+            assert_eq!(Plan::rms_kept_from(wrong), None, "{wrong:?}");
+        }
     }
 
     #[test]

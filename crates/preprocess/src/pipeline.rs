@@ -36,7 +36,7 @@ use crate::level_reader::{BrickStore, LevelReader};
 use crate::lod_axes::{self, LodAxes};
 use crate::memory::{MemoryPlan, tile_bytes};
 use crate::output::{Existing, OutputFile, check_distinct, check_free};
-use crate::provenance::{bounded_notes, check_unchanged, manifest};
+use crate::provenance::{Chosen, bounded_notes, check_unchanged, manifest};
 use crate::report::{BuildReport, LevelReport, Progress};
 use crate::restore::{Begun, Plan, Restored};
 use crate::source::file::SourceFile;
@@ -110,7 +110,7 @@ pub fn build(
     // Before the source is sampled; the file itself is begun only once the memory is known to suffice.
     check_free(output, options.existing)?;
     check_distinct(output, source.info().files.iter().map(SourceFile::path))?;
-    let mut descriptor = describe(source, options)?;
+    let (mut descriptor, levels_plan) = describe(source, options)?;
     let by_kind = || Ok::<_, BuildError>(if are_labels(source)? { Reduce::Majority } else { Reduce::Mean });
     let reduce = options.reduce.map_or_else(by_kind, Ok)?;
     let source_bytes = source.info().memory_bytes;
@@ -155,7 +155,8 @@ pub fn build(
     let statistics = statistics.into_inner().unwrap_or_else(PoisonError::into_inner);
     let writer = writer.into_inner().unwrap_or_else(PoisonError::into_inner);
     let finished = written.and_then(|levels| {
-        let manifest = manifest(source, origin, &descriptor, (options, reduce), &statistics, &levels);
+        let chosen = Chosen { options, reduce, levels: &levels_plan };
+        let manifest = manifest(source, origin, &descriptor, chosen, &statistics, &levels);
         writer.finish(&manifest).map_err(|e| BuildError::write(output, e))?;
         Ok(levels)
     });
@@ -307,21 +308,23 @@ fn tiles_of(descriptor: &Descriptor, plan: MemoryPlan, order: AccessOrder, lod: 
     tiles(level, order, &fits)
 }
 
-fn describe(source: &dyn VolumeSource, options: &BuildOptions) -> Result<Descriptor, BuildError> {
+/// What the container will be, and how its levels were chosen.
+fn describe(source: &dyn VolumeSource, options: &BuildOptions) -> Result<(Descriptor, lod_axes::Plan), BuildError> {
     let info = source.info();
     if let Some(defect) = info.geometry.defect() {
         return Err(BuildError::Options(format!("the volume cannot be placed in the world: {defect}")));
     }
-    let factors = lod_axes::factors(source, options.layout, options.lod_axes)?;
-    Ok(Descriptor {
+    let plan = lod_axes::plan(source, options.layout, options.lod_axes)?;
+    let descriptor = Descriptor {
         voxel_type: info.voxel_type,
-        pyramid: Pyramid::new(info.dims, options.layout, &factors)?,
+        pyramid: Pyramid::new(info.dims, options.layout, &plan.factors)?,
         geometry: info.geometry,
         scale: info.scale,
         offset: info.offset,
         absence: Absence::declared(info.nodata, info.voxel_type),
         quantizer: None,
-    })
+    };
+    Ok((descriptor, plan))
 }
 
 /// One build under way.
@@ -588,6 +591,7 @@ pub(crate) fn tally(report: &mut LevelReport, entry: &BrickEntry, scale: f64) {
     report.rle_bricks += u64::from(entry.codec == Codec::Rle);
     report.zstd_bricks += u64::from(entry.codec == Codec::Zstd);
     report.wavelet_bricks += u64::from(entry.codec == Codec::Wavelet);
+    report.trimmed_bricks += u64::from(entry.codec == Codec::Trimmed);
     report.bytes += entry.record_bytes();
     report.error = report.error.max(entry.error * scale.abs());
 }

@@ -12,6 +12,7 @@ use supervol_format::container::manifest::{AxisName, Json, Manifest, Source};
 use crate::bounded::MaxError;
 use crate::downsample::Reduce;
 use crate::error::BuildError;
+use crate::lod_axes::Plan;
 use crate::pipeline::BuildOptions;
 use crate::report::LevelReport;
 use crate::source::file::SourceFile;
@@ -27,6 +28,8 @@ const NOTES: usize = 50;
 
 /// The parameter that says what stands for several voxels in coarser levels.
 const REDUCE: &str = "reduce";
+/// The parameter that says what each axis would have kept, where that was measured.
+const RMS_KEPT: &str = "lod_axes_rms_kept";
 
 /// What stands for several voxels in the coarser levels of a container with this manifest: the mean, where nothing is said.
 ///
@@ -37,12 +40,26 @@ pub fn reduce_of(manifest: &Manifest) -> Result<Reduce, String> {
     Reduce::ALL.into_iter().find(|reduce| reduce.name() == name).ok_or_else(|| name.clone())
 }
 
+/// What a build was asked for, and what it chose by itself.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Chosen<'a> {
+    pub options: &'a BuildOptions,
+    pub reduce: Reduce,
+    pub levels: &'a Plan,
+}
+
+/// What halving each axis keeps of the levels before, as [`Plan::rms_kept_from`] has it; none where the manifest does not say it.
+#[must_use]
+pub fn rms_kept_of(manifest: &Manifest) -> Option<Vec<[f64; 3]>> {
+    Plan::rms_kept_from(manifest.parameters.get(RMS_KEPT)?)
+}
+
 /// The manifest of a container whose levels have been written.
 pub(crate) fn manifest(
     source: &dyn VolumeSource,
     origin: Source,
     descriptor: &Descriptor,
-    (options, reduce): (&BuildOptions, Reduce),
+    Chosen { options, reduce, levels: plan }: Chosen<'_>,
     statistics: &Statistics,
     levels: &[LevelReport],
 ) -> Manifest {
@@ -54,6 +71,7 @@ pub(crate) fn manifest(
     };
     // Where nothing is moved, manifests are what they were before anything could be.
     let max_error = (options.max_error != MaxError::Exact).then(|| ("max_error", options.max_error.describe()));
+    let rms_kept = plan.describe().map(|kept| (RMS_KEPT, kept));
     let parameters = [
         ("brick", options.layout.core().to_string()),
         ("codec", codec.to_string()),
@@ -63,7 +81,7 @@ pub(crate) fn manifest(
     ];
     Manifest {
         tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
-        parameters: parameters.into_iter().chain(max_error).map(|(k, v)| (k.to_string(), v)).collect(),
+        parameters: parameters.into_iter().chain(max_error).chain(rms_kept).map(|(k, v)| (k.to_string(), v)).collect(),
         source: origin,
         space: info.space.name().into(),
         axes: info.axes.clone().map(|a| AxisName { name: label(&a.name), unit: label(&a.unit) }),

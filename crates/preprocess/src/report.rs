@@ -32,7 +32,7 @@ pub struct LevelReport {
     pub uniform_bricks: u64,
     /// Bricks without data.
     pub absent_bricks: u64,
-    /// Bricks by codec: raw, rle, zstd, wavelet.
+    /// Bricks by codec: raw, rle, zstd, wavelet, trimmed.
     pub raw_bricks: u64,
     /// See `raw_bricks`.
     pub rle_bricks: u64,
@@ -40,6 +40,8 @@ pub struct LevelReport {
     pub zstd_bricks: u64,
     /// See `raw_bricks`.
     pub wavelet_bricks: u64,
+    /// See `raw_bricks`.
+    pub trimmed_bricks: u64,
     /// Bytes of payloads and macro cells.
     pub bytes: u64,
     /// Largest error bound, data units.

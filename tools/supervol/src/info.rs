@@ -11,6 +11,7 @@ use supervol_format::container::manifest::{AxisName, Json, Source};
 use supervol_format::{Container, Dims, Geometry, Lod, ValueRange};
 use supervol_preprocess::kept::{Reading, is_container};
 use supervol_preprocess::output::unfinished::{self, Leftover, Writer};
+use supervol_preprocess::provenance::rms_kept_of;
 use supervol_preprocess::source::{LineNumbers, Survey};
 use supervol_runtime::facts::kind;
 
@@ -79,6 +80,8 @@ struct LevelInfo {
     error: f64,
     uniform_bricks: u64,
     absent_bricks: u64,
+    /// Share of the amplitudes (RMS) of the level before that halving x, y or z alone would keep, where the build measured it.
+    rms_kept: Option<[f64; 3]>,
 }
 
 /// Runs the command.
@@ -200,6 +203,8 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
     let manifest = container.manifest();
     let pyramid = container.pyramid();
     let recognised = kind::recognise(container);
+    // Of the levels from 1 on.
+    let rms_kept = rms_kept_of(manifest).unwrap_or_default();
     let mut levels = Vec::new();
     for (lod, level) in pyramid.levels().iter().enumerate() {
         let mut info = LevelInfo {
@@ -210,6 +215,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
             error: 0.0,
             uniform_bricks: 0,
             absent_bricks: 0,
+            rms_kept: lod.checked_sub(1).and_then(|before| rms_kept.get(before).copied()),
         };
         for key in pyramid.keys_of(Lod(lod as u8)) {
             let entry = container.entry(key)?;
@@ -325,6 +331,18 @@ fn print(info: &Info<'_>, container: &Container, survey: Option<&Survey>, out: &
             show_bytes(level.bytes),
             level.error
         )?;
+    }
+    print_kept(&info.levels, out)
+}
+
+/// What halving each axis would keep, where the build measured it.
+fn print_kept(levels: &[LevelInfo], out: &mut impl Write) -> std::io::Result<()> {
+    let measured = levels.iter().enumerate().filter_map(|(lod, level)| Some((lod, level.rms_kept?)));
+    for (i, (lod, [x, y, z])) in measured.enumerate() {
+        if i == 0 {
+            writeln!(out, "\nkept of amplitudes (RMS) if a level halved x, y, z alone")?;
+        }
+        writeln!(out, "{lod:>5}  {x:.3}  {y:.3}  {z:.3}")?;
     }
     Ok(())
 }

@@ -55,6 +55,11 @@ fn a_raw_volume_goes_in_and_the_same_voxels_come_out() {
     for key in ["factors", "dims", "bricks", "bytes", "error"] {
         assert!(info["levels"][0].get(key).is_some(), "a level has no {key}");
     }
+    // How the axes of coarser levels were chosen is stated.
+    assert!(info["levels"][0]["rms_kept"].is_null());
+    let kept = info["levels"][1]["rms_kept"].as_array().expect("auto measures").clone();
+    assert!(kept.len() == 3 && kept.iter().all(|share| (0.0..=1.0).contains(&share.as_f64().expect("a share"))));
+    assert!(folder.expect(0, &["info", "a.svol"]).contains("kept of amplitudes"));
 
     folder.expect(0, &["extract", "a.svol", "-o", "b.raw"]);
     assert_eq!(std::fs::read(folder.path("b.raw")).expect("extract wrote it"), raw);

@@ -12,10 +12,13 @@
 //! | 2 | [`rle`] | runs of equal voxels | labels, masks, sparse data |
 //! | 3 | [`zstd`] | predicted differences, byte planes, Zstandard | nearly everything else |
 //! | 4 | [`wavelet`] | multiples of a step, lifted or predicted, in tokens | whatever is measured: integers, floats that are few numbers of steps |
+//! | 5 | [`trimmed`] | one of raw, rle, zstd, without layers of apron that repeat | at the edges of a grid, above all of thin ones |
 
 pub mod quantize;
 pub mod raw;
+mod repeats;
 pub mod rle;
+pub mod trimmed;
 pub mod wavelet;
 pub mod zstd;
 
@@ -37,11 +40,13 @@ pub enum Codec {
     Zstd = 3,
     /// Multiples of a step, transformed, in tokens, compressed by Zstandard.
     Wavelet = 4,
+    /// One of raw, rle and zstd, without layers of apron that repeat.
+    Trimmed = 5,
 }
 
 impl Codec {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Uniform, Self::Raw, Self::Rle, Self::Zstd, Self::Wavelet];
+    pub const ALL: [Self; 6] = [Self::Uniform, Self::Raw, Self::Rle, Self::Zstd, Self::Wavelet, Self::Trimmed];
 
     /// The codec of a tag, if this version knows it.
     #[must_use]
@@ -58,6 +63,7 @@ impl Codec {
             Self::Rle => "rle",
             Self::Zstd => "zstd",
             Self::Wavelet => "wavelet",
+            Self::Trimmed => "trimmed",
         }
     }
 }
@@ -99,6 +105,8 @@ pub enum CodecError {
     Zstd { reason: String },
     #[error("wavelet payload: {reason}")]
     Wavelet { reason: String },
+    #[error("trimmed payload: {reason}")]
+    Trimmed { reason: String },
     #[error("codec {codec} has no payload to decode")]
     NoPayload { codec: &'static str },
 }
@@ -109,7 +117,8 @@ pub enum CodecChoice {
     /// Whatever is smallest, brick by brick.
     Smallest,
     /// This codec for every brick that is not uniform; raw where it would make a brick larger. In place of wavelets, zstd
-    /// where voxels are no multiples of a step.
+    /// where voxels are no multiples of a step. Trimmed where rle or zstd would code layers of apron that repeat; where
+    /// it is asked for and none does, the smallest of raw, rle and zstd.
     Only(Codec),
 }
 
@@ -145,27 +154,48 @@ pub fn encode(coding: impl Into<Coding>, shape: BrickShape, voxels: &[u8]) -> Re
     match choice {
         CodecChoice::Only(Codec::Uniform) => panic!("a uniform brick has no payload to encode"),
         CodecChoice::Only(Codec::Raw) => Ok((Codec::Raw, voxels.to_vec())),
-        CodecChoice::Only(Codec::Rle) => Ok(unless_larger(Codec::Rle, rle::encode(shape, voxels), voxels)),
-        CodecChoice::Only(Codec::Zstd) => Ok(unless_larger(Codec::Zstd, zstd::encode(shape, voxels)?, voxels)),
+        CodecChoice::Only(Codec::Rle) => without_repeats(shape, voxels, |shape, voxels| {
+            Ok(unless_larger(Codec::Rle, rle::encode(shape, voxels), voxels))
+        }),
+        CodecChoice::Only(Codec::Zstd) => without_repeats(shape, voxels, zstd_unless_larger),
         CodecChoice::Only(Codec::Wavelet) => match wavelet(voxels.len())? {
             Some(payload) => Ok((Codec::Wavelet, payload)),
-            None => Ok(unless_larger(Codec::Zstd, zstd::encode(shape, voxels)?, voxels)),
+            None => without_repeats(shape, voxels, zstd_unless_larger),
         },
+        CodecChoice::Only(Codec::Trimmed) => without_repeats(shape, voxels, smallest_plain),
         CodecChoice::Smallest => {
-            // Ties go to the codec that decodes faster: raw before rle before zstd before wavelets.
-            let mut best = (Codec::Zstd, zstd::encode(shape, voxels)?);
-            if let Some(payload) = rle::encode_if_smaller(shape, voxels, best.1.len()) {
-                best = (Codec::Rle, payload);
-            }
-            if voxels.len() <= best.1.len() {
-                best = (Codec::Raw, voxels.to_vec());
-            }
-            if let Some(payload) = wavelet(best.1.len())? {
-                best = (Codec::Wavelet, payload);
-            }
-            Ok(best)
+            // Ties go to the codec that decodes faster: all others before wavelets.
+            let best = without_repeats(shape, voxels, smallest_plain)?;
+            Ok(wavelet(best.1.len())?.map_or(best, |payload| (Codec::Wavelet, payload)))
         }
     }
+}
+
+/// Encodes what is left of a brick without layers of apron that repeat, or all of it where none does.
+fn without_repeats(
+    shape: BrickShape,
+    voxels: &[u8],
+    encode: impl Fn(BrickShape, &[u8]) -> Result<(Codec, Vec<u8>), CodecError>,
+) -> Result<(Codec, Vec<u8>), CodecError> {
+    let Some((bits, left, trimmed)) = trimmed::trim(shape, voxels) else { return encode(shape, voxels) };
+    let (codec, payload) = encode(left, &trimmed)?;
+    Ok((Codec::Trimmed, trimmed::wrap(bits, codec, &payload)))
+}
+
+fn zstd_unless_larger(shape: BrickShape, voxels: &[u8]) -> Result<(Codec, Vec<u8>), CodecError> {
+    Ok(unless_larger(Codec::Zstd, zstd::encode(shape, voxels)?, voxels))
+}
+
+/// The smallest of raw, rle and zstd; ties go to the one that decodes faster: raw before rle before zstd.
+fn smallest_plain(shape: BrickShape, voxels: &[u8]) -> Result<(Codec, Vec<u8>), CodecError> {
+    let mut best = (Codec::Zstd, zstd::encode(shape, voxels)?);
+    if let Some(payload) = rle::encode_if_smaller(shape, voxels, best.1.len()) {
+        best = (Codec::Rle, payload);
+    }
+    if voxels.len() <= best.1.len() {
+        best = (Codec::Raw, voxels.to_vec());
+    }
+    Ok(best)
 }
 
 /// The payload, or the voxels as they are where it is larger: no brick ever expands.
@@ -188,6 +218,7 @@ pub fn decode_into(codec: Codec, shape: BrickShape, payload: &[u8], out: &mut [u
         Codec::Rle => rle::decode_into(shape, payload, out),
         Codec::Zstd => zstd::decode_into(shape, payload, out),
         Codec::Wavelet => wavelet::decode_into(shape, payload, out),
+        Codec::Trimmed => trimmed::decode_into(shape, payload, out),
     }
 }
 
@@ -197,7 +228,7 @@ mod tests {
     use crate::with_voxel;
     use proptest::prelude::*;
 
-    const CODECS: [Codec; 4] = [Codec::Raw, Codec::Rle, Codec::Zstd, Codec::Wavelet];
+    const CODECS: [Codec; 5] = [Codec::Raw, Codec::Rle, Codec::Zstd, Codec::Wavelet, Codec::Trimmed];
 
     fn round_trip(shape: BrickShape, voxels: &[u8]) {
         let choices = CODECS.map(CodecChoice::Only).into_iter().chain([CodecChoice::Smallest]);
@@ -241,10 +272,10 @@ mod tests {
         #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
 
         #[test]
-        fn decoders_survive_any_bytes(tag in 1u8..5, payload in proptest::collection::vec(any::<u8>(), 0..400), t in 0usize..8) {
+        fn decoders_survive_any_bytes(tag in 1u8..6, payload in proptest::collection::vec(any::<u8>(), 0..400), t in 0usize..8) {
             let shape = BrickShape { voxel_type: VoxelType::ALL[t], extent: [6, 5, 7] };
             let mut out = vec![0; shape.bytes()];
-            let codec = Codec::from_tag(tag).expect("tags 1 to 4 are known");
+            let codec = Codec::from_tag(tag).expect("tags 1 to 5 are known");
             // Whatever the answer, it must be an answer: no panic, no overrun.
             let _ = decode_into(codec, shape, &payload, &mut out);
         }

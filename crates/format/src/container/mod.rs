@@ -65,7 +65,7 @@
 //! | 0 | 8 | u64 | bytes | offset of the record |
 //! | 8 | 4 | u32 | bytes | length of the payload |
 //! | 12 | 4 | u32 | bytes | length of the macro cells |
-//! | 16 | 1 | u8 | | codec: 0 uniform, 1 raw, 2 rle, 3 zstd, 4 wavelet |
+//! | 16 | 1 | u8 | | codec: 0 uniform, 1 raw, 2 rle, 3 zstd, 4 wavelet, 5 trimmed |
 //! | 17 | 1 | u8 | | flags: bit 0 absent (no voxel of the core is present), bit 1 uniform, bit 2 has holes |
 //! | 18 | 1 | u8 | | stored scale: log2 of the coarsening the brick is stored at; 0 in this version |
 //! | 19 | 5 | | | reserved, zero |

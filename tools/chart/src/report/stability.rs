@@ -140,7 +140,7 @@ mod tests {
         let broken = RegimeRecord::new(&REGIME, &Err(ChartError::Broken("on <purpose>".into())), 1.0);
         let page = stability_page(&[measured, broken], &Circumstances::now("supervol chart --stability"));
         for part in
-            ["FAIL", "PASS", "<svg", "size, voxels", "on &lt;purpose&gt;", "fixture &lt;of&gt;", "S19", "not finite"]
+            ["FAIL", "PASS", "<svg", "size, voxels", "on &lt;purpose&gt;", "fixture &lt;of&gt;", "S28", "not finite"]
         {
             assert!(page.contains(part), "no {part}");
         }

@@ -6,6 +6,7 @@
 
 mod borders;
 pub mod classification;
+mod coded;
 pub mod compositing;
 mod extremes;
 mod geometry;
@@ -146,9 +147,10 @@ impl Outcome {
 /// Every regime that applies to what exists, by id.
 #[must_use]
 pub fn regimes() -> Vec<&'static Regime> {
-    let groups: [&'static [Regime]; 12] = [
+    let groups: [&'static [Regime]; 13] = [
         borders::REGIMES,
         classification::REGIMES,
+        coded::REGIMES,
         compositing::REGIMES,
         extremes::REGIMES,
         geometry::REGIMES,
@@ -167,8 +169,6 @@ pub fn regimes() -> Vec<&'static Regime> {
 
 /// Regimes of the list that wait, and for what.
 pub const WAITING: &[(&str, &str)] = &[
-    ("S19", "wavelet codec"),
-    ("S20", "wavelet codec"),
     ("S28", "an engine that sorts bricks"),
     ("S29", "shear-warp engine"),
     ("S30", "shear-warp engine"),

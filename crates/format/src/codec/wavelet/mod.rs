@@ -27,12 +27,13 @@
 mod tokens;
 mod transform;
 
+use ::zstd::bulk::{Compressor, Decompressor};
 use tokens::{BITS_PADDING, Tokens};
 use transform::{Band, bands};
 
 use super::quantize::{Quantizer, common_step};
+use super::repeats::{Places, Repeats};
 use super::{BrickShape, CodecError};
-use crate::brick::APRON;
 use crate::voxel_type::{Absence, Voxel};
 use crate::with_voxel;
 
@@ -98,55 +99,6 @@ impl Transform {
     }
 }
 
-/// Which layers of apron repeat the voxels before them: low and high end of each axis.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Repeats([[bool; 2]; 3]);
-
-impl Repeats {
-    fn of<T: PartialEq>(voxels: &[T], extent: [usize; 3]) -> Self {
-        Self(std::array::from_fn(|axis| {
-            let n = extent[axis];
-            if n <= 2 * APRON {
-                return [false; 2];
-            }
-            let repeats =
-                |from: usize, layers: [usize; APRON]| layers.iter().all(|&l| are_equal(voxels, extent, axis, from, l));
-            [repeats(APRON, std::array::from_fn(|l| l)), repeats(n - 1 - APRON, std::array::from_fn(|l| n - 1 - l))]
-        }))
-    }
-
-    fn and(self, other: Self) -> Self {
-        Self(std::array::from_fn(|axis| [0, 1].map(|end| self.0[axis][end] && other.0[axis][end])))
-    }
-
-    fn bits(self) -> u8 {
-        self.0.as_flattened().iter().enumerate().map(|(i, &set)| u8::from(set) << i).sum()
-    }
-
-    /// None where a brick of this extent has no such layers.
-    fn from_bits(bits: u8, extent: [usize; 3]) -> Option<Self> {
-        let repeats = Self(std::array::from_fn(|axis| [0, 1].map(|end| bits >> (2 * axis + end) & 1 == 1)));
-        (0..3).all(|a| extent[a] > 2 * APRON || repeats.0[a] == [false; 2]).then_some(repeats)
-    }
-
-    /// First voxel that is coded, and how many are.
-    fn coded(self, extent: [usize; 3]) -> ([usize; 3], [usize; 3]) {
-        let layers = |axis: usize, end: usize| if self.0[axis][end] { APRON } else { 0 };
-        (std::array::from_fn(|a| layers(a, 0)), std::array::from_fn(|a| extent[a] - layers(a, 0) - layers(a, 1)))
-    }
-}
-
-/// Whether two layers across an axis hold the same voxels.
-fn are_equal<T: PartialEq>(voxels: &[T], extent: [usize; 3], axis: usize, one: usize, other: usize) -> bool {
-    let [nx, ny, nz] = extent;
-    let row = |y: usize, z: usize| &voxels[(z * ny + y) * nx..][..nx];
-    match axis {
-        0 => voxels.chunks_exact(nx).all(|row| row[one] == row[other]),
-        1 => (0..nz).all(|z| row(one, z) == row(other, z)),
-        _ => (0..ny).all(|y| row(y, one) == row(y, other)),
-    }
-}
-
 /// Encodes the voxels of a brick as multiples of `step`, or of the longest step that they all are multiples of. None where
 /// some are not, where holes are not all alike, or where the payload is not smaller than `limit` bytes.
 ///
@@ -184,7 +136,8 @@ fn encode_typed<V: Voxel>(
 
     let mut payload = vec![transform as u8, repeats.bits()];
     payload.extend(quantizer.step().to_le_bytes());
-    let mut writer = ChunkWriter { payload, limit };
+    let compressor = Compressor::new(LEVEL).map_err(zstd_failed)?;
+    let mut writer = ChunkWriter { payload, limit, compressor };
     if let Some((fill, mask)) = holes {
         writer.payload[1] |= FLAG_HOLES;
         writer.payload.extend(fill.to_le_bytes());
@@ -293,6 +246,8 @@ fn estimate(transform: Transform, coefficients: &[i32], extent: [usize; 3]) -> f
 struct ChunkWriter {
     payload: Vec<u8>,
     limit: usize,
+    /// Kept from chunk to chunk: preparing one takes longer than a small chunk.
+    compressor: Compressor<'static>,
 }
 
 impl ChunkWriter {
@@ -306,8 +261,7 @@ impl ChunkWriter {
                 rows_of(band, extent).for_each(|row| gathered.extend_from_slice(&coefficients[row]));
             }
             let Tokens { tokens, bits } = Tokens::of(if is_whole_box { coefficients } else { &gathered });
-            let frame =
-                ::zstd::bulk::compress(&tokens, LEVEL).map_err(|e| CodecError::Zstd { reason: e.to_string() })?;
+            let frame = self.compressor.compress(&tokens).map_err(zstd_failed)?;
             for length in [tokens.len(), frame.len(), bits.len()] {
                 let length = u32::try_from(length).expect("a brick has fewer than 2^32 voxels");
                 self.payload.extend(length.to_le_bytes());
@@ -339,10 +293,9 @@ pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<
     let quantizer = Quantizer::new(shape.voxel_type, step)
         .ok_or_else(|| wrong(format!("step {step}; expected a positive one of {}", shape.voxel_type)))?;
     let repeats = Repeats::from_bits(flags & !FLAG_HOLES, shape.extent)
-        .filter(|_| flags >> 7 == 0)
         .ok_or_else(|| wrong(format!("flags {flags:#010b}; expected those of {:?} voxels", shape.extent)))?;
     let (from, coded) = repeats.coded(shape.extent);
-    let mut scratch = Scratch::default();
+    let mut scratch = Scratch::new()?;
     let holes = if flags & FLAG_HOLES == 0 {
         None
     } else {
@@ -358,26 +311,35 @@ pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<
     with_voxel!(shape.voxel_type, V => {
         // Apart, so that the compiler sees the common case without the step.
         if quantizer == Quantizer::WHOLE {
-            places.write(&samples, out, Quantizer::WHOLE.voxels::<V>());
+            write(&places, &samples, out, Quantizer::WHOLE.voxels::<V>());
         } else {
-            places.write(&samples, out, quantizer.voxels::<V>());
+            write(&places, &samples, out, quantizer.voxels::<V>());
         }
         if let Some((fill, mask)) = holes {
-            places.fill_holes(&mask, &fill[..size_of::<V>()], out);
+            fill_holes(&places, &mask, &fill[..size_of::<V>()], out);
         }
     });
     Ok(())
 }
 
-/// Buffers that are kept from chunk to chunk.
-#[derive(Default)]
+fn zstd_failed(e: std::io::Error) -> CodecError {
+    CodecError::Zstd { reason: e.to_string() }
+}
+
+/// What is kept from chunk to chunk: buffers, and Zstandard's tables, which take longer to prepare than a small chunk to decode.
 struct Scratch {
+    decompressor: Decompressor<'static>,
     tokens: Vec<u8>,
     bits: Vec<u8>,
     gathered: Vec<i32>,
 }
 
 impl Scratch {
+    fn new() -> Result<Self, CodecError> {
+        let decompressor = Decompressor::new().map_err(zstd_failed)?;
+        Ok(Self { decompressor, tokens: Vec::new(), bits: Vec::new(), gathered: Vec::new() })
+    }
+
     /// Reads and undoes a transform; moves `payload` behind it.
     fn take_all(
         &mut self,
@@ -415,7 +377,8 @@ impl Scratch {
         *payload = rest;
         self.tokens.clear();
         self.tokens.resize(tokens, 0);
-        let found = ::zstd::bulk::decompress_to_buffer(frame, &mut self.tokens).map_err(|e| wrong(e.to_string()))?;
+        let found =
+            self.decompressor.decompress_to_buffer(frame, &mut self.tokens[..]).map_err(|e| wrong(e.to_string()))?;
         self.bits.clear();
         self.bits.extend_from_slice(bits);
         self.bits.extend([0; BITS_PADDING]);
@@ -431,45 +394,21 @@ impl Scratch {
     }
 }
 
-/// Where coded voxels stand among all of the brick's.
-struct Places {
-    from: [usize; 3],
-    coded: [usize; 3],
-    extent: [usize; 3],
+fn write<V: Voxel>(places: &Places, samples: &[i32], out: &mut [u8], voxel: impl Fn(i32) -> V) {
+    let size = size_of::<V>();
+    let [low, n] = [places.from[0], places.coded[0]];
+    for (row, first) in out.chunks_exact_mut(places.extent[0] * size).zip(places.rows()) {
+        let coded = row[low * size..(low + n) * size].chunks_exact_mut(size);
+        coded.zip(&samples[first..first + n]).for_each(|(bytes, &index)| voxel(index).write_le(bytes));
+        places.repeat_along(row, size);
+    }
 }
 
-impl Places {
-    /// The coded place on an axis that a stored one repeats.
-    fn source(&self, axis: usize, stored: usize) -> usize {
-        stored.saturating_sub(self.from[axis]).min(self.coded[axis] - 1)
-    }
-
-    /// Rows of the brick: number of the first coded voxel of each, in the order of the brick.
-    fn rows(&self) -> impl Iterator<Item = usize> {
-        (0..self.extent[2]).flat_map(move |z| {
-            (0..self.extent[1]).map(move |y| (self.source(2, z) * self.coded[1] + self.source(1, y)) * self.coded[0])
-        })
-    }
-
-    fn write<V: Voxel>(&self, samples: &[i32], out: &mut [u8], voxel: impl Fn(i32) -> V) {
-        let size = size_of::<V>();
-        let [low, n] = [self.from[0], self.coded[0]];
-        for (row, first) in out.chunks_exact_mut(self.extent[0] * size).zip(self.rows()) {
-            let coded = row[low * size..(low + n) * size].chunks_exact_mut(size);
-            coded.zip(&samples[first..first + n]).for_each(|(bytes, &index)| voxel(index).write_le(bytes));
-            for x in (0..low).chain(low + n..self.extent[0]) {
-                let from = (low + self.source(0, x)) * size;
-                row.copy_within(from..from + size, x * size);
-            }
-        }
-    }
-
-    fn fill_holes(&self, mask: &[i32], fill: &[u8], out: &mut [u8]) {
-        for (row, first) in out.chunks_exact_mut(self.extent[0] * fill.len()).zip(self.rows()) {
-            for (x, voxel) in row.chunks_exact_mut(fill.len()).enumerate() {
-                if mask[first + self.source(0, x)] != 0 {
-                    voxel.copy_from_slice(fill);
-                }
+fn fill_holes(places: &Places, mask: &[i32], fill: &[u8], out: &mut [u8]) {
+    for (row, first) in out.chunks_exact_mut(places.extent[0] * fill.len()).zip(places.rows()) {
+        for (x, voxel) in row.chunks_exact_mut(fill.len()).enumerate() {
+            if mask[first + places.source(0, x)] != 0 {
+                voxel.copy_from_slice(fill);
             }
         }
     }

@@ -105,13 +105,17 @@ fn updated(before: i32, after: i32) -> i32 {
 pub fn lift(samples: &mut [i32], extent: [usize; 3]) {
     let mut scratch = Vec::new();
     for part in halvings(extent) {
-        if part[0] >= SHORTEST {
-            for_rows_of_x(samples, extent, part, |row| lift_row(row, &mut scratch));
-        }
-        for axis in [1, 2] {
-            if part[axis] >= SHORTEST {
-                Rows::along(axis, extent, part).for_each(|rows| lift_rows(samples, rows, &mut scratch));
+        // Slice by slice along x and y, while the slice is in the processor's nearest cache.
+        for (z, rows) in Rows::along(1, extent, part).enumerate() {
+            if part[0] >= SHORTEST {
+                for_rows_of_x(samples, extent, part, z, |row| lift_row(row, &mut scratch));
             }
+            if part[1] >= SHORTEST {
+                lift_rows(samples, rows, &mut scratch);
+            }
+        }
+        if part[2] >= SHORTEST {
+            Rows::along(2, extent, part).for_each(|rows| lift_rows(samples, rows, &mut scratch));
         }
     }
 }
@@ -120,23 +124,31 @@ pub fn lift(samples: &mut [i32], extent: [usize; 3]) {
 pub fn unlift(samples: &mut [i32], extent: [usize; 3]) {
     let mut scratch = Vec::new();
     for part in halvings(extent).into_iter().rev() {
-        for axis in [2, 1] {
-            if part[axis] >= SHORTEST {
-                Rows::along(axis, extent, part).for_each(|rows| unlift_rows(samples, rows, &mut scratch));
-            }
+        if part[2] >= SHORTEST {
+            Rows::along(2, extent, part).for_each(|rows| unlift_rows(samples, rows, &mut scratch));
         }
-        if part[0] >= SHORTEST {
-            for_rows_of_x(samples, extent, part, |row| unlift_row(row, &mut scratch));
+        for (z, rows) in Rows::along(1, extent, part).enumerate() {
+            if part[1] >= SHORTEST {
+                unlift_rows(samples, rows, &mut scratch);
+            }
+            if part[0] >= SHORTEST {
+                for_rows_of_x(samples, extent, part, z, |row| unlift_row(row, &mut scratch));
+            }
         }
     }
 }
 
-fn for_rows_of_x(samples: &mut [i32], extent: [usize; 3], part: [usize; 3], mut what: impl FnMut(&mut [i32])) {
-    for z in 0..part[2] {
-        for y in 0..part[1] {
-            let start = (z * extent[1] + y) * extent[0];
-            what(&mut samples[start..start + part[0]]);
-        }
+/// The rows along x of one slice of the part `[0, part)` of a box.
+fn for_rows_of_x(
+    samples: &mut [i32],
+    extent: [usize; 3],
+    part: [usize; 3],
+    z: usize,
+    mut what: impl FnMut(&mut [i32]),
+) {
+    for y in 0..part[1] {
+        let start = (z * extent[1] + y) * extent[0];
+        what(&mut samples[start..start + part[0]]);
     }
 }
 
