@@ -231,6 +231,9 @@ pub enum SourceError {
     /// The file was not left alone: exit code 1.
     #[error("{path} changed while it was read: {what}. Build again when nothing writes to it")]
     Changed { path: PathBuf, what: String },
+    /// Somebody wanted it to stop ([`crate::stop`]).
+    #[error("stopped before anything was finished; nothing is kept")]
+    Stopped,
     /// The options given contradict the file or each other: exit code 2.
     #[error("{0}")]
     Options(String),
