@@ -97,6 +97,9 @@ fn run() -> Result<(), String> {
     std::fs::create_dir_all(folder).map_err(|e| e.to_string())?;
     let mut artist = Artist::new(carp, folder, Theme::Dark, SIZE)?;
     artist.draw("window.png")?;
+    artist.click("work")?;
+    artist.draw("work.png")?;
+    artist.click("nothing")?;
     artist.click("Iso")?;
     artist.draw("surfaces.png")?;
     let mut artist = Artist::new(seismic, folder, Theme::Light, SIZE)?;

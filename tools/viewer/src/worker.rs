@@ -83,6 +83,9 @@ pub enum Inspect {
     Bricks,
     /// In place of the picture, once it has converged: how far each pixel may be off, as `render --error-map` writes it.
     Errors,
+    /// In place of the picture, once it has converged: what the rays of each pixel cost, as `render --work-map` writes it. Pictures take
+    /// several times as long meanwhile.
+    Work,
 }
 
 /// Whether there are panels beside the picture.
