@@ -33,6 +33,7 @@ pub mod spool;
 pub mod synthetic;
 mod text;
 pub mod tiff;
+pub mod viewer_xml;
 pub mod vtk;
 pub mod zarr;
 
@@ -82,7 +83,7 @@ pub trait VolumeSource: Send + Sync {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceInfo {
     /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `npz`, `metaimage`, `tiff`, `dicom`, `pictures`, `vtk`,
-    /// `zarr`, `ome-zarr`, `n5`, `hdf5` or `synth`.
+    /// `zarr`, `ome-zarr`, `n5`, `hdf5`, `bdv` or `synth`.
     pub format: &'static str,
     /// Voxels along x, y, z.
     pub dims: Dims,
