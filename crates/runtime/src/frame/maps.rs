@@ -55,12 +55,12 @@ const FULL: f32 = 1000.0;
 const OF_CELLS: [f32; 3] = [1.0, 0.55, 0.1];
 const OF_LEAPS: [f32; 3] = [0.05, 0.35, 1.0];
 
-/// A work map for people to look at: orange for cells, blue for leaps, both by the logarithm, from black (none) to full colour (1,000
-/// or more), added up.
+/// A work map for people to look at: orange for cells, blue for leaps, both by the square of the logarithm, which tells a hundred cells from
+/// three hundred, from black (none) to full colour (1,000 or more), added up.
 #[must_use]
 pub fn work_in_colors(mut map: Image) -> Image {
     for pixel in &mut map.pixels {
-        let [cells, leaps] = [pixel[0], pixel[1]].map(|count| (count.ln_1p() / FULL.ln_1p()).clamp(0.0, 1.0));
+        let [cells, leaps] = [pixel[0], pixel[1]].map(|count| (count.ln_1p() / FULL.ln_1p()).clamp(0.0, 1.0).powi(2));
         let [r, g, b] = std::array::from_fn(|c| (cells * OF_CELLS[c] + leaps * OF_LEAPS[c]).min(1.0));
         *pixel = [r, g, b, 1.0];
     }
@@ -76,8 +76,8 @@ mod tests {
         let map = [[0.0, 0.0], [1000.0, 0.0], [0.0, 1000.0], [5000.0, 0.0], [30.64, 0.0]];
         let pixels = map.map(|[cells, leaps]| [cells, leaps, 0.0, 1.0]).to_vec();
         let found = work_in_colors(Image { width: 5, height: 1, pixels });
-        let half = OF_CELLS.map(|c| 0.5 * c);
-        for (pixel, expected) in found.pixels.iter().zip([[0.0; 3], OF_CELLS, OF_LEAPS, OF_CELLS, half]) {
+        let quarter = OF_CELLS.map(|c| 0.25 * c);
+        for (pixel, expected) in found.pixels.iter().zip([[0.0; 3], OF_CELLS, OF_LEAPS, OF_CELLS, quarter]) {
             assert!((0..3).all(|c| (pixel[c] - expected[c]).abs() < 1e-3) && pixel[3] == 1.0, "{pixel:?} {expected:?}");
         }
     }

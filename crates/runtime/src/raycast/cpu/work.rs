@@ -2,8 +2,8 @@
 //!
 //! Packets count for all of their rays together. Where somebody asks ([`super::PacketRule::counts_work`]), each ray goes through each
 //! brick as a packet of its own: the picture stays what it is, since no lane influences another, and takes several times as long.
-//! Nobody else pays more than one look for each brick of a tile, and no kernel knows of it. A ray that shares a packet may cross some
-//! cells more: it learns that it has ended when the cells that wait are settled, and these are more with neighbours.
+//! Nobody else pays more than one look for each brick of a tile, and no kernel knows of it. Of a ray that shares a packet some cells more or
+//! fewer may be crossed: it learns that it has ended when the cells that wait are settled, which neighbours decide, too.
 
 use supervol_format::BrickKey;
 
