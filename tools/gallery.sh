@@ -32,7 +32,7 @@ HEAD
 row() { # file, options...
     local file=$1 name
     shift
-    name=$(tr '/.' '__' <<< "$file")
+    name=$(tr '/.:' '___' <<< "$file")
     if ! "$program" build "$data/$file" "$@" -o "$work/v.svol" --force > /dev/null 2> "$work/log"; then
         printf '| | `%s` | not read: %s | |\n' "$file" "$(tail -1 "$work/log" | sed "s#^supervol: $data/$file: ##")"
         return

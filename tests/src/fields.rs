@@ -149,6 +149,7 @@ pub fn options(core: u32) -> BuildOptions {
         memory_bytes: 1 << 30,
         threads: 2,
         existing: Existing::Keep,
+        ..BuildOptions::default()
     }
 }
 

@@ -21,6 +21,8 @@ pub enum BuildError {
     Write { path: PathBuf, source: std::io::Error },
     #[error("{error}. {}", kept_advice(kept, *written_bytes, *missing_bytes))]
     Kept { error: Box<BuildError>, kept: [PathBuf; 2], written_bytes: u64, missing_bytes: u64 },
+    #[error("the build was stopped. {}", stopped_advice(kept.as_ref()))]
+    Stopped { kept: Option<[PathBuf; 2]> },
     #[error("{path} exists; --force overwrites it")]
     Exists { path: PathBuf },
     #[error(
@@ -86,6 +88,12 @@ impl BuildError {
         }
     }
 
+    /// Whether somebody wanted the build to stop ([`crate::stop`]).
+    #[must_use]
+    pub fn is_stopped(&self) -> bool {
+        matches!(self, Self::Stopped { .. } | Self::Source(SourceError::Stopped))
+    }
+
     /// Whether there is no source any more.
     #[must_use]
     pub fn is_source_gone(&self) -> bool {
@@ -133,6 +141,18 @@ fn kept_advice(kept: &[PathBuf; 2], written_bytes: u64, missing_bytes: u64) -> S
          on from there; remove both to give it up",
         kept[0].display(),
         kept[1].display(),
+    )
+}
+
+/// What is kept of a build that was stopped, and what to do with it.
+fn stopped_advice(kept: Option<&[PathBuf; 2]>) -> String {
+    let Some([container, list]) = kept else {
+        return "Nothing of it was finished, and nothing is kept".into();
+    };
+    format!(
+        "What it has finished is kept in {} and its list {}: the same build goes on from there; remove both to give it up",
+        container.display(),
+        list.display()
     )
 }
 

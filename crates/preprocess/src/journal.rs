@@ -10,7 +10,8 @@
 //!
 //! 1. A build begins a journal beside its container, and writes a frame for each tile whose records have left the process.
 //! 2. Both are partials ([`crate::output::unfinished`]): gone when the data is wrong or a signal ends the build, left behind when
-//!    the process is killed, the machine stops, or fails the build: a full disk, a source that cannot be read.
+//!    the process is killed, somebody stops the build ([`crate::stop`]), the machine stops, or fails the build: a full disk, a source
+//!    that cannot be read.
 //! 3. A build that would make the same bytes ([`identity`]) takes both over: frames are believed as far as their checksums
 //!    go, and records as far as the checksums in their entries do. All else is cut off and made anew.
 
@@ -195,6 +196,14 @@ impl Unfinished {
     /// The frame that was read last holds.
     pub fn accept(&mut self, frame: &Frame) {
         self.at += (FRAME_HEAD + frame.bricks.len() * BRICK_BYTES + CHECKSUM_BYTES) as u64;
+    }
+
+    /// Leaves all of it behind again, container and journal; where they are.
+    ///
+    /// # Errors
+    /// If the system does not let them be kept.
+    pub fn abandon(self) -> io::Result<[PathBuf; 2]> {
+        Ok([self.container.abandon()?, self.journal.abandon()?])
     }
 
     /// Cuts off all that was not accepted: the container ends at `end`.

@@ -19,13 +19,14 @@ use xxhash_rust::xxh3::xxh3_64;
 use crate::error::BuildError;
 use crate::output::Existing;
 use crate::pipeline::{BuildOptions, build};
-use crate::provenance::identify_source;
+use crate::provenance::identify_source_unless;
 use crate::report::Progress;
 use crate::source::folder::Listing;
 use crate::source::open::{OpenOptions, open, split_array};
 use crate::source::placed::{PlacedSource, Placing};
 use crate::source::spool::SpoolFolder;
 use crate::source::{SourceError, VolumeSource};
+use crate::stop::Stopper;
 
 /// Most bytes of containers in a cache folder, unless somebody says otherwise.
 pub const CACHE_LIMIT_BYTES: u64 = 32 << 30;
@@ -89,7 +90,18 @@ impl Reading {
     /// # Errors
     /// As [`open`].
     pub fn open(&self, source: &Path, folder: &Path) -> Result<Box<dyn VolumeSource>, SourceError> {
-        let options = OpenOptions { spool: SpoolFolder::at(folder), ..self.options.clone() };
+        self.open_unless(source, folder, &Stopper::default())
+    }
+
+    /// The same, unless somebody stops it while voxels are decoded.
+    fn open_unless(
+        &self,
+        source: &Path,
+        folder: &Path,
+        stopper: &Stopper,
+    ) -> Result<Box<dyn VolumeSource>, SourceError> {
+        let spool = SpoolFolder::at(folder).unless(stopper.clone());
+        let options = OpenOptions { spool, ..self.options.clone() };
         let opened = open(source, &options)?;
         Ok(match &self.placing {
             Some(placing) => Box::new(PlacedSource::new(opened, placing)?),
@@ -142,7 +154,8 @@ impl Cache {
     /// The container of a source as it is now: the one that is there, or a new one.
     ///
     /// # Errors
-    /// If the source cannot be read, or the container not be built.
+    /// If the source cannot be read, or the container not be built; or if it is stopped ([`BuildOptions::stopper`]): asked for again, it
+    /// goes on.
     pub fn container_of(
         &self,
         source: &Path,
@@ -155,8 +168,9 @@ impl Cache {
         let path = self.path_of(source, reading)?;
         if !is_kept(&path) {
             told(Told::Building(&path));
-            let opened = reading.open(source, &self.folder)?;
-            let origin = identify_source(source, &reading.options.selection, opened.as_ref())?;
+            let opened = reading.open_unless(source, &self.folder, &options.stopper)?;
+            let selection = &reading.options.selection;
+            let origin = identify_source_unless(source, selection, opened.as_ref(), &options.stopper)?;
             let options = BuildOptions { existing: Existing::Replace, ..options.clone() };
             build(opened.as_ref(), origin, &path, &options, &|progress| told(Told::Progress(progress)))?;
             self.list_files(&path, source, opened.as_ref())?;
@@ -299,6 +313,19 @@ mod tests {
         let range = Container::open(&first).unwrap().manifest().value_range.unwrap();
         assert_eq!([range.min, range.max], [9.0; 2]);
         assert_eq!(built(&cache, &file, &plain), (first, false));
+    }
+
+    #[test]
+    fn a_build_that_is_stopped_leaves_no_container_and_the_next_one_does() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = Cache::below(Some(&folder.path().join("cache")), CACHE_LIMIT_BYTES).unwrap();
+        let file = source(folder.path(), "a", 0);
+        let options = BuildOptions::default();
+        options.stopper.stop();
+        let error = cache.container_of(&file, &Reading::default(), &options, &|_| ()).unwrap_err();
+        assert!(error.is_stopped(), "{error}");
+        assert_eq!(std::fs::read_dir(&cache.folder).unwrap().count(), 0);
+        assert!(built(&cache, &file, &Reading::default()).1);
     }
 
     #[test]

@@ -31,6 +31,7 @@ pub mod report;
 mod restore;
 pub mod source;
 pub mod statistics;
+pub mod stop;
 pub mod verify;
 
 pub use bounded::MaxError;

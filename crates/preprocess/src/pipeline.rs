@@ -42,6 +42,7 @@ use crate::restore::{Begun, Plan, Restored};
 use crate::source::file::SourceFile;
 use crate::source::{AccessOrder, VolumeSource};
 use crate::statistics::Statistics;
+use crate::stop::{Stoppable, Stopper};
 
 /// Voxels of margin around a tile's core when it is read: the apron.
 const MARGIN: u64 = APRON as u64;
@@ -68,6 +69,8 @@ pub struct BuildOptions {
     pub threads: usize,
     /// What to do when the output exists.
     pub existing: Existing,
+    /// Stops the build from another thread.
+    pub stopper: Stopper,
 }
 
 /// Bricks of 64, the smallest codec, no error, levels by measurement, 1 GiB, all processors, nothing overwritten.
@@ -82,6 +85,7 @@ impl Default for BuildOptions {
             memory_bytes: 1 << 30,
             threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
             existing: Existing::Keep,
+            stopper: Stopper::default(),
         }
     }
 }
@@ -97,8 +101,9 @@ type ReadSource<'a> = &'a (dyn Fn(VoxelBox, &mut [u8]) -> Result<(), BuildError>
 /// `origin` names the source in the manifest.
 ///
 /// # Errors
-/// If the source cannot be read, the output not written, or the memory does not suffice. No output is left then; where the machine
-/// has failed (a full disk, a read that failed), what the same build goes on with is ([`BuildError::Kept`]).
+/// If the source cannot be read, the output not written, the memory does not suffice, or it is stopped. No output is left then; where
+/// the machine has failed (a full disk, a read that failed), or somebody has stopped it, what the same build goes on with is
+/// ([`BuildError::Kept`], [`BuildError::Stopped`]).
 pub fn build(
     source: &dyn VolumeSource,
     origin: Source,
@@ -107,6 +112,7 @@ pub fn build(
     on_progress: OnProgress<'_>,
 ) -> Result<BuildReport, BuildError> {
     let started = Instant::now();
+    let source: &dyn VolumeSource = &Stoppable { source, stopper: &options.stopper };
     // Before the source is sampled; the file itself is begun only once the memory is known to suffice.
     check_free(output, options.existing)?;
     check_distinct(output, source.info().files.iter().map(SourceFile::path))?;
@@ -164,6 +170,7 @@ pub fn build(
         Ok(levels) => levels,
         Err(error) => return Err(leave(error, begun.container, begun.journal, progress)),
     };
+    // Whoever wants it to stop now gets it whole.
     let container_bytes = begun.container.publish()?;
 
     let mut notes = notes_of(source, (options, reduce), plan, &descriptor);
@@ -195,12 +202,13 @@ fn report_of(
     }
 }
 
-/// What is left of a build that the machine has failed, so that it can go on later; where nothing is finished, the source is gone, or
-/// nobody could tell that it is the same build, nothing is.
+/// What is left of a build that the machine has failed or somebody has stopped, so that it can go on later; where nothing is finished,
+/// the source is gone, or nobody could tell that it is the same build, nothing is.
 fn leave(error: BuildError, container: OutputFile, journal: Option<Journal>, progress: Progress) -> BuildError {
-    let may_go_on = error.is_machine_failure() && !error.is_source_gone() && progress.bricks_done > 0;
-    let Some(journal) = journal.filter(|_| may_go_on) else {
-        return error;
+    let is_stopped = error.is_stopped();
+    let may_go_on = (error.is_machine_failure() && !error.is_source_gone()) || is_stopped;
+    let Some(journal) = journal.filter(|_| may_go_on && progress.bricks_done > 0) else {
+        return if is_stopped { BuildError::Stopped { kept: None } } else { error };
     };
     let written_bytes = container.file().metadata().map_or(0, |metadata| metadata.len());
     let left = progress.bricks_total - progress.bricks_done;
@@ -208,6 +216,7 @@ fn leave(error: BuildError, container: OutputFile, journal: Option<Journal>, pro
     let missing_bytes = records as u64 + progress.bricks_total * ENTRY_BYTES as u64 + 2 * header::PAGE_BYTES as u64;
     let kept = container.abandon().and_then(|container| Ok((container, journal.abandon()?)));
     match kept {
+        Ok((Some(container), journal)) if is_stopped => BuildError::Stopped { kept: Some([container, journal]) },
         Ok((Some(container), journal)) => {
             BuildError::Kept { error: Box::new(error), kept: [container, journal], written_bytes, missing_bytes }
         }
@@ -364,7 +373,7 @@ impl Build<'_> {
         (tiles, read): (&[Tile], ReadSource<'_>),
     ) -> Result<Vec<LevelReport>, BuildError> {
         let mut levels = vec![self.write_finest(tiles, read)?];
-        check_unchanged(source, origin)?;
+        check_unchanged(source, origin, &self.options.stopper)?;
         for lod in 1..self.descriptor.pyramid.levels().len() {
             levels.push(self.write_coarser(lod)?);
         }
@@ -529,6 +538,7 @@ impl Build<'_> {
         block: VoxelBlock<'_>,
         finer: Option<&FinerTile<'_>>,
     ) -> Result<EncodedBrick, BuildError> {
+        self.options.stopper.check()?;
         let pyramid = &self.descriptor.pyramid;
         let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
         let mut voxels = cut_brick(pyramid, key, voxel_type.bytes(), block);

@@ -20,6 +20,7 @@ use crate::source::open::split_array;
 use crate::source::selection::Selection;
 use crate::source::{SourceError, SourceInfo, VolumeSource};
 use crate::statistics::{self, Statistics, Values};
+use crate::stop::Stopper;
 
 /// Longest name or unit, longest note, and most notes that the manifest keeps.
 const LABEL_CHARACTERS: usize = 256;
@@ -119,13 +120,13 @@ pub(crate) fn bounded_notes(notes: &[String]) -> Vec<String> {
 }
 
 /// Whether a source whose voxels have all been read still is what it was when it was opened, and when `origin` was told.
-pub(crate) fn check_unchanged(source: &dyn VolumeSource, origin: &Source) -> Result<(), BuildError> {
+pub(crate) fn check_unchanged(source: &dyn VolumeSource, origin: &Source, stopper: &Stopper) -> Result<(), BuildError> {
     let files = &source.info().files;
     files.iter().try_for_each(SourceFile::check_unchanged)?;
     // Times may be too coarse to tell two versions apart.
     let is_one = source.info().folder.is_none() && !origin.xxh3_64.is_empty();
     if let Some(first) = files.first().filter(|_| is_one) {
-        let now = identify(first.path(), &origin.format)?.xxh3_64;
+        let now = identify_unless(first.path(), &origin.format, stopper)?.xxh3_64;
         if now != origin.xxh3_64 {
             let what = format!("its checksum was {}, now it is {now}", origin.xxh3_64);
             return Err(SourceError::Changed { path: first.path().into(), what }.into());
@@ -140,22 +141,32 @@ pub(crate) fn check_unchanged(source: &dyn VolumeSource, origin: &Source) -> Res
 /// # Errors
 /// If a file cannot be read.
 pub fn identify_source(path: &Path, selection: &Selection, source: &dyn VolumeSource) -> Result<Source, BuildError> {
+    identify_source_unless(path, selection, source, &Stopper::default())
+}
+
+/// The same, unless somebody stops it.
+pub(crate) fn identify_source_unless(
+    path: &Path,
+    selection: &Selection,
+    source: &dyn VolumeSource,
+    stopper: &Stopper,
+) -> Result<Source, BuildError> {
     let (file, array) = split_array(path);
     let mut found = match &source.info().folder {
-        Some(folder) => identify_folder(folder, source.info())?,
-        None => identify(&file, source.info().format)?,
+        Some(folder) => identify_folder(folder, source.info(), stopper)?,
+        None => identify_unless(&file, source.info().format, stopper)?,
     };
     found.name += &Selection { array: array.or(selection.array.clone()), ..selection.clone() }.to_string();
     Ok(found)
 }
 
-fn identify_folder(folder: &Path, info: &SourceInfo) -> Result<Source, BuildError> {
+fn identify_folder(folder: &Path, info: &SourceInfo, stopper: &Stopper) -> Result<Source, BuildError> {
     let mut hash = xxhash_rust::xxh3::Xxh3Default::new();
     let mut bytes = 0;
     for file in &info.files {
         let name = file.path().strip_prefix(folder).unwrap_or(file.path());
         hash.update(name.to_string_lossy().as_bytes());
-        bytes += take_file(file.path(), &mut hash)?;
+        bytes += take_file(file.path(), &mut hash, stopper)?;
     }
     Ok(origin(folder, info.format, bytes, &hash))
 }
@@ -165,8 +176,12 @@ fn identify_folder(folder: &Path, info: &SourceInfo) -> Result<Source, BuildErro
 /// # Errors
 /// If the file cannot be read.
 pub fn identify(path: &Path, format: &str) -> Result<Source, BuildError> {
+    identify_unless(path, format, &Stopper::default())
+}
+
+fn identify_unless(path: &Path, format: &str, stopper: &Stopper) -> Result<Source, BuildError> {
     let mut hash = xxhash_rust::xxh3::Xxh3Default::new();
-    let bytes = take_file(path, &mut hash)?;
+    let bytes = take_file(path, &mut hash, stopper)?;
     Ok(origin(path, format, bytes, &hash))
 }
 
@@ -179,12 +194,17 @@ fn origin(path: &Path, format: &str, bytes: u64, hash: &xxhash_rust::xxh3::Xxh3D
 }
 
 /// Adds the bytes of a file to a checksum; how many there are.
-pub(crate) fn take_file(path: &Path, hash: &mut xxhash_rust::xxh3::Xxh3Default) -> Result<u64, BuildError> {
+pub(crate) fn take_file(
+    path: &Path,
+    hash: &mut xxhash_rust::xxh3::Xxh3Default,
+    stopper: &Stopper,
+) -> Result<u64, BuildError> {
     let io = |e| BuildError::Source(SourceError::io(path, e));
     let mut file = File::open(path).map_err(io)?;
     let mut buffer = vec![0; 4 << 20];
     let mut bytes = 0;
     loop {
+        stopper.check()?;
         let n = std::io::Read::read(&mut file, &mut buffer).map_err(io)?;
         if n == 0 {
             return Ok(bytes);

@@ -1,7 +1,7 @@
 //! Begins the files of a build, or takes over those of the same build that was killed: see [`crate::journal`].
 
 use std::fs::File;
-use std::io::{self, BufWriter, Read, Seek, SeekFrom};
+use std::io::{BufWriter, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
@@ -59,7 +59,7 @@ impl Begun {
     /// Goes on with what is there, or begins; what other builds have left in the folder is removed.
     ///
     /// # Errors
-    /// If the output is taken, or its folder cannot be written to.
+    /// If the output is taken, its folder cannot be written to, or it is stopped while it looks at what is there.
     pub fn new(plan: &Plan<'_>) -> Result<Self, BuildError> {
         let write_error = |e| BuildError::write(plan.output, e);
         let (path, permissions) = OutputFile::place(plan.output, plan.options.existing)?;
@@ -68,7 +68,7 @@ impl Begun {
         sweep(&folder);
         sweep_builds(&folder);
         if let Some(unfinished) = found
-            && let Some(begun) = plan.go_on(unfinished, path.clone()).map_err(write_error)?
+            && let Some(begun) = plan.go_on(unfinished, path.clone())?
         {
             return Ok(begun);
         }
@@ -89,22 +89,28 @@ impl Begun {
 
 impl Plan<'_> {
     /// Believes as much of an unfinished build as can be proven; none where that is nothing.
-    fn go_on(&self, mut unfinished: Unfinished, path: PathBuf) -> io::Result<Option<Begun>> {
-        let mut file = unfinished.container.as_file().try_clone()?;
+    fn go_on(&self, mut unfinished: Unfinished, path: PathBuf) -> Result<Option<Begun>, BuildError> {
+        let write_error = |e| BuildError::write(self.output, e);
+        let mut file = unfinished.container.as_file().try_clone().map_err(write_error)?;
         let expected = header::encode(self.descriptor, Sections::default());
         let mut found = vec![0; expected.len()];
-        file.seek(SeekFrom::Start(0))?;
+        file.seek(SeekFrom::Start(0)).map_err(write_error)?;
         if file.read_exact(&mut found).is_err() || found != expected[..] {
             return Ok(None);
         }
         let out = BufWriter::with_capacity(WRITE_BUFFER_BYTES, file);
-        let mut writer = ContainerWriter::resume(out, self.descriptor.clone())?;
+        let mut writer = ContainerWriter::resume(out, self.descriptor.clone()).map_err(write_error)?;
         let mut statistics = Statistics::new(self.descriptor.voxel_type);
         let levels = self.restore(&mut unfinished, &mut writer, &mut statistics);
+        if self.options.stopper.is_stopped() {
+            // All of it: what has not been looked at is cut off by nobody.
+            let kept = unfinished.abandon().map_err(write_error)?;
+            return Err(BuildError::Stopped { kept: Some(kept) });
+        }
         if levels.is_empty() {
             return Ok(None);
         }
-        let (container, journal) = unfinished.go_on(writer.position())?;
+        let (container, journal) = unfinished.go_on(writer.position()).map_err(write_error)?;
         let container = OutputFile::of(container, path, self.options.existing);
         Ok(Some(Begun { container, journal: Some(journal), writer, statistics, levels }))
     }
@@ -119,6 +125,9 @@ impl Plan<'_> {
         let mut levels: Vec<Restored> = Vec::new();
         for (lod, level) in self.descriptor.pyramid.levels().iter().enumerate() {
             for tile in (self.tiles)(lod) {
+                if self.options.stopper.is_stopped() {
+                    return levels;
+                }
                 let keys: Vec<BrickKey> = tile.bricks().into_iter().map(|brick| key_of(lod, brick)).collect();
                 let frame = unfinished.next_frame(keys.len());
                 let Some(frame) = frame.filter(|frame| frame.lod as usize == lod) else { return levels };

@@ -152,3 +152,81 @@ fn damaged_files_are_errors_or_other_voxels() {
     let largest = largest_allocation::largest_bytes();
     assert!(largest <= 64 << 20, "an allocation of {largest} bytes");
 }
+
+/// A data set of `BigDataViewer` whose voxels are these, in a folder.
+fn viewer_xml(folder: &Path, loader: &str, data: &str) -> PathBuf {
+    let path = folder.join("set.xml");
+    let tag = loader.rsplit('.').next().unwrap();
+    let setup = |id: u32| {
+        format!(
+            "<ViewSetup><id>{id}</id><voxelSize><unit>micrometer</unit><size>0.5 0.25 2.0</size></voxelSize></ViewSetup>"
+        )
+    };
+    let moved = "<ViewTransform type=\"affine\"><affine>0.5 0 0 10 0 0.25 0 20 0 0 2 30</affine></ViewTransform>";
+    let text = format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<SpimData version=\"0.2\">\n <BasePath type=\"relative\">.</BasePath>\n \
+         <SequenceDescription><ImageLoader format=\"{loader}\"><{tag} type=\"relative\">{data}</{tag}></ImageLoader>\
+         <ViewSetups>{}{}</ViewSetups></SequenceDescription>\n <ViewRegistrations>\
+         <ViewRegistration timepoint=\"0\" setup=\"0\">{moved}</ViewRegistration>\
+         <ViewRegistration timepoint=\"4\" setup=\"0\"/></ViewRegistrations></SpimData>",
+        setup(0),
+        setup(1)
+    );
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn of_level(path: &Path, choose: impl FnOnce(&mut OpenOptions)) -> Result<Box<dyn VolumeSource>, SourceError> {
+    let mut options = OpenOptions::default();
+    options.segy.memory_bytes = 64 << 20;
+    options.selection.level = Some(1);
+    choose(&mut options);
+    open(path, &options)
+}
+
+#[test]
+fn data_sets_of_big_data_viewer_are_read_with_their_place() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy(file("old.h5"), folder.path().join("data.h5")).unwrap();
+    let path = viewer_xml(folder.path(), "bdv.hdf5", "data.h5");
+    let source = of_level(&path, |_| ()).unwrap_or_else(|e| panic!("{e}"));
+    let info = source.info();
+    assert_eq!((info.format, info.dims, info.voxel_type), ("bdv", Dims(DIMS), VoxelType::I16));
+    check_boxes(source.as_ref(), &voxels(VoxelType::I16, value), 5);
+    // Level 1 is half as fine along x and y: the middle of its first voxel is that of four fine ones.
+    assert_eq!((info.geometry.spacing, info.geometry.origin), ([1.0, 0.5, 2.0], [10.25, 20.125, 30.0]));
+    assert_eq!(info.axes.each_ref().map(|axis| axis.unit.as_str()), ["um"; 3]);
+    assert_eq!(
+        info.files.iter().map(|f| f.path().to_owned()).collect::<Vec<_>>(),
+        [path.clone(), folder.path().join("data.h5")]
+    );
+    let notes = info.notes.join("; ");
+    assert!(notes.contains("2 setups") && notes.contains("2 time points") && !notes.contains("--spacing"), "{notes}");
+    // What is not there is said to be not there.
+    let refused =
+        |choose: fn(&mut OpenOptions), words: &[&str]| assert_refused(of_level(&path, choose).map(|_| ()), words);
+    refused(|o| o.selection.level = Some(3), &["--source-level 3", "t00000/s00/3/cells"]);
+    refused(|o| o.selection.channel = Some(1), &["t00000/s01/1/cells"]);
+    refused(|o| o.selection.channel = Some(2), &["--channel 2", "the last is number 1"]);
+    refused(|o| o.selection.frame = Some(1), &["t00004/s00/1/cells"]);
+    refused(|o| o.selection.series = Some("a".into()), &["--series"]);
+}
+
+#[test]
+fn data_sets_of_big_data_viewer_name_nothing_that_is_not_theirs() {
+    let folder = tempfile::tempdir().unwrap();
+    let inside = folder.path().join("inside");
+    std::fs::create_dir(&inside).unwrap();
+    std::fs::copy(file("new.h5"), folder.path().join("data.h5")).unwrap();
+    let outside = viewer_xml(&inside, "bdv.hdf5", "../data.h5");
+    assert_refused(of_level(&outside, |_| ()).map(|_| ()), &["outside", "--allow-outside"]);
+    let allowed = of_level(&outside, |o| o.outside = supervol_preprocess::source::nrrd::Outside::Allowed);
+    assert_eq!(allowed.unwrap_or_else(|e| panic!("{e}")).info().dims, Dims(DIMS));
+    assert_refused(
+        of_level(&viewer_xml(&inside, "bdv.hdf5", "none.h5"), |_| ()).map(|_| ()),
+        &["nothing at", "none.h5"],
+    );
+    assert_refused(of_level(&viewer_xml(&inside, "bdv.hdf5", ""), |_| ()).map(|_| ()), &["the name of its data"]);
+    let other = viewer_xml(&inside, "bdv.imagej.virtualstack", "x");
+    assert_refused(of_level(&other, |_| ()).map(|_| ()), &["bdv.imagej.virtualstack", "bdv.n5"]);
+}

@@ -167,7 +167,7 @@ fn refusals() {
     let path: PathBuf = folder.path().join("volume.npy");
     let open =
         |descr: &str| open_dict(&path, &format!("{{'descr': {descr}, 'fortran_order': False, 'shape': (2, 2)}}"), 64);
-    assert_refused(open("'<f2'"), &["half floats", "astype('float32')"]);
+    assert_refused(open("'<f16'"), &["extended floats", "astype('float64')"]);
     assert_refused(open("'>c8'"), &["complex"]);
     assert_refused(open("[('a', '<f4')]"), &["structure"]);
     assert_refused(open("'|u2'"), &["descr", "|u2"]);
@@ -179,4 +179,30 @@ fn refusals() {
     assert_refused(NpySource::open(&path), &["version", "found 4"]);
     std::fs::write(&path, b"\x93NUMPY\x02\0\xff\xff\xff\xff{").unwrap();
     assert_refused(NpySource::open(&path), &["length of the npy header", "4294967295"]);
+}
+
+/// Half-precision floats of both byte orders, in both memory orders, are the numbers that they are.
+#[test]
+fn half_floats() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("h.npy");
+    let halves: Vec<u16> = (0..24u16).map(|n| 0x3c00 + 37 * n).collect();
+    let value = |n: usize| {
+        let bits = halves[n];
+        2f64.powi(i32::from(bits >> 10) - 15) * (1.0 + f64::from(bits & 1023) / 1024.0)
+    };
+    for (order, fortran) in [('<', "False"), ('>', "False"), ('<', "True"), ('>', "True")] {
+        let bytes: Vec<u8> =
+            halves.iter().flat_map(|h| if order == '<' { h.to_le_bytes() } else { h.to_be_bytes() }).collect();
+        let dict = format!("{{'descr': '{order}f2', 'fortran_order': {fortran}, 'shape': (2, 3, 4), }}\n");
+        std::fs::write(&path, npy(1, &dict, &bytes)).unwrap();
+        let source = NpySource::open(&path).unwrap();
+        assert_eq!((source.info().dims.0, source.info().voxel_type), ([4, 3, 2], VoxelType::F32));
+        for (x, y, z) in [(0, 0, 0), (3, 0, 0), (1, 2, 1), (3, 2, 1)] {
+            let n = if fortran == "True" { z + 2 * y + 6 * x } else { x + 4 * y + 12 * z };
+            assert_eq!(value_at(&source, [x, y, z]), value(n as usize), "{order} {fortran} {x} {y} {z}");
+        }
+    }
+    std::fs::write(&path, npy(1, "{'descr': '|f2', 'fortran_order': False, 'shape': (1, 1, 1), }\n", &[0; 2])).unwrap();
+    assert_refused(NpySource::open(&path).map(|_| ()), &["a byte order"]);
 }

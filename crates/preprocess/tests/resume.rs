@@ -6,6 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use supervol_format::container::manifest::Source;
 use supervol_format::{BrickLayout, VoxelBox, VoxelType};
+use supervol_preprocess::downsample::Reduce;
+use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::output::unfinished::list_builds;
 use supervol_preprocess::report::{BuildReport, Progress};
 use supervol_preprocess::source::computed::Computed;
@@ -228,4 +230,68 @@ fn reads_that_fail_cost_no_finished_brick() {
         assert!(std::fs::read(&output).expect("the build wrote it") == expected, "{max_error:?}: other bytes");
         assert_eq!(std::fs::read_dir(folder.path()).expect("the folder is there").count(), 2, "{max_error:?}");
     }
+}
+
+/// Options with which nothing is read before it is looked at what is there.
+fn decided() -> BuildOptions {
+    BuildOptions { reduce: Some(Reduce::Mean), lod_axes: LodAxes::Xyz, ..options() }
+}
+
+#[test]
+fn a_build_that_was_stopped_goes_on() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let run = |place: &Path, options: &BuildOptions, on_progress: &(dyn Fn(Progress) + Sync)| {
+        std::fs::create_dir_all(place).expect("room");
+        build(&source(1), origin("01"), &place.join(OUTPUT), options, on_progress)
+    };
+    let kept_of = |error: BuildError| {
+        let BuildError::Stopped { kept: Some(kept) } = &error else { panic!("{error}") };
+        assert!(error.is_stopped() && error.to_string().contains("goes on from there"), "{error}");
+        kept.each_ref().map(|path| std::fs::read(path).expect("it is kept"))
+    };
+    let whole = folder.path().join("whole");
+    let total = run(&whole, &decided(), &|_| ()).expect("it is built").bricks;
+    let expected = bytes(&whole);
+    for bricks in [1, total / 3, total - 1] {
+        let place = folder.path().join(bricks.to_string());
+        let options = decided();
+        let stop = |progress: Progress| {
+            if progress.bricks_done >= bricks {
+                options.stopper.stop();
+            }
+        };
+        let kept = kept_of(run(&place, &options, &stop).expect_err("it was stopped"));
+        assert!(!place.join(OUTPUT).exists(), "nothing half built has the name of a container");
+        // Stopped again while it looks at what is there, it keeps all of that.
+        let again = kept_of(run(&place, &options, &|_| ()).expect_err("it is stopped"));
+        assert!(kept == again, "{bricks}: other bytes are kept");
+        let report = run(&place, &decided(), &|_| ()).expect("it goes on");
+        assert!(restored(&report) >= bricks, "{} of {bricks} bricks", restored(&report));
+        assert!(bytes(&place) == expected, "other bytes after a stop at {bricks}");
+        assert_eq!(std::fs::read_dir(&place).expect("the folder is there").count(), 1);
+    }
+}
+
+/// Stopped while the first voxels are read, a build leaves nothing; stopped after its last brick, it is whole.
+#[test]
+fn stops_at_both_ends_leave_nothing_half_done() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let stopping = options();
+    let stopper = stopping.stopper.clone();
+    let source_that_stops = Computed::new([70, 50, 150], VoxelType::I16, move |_| {
+        stopper.stop();
+        0.0
+    });
+    let output = folder.path().join(OUTPUT);
+    let error = build(&source_that_stops, origin("01"), &output, &stopping, &|_| ()).expect_err("it was stopped");
+    assert!(error.is_stopped() && error.to_string().contains("nothing is kept"), "{error}");
+    assert_eq!(std::fs::read_dir(folder.path()).expect("the folder is there").count(), 0);
+    let late = options();
+    let stop_at_end = |progress: Progress| {
+        if progress.bricks_done == progress.bricks_total {
+            late.stopper.stop();
+        }
+    };
+    build(&source(1), origin("01"), &output, &late, &stop_at_end).expect("all was done");
+    assert!(output.exists());
 }

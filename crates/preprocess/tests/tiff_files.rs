@@ -46,10 +46,18 @@ fn source(path: &Path) -> Result<TiffSource, SourceError> {
 /// A classic little-endian TIFF of pages of voxels of u16, uncompressed, in strips of `rows`, with a byte between strips where
 /// `gaps` says so; pages beyond `directories` have no directory.
 fn tiff(size: [u32; 2], pages: &[Vec<u8>], directories: usize, rows: u32, description: &str) -> Vec<u8> {
-    tiff_with(size, pages, directories, rows, description, 0)
+    tiff_with(size, pages, directories, (rows, 0), description, 1)
 }
 
-fn tiff_with(size: [u32; 2], pages: &[Vec<u8>], directories: usize, rows: u32, description: &str, gap: u32) -> Vec<u8> {
+/// The same with a gap behind each strip, and numbers of another format: 1 are whole, 3 floating.
+fn tiff_with(
+    size: [u32; 2],
+    pages: &[Vec<u8>],
+    directories: usize,
+    (rows, gap): (u32, u32),
+    description: &str,
+    format: u32,
+) -> Vec<u8> {
     let [width, height] = size;
     let mut file = b"II*\0\0\0\0\0".to_vec();
     let mut text = description.as_bytes().to_vec();
@@ -88,6 +96,7 @@ fn tiff_with(size: [u32; 2], pages: &[Vec<u8>], directories: usize, rows: u32, d
             [277, 3, 1, 1],
             [278, 4, 1, rows],
             [279, 4, strips, if one { strip_bytes(0) } else { table + 4 * strips }],
+            [339, 3, 1, format],
         ];
         if number == 0 && !description.is_empty() {
             fields.insert(5, [270, 2, text.len() as u32, text_at]);
@@ -125,7 +134,7 @@ fn pages_are_slices_in_strips_of_any_height() {
         assert_eq!((opened.info().format, opened.info().dims), ("tiff", Dims([9, 7, 5])));
         check_boxes(&opened, &voxels, 4);
         // In pieces, so that they are decoded.
-        let path = written(folder.path(), &tiff_with([9, 7], &pages(&voxels, 126), 5, rows, "", 2));
+        let path = written(folder.path(), &tiff_with([9, 7], &pages(&voxels, 126), 5, (rows, 2), "", 1));
         check_boxes(&source(&path).unwrap(), &voxels, 4);
     }
 }
@@ -173,7 +182,7 @@ fn damaged_files() {
     for (directories, text) in [(3, ""), (3, description), (1, description)] {
         let file = tiff([6, 4], &pages(&voxels, 48), directories, 2, text);
         fuzz_header(folder.path(), "v.tif", &file, file.len(), 4000, open);
-        let file = tiff_with([6, 4], &pages(&voxels, 48), directories, 2, text, 2);
+        let file = tiff_with([6, 4], &pages(&voxels, 48), directories, (2, 2), text, 1);
         if directories > 1 {
             fuzz_header(folder.path(), "v.tif", &file, file.len(), 4000, open);
         }
@@ -214,5 +223,22 @@ fn real_files_are_what_their_makers_say() {
         if let Some(path) = data_file(name) {
             assert_refused(open(&path, &options).map(|_| ()), &[word]);
         }
+    }
+}
+
+/// Half-precision floats, read in place and decoded.
+#[test]
+fn half_floats() {
+    let folder = tempfile::tempdir().unwrap();
+    let halves: Vec<u16> = (0..48).map(|n| 0x3c00 + 21 * n).collect();
+    let value = |bits: u16| (1.0 + f32::from(bits & 1023) / 1024.0) * 2f32.powi(i32::from(bits >> 10) - 15);
+    let expected: Vec<u8> = halves.iter().flat_map(|bits| value(*bits).to_le_bytes()).collect();
+    let bytes: Vec<u8> = halves.iter().flat_map(|bits| bits.to_le_bytes()).collect();
+    for gap in [0, 2] {
+        let path = written(folder.path(), &tiff_with([4, 6], &pages(&bytes, 48), 2, (2, gap), "", 3));
+        let source = source(&path).unwrap_or_else(|e| panic!("gap {gap}: {e}"));
+        assert_eq!((source.info().dims, source.info().voxel_type), (Dims([4, 6, 2]), VoxelType::F32));
+        assert!(source.info().notes.iter().any(|note| note.contains("half-precision")));
+        check_boxes(&source, &expected, 3);
     }
 }

@@ -236,7 +236,7 @@ fn what_is_wrong_or_not_read_is_said() {
         ),
         ("chunks", serde_json::json!([1024, 1024, 4096]), &["--memory", "65536 MiB"]),
         ("shape", serde_json::json!([1u64 << 62, 1u64 << 62, 1u64 << 62]), &["dims"]),
-        ("dtype", serde_json::json!("<f2"), &["<f2"]),
+        ("dtype", serde_json::json!("<c8"), &["<c8"]),
         ("dtype", serde_json::json!([["a", "<u2"]]), &["elements of type"]),
         ("compressor", serde_json::json!({"id": "bz2"}), &["bz2"]),
         ("filters", serde_json::json!([{"id": "delta"}]), &["delta"]),
@@ -366,4 +366,169 @@ fn real_files_are_what_zarr_python_reads() {
     if let Some(path) = data_file("zarr/ome_zarr_0.6_scale.zarr") {
         assert_eq!(opened(&path).unwrap().info().geometry.spacing, [2.0, 3.0, 4.0]);
     }
+}
+
+/// Entries of an archive: names and bytes, each stored or deflated.
+fn write_archive(path: &Path, entries: &[(String, Vec<u8>)], method: zip::CompressionMethod) {
+    use std::io::Write as _;
+    let mut out = zip::ZipWriter::new(std::fs::File::create(path).unwrap());
+    let options = zip::write::SimpleFileOptions::default().compression_method(method);
+    for (name, bytes) in entries {
+        out.start_file(name.as_str(), options).unwrap();
+        out.write_all(bytes).unwrap();
+    }
+    out.finish().unwrap();
+}
+
+/// The files below a folder, named from there on with something before it.
+fn entries_of(folder: &Path, before: &str) -> Vec<(String, Vec<u8>)> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap().flatten() {
+        let name = format!("{before}{}", entry.file_name().to_string_lossy());
+        if entry.path().is_dir() {
+            found.extend(entries_of(&entry.path(), &format!("{name}/")));
+        } else {
+            found.push((name, std::fs::read(entry.path()).unwrap()));
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Every array of the archive is read where it lies as it is read once it is unpacked.
+#[test]
+fn archives_are_read_as_what_they_hold() {
+    let folder = tempfile::tempdir().unwrap();
+    let archive = folder.path().join("all.zip");
+    write_archive(&archive, &entries_of(FILES.path(), ""), zip::CompressionMethod::Stored);
+    let mut count = 0;
+    for kind in ["v2", "v3", "n5"] {
+        for entry in std::fs::read_dir(FILES.path().join(kind)).unwrap().flatten() {
+            let array = format!("{kind}/{}", entry.file_name().to_string_lossy());
+            let Ok(unpacked) = opened(&entry.path()) else { continue };
+            let zipped = opened(&named(&archive, &array)).unwrap_or_else(|e| panic!("{array}: {e}"));
+            let [mut a, mut b] = [zipped.info().clone(), unpacked.info().clone()];
+            assert!(a.files.len() == 1 && a.folder.is_none() && b.folder.is_some(), "{array}");
+            for info in [&mut a, &mut b] {
+                info.files.clear();
+                (info.folder, info.memory_bytes) = (None, 0);
+            }
+            assert_eq!(a, b, "{array}");
+            check_boxes(zipped.as_ref(), &read_all(unpacked.as_ref()).unwrap(), 3);
+            count += 1;
+        }
+    }
+    assert!(count > 30, "{count} arrays");
+    // Of nothing in particular, a name is asked for.
+    assert_refused(opened(&archive).map(|_| ()), &["all.zip", "neither `zarr.json`"]);
+}
+
+#[test]
+fn archives_hold_a_folder_or_what_lies_in_it_stored_or_deflated() {
+    let folder = tempfile::tempdir().unwrap();
+    let expected = read_all(opened(&FILES.path().join("v3/sharded")).unwrap().as_ref()).unwrap();
+    let plain = read_all(opened(&FILES.path().join("v2/gzip")).unwrap().as_ref()).unwrap();
+    for (name, before) in [("a.zarr.zip", ""), ("a.ozx", "a.zarr/")] {
+        let path = folder.path().join(name);
+        let sharded = entries_of(&FILES.path().join("v3/sharded"), before);
+        write_archive(&path, &sharded, zip::CompressionMethod::Stored);
+        assert_eq!(read_all(opened(&path).unwrap().as_ref()).unwrap(), expected, "{name}");
+        // What libraries do not write, but people do.
+        write_archive(&path, &sharded, zip::CompressionMethod::Deflated);
+        let refused = opened(&path).and_then(|source| read_all(source.as_ref()).map(drop));
+        assert_refused(refused, &["deflated as a whole", "zip -0"]);
+        write_archive(&path, &entries_of(&FILES.path().join("v2/gzip"), before), zip::CompressionMethod::Deflated);
+        assert_eq!(read_all(opened(&path).unwrap().as_ref()).unwrap(), plain, "{name}, deflated");
+    }
+    // Archives of other things are refused as before.
+    let other = folder.path().join("other.zip");
+    write_archive(&other, &[("a.txt".into(), b"a".to_vec())], zip::CompressionMethod::Stored);
+    assert_refused(opened(&other).map(|_| ()), &["a ZIP archive", "unzip"]);
+}
+
+/// Cut off or wrong in a byte, an archive is refused, or read with other voxels where no checksum is; never a panic, never much memory.
+#[test]
+fn damaged_archives() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.zarr.zip");
+    write_archive(&path, &entries_of(&FILES.path().join("v3/sharded"), ""), zip::CompressionMethod::Stored);
+    let whole = std::fs::read(&path).unwrap();
+    let mut random = Random::new(11);
+    let mut options = OpenOptions::default();
+    options.segy.memory_bytes = 64 << 20;
+    let mut refused = 0;
+    for round in 0..400 {
+        let mut bytes = whole.clone();
+        let at = random.below(bytes.len() as u64) as usize;
+        if round % 2 == 0 {
+            bytes.truncate(at)
+        } else {
+            bytes[at] ^= 1 << (round / 2 % 8)
+        }
+        std::fs::write(&path, &bytes).unwrap();
+        refused += usize::from(open(&path, &options).and_then(|source| read_all(source.as_ref()).map(drop)).is_err());
+    }
+    let largest = largest_allocation::largest_bytes();
+    assert!(largest < 64 << 20, "{largest} bytes at once");
+    assert!(refused > 200, "{refused} refused");
+}
+
+/// Half-precision floats, as values, as fill values and as bits.
+#[test]
+fn half_floats() {
+    let folder = tempfile::tempdir().unwrap();
+    // 1, 2, 0.5, -65504 (the greatest), the least above 0, NaN.
+    let halves: [u16; 6] = [0x3c00, 0x4000, 0x3800, 0xfbff, 0x0001, 0x7e00];
+    let expected = [1.0f32, 2.0, 0.5, -65504.0, 5.960_464_5e-8, f32::NAN];
+    for (big, dtype) in [(false, "<f2"), (true, ">f2")] {
+        let array = folder.path().join(if big { "big" } else { "little" });
+        std::fs::create_dir(&array).unwrap();
+        let text = format!(
+            r#"{{"zarr_format": 2, "shape": [2, 1, 6], "chunks": [1, 1, 6], "dtype": "{dtype}", "order": "C", "compressor": null,
+                "filters": null, "fill_value": 1.5}}"#
+        );
+        std::fs::write(array.join(".zarray"), text).unwrap();
+        let bytes: Vec<u8> = halves.iter().flat_map(|h| if big { h.to_be_bytes() } else { h.to_le_bytes() }).collect();
+        std::fs::write(array.join("0.0.0"), bytes).unwrap();
+        let source = opened(&array).unwrap();
+        assert_eq!((source.info().voxel_type, source.info().dims), (VoxelType::F32, Dims([6, 1, 2])));
+        assert!(source.info().notes.iter().any(|note| note.contains("half-precision")), "{:?}", source.info().notes);
+        let found = read_all(source.as_ref()).unwrap();
+        let found: Vec<f32> = found.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+        for (a, b) in found.iter().zip(expected.iter().chain(&[1.5; 6])) {
+            assert!(a == b || a.is_nan() && b.is_nan(), "{found:?}");
+        }
+    }
+    let array = folder.path().join("v3");
+    std::fs::create_dir(&array).unwrap();
+    let text = r#"{"zarr_format": 3, "node_type": "array", "shape": [1, 1, 2], "data_type": "float16",
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [1, 1, 2]}},
+        "chunk_key_encoding": {"name": "default"}, "fill_value": "0x3c00",
+        "codecs": [{"name": "bytes", "configuration": {"endian": "little"}}]}"#;
+    std::fs::write(array.join("zarr.json"), text).unwrap();
+    assert_eq!(read_all(opened(&array).unwrap().as_ref()).unwrap(), [1.0f32; 2].map(f32::to_le_bytes).as_flattened());
+}
+
+/// A data set of `BigDataViewer` in N5.
+#[test]
+fn data_sets_of_big_data_viewer_in_n5() {
+    let folder = tempfile::tempdir().unwrap();
+    let level = folder.path().join("data.n5/setup0/timepoint0/s0");
+    for (name, bytes) in entries_of(&FILES.path().join("n5/gzip"), "") {
+        let path = level.join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    }
+    std::fs::write(folder.path().join("data.n5/attributes.json"), r#"{"n5": "2.5.1"}"#).unwrap();
+    let factors = r#"{"downsamplingFactors": [[2, 2, 1]], "dataType": "uint16"}"#;
+    std::fs::write(folder.path().join("data.n5/setup0/attributes.json"), factors).unwrap();
+    let xml = folder.path().join("set.xml");
+    let text = "<?xml version=\"1.0\"?><SpimData version=\"0.2\"><BasePath type=\"relative\">.</BasePath><SequenceDescription>\
+        <ImageLoader format=\"bdv.n5\"><n5 type=\"relative\">data.n5</n5></ImageLoader><ViewSetups><ViewSetup><id>0</id>\
+        <voxelSize><unit>mm</unit><size>1 2 3</size></voxelSize></ViewSetup></ViewSetups></SequenceDescription></SpimData>";
+    std::fs::write(&xml, text).unwrap();
+    let source = opened(&xml).unwrap_or_else(|e| panic!("{e}"));
+    let geometry = source.info().geometry;
+    assert_eq!((source.info().format, geometry.spacing, geometry.origin), ("bdv", [2.0, 4.0, 3.0], [0.5, 1.0, 0.0]));
+    check_boxes(source.as_ref(), &read_all(opened(&level).unwrap().as_ref()).unwrap(), 3);
 }

@@ -11,6 +11,7 @@
 pub mod caster;
 pub mod check;
 pub(crate) mod gpu;
+pub mod maps;
 pub mod predict;
 pub mod reference;
 pub mod stated;
@@ -118,6 +119,9 @@ pub struct RenderOptions {
     /// Whether the statistics say how far the picture may be off (`error_predicted`): 1 to 2 % of the time, on the CPU in
     /// mode `dvr`.
     pub predict_error: bool,
+    /// Whether it is counted what the rays of each pixel cost, for a map of that: several times the time, on the CPU. Nothing else of the
+    /// picture changes.
+    pub count_work: bool,
     /// Called after each pass.
     pub progress: Option<OnProgress>,
     /// Counts up while packets finish rays, for who wants to know how far a pass has come.
@@ -139,6 +143,7 @@ impl Default for RenderOptions {
             time_budget_ms: None,
             max_error: 0.5 / 255.0,
             predict_error: false,
+            count_work: false,
             progress: None,
             rays_finished: None,
         }
@@ -280,6 +285,7 @@ pub(crate) fn cpu_frame_of(
 /// The ray caster that the options mean.
 pub(crate) fn caster_of(options: &RenderOptions) -> Caster {
     let caster = options.caster.clone().with_max_error(options.max_error);
+    let caster = if options.count_work { caster.counting_work() } else { caster };
     if options.predict_error { caster.summing_errors() } else { caster }
 }
 

@@ -51,18 +51,27 @@ pub enum ImageError {
 }
 
 impl ImageFormat {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Png, Self::Exr, Self::Npy];
+
+    /// How names of such files end.
+    #[must_use]
+    pub fn ending(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Exr => "exr",
+            Self::Npy => "npy",
+        }
+    }
+
     /// The format that a file name asks for.
     ///
     /// # Errors
     /// If the name ends in none of the known extensions.
     pub fn from_path(path: &Path) -> Result<Self, ImageError> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-        match extension.as_str() {
-            "png" => Ok(Self::Png),
-            "exr" => Ok(Self::Exr),
-            "npy" => Ok(Self::Npy),
-            _ => Err(ImageError::Format { path: path.into() }),
-        }
+        let format = Self::ALL.into_iter().find(|format| format.ending() == extension);
+        format.ok_or_else(|| ImageError::Format { path: path.into() })
     }
 }
 

@@ -29,6 +29,7 @@ use supervol_format::Container;
 
 use crate::camera::Camera;
 use crate::frame::gpu::GpuBackend;
+use crate::frame::maps::Maps;
 use crate::frame::{
     Backend, LevelChoice, RenderError, RenderOptions, caster_of, milliseconds, render_cpu, render_from_reference,
     thread_pool,
@@ -404,15 +405,17 @@ impl Renderer {
         self.into_pictures().map(|(picture, _)| picture)
     }
 
-    /// The same, and [`Self::error_map`].
+    /// The same, with [`Self::error_map`] and [`Self::work_map`].
     #[must_use]
-    pub fn into_pictures(self) -> Option<(Image, Option<Image>)> {
+    pub fn into_pictures(self) -> Option<(Image, Maps)> {
         match self.work {
             Work::Nothing => None,
             Work::InSteps(drawing) => drawing.into_pictures(),
-            Work::AtOnce(image, _) => Some((image, None)),
-            Work::InStages(best) => Some((best.image, None)),
-            Work::InLayers(layers) => Some((layers.picture()?, layers.error_map())),
+            Work::AtOnce(image, _) => Some((image, Maps::default())),
+            Work::InStages(best) => Some((best.image, Maps::default())),
+            Work::InLayers(layers) => {
+                Some((layers.picture()?, Maps { errors: layers.error_map(), work: layers.work_map() }))
+            }
         }
     }
 
@@ -423,6 +426,17 @@ impl Renderer {
         match &self.work {
             Work::InSteps(drawing) => drawing.error_map(),
             Work::InLayers(layers) => layers.error_map(),
+            Work::Nothing | Work::InStages(_) | Work::AtOnce(..) => None,
+        }
+    }
+
+    /// What the rays of each pixel cost: red is the mean of the cells that they cross, green of the leaps that they take. None before there
+    /// is a picture, where nobody asked ([`RenderOptions::count_work`]), and of backends that do not count it.
+    #[must_use]
+    pub fn work_map(&self) -> Option<Image> {
+        match &self.work {
+            Work::InSteps(drawing) => drawing.work_map(),
+            Work::InLayers(layers) => layers.work_map(),
             Work::Nothing | Work::InStages(_) | Work::AtOnce(..) => None,
         }
     }
@@ -509,7 +523,7 @@ pub fn render(
     scene: &ResolvedScene,
     options: &RenderOptions,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let (picture, _, stats) = render_with_errors(container, scene, options)?;
+    let (picture, _, stats) = render_with_maps(container, scene, options)?;
     Ok((picture, stats))
 }
 
@@ -522,14 +536,27 @@ pub fn render_with_errors(
     scene: &ResolvedScene,
     options: &RenderOptions,
 ) -> Result<(Image, Option<Image>, FrameStats), RenderError> {
+    let (picture, maps, stats) = render_with_maps(container, scene, options)?;
+    Ok((picture, maps.errors, stats))
+}
+
+/// The same, with all that the options ask for of each pixel.
+///
+/// # Errors
+/// As [`Renderer::advance`].
+pub fn render_with_maps(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+) -> Result<(Image, Maps, FrameStats), RenderError> {
     let deadline = options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms));
     let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone())?;
     renderer.set_scene(scene.clone());
     renderer.advance(deadline)?;
     let stats = renderer.stats();
     let pictures = renderer.into_pictures();
-    let (picture, errors) = pictures.expect("nobody cancels, and with or without a deadline there is a picture");
-    Ok((picture, errors, stats))
+    let (picture, maps) = pictures.expect("nobody cancels, and with or without a deadline there is a picture");
+    Ok((picture, maps, stats))
 }
 
 /// Whether a device draws the volume of this scene: with rays in one part, and no surfaces inside the volume.

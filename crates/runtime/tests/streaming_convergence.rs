@@ -37,6 +37,7 @@ const FINEST: RenderOptions = RenderOptions {
     time_budget_ms: None,
     max_error: PacketRule::DEFAULT.max_error,
     predict_error: false,
+    count_work: false,
     progress: None,
     rays_finished: None,
 };

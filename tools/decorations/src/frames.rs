@@ -12,6 +12,7 @@ use supervol_format::Container;
 use supervol_preprocess::output::{OutputFile, check_distinct};
 use supervol_preprocess::{BuildError, Existing};
 use supervol_runtime::frame::RenderOptions;
+use supervol_runtime::image::ImageFormat;
 use supervol_runtime::scene::{CameraSpec, Scene};
 
 /// Name of the file that says what the pictures of a folder show.
@@ -48,6 +49,8 @@ pub struct Frames<'a> {
     pub motion: &'a Value,
     /// Where they go; made where it is not there.
     pub folder: &'a Path,
+    /// What each of them is written as. Pictures of the same in several formats go to one folder.
+    pub format: ImageFormat,
     /// What is read, and not written to.
     pub inputs: &'a [&'a Path],
 }
@@ -92,8 +95,8 @@ impl Frames<'_> {
             _ => {}
         }
         // Whatever stops this from here on: no picture of before passes for one of these.
-        for frame in (0..self.cameras.len()).filter(|_| found.is_some()) {
-            let path = self.path(frame);
+        let of_all_formats = |frame| ImageFormat::ALL.map(|format| self.path_as(frame, format));
+        for path in (0..self.cameras.len()).filter(|_| found.is_some()).flat_map(of_all_formats) {
             check_distinct(&path, self.inputs.iter().copied())?;
             match std::fs::remove_file(&path) {
                 Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
@@ -127,7 +130,23 @@ impl Frames<'_> {
     /// Where a picture goes.
     #[must_use]
     pub fn path(&self, frame: usize) -> PathBuf {
-        self.folder.join(format!("frame-{frame:05}.png"))
+        self.path_as(frame, self.format)
+    }
+
+    fn path_as(&self, frame: usize, format: ImageFormat) -> PathBuf {
+        self.folder.join(format!("frame-{frame:05}.{}", format.ending()))
+    }
+
+    /// What to do with all pictures, as the end of a sentence.
+    #[must_use]
+    pub fn advice(&self) -> String {
+        let folder = self.folder.display();
+        match self.format {
+            ImageFormat::Npy => String::new(),
+            format => {
+                format!("; a film of them: ffmpeg -framerate 25 -i {folder}/frame-%05d.{} film.mp4", format.ending())
+            }
+        }
     }
 
     /// The scene of a picture.

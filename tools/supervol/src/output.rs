@@ -10,7 +10,6 @@ use supervol_preprocess::output::kind::FileKind;
 use supervol_preprocess::output::unfinished::UnfinishedFolder;
 use supervol_preprocess::output::{OutputFile, check_distinct};
 use supervol_preprocess::{BuildError, Existing};
-use supervol_runtime::frame::stated::in_colors;
 use supervol_runtime::image::{EncodeError, Image, ImageFormat};
 
 use crate::failure::{Failure, with_output};
@@ -73,8 +72,8 @@ impl PictureFile {
         Ok(Self { file: Some(file), format, path: path.into() })
     }
 
-    /// Writes how far pixels may be off: numbers where the format holds them, else colours for people to look at.
-    pub fn write_error_map(self, map: Image) -> Result<(), Failure> {
+    /// Writes what is known of each pixel beside its colour: numbers where the format holds them, else colours for people to look at.
+    pub fn write_map(self, map: Image, in_colors: impl FnOnce(Image) -> Image) -> Result<(), Failure> {
         let map = if self.format == ImageFormat::Png { in_colors(map) } else { map };
         self.write(&map, [0.0; 3])
     }
@@ -135,29 +134,28 @@ impl TextFile {
 pub struct RenderOutputs {
     /// The picture.
     pub picture: PictureFile,
-    /// What its pixels may be off by, where that is wanted.
-    pub error_map: Option<PictureFile>,
+    /// What its pixels may be off by, and what their rays cost, where that is wanted.
+    pub maps: [Option<PictureFile>; 2],
     /// Its statistics, where they are wanted.
     pub statistics: Option<TextFile>,
 }
 
 impl RenderOutputs {
-    /// Begins them: none is one of the inputs, nor another one.
+    /// Begins the picture, and beside it a map of errors, one of work, and statistics: none is one of the inputs, nor another one.
     pub fn begin(
         picture: &Path,
-        error_map: Option<&Path>,
-        statistics: Option<&Path>,
+        [error_map, work_map, statistics]: [Option<&Path>; 3],
         inputs: &[&Path],
         force: Force,
     ) -> Result<Self, Failure> {
         let mut taken = inputs.to_vec();
-        for path in [Some(picture), error_map, statistics].into_iter().flatten() {
+        for path in [Some(picture), error_map, work_map, statistics].into_iter().flatten() {
             check_distinct(path, taken.iter().copied())?;
             taken.push(path);
         }
         let statistics = statistics.map(|path| TextFile::begin_statistics(path, force)).transpose()?;
-        let error_map = error_map.map(|path| PictureFile::begin(path, force)).transpose()?;
-        Ok(Self { picture: PictureFile::begin(picture, force)?, error_map, statistics })
+        let map = |path: Option<&Path>| path.map(|path| PictureFile::begin(path, force)).transpose();
+        Ok(Self { picture: PictureFile::begin(picture, force)?, maps: [map(error_map)?, map(work_map)?], statistics })
     }
 }
 

@@ -13,15 +13,17 @@ use supervol_format::{Container, Lod};
 use supervol_runtime::camera_path::{self, CameraPath};
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::frame::check::{self, CheckProgress};
+use supervol_runtime::frame::maps::work_in_colors;
+use supervol_runtime::frame::stated::in_colors;
 use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions};
 use supervol_runtime::gpu::device::GpuError;
-use supervol_runtime::image::Image;
+use supervol_runtime::image::{Image, ImageFormat};
 use supervol_runtime::preset::overview::Overview;
 use supervol_runtime::preset::view::upright;
 use supervol_runtime::process;
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, PacketRule, Skipping};
-use supervol_runtime::renderer::{NO_DEVICE, render_with_errors};
+use supervol_runtime::renderer::{NO_DEVICE, render_with_maps};
 use supervol_runtime::scene::{CameraSpec, ResolvedScene, Scene};
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::streamer::loader::READERS;
@@ -39,7 +41,7 @@ use crate::sequence::Sequence;
 use crate::terminal;
 
 /// Options of a single picture.
-const OF_ONE_PICTURE: [&str; 4] = ["stats", "error_map", "check", "time_budget"];
+const OF_ONE_PICTURE: [&str; 5] = ["stats", "error_map", "work_map", "check", "time_budget"];
 /// Rays of `--check` without a number.
 const CHECK_RAYS: &str = "1000";
 /// A check that takes no longer than this shows no progress.
@@ -59,7 +61,7 @@ pub struct Arguments {
     #[arg(long)]
     print_scene: bool,
     /// Picture to write: .png (8 bit, with background), .exr or .npy (float, premultiplied RGBA without background), or - for
-    /// PNG on standard output; with --turntable or --path the folder for frame-00000.png and so on
+    /// PNG on standard output; with --turntable or --path the folder for frame-00000.png and so on (--frame-format)
     #[arg(short, long, value_name = "IMAGE|FOLDER", required_unless_present_any = ["print_scene", "pick"])]
     output: Option<PathBuf>,
     /// Write N pictures, once around the volume; the same command again goes on where it was stopped
@@ -71,6 +73,9 @@ pub struct Arguments {
     #[arg(long, value_name = "KEYS.json", requires = "output", conflicts_with_all = OF_ONE_PICTURE,
           conflicts_with_all = ["turntable", "camera", "zoom"])]
     path: Option<PathBuf>,
+    /// What the pictures of --turntable and --path are written as: .png, or .exr or .npy with floats [default: png]
+    #[arg(long, value_enum, value_name = "FORMAT", requires = "output")]
+    frame_format: Option<FrameFormat>,
     /// Who casts the rays [default: auto]
     #[arg(long, value_enum)]
     backend: Option<BackendName>,
@@ -114,6 +119,11 @@ pub struct Arguments {
     /// (0.5), green (2), yellow (16) and red (64) to white (255)
     #[arg(long, value_name = "FILE", requires = "output")]
     error_map: Option<PathBuf>,
+    /// Write what the rays of each pixel cost (CPU): the trilinear cells that a ray crosses, and the leaps that it takes over what shows
+    /// nothing, the mean of a pixel's rays. EXR and NumPy: cells in the first channel, leaps in the second. PNG: colours, orange for
+    /// cells and blue for leaps, by the logarithm, full at 1,000. The picture stays what it is, and takes several times as long
+    #[arg(long, value_name = "FILE", requires = "output")]
+    work_map: Option<PathBuf>,
     /// Cast N rays of the picture again (1000 if no number is given) by the reference integrator, and say how far the
     /// picture is from it; with --level auto from the exact picture of level 0. The level must fit --host-memory
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = CHECK_RAYS, requires = "output")]
@@ -151,6 +161,24 @@ enum BackendName {
     Cpu,
     Gpu,
     Reference,
+}
+
+/// What each picture of a sequence is written as.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum FrameFormat {
+    Png,
+    Exr,
+    Npy,
+}
+
+impl From<FrameFormat> for ImageFormat {
+    fn from(format: FrameFormat) -> Self {
+        match format {
+            FrameFormat::Png => Self::Png,
+            FrameFormat::Exr => Self::Exr,
+            FrameFormat::Npy => Self::Npy,
+        }
+    }
 }
 
 /// Whether a picture shows more than the volume.
@@ -199,7 +227,7 @@ impl Arguments {
         RenderOptions {
             backend: match self.backend.unwrap_or(BackendName::Auto) {
                 // Graphics devices do not say it.
-                BackendName::Auto if self.error_map.is_some() => Backend::Cpu,
+                BackendName::Auto if self.error_map.is_some() || self.work_map.is_some() => Backend::Cpu,
                 BackendName::Auto => Backend::Auto,
                 BackendName::Cpu => Backend::Cpu,
                 BackendName::Gpu => Backend::Gpu,
@@ -219,6 +247,7 @@ impl Arguments {
             caster: Caster::Packets(PacketRule { instructions: self.instructions, ..PacketRule::DEFAULT }),
             max_error: self.max_error,
             predict_error: self.stats.is_some() || self.error_map.is_some(),
+            count_work: self.work_map.is_some(),
             progress: None,
             rays_finished: None,
         }
@@ -251,11 +280,17 @@ impl Arguments {
     /// Refuses options that cannot be meant together.
     fn check(&self) -> Result<(), Failure> {
         let is_said = self.print_scene || !self.pick.is_empty();
+        let is_not_cpu = matches!(self.backend, Some(BackendName::Gpu | BackendName::Reference));
+        let moves = self.turntable.is_some() || self.path.is_some();
         let wrong = if is_said && self.output.as_deref().is_some_and(output::is_standard) {
             "-o -: expected a file for the picture: --print-scene and --pick write to standard output"
-        } else if self.error_map.is_some() && matches!(self.backend, Some(BackendName::Gpu | BackendName::Reference)) {
+        } else if self.error_map.is_some() && is_not_cpu {
             "--error-map: only --backend cpu says how far pixels may be off"
-        } else if self.look.shows_panels() && (self.turntable.is_some() || self.path.is_some()) {
+        } else if self.work_map.is_some() && is_not_cpu {
+            "--work-map: only --backend cpu counts what rays cost"
+        } else if self.frame_format.is_some() && !moves {
+            "--frame-format is of the pictures of --turntable and --path; the name of one picture says what it is"
+        } else if self.look.shows_panels() && moves {
             "--slice: the camera of a slice that is shown face on does not move; --slices volume shows slices within the volume"
         } else {
             return Ok(());
@@ -268,6 +303,7 @@ impl Arguments {
         let of_one = [
             ("--stats", self.stats.is_some()),
             ("--error-map", self.error_map.is_some()),
+            ("--work-map", self.work_map.is_some()),
             ("--check", self.check.is_some()),
             ("--time-budget", self.time_budget.is_some()),
             ("--print-scene", self.print_scene),
@@ -338,7 +374,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
         let output = arguments.output_of_panels()?;
-        let file = RenderOutputs::begin(output, None, None, &inputs, arguments.force)?.picture;
+        let file = RenderOutputs::begin(output, [None; 3], &inputs, arguments.force)?.picture;
         let (decorate, allow_failed) = (arguments.decorates(output), arguments.allow_failed);
         let panels =
             Panels { container: &container, facts: &facts, scene: &scene, looks: &looks, grid, decorate, allow_failed };
@@ -361,16 +397,17 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate };
     if let Some(Motion { cameras, asked }) = &motion {
         let (force, allow_failed) = (arguments.force, arguments.allow_failed);
+        let format = arguments.frame_format.unwrap_or(FrameFormat::Png).into();
         let sequence =
-            Sequence { subject, cameras, motion: asked, folder: output, inputs: &inputs, force, allow_failed };
+            Sequence { subject, cameras, motion: asked, folder: output, format, inputs: &inputs, force, allow_failed };
         return sequence.run(&arguments.options(start));
     }
-    let [error_map, stats] = [&arguments.error_map, &arguments.stats].map(Option::as_deref);
-    let outputs = RenderOutputs::begin(output, error_map, stats, &inputs, arguments.force)?;
+    let beside = [&arguments.error_map, &arguments.work_map, &arguments.stats].map(Option::as_deref);
+    let outputs = RenderOutputs::begin(output, beside, &inputs, arguments.force)?;
     let bar = RayBar::over(&scene);
     let (progress, rays_finished) = (Some(bar.on_progress()), Some(bar.finished()));
     let options = RenderOptions { progress, rays_finished, ..arguments.options(start) };
-    let result = picture(&subject, (outputs.picture, outputs.error_map), &options, arguments.check);
+    let result = picture(&subject, (outputs.picture, outputs.maps), &options, arguments.check);
     drop(bar);
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
     if let Some(file) = outputs.statistics {
@@ -451,7 +488,7 @@ pub struct Subject<'a> {
 /// Renders and writes one picture, and casts `check` of its rays again: what `render` and `demo` share.
 pub fn picture(
     subject: &Subject<'_>,
-    (output, error_map): (PictureFile, Option<PictureFile>),
+    (output, [error_map, work_map]): (PictureFile, [Option<PictureFile>; 2]),
     options: &RenderOptions,
     check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
@@ -460,11 +497,14 @@ pub fn picture(
     if check.is_some() {
         check::check_fits(container, &resolved, options).map_err(with_render)?;
     }
-    let (image, errors, mut stats) = render_with_errors(container, &resolved, options).map_err(with_render)?;
+    let (image, maps, mut stats) = render_with_maps(container, &resolved, options).map_err(with_render)?;
     check_any_read(&stats)?;
     write_picture(subject, &resolved, &image, output)?;
-    if let (Some(file), Some(errors)) = (error_map, errors) {
-        file.write_error_map(errors)?;
+    if let (Some(file), Some(errors)) = (error_map, maps.errors) {
+        file.write_map(errors, in_colors)?;
+    }
+    if let (Some(file), Some(work)) = (work_map, maps.work) {
+        file.write_map(work, work_in_colors)?;
     }
     if let Some(rays) = check {
         let start = Instant::now();

@@ -11,6 +11,7 @@ use supervol_decorations::frames::{Frames, FramesError, Others};
 use supervol_format::readable::counted;
 use supervol_preprocess::output::check_distinct;
 use supervol_runtime::frame::RenderOptions;
+use supervol_runtime::image::ImageFormat;
 use supervol_runtime::renderer::Renderer;
 use supervol_runtime::scene::CameraSpec;
 use supervol_runtime::volume::Volume;
@@ -30,6 +31,8 @@ pub struct Sequence<'a> {
     pub motion: &'a Value,
     /// Where they go; made where it is not there.
     pub folder: &'a Path,
+    /// What they are written as.
+    pub format: ImageFormat,
     /// What is read, and not written to.
     pub inputs: &'a [&'a Path],
     /// Whether pictures of something else are replaced.
@@ -60,8 +63,8 @@ impl Sequence<'_> {
 
     fn frames(&self) -> Frames<'_> {
         let Subject { container, scene, decorate, .. } = self.subject;
-        let Self { cameras, motion, folder, inputs, .. } = *self;
-        Frames { container, scene, decorate, cameras, motion, folder, inputs }
+        let Self { cameras, motion, folder, format, inputs, .. } = *self;
+        Frames { container, scene, decorate, cameras, motion, folder, format, inputs }
     }
 
     fn draw(&self, frame: usize, renderer: &mut Renderer) -> Result<(), Failure> {
@@ -91,9 +94,9 @@ impl Sequence<'_> {
         let seconds = start.elapsed().as_secs_f64();
         writeln!(
             crate::terminal::remarks(),
-            "{folder}: {}, {drawn} of them drawn in {seconds:.1} s; a film of them: ffmpeg -framerate 25 -i \
-             {folder}/frame-%05d.png film.mp4",
-            counted(self.cameras.len() as u64, "picture")
+            "{folder}: {}, {drawn} of them drawn in {seconds:.1} s{}",
+            counted(self.cameras.len() as u64, "picture"),
+            self.frames().advice()
         )
     }
 }

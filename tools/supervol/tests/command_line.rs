@@ -256,6 +256,42 @@ fn a_check_says_how_far_the_picture_is_from_the_exact_one() {
     assert_eq!(number(&exact, "largest_grey_levels"), 0.0);
 }
 
+/// What rays cost, as numbers and as colours; the picture is what it is without.
+#[test]
+fn work_maps_count_what_the_statistics_count() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "sphere", "--dims", "48,48,48", "-o", "v.svol", "--brick", "16"]);
+    let render = |output: &str, more: &[&str]| {
+        let options =
+            ["render", "v.svol", "-o", output, "--size", "40x30", "--level", "0", "--stats", "t.json", "--force"];
+        folder.expect(0, &[&options[..], &["--supersample", "1", "--backend", "cpu"], more].concat());
+        json(&std::fs::read_to_string(folder.path("t.json")).expect("render wrote it"))
+    };
+    let read = |name: &str| std::fs::read(folder.path(name)).expect("render wrote it");
+    render("plain.npy", &[]);
+    for mode in ["dvr", "mip", "mean", "iso"] {
+        render("plain.npy", &["--mode", mode]);
+        let stats = render("p.npy", &["--mode", mode, "--work-map", "w.npy"]);
+        assert!(read("p.npy") == read("plain.npy"), "{mode}: another picture");
+        let map = read("w.npy");
+        let pixels = map[map.len() - 1200 * 16..].chunks_exact(16);
+        let sum = |channel: usize| {
+            let floats = pixels.clone().map(|p| p[4 * channel..4 * channel + 4].try_into().expect("four bytes"));
+            floats.map(|bytes| f64::from(f32::from_le_bytes(bytes))).sum::<f64>()
+        };
+        let [cells, leaps] = ["cells", "macro_cells_skipped"].map(|name| stats[name].as_f64().expect("a count"));
+        assert_eq!((sum(0), sum(1)), (cells, leaps), "{mode}");
+        assert!(sum(0) > 0.0 && sum(3) == 1200.0, "{mode}");
+    }
+    render("p.png", &["--work-map", "w.png"]);
+    assert!(read("w.png").starts_with(b"\x89PNG"));
+    for wrong in [&["--backend", "reference"][..], &["--backend", "gpu"]] {
+        let options = ["render", "v.svol", "-o", "p.png", "--work-map", "w.png"];
+        assert!(folder.expect(2, &[&options[..], wrong].concat()).contains("--work-map"), "{wrong:?}");
+    }
+    folder.expect(2, &["render", "v.svol", "-o", "p.png", "--work-map", "p.png"]);
+}
+
 #[test]
 fn a_check_that_does_not_fit_says_what_to_do_before_anything_is_drawn() {
     let folder = Folder::new();

@@ -388,7 +388,9 @@ fn the_same_patient_is_seen_from_the_same_side() {
 fn options_of_a_picture_are_refused_where_none_is_written() {
     let folder = Folder::new();
     folder.expect(0, &["synth", "sphere", "--dims", "8,8,8", "-o", "c.svol"]);
-    for options in [&["--decorate"][..], &["--error-map", "e.npy"], &["--stats", "s.json"], &["--check"]] {
+    for options in
+        [&["--decorate"][..], &["--error-map", "e.npy"], &["--work-map", "w.npy"], &["--stats", "s.json"], &["--check"]]
+    {
         let message = folder.expect(2, &[&["render", "c.svol", "--print-scene"][..], options].concat());
         assert!(message.contains("--output"), "{message}");
     }

@@ -45,6 +45,41 @@ fn a_turntable_goes_on_with_what_is_missing() {
     assert_eq!(frames.iter().map(read).collect::<Vec<_>>(), pictures);
 }
 
+/// Pictures of the same in another format go beside those that are there; for something else, all of them are in the way.
+#[test]
+fn sequences_are_written_as_floats_too() {
+    let folder = with_vessels();
+    let turn = [&["render", "v.svol", "--turntable", "2", "-o", "f"], &SMALL[..]].concat();
+    folder.expect(0, &turn);
+    let as_format = |format| [&turn[..], &["--frame-format", format]].concat();
+    assert!(folder.expect(0, &as_format("exr")).contains("frame-%05d.exr"));
+    assert!(!folder.expect(0, &as_format("npy")).contains("ffmpeg"));
+    let of_frame = |i: usize| ["exr", "npy", "png"].map(|ending| format!("frame-{i:05}.{ending}"));
+    assert_eq!(names(&folder), [&of_frame(0)[..], &of_frame(1), &["sequence.json".into()]].concat());
+    // Each is the picture that is drawn by itself.
+    let printed = folder.expect(0, &["render", "v.svol", "--size", "24x18", "--print-scene"]);
+    let plan = support::json(&std::fs::read_to_string(folder.path("f/sequence.json")).expect("a plan"));
+    let mut scene = support::json(&printed);
+    scene["camera"] = plan["scene"]["camera"].clone();
+    std::fs::write(folder.path("s.json"), scene.to_string()).expect("room");
+    for ending in ["exr", "npy"] {
+        let one = format!("one.{ending}");
+        folder.expect(0, &["render", "v.svol", "--scene", "s.json", "-o", &one, "--backend", "cpu"]);
+        let read = |path: &str| std::fs::read(folder.path(path)).expect("a picture");
+        assert!(read(&one) == read(&format!("f/frame-00000.{ending}")), "{ending}");
+    }
+    std::fs::remove_file(folder.path("f/frame-00001.exr")).expect("it is there");
+    assert!(folder.expect(0, &as_format("exr")).contains("1 of them drawn"));
+    let other = [&as_format("exr")[..], &["--mode", "mean"]].concat();
+    assert!(folder.expect(2, &other).contains("--force"));
+    folder.expect(0, &[&other[..], &["--force"]].concat());
+    assert_eq!(names(&folder), ["frame-00000.exr", "frame-00001.exr", "sequence.json"]);
+    for alone in [&["-o", "p.png"][..], &["-o", "p.exr"]] {
+        let message = folder.expect(2, &[&["render", "v.svol", "--frame-format", "exr"], alone].concat());
+        assert!(message.contains("--turntable"), "{message}");
+    }
+}
+
 #[test]
 fn key_frames_begin_and_end_with_their_cameras() {
     let folder = with_vessels();
@@ -70,7 +105,13 @@ fn paths_that_are_none_and_options_of_one_picture_are_refused() {
     let message = folder.expect(2, &path);
     assert!(message.contains("keys.json") && message.contains("frame 0"), "{message}");
     folder.expect(2, &["render", "v.svol", "-o", "f", "--turntable", "0"]);
-    for option in [&["--stats", "s.json"][..], &["--check"], &["--time-budget", "100"], &["--error-map", "e.png"]] {
+    for option in [
+        &["--stats", "s.json"][..],
+        &["--check"],
+        &["--time-budget", "100"],
+        &["--error-map", "e.png"],
+        &["--work-map", "w.png"],
+    ] {
         folder.expect(2, &[&["render", "v.svol", "-o", "f", "--turntable", "3"], option].concat());
     }
     assert!(!std::path::Path::new(&folder.path("f")).exists(), "nothing is made for what is refused");

@@ -58,6 +58,24 @@ fn oblique_slices_show_the_values_of_their_plane() {
     assert!((filtered[18 * 48 + 24][0] * 20.0 - 101f32.sqrt()).abs() < 0.1, "{:?}", filtered[18 * 48 + 24]);
 }
 
+/// The voxel in the middle of an axis, whatever it is called; of two, the first.
+#[test]
+fn slices_in_the_middle_need_no_number() {
+    let folder = Folder::with_ramp();
+    // 16 x 16 x 12 voxels; z counts world lengths, 2 from voxel to voxel.
+    for (axis, place) in [("i", "i=7"), ("j", "j=7"), ("k", "k=5"), ("x", "x=7"), ("y", "y=7"), ("z", "z=10")] {
+        let middle = format!("{axis}=middle");
+        assert_eq!(folder.pixels(&["--slice", &middle]), folder.pixels(&["--slice", place]), "{axis}");
+    }
+    let [one, other] =
+        ["k=middle", "k=5"].map(|place| folder.pixels(&["--slice", place, "--slice", "i=3", "--slices", "volume"]));
+    assert_eq!(one, other);
+    let message = folder.expect(2, &["render", "v.svol", "-o", "p.png", "--slice", "k=centre"]);
+    assert!(message.contains("middle"), "{message}");
+    let message = folder.expect(2, &["render", "v.svol", "-o", "p.png", "--slice", "axial=middle"]);
+    assert!(message.contains("'axial' is no axis of this volume"), "{message}");
+}
+
 #[test]
 fn slices_within_the_volume_are_in_the_scene_that_is_printed() {
     let folder = Folder::with_ramp();

@@ -61,10 +61,21 @@ impl Artist {
         Ok(())
     }
 
-    fn click(&mut self, label: &str) -> Result<(), String> {
+    /// What is called so and can be used.
+    fn usable<'a>(&'a self, label: &'a str) -> Result<Node<'a>, String> {
         let is_word = |node: &Node<'_>| matches!(node.accesskit_node().role(), Role::Label | Role::TextRun);
         let found = self.harness.query_all_by_label(label).find(|node| !is_word(node));
-        found.ok_or_else(|| format!("nothing is called '{label}'"))?.click();
+        found.ok_or_else(|| format!("nothing is called '{label}'"))
+    }
+
+    /// Clicks it; a panel is scrolled there first.
+    fn click(&mut self, label: &str) -> Result<(), String> {
+        let window = self.harness.ctx.content_rect().shrink(40.0);
+        if !window.contains_rect(self.usable(label)?.rect()) {
+            self.usable(label)?.scroll_to_me();
+            self.harness.run_steps(10);
+        }
+        self.usable(label)?.click();
         self.rest()
     }
 
@@ -99,6 +110,9 @@ fn run() -> Result<(), String> {
     artist.draw("window.png")?;
     artist.click("Iso")?;
     artist.draw("surfaces.png")?;
+    let mut artist = Artist::new(carp, folder, Theme::Dark, SIZE)?;
+    artist.click("work")?;
+    artist.draw("work.png")?;
     let mut artist = Artist::new(seismic, folder, Theme::Light, SIZE)?;
     artist.click("Box, scale, colours")?;
     artist.draw("survey.png")?;

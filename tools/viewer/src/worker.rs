@@ -24,13 +24,14 @@ mod sections;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use eframe::egui::ColorImage;
 use serde::{Deserialize, Serialize};
 use supervol_format::Container;
 use supervol_preprocess::report::Progress as BuildProgress;
 use supervol_preprocess::source::Survey;
+use supervol_preprocess::stop::Stopper;
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::frame::RenderError;
 use supervol_runtime::image::Image;
@@ -45,6 +46,10 @@ use self::easel::Easel;
 pub use self::export::Export;
 pub use self::marks::{MARK_LIMIT, Mark};
 use crate::folders::Folders;
+
+/// Longest that a window which closes waits for what is being opened or built, and how often it looks.
+const CLOSING_PATIENCE: Duration = Duration::from_millis(800);
+const CLOSING_INTERVAL: Duration = Duration::from_millis(5);
 
 /// Panels with a section each, beside the picture.
 pub const PANELS: usize = 3;
@@ -78,6 +83,9 @@ pub enum Inspect {
     Bricks,
     /// In place of the picture, once it has converged: how far each pixel may be off, as `render --error-map` writes it.
     Errors,
+    /// In place of the picture, once it has converged: what the rays of each pixel cost, as `render --work-map` writes it. Pictures take
+    /// several times as long meanwhile.
+    Work,
 }
 
 /// Whether there are panels beside the picture.
@@ -268,9 +276,19 @@ struct Wishes {
     cut: Option<Canceller>,
     /// Stops an export.
     export_canceller: Option<Canceller>,
+    /// Stops a build.
+    build_stopper: Option<Stopper>,
 }
 
 impl Wishes {
+    /// The volume that is to be opened, and what stops its build from now on.
+    fn opening(&mut self) -> Option<Work> {
+        let open = self.open.take()?;
+        let stopper = Stopper::default();
+        self.build_stopper = Some(stopper.clone());
+        Some(Work::Open(open, stopper))
+    }
+
     /// The first section that is wanted.
     fn section(&mut self) -> Option<(usize, View)> {
         self.sections.iter_mut().enumerate().find_map(|(panel, view)| Some((panel, view.take()?)))
@@ -314,7 +332,7 @@ impl Desk {
 /// What to do next.
 enum Work {
     Quit,
-    Open(Open),
+    Open(Open, Stopper),
     Settings(Settings),
     Export(Export),
     Animation(Box<Animation>),
@@ -333,7 +351,7 @@ impl Desk {
             if wishes.quit {
                 return Work::Quit;
             }
-            let work = (wishes.open.take().map(Work::Open))
+            let work = (wishes.opening())
                 .or_else(|| wishes.settings.take().map(Work::Settings))
                 .or_else(|| wishes.export.take().map(Work::Export))
                 .or_else(|| wishes.animation.take().map(|animation| Work::Animation(Box::new(animation))))
@@ -381,8 +399,9 @@ impl Worker {
         Ok(Self { desk, thread: Some(thread) })
     }
 
-    /// Opens a volume, instead of the one that is open.
+    /// Opens a volume, instead of the one that is open; a build that is under way is for nobody any more, and stops.
     pub fn open(&self, open: Open) {
+        self.cancel_build();
         self.desk.wish(|wishes| {
             (wishes.open, wishes.view, wishes.probe) = (Some(open), None, None);
             wishes.sections = [const { None }; PANELS];
@@ -432,6 +451,16 @@ impl Worker {
         });
     }
 
+    /// Stops the build of a container. What it has finished stays in the cache folder, and the same file opened again goes on with it.
+    pub fn cancel_build(&self) {
+        self.desk.wish(|wishes| {
+            wishes.open = None;
+            if let Some(stopper) = wishes.build_stopper.take() {
+                stopper.stop();
+            }
+        });
+    }
+
     /// What has happened since this was asked last.
     pub fn news(&self) -> News {
         let mut news = lock(&self.desk.news);
@@ -455,13 +484,21 @@ impl Worker {
 impl Drop for Worker {
     fn drop(&mut self) {
         self.cancel_export();
+        self.cancel_build();
         self.desk.wish(|wishes| wishes.quit = true);
-        // A build cannot be stopped; the process ends it, and the next one goes on with it.
-        let is_building = matches!(lock(&self.desk.news).busy, Some(Busy::Opening(_) | Busy::Building(..)));
-        if let Some(thread) = self.thread.take().filter(|_| !is_building) {
-            // What it panicked with is on standard error already.
-            let _ = thread.join();
+        let Some(thread) = self.thread.take() else { return };
+        // What is opened or built stops where it asks; a reader of other people's that does not is ended with the process, and what
+        // was built stays as after a kill.
+        let is_opening = matches!(lock(&self.desk.news).busy, Some(Busy::Opening(_) | Busy::Building(..)));
+        let patience = Instant::now() + CLOSING_PATIENCE;
+        while is_opening && !thread.is_finished() {
+            if Instant::now() >= patience {
+                return;
+            }
+            std::thread::sleep(CLOSING_INTERVAL);
         }
+        // What it panicked with is on standard error already.
+        let _ = thread.join();
     }
 }
 
@@ -505,14 +542,16 @@ fn work(desk: &Arc<Desk>, mut settings: Settings) {
         }
         match next {
             Work::Quit => return,
-            Work::Open(wish) => {
+            Work::Open(wish, stopper) => {
                 volumes += 1;
                 // What is open goes on being shown where the new one cannot be opened.
-                match open::open(desk, wish, volumes, &settings).and_then(|opened| Easel::new(desk, opened, &settings))
+                match open::open(desk, wish, volumes, (&settings, stopper))
+                    .and_then(|opened| Easel::new(desk, opened, &settings).map_err(Message::Failure))
                 {
                     Ok(opened) => easel = Some(opened),
-                    Err(message) => desk.fail(message),
+                    Err(message) => desk.tell(|news| news.message = Some(message)),
                 }
+                lock(&desk.wishes).build_stopper = None;
                 desk.tell(|news| news.busy = None);
             }
             Work::Settings(new) => {

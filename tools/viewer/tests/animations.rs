@@ -62,6 +62,23 @@ fn a_turntable_is_what_render_draws_and_goes_on_where_it_was() {
     session.click("OK");
     again(&mut session, 3.0);
     assert!(done(&mut session).contains("1 of them drawn now"));
+    // As floats, they are drawn beside the others.
+    session.click("OK");
+    session.press(Modifiers::COMMAND, Key::M);
+    session.click("EXR");
+    session.screenshot("animation-exr");
+    session.set("Pictures of one turn", 3.0);
+    session.set("Width of pictures", 120.0);
+    session.set("Height of pictures", 90.0);
+    session.click("Make the pictures");
+    assert!(done(&mut session).contains("3 of them drawn now"));
+    let path = session.folder.path().join("expected.exr");
+    let mut first = session.viewer().scene().clone();
+    (first.image.width, first.image.height) = (120, 90);
+    let (image, background) = headless(session.viewer(), &first);
+    image.write(&path, background).expect("a file");
+    let [written, expected] = [folder.join("frame-00000.exr"), path].map(|p| std::fs::read(p).expect("a file"));
+    assert!(written == expected, "the first picture, as floats");
     // Something else is refused.
     session.click("OK");
     again(&mut session, 4.0);

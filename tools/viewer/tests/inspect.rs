@@ -5,9 +5,10 @@ mod support;
 use std::sync::Arc;
 
 use eframe::egui::{Key, Modifiers};
+use supervol_runtime::frame::maps::work_in_colors;
 use supervol_runtime::frame::stated::in_colors;
 use supervol_runtime::frame::{Backend, RenderOptions};
-use supervol_runtime::renderer::render_with_errors;
+use supervol_runtime::renderer::{render_with_errors, render_with_maps};
 use supervol_viewer::worker::Settings;
 
 use support::{Fault, Session};
@@ -62,6 +63,32 @@ fn errors_are_those_that_render_writes() {
     session.click("nothing");
     session.rest();
     session.assert_is_as_rendered();
+}
+
+#[test]
+fn work_is_what_render_writes() {
+    let mut session = session();
+    session.rest();
+    let plain = session.pixels();
+    session.click("work");
+    session.rest();
+    let viewer = session.viewer();
+    let opened = viewer.opened().expect("open");
+    let scene = viewer.scene().resolve(&opened.facts).expect("a scene");
+    let options = RenderOptions {
+        backend: Backend::Cpu,
+        max_error: viewer.settings().max_error,
+        count_work: true,
+        ..RenderOptions::default()
+    };
+    let (_, maps, _) = render_with_maps(&Arc::clone(&opened.container), &scene, &options).expect("a picture");
+    let expected = work_in_colors(maps.work.expect("work is counted")).to_rgb8(scene.background);
+    let shown: Vec<u8> = session.pixels().iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();
+    assert!(shown == expected, "another map");
+    session.screenshot("inspect-work");
+    session.click("nothing");
+    session.rest();
+    assert_eq!(session.pixels(), plain);
 }
 
 #[test]

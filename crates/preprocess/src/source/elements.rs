@@ -1,11 +1,12 @@
 //! How the numbers of a grid become voxels: one of several channels, the luminance of colours, some of the bits of a word, 64-bit
-//! integers that fit a smaller type.
+//! integers that fit a smaller type, half-precision floats as f32, which holds all of them.
 //!
 //! Numbers stay where they are, and become voxels when they are read; only whether 64-bit integers fit is found out by reading
 //! all of them once, on opening.
 
 use std::path::Path;
 
+use half::f16;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
 
@@ -104,14 +105,18 @@ pub(super) enum Number {
     Voxel(VoxelType),
     /// A 64-bit integer, with or without a sign.
     Whole { signed: bool },
+    /// A float of 16 bits (IEEE 754 binary16).
+    Half,
 }
 
 impl Number {
-    /// The type in which a grid holds them: 64-bit integers take as much room as doubles.
+    /// The type in which a grid holds them: 64-bit integers take as much room as doubles, half-precision floats as whole numbers of 16
+    /// bits.
     pub(super) fn stored(self) -> VoxelType {
         match self {
             Self::Voxel(voxel_type) => voxel_type,
             Self::Whole { .. } => VoxelType::F64,
+            Self::Half => VoxelType::U16,
         }
     }
 }
@@ -125,6 +130,8 @@ pub(super) enum Numbers {
     Bits { low: u32, count: u32, signed: bool },
     /// 64-bit integers, which the grid calls [`VoxelType::F64`], become the voxels' type, which holds all of them.
     Whole { signed: bool },
+    /// Half-precision floats, which the grid calls [`VoxelType::U16`], become [`VoxelType::F32`].
+    Half,
 }
 
 /// Numbers of a grid and what becomes of them.
@@ -161,6 +168,10 @@ impl Elements {
         match number {
             Number::Voxel(_) => Ok(elements),
             Number::Whole { signed } => elements.narrowed(path, grid, signed, notes),
+            Number::Half => {
+                notes.push("half-precision floats: kept as f32, which holds all of them".into());
+                Ok(Self { numbers: Numbers::Half, voxel_type: VoxelType::F32, ..elements })
+            }
         }
     }
 
@@ -233,6 +244,9 @@ impl Elements {
 
     /// Makes voxels of numbers.
     pub(super) fn convert(&self, stored: VoxelType, numbers: &[u8], out: &mut [u8]) {
+        if self.numbers == Numbers::Half {
+            return self.convert_halves(numbers, out);
+        }
         let groups = numbers.chunks_exact(stored.bytes() * self.channels.count as usize);
         let voxels = out.chunks_exact_mut(self.voxel_type.bytes());
         let picked = |group: &[u8], voxel: &mut [u8]| match self.channels.wanted {
@@ -272,6 +286,24 @@ impl Elements {
     }
 }
 
+impl Elements {
+    /// Makes voxels of half-precision floats, little endian.
+    fn convert_halves(&self, numbers: &[u8], out: &mut [u8]) {
+        let value = |number: &[u8; 2]| f16::from_le_bytes(*number).to_f32();
+        let groups = numbers.as_chunks::<2>().0.chunks_exact(self.channels.count as usize);
+        for (group, voxel) in groups.zip(out.as_chunks_mut::<4>().0) {
+            let found = match self.channels.wanted {
+                Some(channel) => value(&group[channel as usize]),
+                None => {
+                    let parts = group.iter().zip(LUMINANCE).map(|(number, share)| f64::from(value(number)) * share);
+                    (parts.sum::<f64>() / 1000.0) as f32
+                }
+            };
+            *voxel = found.to_le_bytes();
+        }
+    }
+}
+
 /// A 64-bit integer from its bytes.
 fn whole(bytes: [u8; 8], signed: bool) -> i128 {
     if signed { i64::from_le_bytes(bytes).into() } else { u64::from_le_bytes(bytes).into() }
@@ -295,6 +327,44 @@ mod tests {
         assert_eq!(kept(0x1830, 0, 13, true) as i16, 0x1830 - 0x2000);
         assert_eq!(kept(0x1230, 4, 12, false), 0x123);
         assert_eq!(kept(0x8000, 0, 16, true) as i16, i16::MIN);
+    }
+
+    #[test]
+    fn half_floats_are_what_they_were() {
+        // Every one of them; f32 has a value for each, and bits of its own only for NaN.
+        let all: Vec<u8> = (0..=u16::MAX).flat_map(u16::to_le_bytes).collect();
+        let elements = Elements { numbers: Numbers::Half, ..Elements::plain(VoxelType::F32) };
+        let mut out = vec![0; 2 * all.len()];
+        elements.convert(VoxelType::U16, &all, &mut out);
+        for (bits, voxel) in (0..=u16::MAX).zip(out.as_chunks::<4>().0) {
+            let (found, expected) = (f32::from_le_bytes(*voxel), half_by_its_definition(bits));
+            assert!(
+                found.is_nan() && expected.is_nan() || f64::from(found) == expected,
+                "{bits:04x}: {found} {expected}"
+            );
+            assert_eq!(found.is_sign_negative(), bits >> 15 == 1, "{bits:04x}");
+        }
+        // 1, 2, 4: one of them, and their luminance.
+        let colours = [0x3c00u16, 0x4000, 0x4400].map(u16::to_le_bytes);
+        let convert = |wanted| {
+            let mut out = [0; 4];
+            let channels = Channels { count: 3, wanted };
+            Elements { channels, ..elements }.convert(VoxelType::U16, colours.as_flattened(), &mut out);
+            f32::from_le_bytes(out)
+        };
+        assert_eq!([convert(Some(1)), convert(None)], [2.0, 0.299 + 2.0 * 0.587 + 4.0 * 0.114]);
+    }
+
+    /// IEEE 754-2008, 3.4: a sign, 5 bits of an exponent, 10 of a fraction.
+    fn half_by_its_definition(bits: u16) -> f64 {
+        let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 0x3ff) / 1024.0);
+        let size = match exponent {
+            0 => fraction * 2f64.powi(-14),
+            31 if fraction == 0.0 => f64::INFINITY,
+            31 => f64::NAN,
+            _ => (1.0 + fraction) * 2f64.powi(exponent - 15),
+        };
+        if bits >> 15 == 1 { -size } else { size }
     }
 
     #[test]

@@ -3,7 +3,8 @@
 //! The last three axes of a dataset are z, y, x; of more axes, those before are `--frame` and `--channel`. Chunks are decoded one by
 //! one (deflate, shuffle, Fletcher, szip, LZ4, n-bit, scale-offset; others are refused), contiguous datasets are read in runs.
 //! Spacings are read where they are written beside the voxels: `element_size_um` (Fiji, ilastik), `resolutions` (BigDataViewer, whose voxel
-//! sizes are in an XML file of its own: give them with `--spacing`).
+//! sizes are in an XML file of its own, which can be opened instead: [`super::viewer_xml`]). Floats of 16 bits are refused: the crate does not tell
+//! halves from others.
 //! Files are read by the crate `hdf5-reader` through positional reads. Links to other files, and data in other files, are not followed.
 
 use std::fmt::Debug;
@@ -146,7 +147,7 @@ fn list(group: &Group, name: &str, depth: usize, found: &mut Vec<Candidate>) -> 
         if found.len() >= DATASETS_LIMIT {
             return Ok(());
         }
-        if number_of(dataset.dtype()).is_some() && !dataset.shape().is_empty() {
+        if (number_of(dataset.dtype()).is_some() || is_of_16_bits(dataset.dtype())) && !dataset.shape().is_empty() {
             found.push(Candidate { name: below(dataset.name()), shape: dataset.shape().to_vec() });
         }
     }
@@ -174,6 +175,18 @@ fn number_of(datatype: &Datatype) -> Option<Number> {
     }))
 }
 
+/// Floats of 16 bits, of which the crate does not tell how many are the exponent's: halves have 5, bfloat16 8.
+fn is_of_16_bits(datatype: &Datatype) -> bool {
+    matches!(datatype, Datatype::FloatingPoint { size: 2, .. })
+}
+
+fn refusal_of_16_bits(path: &Path, name: &str) -> SourceError {
+    let what = format!("`{}` holds floats of 16 bits, of which there are several kinds", shortened(name));
+    let advice = "write them as 32 bits first, with Python: `f[NEW] = f[NAME][...].astype('float32')`; half-precision floats are read from \
+                  .npy and Zarr";
+    SourceError::unsupported(path, what, advice)
+}
+
 fn source(
     path: &Path,
     file: &Hdf5File,
@@ -181,6 +194,9 @@ fn source(
     options: &FolderOptions<'_>,
     source_file: SourceFile,
 ) -> Result<ChunkedSource, SourceError> {
+    if is_of_16_bits(dataset.dtype()) {
+        return Err(refusal_of_16_bits(path, name));
+    }
     let Some(number) = number_of(dataset.dtype()) else {
         let what = format!("`{}` is no array of whole or floating numbers of 8 to 64 bits", shortened(name));
         return Err(SourceError::unsupported(path, what, "name another dataset: FILE.h5:/PATH"));
@@ -270,7 +286,9 @@ fn axes_of(file: &Hdf5File, name: &str, dataset: &Dataset, notes: &mut Vec<Strin
     }
     if let Some(factors) = level_of_viewer(file, name).filter(|factors| is_positive(factors)) {
         set(&factors, "");
-        notes.push("BigDataViewer keeps the size of voxels in its XML file: give it with --spacing".into());
+        notes.push(
+            "BigDataViewer keeps the size of voxels in its XML file: open that, or give it with --spacing".into(),
+        );
     }
     axes
 }
@@ -319,6 +337,7 @@ impl Chunks for DatasetChunks {
         let range = |(start, end): (&u64, &u64)| SliceInfoElem::Slice { start: *start, end: *end, step: 1 };
         let selection = SliceInfo { selections: starts.iter().zip(&ends).map(range).collect() };
         let data = match self.number {
+            Number::Half => return Err(refusal_of_16_bits(&self.path, "dataset")),
             Number::Whole { signed: true } => self.whole::<i64>(&selection, i64::to_le_bytes),
             Number::Whole { signed: false } => self.whole::<u64>(&selection, u64::to_le_bytes),
             Number::Voxel(VoxelType::U8) => self.voxels::<u8>(&selection),

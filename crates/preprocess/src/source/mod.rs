@@ -33,6 +33,7 @@ pub mod spool;
 pub mod synthetic;
 mod text;
 pub mod tiff;
+pub mod viewer_xml;
 pub mod vtk;
 pub mod zarr;
 
@@ -82,7 +83,7 @@ pub trait VolumeSource: Send + Sync {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceInfo {
     /// `raw`, `nrrd`, `segy`, `nifti`, `npy`, `npz`, `metaimage`, `tiff`, `dicom`, `pictures`, `vtk`,
-    /// `zarr`, `ome-zarr`, `n5`, `hdf5` or `synth`.
+    /// `zarr`, `ome-zarr`, `n5`, `hdf5`, `bdv` or `synth`.
     pub format: &'static str,
     /// Voxels along x, y, z.
     pub dims: Dims,
@@ -231,6 +232,9 @@ pub enum SourceError {
     /// The file was not left alone: exit code 1.
     #[error("{path} changed while it was read: {what}. Build again when nothing writes to it")]
     Changed { path: PathBuf, what: String },
+    /// Somebody wanted it to stop ([`crate::stop`]).
+    #[error("stopped before anything was finished; nothing is kept")]
+    Stopped,
     /// The options given contradict the file or each other: exit code 2.
     #[error("{0}")]
     Options(String),

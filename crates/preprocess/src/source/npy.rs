@@ -259,7 +259,7 @@ impl<'a> Parser<'a> {
 /// Type and byte order behind a NumPy type string such as `<f4`.
 fn element_type(path: &Path, descr: &str) -> Result<(Number, Endian), SourceError> {
     let unknown = || {
-        let expected = "a byte order (<, > or |) and one of u1 i1 u2 i2 u4 i4 u8 i8 f4 f8 b1";
+        let expected = "a byte order (<, > or |) and one of u1 i1 u2 i2 u4 i4 u8 i8 f2 f4 f8 b1";
         SourceError::invalid(path, "descr", expected, format!("`{}`", excerpt(descr)))
     };
     let order = descr.chars().next().filter(|c| "<>|".contains(*c)).ok_or_else(unknown)?;
@@ -274,7 +274,7 @@ fn element_type(path: &Path, descr: &str) -> Result<(Number, Endian), SourceErro
         "u8" => Number::Whole { signed: false },
         "f4" => Number::Voxel(VoxelType::F32),
         "f8" => Number::Voxel(VoxelType::F64),
-        "f2" => return Err(refused(path, descr, "half floats", "astype('float32')")),
+        "f2" => Number::Half,
         "f16" => return Err(refused(path, descr, "extended floats", "astype('float64')")),
         "c8" | "c16" | "c32" => return Err(refused(path, descr, "complex numbers", "abs() or .real")),
         _ => return Err(unknown()),

@@ -132,12 +132,13 @@ fn inflate<R: Read>(
     }
 }
 
-fn of_zip(path: &Path, error: zip::result::ZipError) -> SourceError {
+/// What the errors of archives are for us.
+pub(super) fn of_zip(path: &Path, error: zip::result::ZipError) -> SourceError {
     use zip::result::ZipError;
     match error {
         ZipError::Io(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => SourceError::io(path, e),
         ZipError::UnsupportedArchive(what) => {
-            let advice = "write it with `numpy.savez` or `savez_compressed`";
+            let advice = "write it anew, with entries that are stored or deflated";
             SourceError::unsupported(path, format!("this kind of ZIP archive is not read ({what})"), advice)
         }
         other => SourceError::invalid(path, "ZIP", "a whole archive", other.to_string()),

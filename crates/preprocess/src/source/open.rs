@@ -21,6 +21,7 @@ use super::segy::{self, SegyOptions};
 use super::selection::Selection;
 use super::spool::SpoolFolder;
 use super::tiff::TiffSource;
+use super::viewer_xml::{self, ViewerXmlSource};
 use super::vtk::VtkSource;
 use super::zarr;
 use super::{SourceError, VolumeSource};
@@ -151,6 +152,7 @@ enum Format {
     Dicom,
     Vtk,
     Npz,
+    ViewerXml,
     Hdf5,
     Nrrd,
     MetaImage,
@@ -171,6 +173,9 @@ fn format_of(start: &[u8], name: &str) -> Option<Format> {
     let is_xml = start.trim_ascii_start().starts_with(b"<?xml") || start.trim_ascii_start().starts_with(b"<VTKFile");
     if start.starts_with(b"# vtk DataFile") || named(&[".vti"]) || is_xml && find(start, b"<VTKFile") {
         return Some(Format::Vtk);
+    }
+    if is_xml && find(start, viewer_xml::START) || start.starts_with(viewer_xml::START) {
+        return Some(Format::ViewerXml);
     }
     if named(&[".npz"]) {
         return Some(Format::Npz);
@@ -230,8 +235,13 @@ pub(crate) fn look_at(path: &Path) -> Result<Found, SourceError> {
         }
         Some(Format::Segy) if refusal_of_file(path, &start, &name).is_some() => Found::Other,
         Some(_) => Found::Volume,
+        None if is_zip_of_zarr(path, &start) => Found::Volume,
         None => Found::Other,
     })
+}
+
+fn is_zip_of_zarr(path: &Path, start: &[u8]) -> bool {
+    start.starts_with(b"PK\x03\x04") && zarr::is_zarr_archive(path)
 }
 
 /// Whether a folder is a Zarr or N5.
@@ -245,14 +255,21 @@ fn lower_name(path: &Path) -> String {
 
 fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>, SourceError> {
     let OpenOptions { raw, outside, segy: segy_options, spool, selection } = options;
-    selection.level_of(path, 1)?;
     if let Some(raw) = raw {
+        selection.level_of(path, 1)?;
         selection.refuse_all(path)?;
         return Ok(Box::new(RawSource::open(path, raw)?));
     }
     let start = head(path)?;
     let name = lower_name(path);
     let format = format_of(&start, &name);
+    if format == Some(Format::ViewerXml) {
+        return Ok(Box::new(ViewerXmlSource::open(path, &options.of_folders())?));
+    }
+    if format.is_none() && is_zip_of_zarr(path, &start) {
+        return Ok(Box::new(zarr::open(path, &options.of_folders())?));
+    }
+    selection.level_of(path, 1)?;
     if format != Some(Format::Dicom) {
         selection.refuse_series(path)?;
     }
@@ -270,7 +287,7 @@ fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>
         Some(Format::Nifti) => return Ok(Box::new(NiftiSource::open_with(path, spool, selection)?)),
         Some(Format::Tiff) => return Ok(Box::new(TiffSource::open(path, spool, selection)?)),
         Some(Format::Picture) => return open_pictures(path, options),
-        Some(Format::Segy) | None => {}
+        Some(Format::ViewerXml | Format::Segy) | None => {}
     }
     if let Some(refusal) = refusal_of_file(path, &start, &name).or_else(|| refusal_of_member(path)) {
         return Err(refusal);

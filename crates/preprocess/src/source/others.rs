@@ -30,7 +30,7 @@ const PICTURE: Other = Other {
 };
 const ZIP: Other = Other {
     name: "a ZIP archive",
-    way_out: "unpack it first: `unzip {in}`; archives of NumPy arrays are read where they are called .npz",
+    way_out: "unpack it first: `unzip {in}`; read are archives of Zarr or N5, and those of NumPy arrays that are called .npz",
 };
 const VTK_MESH: Other = Other {
     name: "a VTK file of meshes or of grids with uneven distances",

@@ -14,7 +14,7 @@ use png::{BitDepth, ColorType};
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::data_files::Outside;
-use super::elements::{Channels, Elements, Frames, Meaning};
+use super::elements::{Channels, Elements, Frames, Meaning, Number};
 use super::file::SourceFile;
 use super::folder::{FolderOptions, Listing};
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes, swap_bytes};
@@ -71,11 +71,10 @@ impl PicturesSource {
         let (files, kind) = files(path, options.outside, &mut notes)?;
         let first = Picture::open(&files[0], kind)?.page(&files[0])?;
         let channels = Channels::choose(path, first.samples, Meaning::Colours, options.selection, &mut notes)?;
-        let elements = Elements { channels, ..Elements::plain(first.voxel_type) };
         let dims = Dims([first.size[0], first.size[1], files.len() as u64]);
         let plain = GridLayout {
             dims,
-            voxel_type: first.voxel_type,
+            voxel_type: first.stored(),
             endian: Endian::Little,
             fastest_first: GridLayout::X_FASTEST,
         };
@@ -86,7 +85,8 @@ impl PicturesSource {
             Some((parts, endian)) => GridFile::parts(path, parts, GridLayout { endian, ..layout })?,
             None => GridFile::single(path, decode(&files, kind, first, options)?, 0, layout)?,
         };
-        let mut info = SourceInfo::plain("pictures", dims, first.voxel_type);
+        let elements = Elements::of(path, &grid, first.number, (channels, Frames::ONE), &mut notes)?;
+        let mut info = SourceInfo::plain("pictures", dims, elements.voxel_type);
         info.notes = notes;
         info.memory_bytes = (size_of::<Part>() + size_of::<SourceFile>() + 256) as u64 * files.len() as u64;
         info.folder = path.is_dir().then(|| path.into());
@@ -182,8 +182,9 @@ fn decode(files: &[PathBuf], kind: Kind, first: Page, options: &FolderOptions<'_
 }
 
 fn words(page: Page) -> String {
-    let Page { size: [width, height], samples, voxel_type } = page;
-    format!("{width} x {height} pixels of {samples} {voxel_type}")
+    let Page { size: [width, height], samples, number } = page;
+    let name = if number == Number::Half { "half-precision float" } else { page.stored().name() };
+    format!("{width} x {height} pixels of {samples} {name}")
 }
 
 /// An open picture whose header has been read.
@@ -231,7 +232,7 @@ impl<'a> Picture<'a> {
                     ColorType::Rgba => 4,
                 };
                 let voxel_type = if info.bit_depth == BitDepth::Sixteen { VoxelType::U16 } else { VoxelType::U8 };
-                Ok(Page { size: [info.width.into(), info.height.into()], samples, voxel_type })
+                Ok(Page { size: [info.width.into(), info.height.into()], samples, number: Number::Voxel(voxel_type) })
             }
             Self::Jpeg(decoder) => {
                 let info = decoder.info().ok_or_else(|| SourceError::invalid(path, "JPEG", "a header", "none"))?;
@@ -244,7 +245,7 @@ impl<'a> Picture<'a> {
                         return Err(SourceError::unsupported(path, "colours are inks (CMYK)", advice));
                     }
                 };
-                Ok(Page { size: [info.width.into(), info.height.into()], samples, voxel_type })
+                Ok(Page { size: [info.width.into(), info.height.into()], samples, number: Number::Voxel(voxel_type) })
             }
         }
     }
@@ -257,7 +258,7 @@ impl<'a> Picture<'a> {
             Self::Jpeg(decoder) => {
                 let mut pixels = decoder.decode().map_err(|e| of_jpeg(path, e))?;
                 if cfg!(target_endian = "big") {
-                    swap_bytes(&mut pixels, page.voxel_type.bytes());
+                    swap_bytes(&mut pixels, page.stored().bytes());
                 }
                 pixels
             }

@@ -13,6 +13,7 @@ use supervol_format::voxel_type::Voxel;
 use supervol_format::{VoxelType, with_voxel};
 
 use super::SourceError;
+use crate::stop::Stopper;
 
 /// Bytes held while copying.
 const BUFFER_BYTES: usize = 1 << 18;
@@ -24,24 +25,40 @@ pub(super) const DEFLATE_RATIO_LIMIT: u64 = 1032;
 const TOKEN_LIMIT: usize = 128;
 
 /// Folder that decoded voxels are spooled to.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct SpoolFolder(Option<PathBuf>);
+#[derive(Clone, Default, PartialEq, Eq)]
+pub struct SpoolFolder {
+    folder: Option<PathBuf>,
+    stopper: Stopper,
+}
+
+/// The folder alone: options are told apart by how they are written.
+impl std::fmt::Debug for SpoolFolder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("SpoolFolder").field(&self.folder).finish()
+    }
+}
 
 impl SpoolFolder {
     /// The system's folder for temporary files.
     #[must_use]
     pub fn system() -> Self {
-        Self(None)
+        Self::default()
     }
 
     /// This folder, which must exist; it needs room for the decoded volume.
     #[must_use]
     pub fn at(folder: impl Into<PathBuf>) -> Self {
-        Self(Some(folder.into()))
+        Self { folder: Some(folder.into()), ..Self::default() }
+    }
+
+    /// The same; whoever decodes into it stops when this says so.
+    #[must_use]
+    pub(crate) fn unless(self, stopper: Stopper) -> Self {
+        Self { stopper, ..self }
     }
 
     fn path(&self) -> PathBuf {
-        self.0.clone().unwrap_or_else(std::env::temp_dir)
+        self.folder.clone().unwrap_or_else(std::env::temp_dir)
     }
 }
 
@@ -82,6 +99,7 @@ pub struct GzipShare<'a> {
 #[derive(Debug)]
 pub struct Spool {
     folder: PathBuf,
+    stopper: Stopper,
     file: BufWriter<File>,
 }
 
@@ -90,10 +108,10 @@ impl Spool {
     ///
     /// # Errors
     /// If the folder cannot be written to.
-    pub fn create(folder: &SpoolFolder) -> Result<Self, SourceError> {
-        let folder = folder.path();
+    pub fn create(spool: &SpoolFolder) -> Result<Self, SourceError> {
+        let folder = spool.path();
         let file = tempfile::tempfile_in(&folder).map_err(|e| SourceError::spool(&folder, e))?;
-        Ok(Self { file: BufWriter::with_capacity(BUFFER_BYTES, file), folder })
+        Ok(Self { file: BufWriter::with_capacity(BUFFER_BYTES, file), folder, stopper: spool.stopper.clone() })
     }
 
     /// Appends the decoded bytes of a gzip stream.
@@ -132,6 +150,7 @@ impl Spool {
         let mut buffer = vec![0; BUFFER_BYTES];
         let mut done = 0;
         while done < wanted {
+            self.stopper.check()?;
             let room = buffer.len().min(usize::try_from(wanted - done).unwrap_or(usize::MAX));
             let count = decoder.read(&mut buffer[..room]).map_err(|e| damaged(kind, share.path, done, e))?;
             if count == 0 {
@@ -239,6 +258,7 @@ impl Spool {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), SourceError> {
+        self.stopper.check()?;
         self.file.write_all(bytes).map_err(|e| SourceError::spool(&self.folder, e))
     }
 }

@@ -172,6 +172,12 @@ impl CpuCaster {
         self.band.error_pixels(&self.states)
     }
 
+    /// What the rays of the pixels of the band cost, where they are finished and that is counted; see [`CpuFrame::work_pixels`].
+    #[must_use]
+    pub fn work_pixels(&self) -> Option<Image> {
+        self.band.work_pixels(&self.states)
+    }
+
     /// What rays may be off by at most, reason by reason.
     #[must_use]
     pub fn errors_by_reason(&self) -> ErrorsByReason {

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use supervol_format::{BrickKey, Lod};
 
 use super::caster::{CpuCaster, PassReport, RayCaster};
+use super::maps::Maps;
 use super::{LevelChoice, Progress, RenderError, RenderOptions, check, milliseconds, predict};
 use crate::image::Image;
 use crate::stats::FrameStats;
@@ -99,14 +100,14 @@ impl<'a> FrameWalk<'a> {
     }
 
     /// Casts until the picture is finished or the walk is to stop, and writes the pixels that are finished over those of
-    /// `picture`, and what they may be off by over those of `errors`; how many those are by now. `bands` says where an earlier walk with the same caster has stopped.
+    /// `picture`, and what else is known of them over those of `maps`; how many those are by now. `bands` says where an earlier walk with the same caster has stopped.
     ///
     /// # Errors
     /// If memory does not suffice, or there is no progress.
     pub fn run_over(
         &mut self,
         caster: &mut CpuCaster,
-        (picture, mut errors): (&mut Image, Option<&mut Image>),
+        (picture, mut maps): (&mut Image, Option<&mut Maps>),
         bands: &mut Bands,
     ) -> Result<u64, RenderError> {
         self.rows = picture.height;
@@ -126,8 +127,8 @@ impl<'a> FrameWalk<'a> {
             }
             let is_finished = self.cast_band(caster)?;
             written = bands.written_before + picture.write_over(bands.rows.start, &caster.finished_pixels());
-            if let (Some(errors), Some(band)) = (&mut errors, caster.error_pixels()) {
-                errors.write_over(bands.rows.start, &band);
+            if let Some(maps) = &mut maps {
+                maps.write_over(bands.rows.start, caster);
             }
             if !is_finished {
                 self.stats.converged = false;

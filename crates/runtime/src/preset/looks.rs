@@ -160,10 +160,12 @@ fn middle(facts: &VolumeFacts) -> f64 {
     0.5 * facts.value_range.min + 0.5 * facts.value_range.max
 }
 
-/// What projections (`mip`, `minip`, `mean`) are shown with: a grey ramp over what they come to.
+/// What projections (`mip`, `minip`, `mean`) are shown with: a grey ramp over what they come to; of tomography, from soft tissue to bone.
 #[must_use]
 pub fn projection(mode: Mode, facts: &VolumeFacts, overview: Option<&Overview>) -> PointsSpec {
-    let window = overview.and_then(|overview| overview.projected_window(mode)).unwrap_or_else(|| match mode {
+    let of_tissue = if mode == Mode::Mip { ramps::projected_tissue(facts) } else { None };
+    let projected = || overview.and_then(|overview| overview.projected_window(mode));
+    let window = of_tissue.or_else(projected).unwrap_or_else(|| match mode {
         Mode::Mip => ramps::window_between(facts, [50.0, 99.9]),
         Mode::Minip => ramps::window_between(facts, [0.1, 50.0]),
         _ => ramps::window_between(facts, [5.0, 95.0]),

@@ -10,6 +10,9 @@ use super::colormap;
 const HOUNSFIELD: [f64; 5] = [-500.0, 40.0, 180.0, 450.0, 1500.0];
 /// What unsigned files add to Hounsfield units.
 const HOUNSFIELD_OFFSET: f64 = 1024.0;
+/// Hounsfield units between which the greatest of a ray is shown, in a body from fat to dense bone: what a coarse level comes to says
+/// nothing of it, since air around the body makes it too dark and averages of bone too low.
+const HOUNSFIELD_PROJECTED: [f64; 2] = [-150.0, 1600.0];
 /// Opacity of what is meant to be opaque.
 const OPAQUE: f64 = 1.0;
 
@@ -82,6 +85,19 @@ pub(super) fn seismic(facts: &VolumeFacts) -> Vec<ControlPoint> {
         point(0.60 * clip, [0.12, 0.30, 0.85], 0.18),
         point(clip, [0.03, 0.08, 0.50], 0.45),
     ]
+}
+
+/// The window of maximum projections of tomography in Hounsfield units, with or without an offset; `None` where values are not these, or
+/// all lie on one side.
+pub(super) fn projected_tissue(facts: &VolumeFacts) -> Option<[f64; 2]> {
+    let range = facts.value_range;
+    let [low, high] = match facts.kind {
+        DataKind::CtOffset => HOUNSFIELD_PROJECTED.map(|value| value + HOUNSFIELD_OFFSET),
+        DataKind::Ct if is_hounsfield(range) => HOUNSFIELD_PROJECTED,
+        _ => return None,
+    };
+    let high = high.min(range.max);
+    (range.min < low && low < high).then_some([low, high])
 }
 
 /// Air transparent, soft tissue faint and warm, bone white: Hounsfield units where the values are these, with or without
@@ -283,5 +299,33 @@ pub fn of_slice(facts: &VolumeFacts) -> Vec<ControlPoint> {
         DataKind::Ct => opaque_grey([-200.0, 500.0]),
         DataKind::CtOffset => opaque_grey([-200.0, 500.0].map(|v| v + HOUNSFIELD_OFFSET)),
         _ => opaque_grey(window_between(facts, [0.1, 99.9])),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::facts::Frame;
+    use supervol_format::{Dims, Geometry, ValueRange};
+
+    #[test]
+    fn maximum_projections_of_tomography_go_from_soft_tissue_to_bone() {
+        let facts = |kind, min, max| VolumeFacts {
+            dims: Dims([8; 3]),
+            geometry: Geometry::IDENTITY,
+            frame: Frame::Unknown,
+            value_range: ValueRange { min, max },
+            percentiles: Vec::new(),
+            histogram: Vec::new(),
+            kind,
+            has_zero_centre: false,
+        };
+        let window = |kind, min, max| projected_tissue(&facts(kind, min, max));
+        assert_eq!(window(DataKind::Ct, -1000.0, 3000.0), Some([-150.0, 1600.0]));
+        assert_eq!(window(DataKind::CtOffset, 0.0, 4095.0), Some([874.0, 2624.0]));
+        // No denser than what there is; and nothing where values are no Hounsfield units.
+        assert_eq!(window(DataKind::Ct, -1000.0, 700.0), Some([-150.0, 700.0]));
+        assert_eq!(window(DataKind::Ct, 0.0, 255.0), None);
+        assert_eq!(window(DataKind::Mri, -1000.0, 3000.0), None);
     }
 }

@@ -42,7 +42,13 @@ pub(super) fn look_ahead(
     resident.aim(next, options);
     let pixel = sketch_pixel(next);
     let scene = with_pixels(next, pixel);
-    let options = RenderOptions { predict_error: false, progress: None, rays_finished: None, ..options.clone() };
+    let options = RenderOptions {
+        predict_error: false,
+        count_work: false,
+        progress: None,
+        rays_finished: None,
+        ..options.clone()
+    };
     let lod = match options.level {
         // Seen through the large pixels, voxels are as large as in the picture through its own.
         LevelChoice::Auto => LodChoice::Auto { voxel_pixels: 1.0 / f64::from(next.subgrid * pixel) },

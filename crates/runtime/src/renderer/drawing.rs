@@ -18,6 +18,7 @@ use supervol_format::{Container, Lod};
 
 use super::resident::Resident;
 use crate::frame::caster::CpuCaster;
+use crate::frame::maps::{Maps, of_work};
 use crate::frame::stated::{ErrorStated, complete};
 use crate::frame::walk::{Bands, FrameWalk};
 use crate::frame::{LevelChoice, RenderError, RenderOptions, cpu_frame};
@@ -42,9 +43,8 @@ pub struct Drawing {
     scene: ResolvedScene,
     /// The best so far; NaN where nothing is known.
     picture: Option<Image>,
-    /// What the pixels of the picture that is wanted may be off by, where errors are summed up; NaN where they are not
-    /// finished.
-    errors: Option<Image>,
+    /// What else is asked for of the pixels of the picture that is wanted; NaN where they are not finished.
+    maps: Maps,
     /// Of its rays, reason by reason.
     by_reason: ErrorsByReason,
     /// Size of its pixels.
@@ -80,7 +80,7 @@ impl Drawing {
         Self {
             scene,
             picture: None,
-            errors: None,
+            maps: Maps::default(),
             by_reason: ErrorsByReason::default(),
             pixel: 1,
             behind: None,
@@ -114,26 +114,33 @@ impl Drawing {
         })
     }
 
-    /// The same, and [`Self::error_map`], for who needs nothing else.
+    /// The same, with [`Self::error_map`] and [`Self::work_map`], for who needs nothing else.
     #[must_use]
-    pub fn into_pictures(self) -> Option<(Image, Option<Image>)> {
+    pub fn into_pictures(self) -> Option<(Image, Maps)> {
         let picture = self.picture.filter(|_| self.behind.is_some())?;
         let picture = picture.enlarged(self.pixel, self.scene.image_size);
-        let errors = self.errors.map(|known| complete(known, &picture));
-        Some((picture, errors))
+        let errors = self.maps.errors.map(|known| complete(known, &picture));
+        Some((picture, Maps { errors, work: self.maps.work.map(of_work) }))
     }
 
     /// What each pixel of the picture may be off by, grey, 1 being white: where errors are summed up, once there is a picture.
     #[must_use]
     pub fn error_map(&self) -> Option<Image> {
-        Some(complete(self.errors.clone()?, self.picture()?.as_ref()))
+        Some(complete(self.maps.errors.clone()?, self.picture()?.as_ref()))
+    }
+
+    /// What the rays of each pixel cost ([`of_work`]): where that is counted, once there is a picture.
+    #[must_use]
+    pub fn work_map(&self) -> Option<Image> {
+        self.picture()?;
+        self.maps.work.clone().map(of_work)
     }
 
     /// The same in numbers.
     #[must_use]
     pub fn error_stated(&self) -> Option<ErrorStated> {
         let pixels_unfinished = self.scene.pixels() - self.finished;
-        Some(ErrorStated::of(self.errors.as_ref()?, self.picture()?.as_ref(), self.by_reason, pixels_unfinished))
+        Some(ErrorStated::of(self.maps.errors.as_ref()?, self.picture()?.as_ref(), self.by_reason, pixels_unfinished))
     }
 
     /// What it cost so far, and what is not finished.
@@ -161,9 +168,7 @@ impl Drawing {
         options: &RenderOptions,
         stop: &Stop,
     ) -> Result<(), RenderError> {
-        if options.predict_error && self.errors.is_none() {
-            self.errors = Some(Image::unknown(self.scene.image_size));
-        }
+        self.maps.begin(options, self.scene.image_size);
         let mut stop = stop.clone();
         if self.behind.is_none() && stop.deadline().is_some() {
             self.sketch(resident, options, &stop)?;
@@ -183,8 +188,8 @@ impl Drawing {
             let mut walk = FrameWalk::new(resident.streamer(), plan, &stage.options, began)
                 .until(stop.clone())
                 .after(std::mem::take(&mut self.stats));
-            let errors = self.errors.as_mut().filter(|_| stage.pixel == 1);
-            let written = walk.run_over(&mut stage.caster, (picture, errors), &mut stage.bands)?;
+            let maps = (stage.pixel == 1).then_some(&mut self.maps);
+            let written = walk.run_over(&mut stage.caster, (picture, maps), &mut stage.bands)?;
             self.stats = walk.into_stats();
             stage.spent += began.elapsed();
             if stage.pixel == 1 {
@@ -300,7 +305,7 @@ pub(super) fn options_for(container: &Container, options: &RenderOptions, pixel:
             LevelChoice::Fixed(Lod(coarser).min(container.pyramid().coarsest()))
         }
     };
-    RenderOptions { level, max_error: ANY_ERROR, predict_error: false, ..options.clone() }
+    RenderOptions { level, max_error: ANY_ERROR, predict_error: false, count_work: false, ..options.clone() }
 }
 
 #[cfg(test)]

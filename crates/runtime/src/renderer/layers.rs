@@ -299,6 +299,20 @@ impl Layers {
         Some(Image { width, height, pixels }.downsampled(self.cut.scene.subgrid))
     }
 
+    /// What the rays of each pixel cost, in all regions together: see [`crate::frame::maps::of_work`]. What slices cost is not among it.
+    #[must_use]
+    pub fn work_map(&self) -> Option<Image> {
+        let maps: Option<Vec<Image>> = self.regions.iter().map(|region| region.drawing.work_map()).collect();
+        let mut maps = maps?.into_iter();
+        let mut sum = maps.next()?;
+        for map in maps {
+            for (sum, work) in sum.pixels.iter_mut().zip(&map.pixels) {
+                *sum = [sum[0] + work[0], sum[1] + work[1], 0.0, sum[3].max(work[3])];
+            }
+        }
+        Some(sum.downsampled(self.cut.scene.subgrid))
+    }
+
     /// The same of a picture that is there.
     #[must_use]
     pub fn error_map(&self) -> Option<Image> {

@@ -14,12 +14,19 @@ use crate::quantity::{self, WrittenBox};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place {
     axis: String,
-    at: f64,
+    /// In what the axis counts in; `None`: the voxel in the middle.
+    at: Option<f64>,
 }
+
+/// The word for the voxel in the middle of an axis.
+const MIDDLE: &str = "middle";
 
 impl std::fmt::Display for Place {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}={}", self.axis, self.at)
+        match self.at {
+            Some(at) => write!(f, "{}={at}", self.axis),
+            None => write!(f, "{}={MIDDLE}", self.axis),
+        }
     }
 }
 
@@ -56,11 +63,15 @@ pub enum Crop {
     Named(Vec<(String, f64, f64)>),
 }
 
-/// `AXIS=PLACE`.
+/// `AXIS=PLACE`, or `AXIS=middle`.
 pub fn place(text: &str) -> Result<Place, String> {
-    let parsed = text.split_once('=').and_then(|(axis, at)| Some((axis.trim(), finite(at)?)));
-    let (axis, at) =
-        parsed.ok_or_else(|| format!("'{text}': expected AXIS=PLACE, such as inline=1200, axial=-40 or k=17"))?;
+    let parsed = text.split_once('=').and_then(|(axis, at)| {
+        let is_middle = at.trim().eq_ignore_ascii_case(MIDDLE);
+        Some((axis.trim(), if is_middle { None } else { Some(finite(at)?) }))
+    });
+    let (axis, at) = parsed.ok_or_else(|| {
+        format!("'{text}': expected AXIS=PLACE, such as inline=1200, axial=-40, k=17 or coronal={MIDDLE}")
+    })?;
     Ok(Place { axis: axis.to_lowercase(), at })
 }
 
@@ -107,12 +118,15 @@ fn finite(text: &str) -> Option<f64> {
 impl Place {
     /// The axis of the grid, and the index coordinate along it.
     pub fn on_grid(&self, container: &Container, facts: &VolumeFacts) -> Result<(usize, f64), Failure> {
-        let (axis, at) = on_grid(&self.axis, self.at, container, facts)?;
+        let scale = Scale::of(&self.axis, container, facts)?;
+        let axis = scale.axis;
+        // A voxel, not what lies between two: of two in the middle, the first.
+        let middle = ((facts.dims.0[axis] - 1) / 2) as f64;
+        let at = self.at.map_or(middle, |at| scale.index(at));
         let [low, high] = preset::domain(facts);
         if (low[axis]..=high[axis]).contains(&at) {
             return Ok((axis, at));
         }
-        let scale = Scale::of(&self.axis, container, facts)?;
         let ends = [low[axis] + 0.5, high[axis] - 0.5].map(|index| scale.place(index));
         Err(Failure::Command(format!(
             "{self} lies outside the volume: {} runs from {} to {}",
@@ -173,11 +187,6 @@ pub fn lines(index: [f64; 3], container: &Container, facts: &VolumeFacts) -> Res
         Ok((name, scale.place(index[scale.axis])))
     };
     ["inline".into(), "crossline".into(), third].into_iter().map(place).collect()
-}
-
-fn on_grid(name: &str, at: f64, container: &Container, facts: &VolumeFacts) -> Result<(usize, f64), Failure> {
-    let scale = Scale::of(name, container, facts)?;
-    Ok((scale.axis, scale.index(at)))
 }
 
 /// What an axis of the grid counts in, under one of its names: place = first + index * step.
@@ -251,8 +260,10 @@ mod tests {
 
     #[test]
     fn places_and_boxes_are_read() {
-        assert_eq!(place("Inline = 1200"), Ok(Place { axis: "inline".into(), at: 1200.0 }));
-        assert!(place("inline").is_err() && place("k=x").is_err());
+        assert_eq!(place("Inline = 1200"), Ok(Place { axis: "inline".into(), at: Some(1200.0) }));
+        assert_eq!(place("axial= Middle"), Ok(Place { axis: "axial".into(), at: None }));
+        assert_eq!(place("axial=middle").map(|place| place.to_string()).as_deref(), Ok("axial=middle"));
+        assert!(place("inline").is_err() && place("k=x").is_err() && place("k=middles").is_err());
         let plane = Cut::Plane { normal: [1.0, 0.0, -1.5], through: Some([3.0, 4.0, 5.0]) };
         assert_eq!(slice("normal=1,0,-1.5@3,4,5").as_ref(), Ok(&plane));
         assert_eq!(plane.to_string(), "normal=1,0,-1.5@3,4,5");

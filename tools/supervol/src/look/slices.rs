@@ -18,7 +18,7 @@ use crate::failure::Failure;
 /// Which slices, and how.
 #[derive(Debug, Clone, Args)]
 pub struct SliceArguments {
-    /// Show a slice, face on: AXIS=PLACE, with the axes of --crop, or normal=NX,NY,NZ@X,Y,Z for the plane across this direction
+    /// Show a slice, face on: AXIS=PLACE, with the axes of --crop and a number or `middle`, or normal=NX,NY,NZ@X,Y,Z for the plane across this direction
     /// through this point, world (without @X,Y,Z through the middle). Given again, slices lie side by side in one picture
     #[arg(long = "slice", value_name = "AXIS=PLACE|normal=...", value_parser = places::slice, allow_hyphen_values = true)]
     pub cuts: Vec<Cut>,

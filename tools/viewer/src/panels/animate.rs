@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use eframe::egui::{self, Button, DragValue, Ui};
 use supervol_preprocess::Existing;
 use supervol_runtime::camera_path::{CameraPath, FRAME_LIMIT, KeyFrame};
+use supervol_runtime::image::ImageFormat;
 use supervol_runtime::scene::{CameraSpec, RAY_LIMIT};
 
 use super::dialogs::{SIDE_LIMIT, beside, path_field, window};
@@ -16,6 +17,17 @@ const TURN_FRAMES: u32 = 100;
 const STEP_FRAMES: u32 = 50;
 /// Most views that are listed.
 const KEY_LIMIT: usize = 200;
+
+/// What pictures can be written as.
+const FORMATS: [(ImageFormat, &str, &str); 3] = [
+    (ImageFormat::Png, "PNG", "8 bits a channel, with the background: for films"),
+    (
+        ImageFormat::Exr,
+        "EXR",
+        "OpenEXR: 32-bit floats, premultiplied, without the background: for compositing (--frame-format exr)",
+    ),
+    (ImageFormat::Npy, "NumPy", "Arrays of 32-bit floats, premultiplied, without the background (--frame-format npy)"),
+];
 
 /// Which kind of animation is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,6 +41,7 @@ pub(crate) struct AnimationDialog {
     kind: Kind,
     frames: u32,
     folder: String,
+    format: ImageFormat,
     replace: bool,
     size: [u32; 2],
 }
@@ -67,7 +80,14 @@ impl AnimationDialog {
     pub(super) fn new(viewer: &Viewer) -> Self {
         let image = &viewer.scene.image;
         let folder = beside(viewer.opened.as_deref(), "frames");
-        Self { kind: Kind::Turntable, frames: TURN_FRAMES, folder, replace: false, size: [image.width, image.height] }
+        Self {
+            kind: Kind::Turntable,
+            frames: TURN_FRAMES,
+            folder,
+            format: ImageFormat::Png,
+            replace: false,
+            size: [image.width, image.height],
+        }
     }
 }
 
@@ -84,7 +104,7 @@ pub(super) fn show(viewer: &mut Viewer, ctx: &egui::Context) {
         let folder = PathBuf::from(dialog.folder.trim());
         viewer.worker.iter().for_each(|worker| {
             let (scene, motion, folder) = (scene.clone(), motion.clone(), folder.clone());
-            worker.animate(Animation { scene, motion, folder, existing });
+            worker.animate(Animation { scene, motion, folder, format: dialog.format, existing });
         });
     } else if is_open && !ctx.input(|input| input.key_pressed(egui::Key::Escape)) {
         viewer.dialogs.animation = Some(dialog);
@@ -111,7 +131,13 @@ fn contents(viewer: &mut Viewer, dialog: &mut AnimationDialog, ui: &mut Ui) -> O
             viewer.keys.path().map(Motion::Path)
         }
     };
-    ui.label("PNG files in this folder, frame-00000.png and so on; what is there already is kept:");
+    ui.horizontal(|ui| {
+        for (format, name, words) in FORMATS {
+            ui.selectable_value(&mut dialog.format, format, name).on_hover_text(words);
+        }
+    });
+    let ending = dialog.format.ending();
+    ui.label(format!("Files in this folder, frame-00000.{ending} and so on; what is there already is kept:"));
     path_field(ui, &mut dialog.folder, "Folder of the pictures");
     ui.horizontal(|ui| {
         ui.label("Pixels");

@@ -30,7 +30,7 @@ const MEMORY_MIB: std::ops::RangeInclusive<u64> = 64..=65_536;
 /// Least and greatest time for interaction that can be chosen, ms.
 const INTERACTION_MS: std::ops::RangeInclusive<u64> = 10..=1000;
 /// What can be seen of how a picture was made.
-const INSPECTIONS: [(Inspect, &str, &str); 3] = [
+const INSPECTIONS: [(Inspect, &str, &str); 4] = [
     (Inspect::Nothing, "nothing", "The picture; bricks that could not be read are marked all the same, in red"),
     (
         Inspect::Bricks,
@@ -41,6 +41,12 @@ const INSPECTIONS: [(Inspect, &str, &str); 3] = [
         Inspect::Errors,
         "errors",
         "How far each pixel may be off, in grey levels: black 0.1, blue 0.5, green 2, yellow 16, red 64 (--error-map)",
+    ),
+    (
+        Inspect::Work,
+        "work",
+        "What the rays of each pixel cost, by the logarithm: orange for cells crossed, blue for leaps over what shows nothing, full \
+         at 1,000 (--work-map). Pictures take several times as long meanwhile",
     ),
 ];
 /// Samples of a pixel that can be chosen.

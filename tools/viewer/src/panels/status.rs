@@ -83,8 +83,12 @@ fn busy(viewer: &Viewer, ui: &mut Ui) {
         if matches!(busy, Busy::Exporting(..) | Busy::Animating(..)) && ui.button("Give up").clicked() {
             viewer.worker.iter().for_each(crate::worker::Worker::cancel_export);
         }
-        if matches!(busy, Busy::Building(..)) {
-            ui.weak("closing the window stops it; it goes on when the file is opened again");
+        if matches!(busy, Busy::Opening(_) | Busy::Building(..)) {
+            let tip = "Stops the build. What is finished stays in the cache folder, and the same file opened again goes on with it; so does \
+                       closing the window";
+            if ui.button("Cancel").on_hover_text(tip).clicked() {
+                viewer.worker.iter().for_each(crate::worker::Worker::cancel_build);
+            }
         }
     });
 }

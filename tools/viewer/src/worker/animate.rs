@@ -32,6 +32,8 @@ pub struct Animation {
     pub motion: Motion,
     /// Where the pictures go.
     pub folder: PathBuf,
+    /// What they are written as.
+    pub format: ImageFormat,
     /// Whether pictures of something else are replaced.
     pub existing: Existing,
 }
@@ -75,6 +77,7 @@ impl Easel {
             cameras: &cameras,
             motion: &motion,
             folder: &animation.folder,
+            format: animation.format,
             inputs: &inputs,
         };
         let others = match animation.existing {
@@ -96,9 +99,10 @@ impl Easel {
         let folder = animation.folder.display();
         drawn.map(|is_done| match is_done {
             true => Message::Done(format!(
-                "{folder}: {} pictures, {} of them drawn now; a film of them: ffmpeg -framerate 25 -i {folder}/frame-%05d.png film.mp4",
+                "{folder}: {} pictures, {} of them drawn now{}",
                 cameras.len(),
-                missing.len()
+                missing.len(),
+                frames.advice()
             )),
             false => Message::Done(format!("given up; the same again goes on with what {folder} holds")),
         })
@@ -121,7 +125,7 @@ impl Easel {
         }
         let mut file = output.file();
         let picture = self.decorated(picture, &scene);
-        picture.encode(ImageFormat::Png, scene.background, &mut file).map_err(|e| e.to_string())?;
+        picture.encode(frames.format, scene.background, &mut file).map_err(|e| e.to_string())?;
         output.publish().map_err(|e| e.to_string())?;
         Ok(true)
     }

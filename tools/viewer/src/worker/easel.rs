@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use supervol_runtime::frame::maps::work_in_colors;
 use supervol_runtime::frame::stated::in_colors;
 use supervol_runtime::frame::{Backend, Progress, RenderOptions};
 use supervol_runtime::image::Image;
@@ -68,6 +69,7 @@ pub(super) fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
         threads: settings.threads,
         max_error: settings.max_error,
         predict_error: true,
+        count_work: settings.inspect == Inspect::Work,
         progress: Some(Arc::new(on_progress)),
         ..RenderOptions::default()
     }
@@ -244,11 +246,12 @@ impl Easel {
         let (Some(view), Some(scene), Some(picture)) = (&self.view, &self.scene, self.renderer.picture()) else {
             return;
         };
-        let errors = (self.inspect == Inspect::Errors && is_converged).then(|| self.renderer.error_map()).flatten();
-        let picture = match errors {
-            Some(errors) => Cow::Owned(in_colors(errors)),
-            None => self.decorated(picture, scene),
+        let map = match self.inspect {
+            Inspect::Errors if is_converged => self.renderer.error_map().map(in_colors),
+            Inspect::Work if is_converged => self.renderer.work_map().map(work_in_colors),
+            Inspect::Nothing | Inspect::Bricks | Inspect::Errors | Inspect::Work => None,
         };
+        let picture = map.map_or_else(|| self.decorated(picture, scene), Cow::Owned);
         // Of pictures that are on their way, nobody can read the stated error: it would take as long as casting them.
         let stats = if is_converged { self.renderer.stats() } else { self.renderer.counts() };
         let has_marks = stats.bricks_failed > 0 || self.inspect == Inspect::Bricks;

@@ -48,8 +48,14 @@ pub fn container_in_bricks(folder: &Path, name: &str, [edge, brick]: [u64; 2]) -
 
 /// A NumPy file with a ramp.
 pub fn npy(folder: &Path) -> PathBuf {
-    let path = folder.join("ramp.npy");
-    let mut header = String::from("{'descr': '|u1', 'fortran_order': False, 'shape': (20, 30, 40), }");
+    npy_of(folder, "ramp", [20, 30, 40], |i| (6 * (i % 40)) as u8)
+}
+
+/// A NumPy file of bytes by their number, of this shape, slowest axis first.
+pub fn npy_of(folder: &Path, name: &str, shape: [usize; 3], voxel: impl Fn(usize) -> u8) -> PathBuf {
+    let path = folder.join(format!("{name}.npy"));
+    let [nz, ny, nx] = shape;
+    let mut header = format!("{{'descr': '|u1', 'fortran_order': False, 'shape': ({nz}, {ny}, {nx}), }}");
     while !(10 + header.len() + 1).is_multiple_of(64) {
         header.push(' ');
     }
@@ -57,7 +63,7 @@ pub fn npy(folder: &Path) -> PathBuf {
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
     bytes.extend((header.len() as u16).to_le_bytes());
     bytes.extend(header.as_bytes());
-    bytes.extend((0..20 * 30 * 40u32).map(|i| (6 * (i % 40)) as u8));
+    bytes.extend((0..nz * ny * nx).map(voxel));
     std::fs::write(&path, bytes).expect("a file");
     path
 }

@@ -20,7 +20,7 @@ use tiff::tags::{CompressionMethod, SampleFormat, Tag};
 use tiff::{ColorType, TiffError};
 
 use super::data_files::open_data;
-use super::elements::{Channels, Elements, Frames, Meaning};
+use super::elements::{Channels, Elements, Frames, Meaning, Number};
 use super::file::SourceFile;
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use super::selection::Selection;
@@ -57,23 +57,22 @@ impl TiffSource {
             1 => Channels::ONE,
             samples => Channels::choose(path, samples, Meaning::Colours, selection, &mut notes)?,
         };
-        let elements = Elements { channels, ..Elements::plain(first.voxel_type) };
         let (slices, behind) = pages.slices(&description, &mut notes)?;
         let geometry = pages.geometry(&description)?;
         let dims = Dims([first.size[0], first.size[1], slices.len() as u64]);
-        checked_bytes(path, dims, first.voxel_type)?;
+        checked_bytes(path, dims, first.stored())?;
         let in_place = match behind {
             Some(offset) => vec![offset],
             None => pages.offsets_in_place(&slices, first)?,
         };
         let plain = GridLayout {
             dims,
-            voxel_type: first.voxel_type,
+            voxel_type: first.stored(),
             endian: Endian::Little,
             fastest_first: GridLayout::X_FASTEST,
         };
         let layout = |endian| GridLayout { endian, ..Elements::widened(channels, Frames::ONE, plain) };
-        let bytes = checked_bytes(path, layout(Endian::Little).dims, first.voxel_type)?;
+        let bytes = checked_bytes(path, layout(Endian::Little).dims, first.stored())?;
         let grid = match in_place[..] {
             [] => GridFile::single(path, pages.decode(&slices, first, bytes, spool)?, 0, layout(Endian::Little)),
             [offset] => GridFile::single(path, open_data(path)?, offset, layout(pages.endian())),
@@ -83,8 +82,9 @@ impl TiffSource {
             }
         };
         let grid = grid?;
+        let elements = Elements::of(path, &grid, first.number, (channels, Frames::ONE), &mut notes)?;
 
-        let mut info = SourceInfo::plain("tiff", dims, first.voxel_type);
+        let mut info = SourceInfo::plain("tiff", dims, elements.voxel_type);
         info.geometry = geometry;
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: description.unit.clone() });
         info.notes = notes;
@@ -111,7 +111,7 @@ pub(super) struct Page {
     /// Numbers per pixel.
     pub(super) samples: u64,
     /// Their type.
-    pub(super) voxel_type: VoxelType,
+    pub(super) number: Number,
 }
 
 impl Page {
@@ -121,7 +121,12 @@ impl Page {
     }
 
     fn pixel_bytes(self) -> usize {
-        self.samples as usize * self.voxel_type.bytes()
+        self.samples as usize * self.stored().bytes()
+    }
+
+    /// The type in which they lie in a grid.
+    pub(super) fn stored(self) -> VoxelType {
+        self.number.stored()
     }
 }
 
@@ -175,7 +180,10 @@ impl<'a> Pages<'a> {
             let advice = "rewrite it with the colours of a pixel together: `tiffcp -p contig IN OUT`";
             return unsupported("each colour lies in a plane of its own".into(), advice);
         }
-        let voxel_type = match (SampleFormat::from_u16_exhaustive(format), bits) {
+        let number = Number::Voxel(match (SampleFormat::from_u16_exhaustive(format), bits) {
+            (SampleFormat::IEEEFP, 16) => {
+                return Ok(Page { size: [width.into(), height.into()], samples, number: Number::Half });
+            }
             (SampleFormat::Uint, 8) => VoxelType::U8,
             (SampleFormat::Int, 8) => VoxelType::I8,
             (SampleFormat::Uint, 16) => VoxelType::U16,
@@ -188,8 +196,8 @@ impl<'a> Pages<'a> {
                 let advice = "convert to 8, 16 or 32 bits, for example with Fiji (Image, Type)";
                 return unsupported(format!("pixels of {bits} bits ({format:?}) have no voxel type here"), advice);
             }
-        };
-        Ok(Page { size: [width.into(), height.into()], samples, voxel_type })
+        });
+        Ok(Page { size: [width.into(), height.into()], samples, number })
     }
 
     /// The description of the page at hand.

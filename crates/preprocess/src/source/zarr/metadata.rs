@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use half::f16;
 use serde::Deserialize;
 use serde_json::Value;
 use supervol_format::VoxelType;
@@ -322,6 +323,7 @@ pub(super) fn number_named(name: &str) -> Option<Number> {
         "int16" => Number::Voxel(VoxelType::I16),
         "uint32" => Number::Voxel(VoxelType::U32),
         "int32" => Number::Voxel(VoxelType::I32),
+        "float16" => Number::Half,
         "float32" => Number::Voxel(VoxelType::F32),
         "float64" => Number::Voxel(VoxelType::F64),
         "int64" => Number::Whole { signed: true },
@@ -343,6 +345,7 @@ fn type_of_version_2(at: At<'_>, dtype: &Value) -> Result<(Number, Endian), Sour
         Some("i4") => "int32",
         Some("u8") => "uint64",
         Some("i8") => "int64",
+        Some("f2") => "float16",
         Some("f4") => "float32",
         Some("f8") => "float64",
         _ => return Err(at.unsupported(format!("elements of type {}", shortened(&dtype.to_string())))),
@@ -413,6 +416,10 @@ fn fill_of(at: At<'_>, value: &Value, number: Number) -> Result<[u8; 8], SourceE
         },
         _ => return Err(wrong()),
     };
+    if number == Number::Half {
+        bytes[..2].copy_from_slice(&f16::from_f64(value).to_le_bytes());
+        return Ok(bytes);
+    }
     with_voxel!(voxel_type, V => V::from_f64(value).write_le(&mut bytes[..size_of::<V>()]));
     Ok(bytes)
 }

@@ -1,4 +1,4 @@
-//! Zarr (versions 2 and 3), OME-Zarr and N5: folders of chunks, read chunk by chunk.
+//! Zarr (versions 2 and 3), OME-Zarr and N5: folders of chunks, or ZIP files of what such a folder holds, read chunk by chunk.
 //!
 //! A folder is an array, or a group: of an OME-Zarr image or an N5 pyramid the finest level is read, or `--source-level N`; of other
 //! groups the one array, or the one that is named (`FOLDER:/PATH`). Axes that are neither x, y nor z are `--frame` (time) and
@@ -8,6 +8,7 @@
 //! Promises: chunk sizes are checked against the memory before anything is read; nothing is decoded beyond its chunk; nothing
 //! outside the folder is read.
 
+mod archive;
 mod blosc;
 mod codecs;
 mod metadata;
@@ -21,7 +22,6 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use supervol_format::ByteSource;
 use supervol_format::Dims;
 use supervol_format::readable::Mib;
 
@@ -33,6 +33,7 @@ use super::grid_file::{GridLayout, checked_bytes};
 use super::selection::Selection;
 use super::text::shortened;
 use super::{Axis, Endian, SourceError, SourceInfo};
+use archive::Member;
 use metadata::{Array, Index, Version2, Version3};
 use ome::{ArrayAxis, Attributes};
 use placement::place;
@@ -52,6 +53,12 @@ pub(crate) fn is_zarr(folder: &Path) -> bool {
     descriptions().any(|name| folder.join(name).is_file())
 }
 
+/// Whether a ZIP file holds Zarr or N5; not where it cannot be read.
+pub(super) fn is_zarr_archive(path: &Path) -> bool {
+    let is_of_zarr = |name: &str| name.rsplit('/').next().is_some_and(|file| descriptions().any(|known| known == file));
+    archive::Archive::open(path).is_ok_and(|archive| archive.below("").any(is_of_zarr))
+}
+
 /// Whether a file of this name describes the Zarr or N5 that it lies in.
 pub(super) fn is_description(name: &OsStr) -> bool {
     descriptions().any(|known| name == known)
@@ -59,6 +66,25 @@ pub(super) fn is_description(name: &OsStr) -> bool {
 
 fn descriptions() -> impl Iterator<Item = &'static str> {
     ZARR_FILES.into_iter().chain([".zattrs", N5_FILE])
+}
+
+/// How many voxels of the finest a voxel of a level of `BigDataViewer` in N5 is along x, y and z: the setup lists it, or the level says it.
+pub(super) fn factors_of_viewer(
+    path: &Path,
+    outside: super::data_files::Outside,
+    (setup, dataset, level): (&str, &str, u64),
+) -> Result<Option<[f64; 3]>, SourceError> {
+    let store = Store::new(path, outside)?;
+    let attributes = |folder: &str| store.metadata::<serde_json::Value>(&store.inside(folder)?.join(N5_FILE));
+    let numbers = |value: &serde_json::Value| -> Option<[f64; 3]> {
+        let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(serde_json::Value::as_f64).collect();
+        numbers?.try_into().ok().filter(|factors: &[f64; 3]| factors.iter().all(|factor| *factor >= 1.0))
+    };
+    let listed = attributes(setup)?.and_then(|found| numbers(&found["downsamplingFactors"][level as usize]));
+    if listed.is_some() {
+        return Ok(listed);
+    }
+    Ok(attributes(dataset)?.and_then(|found| numbers(&found["downsamplingFactors"])))
 }
 
 /// Opens a folder of Zarr or N5.
@@ -70,7 +96,8 @@ pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, S
     options.selection.refuse_series(path)?;
     let store = Store::new(path, options.outside)?;
     let name = options.selection.array.as_deref().unwrap_or_default().trim_matches('/');
-    let folder = store.inside(name)?;
+    let all: Vec<&str> = descriptions().collect();
+    let folder = if name.is_empty() { store.root(&all) } else { store.inside(name)? };
     let mut notes = Vec::new();
     let found = find(&store, &folder, options.selection, &mut notes)?;
     source(&store, found, options, notes)
@@ -106,7 +133,7 @@ fn node(store: &Store, folder: &Path) -> Result<Option<Node>, SourceError> {
     if let Some(found) = store.metadata::<Version2>(&path)? {
         return Ok(Some(Node::Array(found.array(&path)?, attributes.and_then(|a| a.dimensions))));
     }
-    if attributes.is_some() || folder.join(".zgroup").is_file() {
+    if attributes.is_some() || store.has(&folder.join(".zgroup")) {
         return Ok(Some(Node::Group(attributes.unwrap_or_default())));
     }
     Ok(store.metadata::<n5::Attributes>(&folder.join(N5_FILE))?.map(Node::N5))
@@ -225,9 +252,9 @@ fn n5_level(
         selection.level_of(folder, 1)?;
         return found(folder.into(), &attributes, &n5::Attributes::default());
     }
-    let levels = (0..).take_while(|level| folder.join(format!("s{level}")).join(N5_FILE).is_file()).count();
+    let levels = (0..).take_while(|level| store.has(&folder.join(format!("s{level}")).join(N5_FILE))).count();
     if levels == 0 {
-        return Err(several(store, folder, "group of N5", &below_n5(folder)));
+        return Err(several(store, folder, "group of N5", &store.folders(folder)));
     }
     let level = level_of(folder, levels, selection, notes)?;
     let at = folder.join(format!("s{level}"));
@@ -235,15 +262,6 @@ fn n5_level(
         return Err(SourceError::invalid(&at, "level", "a dataset of N5", "none"));
     };
     found(at, &own, &attributes)
-}
-
-/// Folders in a group of N5, which need no metadata of their own.
-fn below_n5(folder: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().take(LISTED_LIMIT * 10);
-    let folders = entries.filter(|entry| entry.path().is_dir());
-    let mut names: Vec<String> = folders.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
-    names.sort();
-    names
 }
 
 fn source(
@@ -288,7 +306,7 @@ fn source(
     }
     info.memory_bytes = files.len() as u64 * (size_of::<SourceFile>() as u64 + 2 * path.as_os_str().len() as u64 + 64);
     info.files = files;
-    info.folder = Some(store.path.clone());
+    info.folder = (!store.is_archive()).then(|| store.path.clone());
 
     let number = array.number;
     let shape = array.shape.clone();
@@ -375,8 +393,8 @@ impl ArrayChunks {
         (count, index): (&[u64], Index),
     ) -> Result<Option<Vec<u8>>, SourceError> {
         let Some(file) = self.store.open(path)? else { return Ok(None) };
-        let length = file.len().map_err(|e| SourceError::io(path, e))?;
-        let table = self.table(path, &file, length, (count, index))?;
+        let length = file.length();
+        let table = self.table(path, &file, (count, index))?;
         let [start, bytes] = table[at];
         if [start, bytes] == [u64::MAX; 2] {
             return Ok(None);
@@ -387,18 +405,13 @@ impl ArrayChunks {
             return Err(SourceError::invalid(path, "index of the shard", expected, format!("{bytes} from {start} on")));
         }
         let mut data = vec![0; bytes as usize];
-        file.read_exact_at(start, &mut data).map_err(|e| SourceError::io(path, e))?;
+        file.read_at(path, start, &mut data)?;
         Ok(Some(data))
     }
 
     /// Place and length of each chunk of a shard.
-    fn table(
-        &self,
-        path: &Path,
-        file: &std::fs::File,
-        length: u64,
-        (count, index): (&[u64], Index),
-    ) -> Result<Table, SourceError> {
+    fn table(&self, path: &Path, file: &Member<'_>, (count, index): (&[u64], Index)) -> Result<Table, SourceError> {
+        let length = file.length();
         {
             // Whoever panicked has changed the list whole.
             let tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
@@ -415,7 +428,7 @@ impl ArrayChunks {
         let wrong = |found: String| SourceError::invalid(path, "index of the shard", format!("{bytes} bytes"), found);
         let start = length.checked_sub(bytes).ok_or_else(|| wrong(format!("a file of {length}")))?;
         let mut data = vec![0; bytes as usize];
-        file.read_exact_at(if index.at_end { start } else { 0 }, &mut data).map_err(|e| SourceError::io(path, e))?;
+        file.read_at(path, if index.at_end { start } else { 0 }, &mut data)?;
         let stages: &[_] = if index.has_checksum { &[codecs::Codec::Crc32c] } else { &[] };
         let data = codecs::decode(stages, data, 16 * chunks as usize).map_err(wrong)?;
         let numbers = data.as_chunks::<8>().0.as_chunks::<2>().0;

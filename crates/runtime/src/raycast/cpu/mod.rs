@@ -54,6 +54,7 @@ mod value_tiles;
 mod values;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod walk;
+pub mod work;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -77,8 +78,8 @@ use crate::stop::Stop;
 use crate::transfer_function::RenderTransferFunction;
 use levels::ErrorsByReason;
 pub(crate) use packets::{CELL_SHARE, END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE};
-use packets::{PacketTables, Tile, cast_tiles, tiles_of};
-use pixels::{error_pixels_of, pixels_of};
+use packets::{PacketTables, cast_tiles, tiles_of};
+use pixels::{Tile, error_pixels_of, pixels_of, work_pixels_of};
 pub use quality::{Caster, CpuQuality, MAX_ERROR_LIMITS, PacketRule};
 use simd::InstructionSet;
 
@@ -534,6 +535,17 @@ impl CpuFrame {
         let Rays::Tiles(tiles) = rays else { return None };
         let pixels = error_pixels_of(self, tiles);
         let image = Image { width: self.camera.width, height: self.rows.len() as u32, pixels };
+        Some(image.downsampled(self.subgrid))
+    }
+
+    /// What the rays of each pixel of finished tiles cost, sub-grid averaged: cells, leaps, 0, 1; NaN elsewhere; `None` where that is
+    /// not counted.
+    #[must_use]
+    pub fn work_pixels(&self, rays: &Rays) -> Option<Image> {
+        let Rays::Tiles(tiles) = rays else { return None };
+        self.packets.as_ref().filter(|tables| tables.counts_work())?;
+        let image =
+            Image { width: self.camera.width, height: self.rows.len() as u32, pixels: work_pixels_of(self, tiles) };
         Some(image.downsampled(self.subgrid))
     }
 

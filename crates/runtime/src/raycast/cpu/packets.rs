@@ -23,12 +23,14 @@ use super::order::{View, push_children, region_of, ways_through};
 use super::packet::{Classifier, ClassifyTask, Host, Precision, Queues, Work, cast};
 use super::parts::{begin_next_part, has_ended, rays_in_picture};
 use super::per_brick::{PerBrick, bytes_kept};
+use super::pixels::{FinishedTile, Tile};
 use super::shade::PacketLighting;
 use super::simd::{InstructionSet, Simd, Task, dispatch};
 use super::span::ChooseSpan;
 use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays, place_of};
 use super::value_tiles::{BrickSummaries, BrickSummary};
 use super::walk::{Packet, PacketBrick};
+use super::work::{NO_WORK, TileWork};
 use super::{BlockFeedback, Counters, CpuFrame, MAX_ERROR_LIMITS, PacketRule, Skipping};
 use crate::camera::{PixelRays, Projection};
 use crate::clip::{IndexRay, Segment, ToIndex};
@@ -68,6 +70,8 @@ pub struct PacketTables {
     pub(super) summaries: BrickSummaries,
     /// What bricks of coarser levels are off by, where errors are summed up.
     pub(super) of_levels: PerBrick<Deviation>,
+    /// Whether it is noted what each ray costs.
+    counts_work: bool,
 }
 
 /// How packets go through a brick in mode `dvr`.
@@ -141,58 +145,6 @@ impl<T: ClassifyTask> Task for WithTable<'_, T> {
     }
 }
 
-/// One tile between passes.
-#[derive(Debug, Clone, Default)]
-pub enum Tile {
-    /// Not cast yet.
-    #[default]
-    Fresh,
-    /// Some rays wait.
-    Waiting(Box<Gathered>),
-    /// Every ray is finished: premultiplied colour and opacity of each.
-    Finished(Box<FinishedTile>),
-}
-
-/// A tile when all is done.
-#[derive(Debug, Clone)]
-pub struct FinishedTile {
-    /// Premultiplied colour and opacity of each ray.
-    pub(super) pixels: [[f32; 4]; TILE_RAYS],
-    /// Rays that ended before they left the volume.
-    terminated_early: u64,
-    /// What its rays may be off by, where that was summed up.
-    errors: Option<Box<TileErrors>>,
-}
-
-impl Tile {
-    /// Rays that wait for a brick.
-    #[must_use]
-    pub fn waiting(&self) -> u64 {
-        match self {
-            Self::Waiting(gathered) => gathered.waiting.iter().flatten().count() as u64,
-            Self::Fresh | Self::Finished(_) => 0,
-        }
-    }
-
-    /// Rays that ended before they left the volume, once the tile is finished.
-    #[must_use]
-    pub fn terminated_early(&self) -> u64 {
-        match self {
-            Self::Finished(tile) => tile.terminated_early,
-            Self::Fresh | Self::Waiting(_) => 0,
-        }
-    }
-
-    /// What its rays may be off by, once the tile is finished, where that was summed up.
-    #[must_use]
-    pub fn errors(&self) -> Option<&TileErrors> {
-        match self {
-            Self::Finished(tile) => tile.errors.as_deref(),
-            Self::Fresh | Self::Waiting(_) => None,
-        }
-    }
-}
-
 impl PacketTables {
     /// The tables of a frame.
     pub fn new(frame: &CpuFrame, source: &TransferFunction, rule: PacketRule, made_bytes: u64) -> Self {
@@ -223,6 +175,7 @@ impl PacketTables {
             plans: PerBrick::new(made_bytes - for_levels),
             summaries: BrickSummaries::new(made_bytes - for_levels),
             of_levels: PerBrick::new(for_levels),
+            counts_work: rule.counts_work,
         }
     }
 
@@ -234,6 +187,11 @@ impl PacketTables {
     /// Whether the errors of cells are summed up.
     pub fn sums_errors(&self) -> bool {
         self.precision.sums_errors
+    }
+
+    /// Whether it is noted what each ray costs.
+    pub fn counts_work(&self) -> bool {
+        self.counts_work
     }
 
     /// What is left out behind the end of a ray that ends early, 1 being white: never more.
@@ -355,11 +313,13 @@ fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision
 
 /// What packets hold in host memory beside their tables; `core`: voxels along an edge of a full brick's core.
 #[must_use]
-pub fn bytes_held(core: usize, sums_errors: bool) -> CasterBytes {
+pub fn bytes_held(core: usize, rule: PacketRule) -> CasterBytes {
     let plan = BrickPlan::bytes_with(ProximityCloud::<BLOCK>::most_bytes(core));
     let made = plan.max(BrickSummary::most_bytes(core));
     let made_of_brick = bytes_kept(made);
-    let gathered = size_of::<Gathered>() + if sums_errors { size_of::<LevelErrors>() } else { 0 };
+    let gathered = size_of::<Gathered>()
+        + if rule.sums_errors { size_of::<LevelErrors>() } else { 0 }
+        + if rule.counts_work { size_of::<TileWork>() } else { 0 };
     const { assert!(size_of::<FinishedTile>() <= size_of::<Gathered>()) };
     const { assert!(size_of::<TileErrors>() <= size_of::<LevelErrors>()) };
     CasterBytes {
@@ -369,8 +329,8 @@ pub fn bytes_held(core: usize, sums_errors: bool) -> CasterBytes {
         // A tile that goes on to wait is there twice for a moment.
         thread: (size_of::<TileRays>() + size_of::<Queues>() + gathered) as u64 + MAKING * made_of_brick,
         made_of_brick,
-        // The map of errors, and a copy to hand out.
-        of_pixel: if sums_errors { 2 * size_of::<[f32; 4]>() as u64 } else { 0 },
+        // Each map, and a copy to hand out.
+        of_pixel: (u64::from(rule.sums_errors) + u64::from(rule.counts_work)) * 2 * size_of::<[f32; 4]>() as u64,
     }
 }
 
@@ -446,6 +406,9 @@ fn begin_tile(
     if frame.deviations.is_some() && rays.gathered.levels.is_none() {
         rays.gathered.levels = Some(Box::new(LevelErrors::NONE));
     }
+    if tables.counts_work && rays.gathered.work.is_none() {
+        rays.gathered.work = Some(Box::new(NO_WORK));
+    }
     let size = [frame.camera.width, frame.rows.len() as u32];
     for ray in 0..TILE_RAYS {
         let place = place_of(ray);
@@ -474,7 +437,8 @@ fn end_tile((frame, tables): (&CpuFrame, &PacketTables), rays: &TileRays) -> Til
     let terminated_early = (0..TILE_RAYS).filter(|&ray| has_ended((frame, tables), gathered, ray)).count() as u64;
     let pixels = std::array::from_fn(|ray| frame.pixel(&gathered.state(ray)));
     let errors = errors_of(frame, tables, gathered, &pixels);
-    Tile::Finished(Box::new(FinishedTile { pixels, terminated_early, errors }))
+    let work = gathered.work.clone();
+    Tile::Finished(Box::new(FinishedTile { pixels, terminated_early, errors, work }))
 }
 
 /// A tile through all bricks.
@@ -558,16 +522,24 @@ impl CastTile<'_> {
         }
         self.feedback.uses.insert(key);
         let crossing = self.crossing(key, resident);
+        match self.tables.counts_work {
+            true => self.go_through_one_by_one(key, resident),
+            false => self.go_through(key, resident),
+        }
+        if let Some(crossing) = crossing {
+            self.note_levels(&crossing);
+        }
+        Visit::Done
+    }
+
+    /// The rays that meet a brick gather what there is of it.
+    pub(super) fn go_through(&mut self, key: BrickKey, resident: Resident<'_>) {
         let is_dvr = self.frame.mode == Mode::Dvr;
         match &self.frame.inner {
             Some(surfaces) => self.cast_around_surfaces(key, resident, surfaces),
             None if is_dvr => self.cast_resident(key, resident),
             None => self.gather_resident(key, resident),
         }
-        if let Some(crossing) = crossing {
-            self.note_levels(&crossing);
-        }
-        Visit::Done
     }
 
     /// Rays gather light in what there is of a brick.

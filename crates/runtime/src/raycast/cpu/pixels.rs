@@ -1,8 +1,73 @@
-//! Tiles back to pixels: row by row from the top.
+//! Tiles between passes, and back to pixels: row by row from the top.
 
-use super::packets::{Tile, tiles_of};
-use super::tile::{TILE_RAYS, TILE_SIDE, place_of};
+use super::levels::TileErrors;
+use super::packets::tiles_of;
+use super::tile::{Gathered, TILE_RAYS, TILE_SIDE, place_of};
+use super::work::TileWork;
 use super::{CpuFrame, RayState};
+
+/// One tile between passes.
+#[derive(Debug, Clone, Default)]
+pub enum Tile {
+    /// Not cast yet.
+    #[default]
+    Fresh,
+    /// Some rays wait.
+    Waiting(Box<Gathered>),
+    /// Every ray is finished: premultiplied colour and opacity of each.
+    Finished(Box<FinishedTile>),
+}
+
+/// A tile when all is done.
+#[derive(Debug, Clone)]
+pub struct FinishedTile {
+    /// Premultiplied colour and opacity of each ray.
+    pub(super) pixels: [[f32; 4]; TILE_RAYS],
+    /// Rays that ended before they left the volume.
+    pub(super) terminated_early: u64,
+    /// What its rays may be off by, where that was summed up.
+    pub(super) errors: Option<Box<TileErrors>>,
+    /// What its rays have cost, where that was counted.
+    pub(super) work: Option<Box<TileWork>>,
+}
+
+impl Tile {
+    /// Rays that wait for a brick.
+    #[must_use]
+    pub fn waiting(&self) -> u64 {
+        match self {
+            Self::Waiting(gathered) => gathered.waiting.iter().flatten().count() as u64,
+            Self::Fresh | Self::Finished(_) => 0,
+        }
+    }
+
+    /// Rays that ended before they left the volume, once the tile is finished.
+    #[must_use]
+    pub fn terminated_early(&self) -> u64 {
+        match self {
+            Self::Finished(tile) => tile.terminated_early,
+            Self::Fresh | Self::Waiting(_) => 0,
+        }
+    }
+
+    /// What its rays may be off by, once the tile is finished, where that was summed up.
+    #[must_use]
+    pub fn errors(&self) -> Option<&TileErrors> {
+        match self {
+            Self::Finished(tile) => tile.errors.as_deref(),
+            Self::Fresh | Self::Waiting(_) => None,
+        }
+    }
+
+    /// What its rays have cost, once the tile is finished, where that was counted.
+    #[must_use]
+    pub fn work(&self) -> Option<&TileWork> {
+        match self {
+            Self::Finished(tile) => tile.work.as_deref(),
+            Self::Fresh | Self::Waiting(_) => None,
+        }
+    }
+}
 
 /// The pixels of all tiles, row by row from the top; of rays that wait `waiting` makes one.
 #[must_use]
@@ -21,6 +86,17 @@ pub fn error_pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
         tile.errors().map_or([f32::NAN; 4], |errors| {
             let error = errors.of_rays[ray];
             [error, error, error, 1.0]
+        })
+    })
+}
+
+/// What the rays of all tiles have cost, row by row from the top: cells, leaps, 0, 1; NaN of those that are not finished.
+#[must_use]
+pub fn work_pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
+    row_by_row(frame, tiles, |tile, ray| {
+        tile.work().map_or([f32::NAN; 4], |work| {
+            let [cells, leaps] = work[ray].map(|count| count as f32);
+            [cells, leaps, 0.0, 1.0]
         })
     })
 }

@@ -54,6 +54,15 @@ impl Caster {
         }
     }
 
+    /// The same caster, which counts what each of its rays costs if it can.
+    #[must_use]
+    pub fn counting_work(self) -> Self {
+        match self {
+            Self::Packets(rule) => Self::Packets(PacketRule { counts_work: true, ..rule }),
+            other => other,
+        }
+    }
+
     /// Opacity at which a ray ends in mode `dvr`; above 1, never.
     #[must_use]
     pub fn termination_opacity(&self) -> f64 {
@@ -68,7 +77,7 @@ impl Caster {
     #[must_use]
     pub fn bytes(&self, core: usize) -> CasterBytes {
         match self {
-            Self::Packets(rule) => packets::bytes_held(core, rule.sums_errors),
+            Self::Packets(rule) => packets::bytes_held(core, *rule),
             Self::Cells(_) | Self::Custom(_) => CasterBytes {
                 bands: Bands::Allowed,
                 tile_side: 1,
@@ -107,11 +116,14 @@ pub struct PacketRule {
     pub instructions: Option<InstructionSet>,
     /// Whether what cells and levels may do is summed up along rays, for a prediction: 1 to 2 % of the time.
     pub sums_errors: bool,
+    /// Whether it is counted what each ray costs ([`super::work`]): several times the time.
+    pub counts_work: bool,
 }
 
 impl PacketRule {
     /// Half a grey level.
-    pub const DEFAULT: Self = Self { max_error: 0.5 / 255.0, instructions: None, sums_errors: false };
+    pub const DEFAULT: Self =
+        Self { max_error: 0.5 / 255.0, instructions: None, sums_errors: false, counts_work: false };
 }
 
 impl Default for PacketRule {

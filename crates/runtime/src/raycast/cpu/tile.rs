@@ -12,6 +12,7 @@ use supervol_format::space::HALF_VOXEL;
 
 use super::levels::LevelErrors;
 use super::walk::Packet;
+use super::work::TileWork;
 use super::{IsoSides, RayState, SurfaceCrossing};
 use crate::clip::{IndexRay, Segment};
 use crate::raycast::scalar::walk::PARALLEL;
@@ -67,6 +68,8 @@ pub struct Gathered {
     pub waiting: [Option<BrickKey>; TILE_RAYS],
     /// What coarser levels may do to the rays, where errors are summed up.
     pub levels: Option<Box<LevelErrors>>,
+    /// What the rays have cost, where that is counted.
+    pub work: Option<Box<TileWork>>,
     /// Which part of each ray the tile is in: solids leave several of them.
     pub part: usize,
 }
@@ -168,6 +171,7 @@ impl TileRays {
                 iso: [IsoSides::default(); TILE_RAYS],
                 waiting: [None; TILE_RAYS],
                 levels: None,
+                work: None,
                 part: 0,
             },
             crossings: Vec::new(),
@@ -192,6 +196,7 @@ impl TileRays {
         self.gathered.iso.fill(IsoSides::default());
         self.gathered.waiting.fill(None);
         self.gathered.levels = None;
+        self.gathered.work = None;
         self.gathered.part = 0;
         (self.going, self.hit_count, self.has_parallel) = (0, 0, false);
     }

@@ -1,0 +1,104 @@
+//! Containers that the window builds of source files: given up, gone on with, and ended with the window.
+
+mod support;
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use egui_kittest::kittest::Queryable;
+use supervol_viewer::worker::Message;
+use support::{Session, npy_of};
+
+/// Voxels along each edge: long enough to build that somebody can press a button meanwhile.
+const EDGE: usize = 320;
+/// What a window that closes may take, on a machine that does much else: a second, and as much again.
+const CLOSING: Duration = Duration::from_secs(2);
+
+/// Noise, which no codec makes short work of.
+fn noise(folder: &Path) -> PathBuf {
+    npy_of(folder, "noise", [EDGE; 3], |i| (i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).to_be_bytes()[0])
+}
+
+/// Begins to open a file of noise beside the volume that is open.
+fn opening() -> Session {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let file = noise(session.folder.path());
+    session.harness.state_mut().open(&file);
+    session
+}
+
+/// Waits for the button, and for words of what is going on.
+fn until_building(session: &mut Session, words: &str) {
+    session.until("the build can be cancelled", |s| {
+        s.harness.query_by_label("Cancel").is_some() && s.harness.query_by_label_contains(words).is_some()
+    });
+}
+
+fn told(session: &Session) -> String {
+    match session.viewer().message() {
+        Some(Message::Done(text)) => text.clone(),
+        other => panic!("told {other:?}"),
+    }
+}
+
+/// Files of builds that are not whole.
+fn unfinished(session: &Session) -> usize {
+    let Ok(kept) = std::fs::read_dir(session.cache().join("containers")) else { return 0 };
+    kept.filter(|entry| entry.as_ref().is_ok_and(|e| e.file_name().to_string_lossy().ends_with(".partial"))).count()
+}
+
+#[test]
+fn a_build_that_is_cancelled_goes_on_when_its_file_is_opened_again() {
+    let mut session = opening();
+    until_building(&mut session, "building");
+    session.screenshot("build");
+    session.click("Cancel");
+    session.until("it has stopped", |s| s.viewer().message().is_some() && s.viewer().is_at_rest());
+    let words = told(&session);
+    assert!(words.contains("noise.npy") && words.contains("open it again, and it goes on"), "{words}");
+    assert_eq!(unfinished(&session), 2, "the container and its list");
+    session.screenshot("build_cancelled");
+    // The volume that was open still is, and can be turned.
+    session.press(eframe::egui::Modifiers::NONE, eframe::egui::Key::ArrowRight);
+    session.rest();
+    session.assert_is_as_rendered();
+    let file = session.folder.path().join("noise.npy");
+    session.harness.state_mut().open(&file);
+    session.until("it is open", |s| s.viewer().opened().is_some_and(|opened| opened.source == file));
+    session.rest();
+    let notes = &session.viewer().opened().expect("open").container.manifest().notes;
+    assert!(
+        !notes.iter().any(|note| note.contains("interrupted")),
+        "the same bytes as of a build in one go: {notes:?}"
+    );
+    assert_eq!(unfinished(&session), 0);
+}
+
+#[test]
+fn another_file_ends_a_build_and_nothing_waits_for_it() {
+    let mut session = opening();
+    session.until("it is under way", |s| s.harness.query_by_label("Cancel").is_some());
+    let other = support::npy(session.folder.path());
+    session.harness.state_mut().open(&other);
+    session.until("the other one is open", |s| s.viewer().opened().is_some_and(|opened| opened.source == other));
+    session.rest();
+    session.assert_is_as_rendered();
+    let built = std::fs::read_dir(session.cache().join("containers")).expect("a folder").flatten();
+    let names: Vec<_> = built.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    assert!(!names.iter().any(|name| name.starts_with("noise")), "the first was built all the same: {names:?}");
+}
+
+#[test]
+fn a_window_that_closes_ends_its_build() {
+    let mut session = opening();
+    until_building(&mut session, "building");
+    let Session { harness, folder, .. } = session;
+    let began = Instant::now();
+    drop(harness);
+    let took = began.elapsed();
+    assert!(took < CLOSING, "the window took {took:?} to close");
+    let left = std::fs::read_dir(folder.path().join("cache/containers")).expect("a folder").flatten();
+    let names: Vec<_> = left.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    assert!(names.len() == 2 && names.iter().all(|name| name.ends_with(".partial")), "{names:?}");
+}
