@@ -349,20 +349,29 @@ impl Scratch {
     ) -> Result<Vec<i32>, CodecError> {
         let mut samples = vec![0; extent.iter().product()];
         for chunk in transform.chunks(extent) {
-            let coefficients = chunk.iter().map(|band| band.samples()).sum();
-            let gathered = self.take_chunk(payload, coefficients)?;
+            if chunk.iter().any(|band| band.extent() == extent) {
+                self.take_chunk(payload, &mut samples)?;
+                continue;
+            }
+            let mut gathered = std::mem::take(&mut self.gathered);
+            gathered.clear();
+            gathered.resize(chunk.iter().map(|band| band.samples()).sum(), 0);
+            self.take_chunk(payload, &mut gathered)?;
             let mut at = 0;
             for row in chunk.into_iter().flat_map(|band| rows_of(band, extent)) {
                 let length = row.len();
                 samples[row].copy_from_slice(&gathered[at..at + length]);
                 at += length;
             }
+            self.gathered = gathered;
         }
         transform.undo(&mut samples, extent);
         Ok(samples)
     }
 
-    fn take_chunk(&mut self, payload: &mut &[u8], coefficients: usize) -> Result<&[i32], CodecError> {
+    /// Reads a chunk of as many coefficients as `out`, which holds zeros, has room for; moves `payload` behind it.
+    fn take_chunk(&mut self, payload: &mut &[u8], out: &mut [i32]) -> Result<(), CodecError> {
+        let coefficients = out.len();
         let wrong = |reason: String| CodecError::Wavelet { reason };
         let cut_short = || wrong("a chunk is cut short".into());
         let (head, rest) = payload.split_first_chunk::<12>().ok_or_else(cut_short)?;
@@ -382,10 +391,8 @@ impl Scratch {
         self.bits.clear();
         self.bits.extend_from_slice(bits);
         self.bits.extend([0; BITS_PADDING]);
-        self.gathered.clear();
-        self.gathered.resize(coefficients, 0);
-        if found == tokens && tokens::decode(&self.tokens, &self.bits, &mut self.gathered) {
-            Ok(&self.gathered)
+        if found == tokens && tokens::decode(&self.tokens, &self.bits, out) {
+            Ok(())
         } else {
             Err(wrong(format!(
                 "{found} tokens and {bits_bytes} bytes of bits that are not {coefficients} coefficients"
