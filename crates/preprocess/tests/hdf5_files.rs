@@ -230,3 +230,27 @@ fn data_sets_of_big_data_viewer_name_nothing_that_is_not_theirs() {
     let other = viewer_xml(&inside, "bdv.imagej.virtualstack", "x");
     assert_refused(of_level(&other, |_| ()).map(|_| ()), &["bdv.imagej.virtualstack", "bdv.n5"]);
 }
+
+/// Cut off, or wrong in a byte, a data set is refused or read; never a panic, never much memory.
+#[test]
+fn damaged_data_sets_of_big_data_viewer() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy(file("new.h5"), folder.path().join("data.h5")).unwrap();
+    let path = viewer_xml(folder.path(), "bdv.hdf5", "data.h5");
+    let whole = std::fs::read(&path).unwrap();
+    let mut random = Random::new(5);
+    let mut refused = 0;
+    for round in 0..600 {
+        let mut bytes = whole.clone();
+        let at = random.below(bytes.len() as u64) as usize;
+        if round % 3 == 0 {
+            bytes.truncate(at)
+        } else {
+            bytes[at] ^= 1 << (round / 3 % 8)
+        }
+        std::fs::write(&path, &bytes).unwrap();
+        refused += usize::from(of_level(&path, |_| ()).and_then(|source| read_all(source.as_ref()).map(drop)).is_err());
+    }
+    let largest = largest_allocation::largest_bytes();
+    assert!(refused > 200 && largest < 32 << 20, "{refused} refused, {largest} bytes at once");
+}

@@ -101,7 +101,7 @@ fn work_lies_where_something_shows() {
     assert_eq!(at(30, 14)[0], 0.0, "through what shows nothing");
     assert!((39.0..=45.0).contains(&at(30, 28)[0]), "{} cells straight through 40 voxels", at(30, 28)[0]);
     // A ball of four voxels in a corner of a brick: rays leap to it, and away from it.
-    let distance = |p: [f64; 3]| ((p[0] - 5.0).powi(2) + (p[1] - 5.0).powi(2) + (p[2] - 5.0).powi(2)).sqrt();
+    let distance = |p: [f64; 3]| ((p[0] - 3.0).powi(2) + (p[1] - 3.0).powi(2) + (p[2] - 3.0).powi(2)).sqrt();
     let ball = Volume::new([16, 16, 16], VoxelType::U8, move |p| (255.0 - 30.0 * distance(p)).max(0.0));
     let bricks = open(&container_bytes(&ball, 16));
     let of_ball = counted(&bricks, &from(&ball, 135.0));
