@@ -14,7 +14,7 @@ use supervol_tests::pictures::{distance, gpu_name};
 
 const SCENES: u64 = 80;
 /// Software adapters take a second for each.
-const GPU_SCENES: u64 = 16;
+const GPU_SCENES: u64 = 8;
 const SEED: u64 = 1;
 
 fn with_context<T>(test: impl FnOnce(&Context<'_>) -> T) -> T {
