@@ -19,6 +19,7 @@ use xxhash_rust::xxh3::xxh3_64;
 use crate::error::BuildError;
 use crate::output::Existing;
 use crate::pipeline::{BuildOptions, build};
+use crate::preview::Preview;
 use crate::provenance::identify_source_unless;
 use crate::report::Progress;
 use crate::source::folder::Listing;
@@ -128,13 +129,16 @@ impl Reading {
 pub struct Cache {
     folder: PathBuf,
     limit_bytes: u64,
+    has_previews: bool,
 }
 
 /// What a cache tells while it works.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug)]
 pub enum Told<'a> {
     /// There is no container yet: this one is built.
     Building(&'a Path),
+    /// There is something to look at until it is there.
+    Preview(Preview),
     /// How far that is.
     Progress(Progress),
 }
@@ -148,7 +152,13 @@ impl Cache {
         let folder = folder.map(Path::to_path_buf).or_else(usual_folder).ok_or_else(|| {
             BuildError::Options("no cache folder to build into: give one with --cache, or use `supervol build`".into())
         })?;
-        Ok(Self { folder: folder.join(CONTAINERS), limit_bytes })
+        Ok(Self { folder: folder.join(CONTAINERS), limit_bytes, has_previews: false })
+    }
+
+    /// The same, with something to look at while large containers are built ([`Told::Preview`]).
+    #[must_use]
+    pub fn with_previews(self) -> Self {
+        Self { has_previews: true, ..self }
     }
 
     /// The container of a source as it is now: the one that is there, or a new one.
@@ -169,6 +179,14 @@ impl Cache {
         if !is_kept(&path) {
             told(Told::Building(&path));
             let opened = reading.open_unless(source, &self.folder, &options.stopper)?;
+            if self.has_previews {
+                match Preview::of(opened.as_ref(), &self.folder, &options.stopper) {
+                    Ok(Some(preview)) => told(Told::Preview(preview)),
+                    Err(error) if error.is_stopped() => return Err(error),
+                    // What is wrong with a source or a folder, the build says.
+                    Ok(None) | Err(_) => {}
+                }
+            }
             let selection = &reading.options.selection;
             let origin = identify_source_unless(source, selection, opened.as_ref(), &options.stopper)?;
             let options = BuildOptions { existing: Existing::Replace, ..options.clone() };

@@ -26,6 +26,7 @@ pub mod mesh;
 pub mod naming;
 pub mod output;
 pub mod pipeline;
+pub mod preview;
 pub mod provenance;
 pub mod report;
 mod restore;

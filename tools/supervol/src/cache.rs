@@ -60,6 +60,7 @@ impl CacheArguments {
                     ));
                     *bar = Some(Reporter::over_bytes(false));
                 }
+                Told::Preview(_) => {}
                 Told::Progress(progress) => {
                     if let Some(bar) = &*bar {
                         bar.show(progress);

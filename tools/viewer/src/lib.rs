@@ -25,6 +25,7 @@ pub mod history;
 pub mod navigate;
 mod panels;
 pub mod planes;
+mod preview;
 pub mod remembered;
 pub mod sections;
 pub mod viewer;

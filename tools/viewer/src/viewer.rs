@@ -22,10 +22,12 @@ use crate::panels::status::Room;
 use crate::panels::transfer::{self, Transfer};
 use crate::panels::{self, Dialogs, Looks};
 use crate::planes;
+use crate::preview;
 use crate::remembered::{Remembered, Theme};
 use crate::sections::{Layout, Sections, Shown};
 use crate::worker::{
     Beside, Busy, Export, Frame, LookedAhead, Mark, Message, Open, Opened, PANELS, Probed, Settings, View, Worker,
+    refused_of_preview,
 };
 
 /// Degrees of one step of turning, share of the picture's height of one of moving, factor of one nearer, share of the way to the
@@ -91,6 +93,8 @@ pub struct Viewer {
     /// Milliseconds from wishes to the first pictures that answered them, the last ones last.
     pub(crate) latencies_ms: VecDeque<f64>,
     launch: Option<Launch>,
+    /// The scene that the volume, or its preview, was first shown with.
+    begun: Scene,
     sent: Option<(u64, Scene)>,
     sent_settings: Settings,
     wishes: u64,
@@ -125,6 +129,7 @@ impl Viewer {
             remembered,
             folders: launch.folders.clone(),
             latencies_ms: VecDeque::new(),
+            begun: Scene::default(),
             sent: None,
             sent_settings: settings,
             launch: Some(launch),
@@ -311,6 +316,10 @@ impl Viewer {
     /// A volume has been opened: its scene is shown.
     fn take_up(&mut self, ctx: &egui::Context, opened: Arc<Opened>) {
         let is_same = self.opened.as_ref().is_some_and(|before| before.source == opened.source);
+        let preview = self.opened.as_ref().filter(|before| is_same && before.exaggeration == opened.exaggeration);
+        if let (Some(strides), None) = (preview.and_then(|before| before.preview_of), opened.preview_of) {
+            return self.take_over(strides, opened);
+        }
         let mut scene = opened.scene.clone();
         if let Some(before) =
             self.opened.as_ref().filter(|before| is_same && before.exaggeration != opened.exaggeration)
@@ -338,8 +347,29 @@ impl Viewer {
         let name = opened.source.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         ctx.send_viewport_cmd(egui::ViewportCommand::Title(format!("{name} - Supervol")));
         self.slice = None;
+        self.begun = scene.clone();
         self.scene = scene;
         self.opened = Some(opened);
+    }
+
+    /// The volume of which a preview was shown is there.
+    fn take_over(&mut self, strides: [u64; 3], opened: Arc<Opened>) {
+        let slice = self.slice.take().map(|slice| {
+            self.scene = Scene { image: self.scene.image.clone(), ..slice.before };
+            (slice.axis, slice.at * strides[slice.axis])
+        });
+        let mut scene = preview::carried(&self.scene, &self.begun, strides, &opened);
+        scene.image = self.scene.image.clone();
+        edit::write_out(&mut scene, &opened.facts);
+        let cursor = self.sections.cursor;
+        self.sections = Sections::of(&opened.facts, self.sections.layout);
+        self.sections.cursor =
+            std::array::from_fn(|a| (cursor[a] * strides[a] as f64).min(opened.facts.dims.0[a] as f64 - 1.0));
+        self.history = History::new(&scene);
+        self.looks = Looks::of(&scene);
+        (self.begun, self.scene) = (scene.clone(), scene);
+        self.opened = Some(opened);
+        self.set_slice(slice);
     }
 
     fn show(&mut self, ctx: &egui::Context, frame: Frame) {
@@ -398,6 +428,9 @@ impl Viewer {
                 ctx.send_viewport_cmd(egui::ViewportCommand::Fullscreen(!is_full));
             }
             _ if self.opened.is_none() => {}
+            Command::SaveScene | Command::Export | Command::Animate | Command::CopyCommand if self.is_preview() => {
+                self.message = self.refusal_of_preview();
+            }
             Command::Handles => self.looks.are_handles_shown = !self.looks.are_handles_shown,
             Command::Sections => self.set_layout(match self.sections.layout {
                 Layout::Three => Layout::Alone,
@@ -417,6 +450,18 @@ impl Viewer {
             }
             view => self.run_view(view),
         }
+    }
+
+    /// Whether what is shown is no volume, but a preview of one.
+    #[must_use]
+    pub fn is_preview(&self) -> bool {
+        self.opened.as_ref().is_some_and(|opened| opened.preview_of.is_some())
+    }
+
+    fn refusal_of_preview(&self) -> Option<Message> {
+        let opened = self.opened.as_ref()?;
+        let refused = |strides| Message::Failure(refused_of_preview(&opened.source, strides));
+        opened.preview_of.map(refused)
     }
 
     /// Goes to another place in the history.

@@ -5,9 +5,10 @@
 //! ```
 //!
 //! 1. Whoever wishes something puts it on the desk; what was wished before and not begun is forgotten.
-//! 2. The worker takes, in this order: an end, a volume to open, settings, a picture to export, an animation, a view, the sections of panels, a
-//!    pixel to look under. With nothing to take it goes on with the sections and then with the picture that it has begun, until
-//!    these have converged, and then brings into memory what the next picture will want if the camera goes on as it came.
+//! 2. The worker takes, in this order: an end, a volume to open, what has come of a build (which has a thread of its own), settings,
+//!    a picture to export, an animation, a view, the sections of panels, a pixel to look under. With nothing to take it goes on
+//!    with the sections and then with the picture that it has begun, until these have converged, and then brings into memory what
+//!    the next picture will want if the camera goes on as it came.
 //! 3. A new view gets a picture within the time for interaction ([`Settings::interaction_ms`]). Only what comes after that is cut
 //!    short by the next wish: otherwise a view that changes all the time would never be seen.
 //! 4. News replace older news of their kind; the window is woken for each.
@@ -20,15 +21,18 @@ mod export;
 mod marks;
 mod open;
 mod sections;
+mod studio;
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use eframe::egui::ColorImage;
 use serde::{Deserialize, Serialize};
 use supervol_format::Container;
+use supervol_preprocess::preview::Preview;
 use supervol_preprocess::report::Progress as BuildProgress;
 use supervol_preprocess::source::Survey;
 use supervol_preprocess::stop::Stopper;
@@ -42,14 +46,10 @@ use supervol_runtime::stats::FrameStats;
 use supervol_runtime::stop::Canceller;
 
 pub use self::animate::{Animation, Motion};
-use self::easel::Easel;
 pub use self::export::Export;
 pub use self::marks::{MARK_LIMIT, Mark};
+pub(crate) use self::studio::refused_of_preview;
 use crate::folders::Folders;
-
-/// Longest that a window which closes waits for what is being opened or built, and how often it looks.
-const CLOSING_PATIENCE: Duration = Duration::from_millis(800);
-const CLOSING_INTERVAL: Duration = Duration::from_millis(5);
 
 /// Panels with a section each, beside the picture.
 pub const PANELS: usize = 3;
@@ -151,8 +151,10 @@ pub struct Opened {
     pub number: u64,
     /// The file that was asked for.
     pub source: PathBuf,
-    /// Its container: the same, or one in the cache folder.
+    /// Its container: the same, or one in the cache folder; empty of a preview.
     pub path: PathBuf,
+    /// Of a preview, which is shown while the container is built: how far apart its voxels are on each axis, in voxels of the volume.
+    pub preview_of: Option<[u64; 3]>,
     /// The container, placed as it is drawn.
     pub container: Arc<Container>,
     /// What its header says.
@@ -278,6 +280,9 @@ struct Wishes {
     export_canceller: Option<Canceller>,
     /// Stops a build.
     build_stopper: Option<Stopper>,
+    /// Of a build: what there is to look at until it has ended, and what has come of it. With the number of its wish.
+    preview: Option<(u64, Preview)>,
+    built: Option<(u64, Result<PathBuf, Message>)>,
 }
 
 impl Wishes {
@@ -302,6 +307,8 @@ struct Desk {
     news: Mutex<News>,
     wake: Box<dyn Fn() + Send + Sync>,
     folders: Folders,
+    /// The build that anybody still waits for; 0: none. Changes while the news are locked.
+    building: AtomicU64,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -324,6 +331,15 @@ impl Desk {
         (self.wake)();
     }
 
+    /// Tells what a build does, if anybody still waits for it.
+    fn tell_of_build(&self, number: u64, busy: Busy) {
+        self.tell(|news| {
+            if self.building.load(Ordering::Relaxed) == number {
+                news.busy = Some(busy);
+            }
+        });
+    }
+
     fn fail(&self, message: impl std::fmt::Display) {
         self.tell(|news| news.message = Some(Message::Failure(message.to_string())));
     }
@@ -333,6 +349,8 @@ impl Desk {
 enum Work {
     Quit,
     Open(Open, Stopper),
+    Preview(u64, Preview),
+    Built(u64, Result<PathBuf, Message>),
     Settings(Settings),
     Export(Export),
     Animation(Box<Animation>),
@@ -352,6 +370,8 @@ impl Desk {
                 return Work::Quit;
             }
             let work = (wishes.opening())
+                .or_else(|| wishes.preview.take().map(|(number, preview)| Work::Preview(number, preview)))
+                .or_else(|| wishes.built.take().map(|(number, built)| Work::Built(number, built)))
                 .or_else(|| wishes.settings.take().map(Work::Settings))
                 .or_else(|| wishes.export.take().map(Work::Export))
                 .or_else(|| wishes.animation.take().map(|animation| Work::Animation(Box::new(animation))))
@@ -392,10 +412,12 @@ impl Worker {
             news: Mutex::default(),
             wake: Box::new(wake),
             folders,
+            building: AtomicU64::new(0),
         });
         let of_thread = desk.clone();
-        let thread =
-            std::thread::Builder::new().name("supervol-worker".into()).spawn(move || work(&of_thread, settings))?;
+        let thread = std::thread::Builder::new()
+            .name("supervol-worker".into())
+            .spawn(move || studio::work(&of_thread, settings))?;
         Ok(Self { desk, thread: Some(thread) })
     }
 
@@ -487,16 +509,6 @@ impl Drop for Worker {
         self.cancel_build();
         self.desk.wish(|wishes| wishes.quit = true);
         let Some(thread) = self.thread.take() else { return };
-        // What is opened or built stops where it asks; a reader of other people's that does not is ended with the process, and what
-        // was built stays as after a kill.
-        let is_opening = matches!(lock(&self.desk.news).busy, Some(Busy::Opening(_) | Busy::Building(..)));
-        let patience = Instant::now() + CLOSING_PATIENCE;
-        while is_opening && !thread.is_finished() {
-            if Instant::now() >= patience {
-                return;
-            }
-            std::thread::sleep(CLOSING_INTERVAL);
-        }
         // What it panicked with is on standard error already.
         let _ = thread.join();
     }
@@ -527,73 +539,5 @@ fn picked(found: Result<Option<Picked>, RenderError>) -> Option<Result<Option<Pi
     match found {
         Err(RenderError::Cancelled) => None,
         found => Some(found.map_err(|e| e.to_string())),
-    }
-}
-
-/// What the thread does.
-fn work(desk: &Arc<Desk>, mut settings: Settings) {
-    let mut easel: Option<Easel> = None;
-    let mut volumes = 0;
-    loop {
-        let going_on = easel.as_ref().and_then(Easel::unfinished);
-        let next = desk.next(going_on);
-        if let (Some(easel), false) = (&mut easel, matches!(next, Work::GoOn)) {
-            easel.forget_cut();
-        }
-        match next {
-            Work::Quit => return,
-            Work::Open(wish, stopper) => {
-                volumes += 1;
-                // What is open goes on being shown where the new one cannot be opened.
-                match open::open(desk, wish, volumes, (&settings, stopper))
-                    .and_then(|opened| Easel::new(desk, opened, &settings).map_err(Message::Failure))
-                {
-                    Ok(opened) => easel = Some(opened),
-                    Err(message) => desk.tell(|news| news.message = Some(message)),
-                }
-                lock(&desk.wishes).build_stopper = None;
-                desk.tell(|news| news.busy = None);
-            }
-            Work::Settings(new) => {
-                settings = new;
-                if let Some(easel) = &mut easel {
-                    easel.set(desk, &settings);
-                }
-            }
-            Work::Export(wish) => {
-                if let Some(easel) = &mut easel {
-                    let message = easel.export(desk, &wish).unwrap_or_else(Message::Failure);
-                    lock(&desk.wishes).export_canceller = None;
-                    desk.tell(|news| (news.busy, news.message) = (None, Some(message)));
-                }
-            }
-            Work::Animation(wish) => {
-                if let Some(easel) = &mut easel {
-                    let message = easel.animate(desk, &wish, &settings).unwrap_or_else(Message::Failure);
-                    lock(&desk.wishes).export_canceller = None;
-                    desk.tell(|news| (news.busy, news.message) = (None, Some(message)));
-                }
-            }
-            Work::View(view) => {
-                if let Some(easel) = &mut easel {
-                    easel.begin(desk, view, &settings);
-                }
-            }
-            Work::Section(panel, view) => {
-                if let Some(easel) = &mut easel {
-                    easel.begin_section(desk, panel, view, &settings);
-                }
-            }
-            Work::Probe(probe) => {
-                if let Some(easel) = &mut easel {
-                    easel.probe(desk, probe);
-                }
-            }
-            Work::GoOn => {
-                if let Some(easel) = &mut easel {
-                    easel.go_on(desk);
-                }
-            }
-        }
     }
 }

@@ -102,3 +102,63 @@ fn a_window_that_closes_ends_its_build() {
     let names: Vec<_> = left.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     assert!(names.len() == 2 && names.iter().all(|name| name.ends_with(".partial")), "{names:?}");
 }
+
+/// A volume large enough for a preview: one voxel of four along x, of two along y and z.
+fn large(folder: &Path) -> PathBuf {
+    npy_of(folder, "large", [256, 272, 512], |i| {
+        let place = [i % 512, i / 512 % 272, i / 512 / 272].map(|n| n as f64);
+        let away = place.iter().zip([256.0, 136.0, 128.0]).map(|(p, m)| (p - m) * (p - m)).sum::<f64>().sqrt();
+        // A ball, in faint noise that takes long to be coded.
+        let noise = (i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).to_be_bytes()[0] & 63;
+        if away < 100.0 { 200 } else { noise }
+    })
+}
+
+#[test]
+fn a_large_volume_is_looked_at_while_it_is_built() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let file = large(session.folder.path());
+    session.harness.state_mut().open(&file);
+    session.until("there is a preview", |s| s.viewer().is_preview() && s.viewer().picture().is_some());
+    // It can be turned, cropped and coloured while the container is built, and nothing is written of it.
+    session.press(eframe::egui::Modifiers::NONE, eframe::egui::Key::ArrowRight);
+    let mut scene = session.viewer().scene().clone();
+    scene.clip.index_box = Some([[-0.5, 20.5, -0.5], [127.5, 135.5, 127.5]]);
+    session.harness.state_mut().set_scene(scene.clone());
+    session.press(eframe::egui::Modifiers::COMMAND, eframe::egui::Key::E);
+    session.until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(_))));
+    session.screenshot("preview");
+    let turned = session.viewer().scene().camera.clone();
+    session.until("the volume is there", |s| !s.viewer().is_preview());
+    session.rest();
+    let opened = session.viewer().opened().expect("open").clone();
+    assert_eq!((opened.facts.dims.0, opened.preview_of), ([512, 272, 256], None));
+    let shown = session.viewer().scene();
+    assert_eq!(shown.camera, turned);
+    assert_eq!(shown.clip.index_box, Some([[-0.5, 41.5, -0.5], [511.5, 271.5, 255.5]]));
+    assert_eq!(shown.transfer_function, scene.transfer_function);
+    session.assert_is_as_rendered();
+    session.screenshot("preview_taken_over");
+}
+
+#[test]
+fn an_untouched_preview_becomes_the_default_picture_and_a_cancelled_one_stays() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    let file = large(session.folder.path());
+    session.harness.state_mut().open(&file);
+    session.until("there is a preview", |s| s.viewer().is_preview() && s.viewer().picture().is_some());
+    session.click("Cancel");
+    session.until("it has stopped", |s| s.viewer().message().is_some() && s.viewer().is_at_rest());
+    assert!(session.viewer().is_preview(), "the preview goes on being shown");
+    let camera = session.viewer().scene().camera.clone();
+    session.harness.state_mut().open(&file);
+    session.until("the volume is there", |s| !s.viewer().is_preview());
+    session.rest();
+    let opened = session.viewer().opened().expect("open").clone();
+    let scene = session.viewer().scene();
+    assert_eq!(scene.transfer_function, opened.scene.transfer_function, "the volume's own look, not the preview's");
+    assert_eq!(scene.camera, camera, "nothing jumps");
+    session.assert_is_as_rendered();
+}

@@ -187,19 +187,27 @@ fn faint_above(facts: &VolumeFacts, ground: f64) -> Option<f64> {
     histogram.threshold_between(background, ground)
 }
 
-/// Colours for whole numbers; 0 is clear. Each shows only near itself: between two labels the field passes through all
-/// numbers between them, which nobody gave to that place.
+/// Colours for the whole numbers that there are; 0 is clear. Each shows only near itself: between two labels the field passes through
+/// all numbers between them, which nobody gave to that place.
 pub(super) fn labels(facts: &VolumeFacts, alpha: f64) -> Vec<ControlPoint> {
     const NEAR: f64 = 0.1;
     let range = facts.value_range;
     let (first, last) = (range.min.max(0.0).ceil() as u64, range.max.clamp(0.0, 255.0) as u64);
+    let last = last.max(first);
+    let histogram = Histogram::new(&facts.histogram, range);
+    // Bins no wider than one tell numbers apart.
+    let is_known = facts.histogram.len() as f64 >= range.width();
+    let is_there = |number: &u64| {
+        let value = *number as f64;
+        !is_known || *number == last || histogram.share_between(value - 0.5, value + 0.5) > 0.0
+    };
     let plateau = |number: u64| {
         let (value, color) = (number as f64, colormap::of_label(number));
         let alpha = if number == 0 { 0.0 } else { alpha };
         [(-2.0, 0.0), (-1.0, alpha), (1.0, alpha), (2.0, 0.0)]
             .map(|(side, alpha)| point(value + side * NEAR, color, alpha))
     };
-    (first..=last.max(first)).flat_map(plateau).collect()
+    (first..=last).filter(is_there).flat_map(plateau).collect()
 }
 
 /// Where the classes of a volume of matter in empty space begin.
@@ -308,9 +316,8 @@ mod tests {
     use crate::facts::Frame;
     use supervol_format::{Dims, Geometry, ValueRange};
 
-    #[test]
-    fn maximum_projections_of_tomography_go_from_soft_tissue_to_bone() {
-        let facts = |kind, min, max| VolumeFacts {
+    fn facts(kind: DataKind, min: f64, max: f64) -> VolumeFacts {
+        VolumeFacts {
             dims: Dims([8; 3]),
             geometry: Geometry::IDENTITY,
             frame: Frame::Unknown,
@@ -319,7 +326,26 @@ mod tests {
             histogram: Vec::new(),
             kind,
             has_zero_centre: false,
+        }
+    }
+
+    #[test]
+    fn labels_that_nobody_gave_have_no_colour() {
+        let shown = |histogram: &[(usize, u64)], bins: usize| -> Vec<f64> {
+            let mut facts = facts(DataKind::Labels, 0.0, 200.0);
+            facts.histogram = vec![0; bins];
+            histogram.iter().for_each(|&(bin, count)| facts.histogram[bin] = count);
+            let points = labels(&facts, 0.5);
+            points.chunks_exact(4).map(|plateau| 0.5 * (plateau[1].value + plateau[2].value)).collect()
         };
+        // 256 bins over 0 to 200: label n is in bin floor(1.28 n), the last one in the last.
+        assert_eq!(shown(&[(0, 9), (3, 1), (8, 2), (255, 1)], 256), [0.0, 3.0, 7.0, 200.0]);
+        // Bins that are wider than labels say nothing about one.
+        assert_eq!(shown(&[(0, 9), (99, 1)], 100).len(), 201);
+    }
+
+    #[test]
+    fn maximum_projections_of_tomography_go_from_soft_tissue_to_bone() {
         let window = |kind, min, max| projected_tissue(&facts(kind, min, max));
         assert_eq!(window(DataKind::Ct, -1000.0, 3000.0), Some([-150.0, 1600.0]));
         assert_eq!(window(DataKind::CtOffset, 0.0, 4095.0), Some([874.0, 2624.0]));

@@ -87,7 +87,7 @@ fn aim(viewer: &mut Viewer, opened: &Opened, ui: &Ui, axis: usize, rect: Rect) {
 
 /// What a right click offers: the section as a scene file, and as a picture.
 fn take_along(viewer: &mut Viewer, opened: &Opened, axis: usize, response: &Response) {
-    let Some(scene) = viewer.sections.panels[axis].scene.clone() else { return };
+    let Some(scene) = viewer.sections.panels[axis].scene.clone().filter(|_| !viewer.is_preview()) else { return };
     response.context_menu(|ui| {
         if ui.button("Save the scene of this section ...").clicked() {
             viewer.dialogs.begin_save_section(opened, scene.clone());

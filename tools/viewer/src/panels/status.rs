@@ -116,6 +116,12 @@ fn number(ui: &mut Ui, text: String, tip: &str) {
 
 fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
     let stats = &picture.stats;
+    if let Some([x, y, z]) = viewer.opened.as_ref().and_then(|opened| opened.preview_of) {
+        let words = "Voxels at equal distances, while the container is built: thin things between them are missing";
+        ui.colored_label(ui.visuals().warn_fg_color, format!("preview: one of {x} x {y} x {z} voxels"))
+            .on_hover_text(words);
+        ui.separator();
+    }
     if picture.is_converged {
         ui.strong("converged").on_hover_text("Every pixel is finished as the error target asks");
     } else {

@@ -1,11 +1,14 @@
-//! A file to an open volume. What is no container is built into the cache folder first, once.
+//! A file to an open volume. What is no container is built into the cache folder first, once, on a thread of its own; of large volumes
+//! there is a preview meanwhile.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use supervol_format::Container;
-use supervol_preprocess::kept::{Cache, Reading, Told, advice, is_container};
+use supervol_preprocess::kept::{Cache, Reading, Told, advice};
+use supervol_preprocess::preview::Preview;
 use supervol_preprocess::source::Survey;
 use supervol_preprocess::stop::Stopper;
 use supervol_preprocess::{BuildError, BuildOptions};
@@ -18,20 +21,19 @@ use super::{Busy, Desk, Message, Open, Opened, Settings, lock};
 /// Progress is told this often.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Opens a volume, and writes out the scene for it; else what there is to say.
-pub(super) fn open(
-    desk: &Arc<Desk>,
-    wish: Open,
-    number: u64,
-    (settings, stopper): (&Settings, Stopper),
-) -> Result<Arc<Opened>, Message> {
-    desk.tell(|news| news.busy = Some(Busy::Opening(wish.path.clone())));
-    let path = if is_container(&wish.path) {
-        wish.path.clone()
-    } else {
-        built(desk, &wish.path, settings, stopper).map_err(|e| unbuilt(&e, &wish.path))?
-    };
-    let container = Container::open(&path).map_err(|e| Message::Failure(format!("{}: {e}", path.display())))?;
+/// Opens a container, and writes out the scene for it; else what there is to say.
+pub(super) fn open(path: &Path, wish: Open, number: u64) -> Result<Arc<Opened>, Message> {
+    let container = Container::open(path).map_err(|e| Message::Failure(format!("{}: {e}", path.display())))?;
+    Ok(opened(container, wish, number, None))
+}
+
+/// Takes up what there is to look at of a volume until its container is there.
+pub(super) fn open_preview(preview: Preview, wish: Open, number: u64) -> Arc<Opened> {
+    opened(preview.container, wish, number, Some(preview.strides))
+}
+
+fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64; 3]>) -> Arc<Opened> {
+    let path = container.path().to_path_buf();
     let facts = VolumeFacts::of(&container);
     let container = Arc::new(placed(container, &facts, wish.exaggeration));
     let facts = VolumeFacts::of(&container);
@@ -41,10 +43,11 @@ pub(super) fn open(
     let is_camera_asked = wish.scene.camera.is_some();
     let survey = Survey::of(container.manifest());
     let Open { path: source, exaggeration, .. } = wish;
-    Ok(Arc::new(Opened {
+    Arc::new(Opened {
         number,
         source,
         path,
+        preview_of,
         container,
         facts,
         survey,
@@ -52,7 +55,27 @@ pub(super) fn open(
         exaggeration,
         scene,
         is_camera_asked,
-    }))
+    })
+}
+
+/// A thread that builds the container of a source file, and puts first a preview and then the container on the desk. At most one
+/// builds: it begins once the one before it, which somebody has stopped, has ended.
+pub(super) fn begin_build(
+    desk: &Arc<Desk>,
+    (source, number): (PathBuf, u64),
+    (settings, stopper): (&Settings, Stopper),
+    before: Option<JoinHandle<()>>,
+) -> std::io::Result<JoinHandle<()>> {
+    let (desk, settings) = (desk.clone(), *settings);
+    std::thread::Builder::new().name("supervol-build".into()).spawn(move || {
+        // What it panicked with is on standard error already.
+        let _ = before.map(JoinHandle::join);
+        let build = || built(&desk, (&source, number), &settings, stopper);
+        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(build)).unwrap_or_else(|_| {
+            Err(Message::Failure("a mistake of supervol ended the build; what it said is on standard error".into()))
+        });
+        desk.wish(|wishes| wishes.built = Some((number, result)));
+    })
 }
 
 /// Why there is no container of a source, and what to do: opened again, it goes on where somebody has stopped it.
@@ -70,18 +93,29 @@ fn unbuilt(error: &BuildError, source: &Path) -> Message {
 }
 
 /// The container of a source file, in the cache folder: the one that is there, or a new one.
-fn built(desk: &Desk, source: &Path, settings: &Settings, stopper: Stopper) -> Result<PathBuf, BuildError> {
+fn built(
+    desk: &Desk,
+    (source, number): (&Path, u64),
+    settings: &Settings,
+    stopper: Stopper,
+) -> Result<PathBuf, Message> {
     let folders = &desk.folders;
-    let cache = Cache::below(folders.cache.as_deref(), folders.cache_limit_bytes)?;
     let options = BuildOptions::default();
     let options = BuildOptions { threads: settings.threads.unwrap_or(options.threads), stopper, ..options };
     let last = std::sync::Mutex::new(None::<Instant>);
-    cache.container_of(source, &Reading::default(), &options, &|told| {
-        let Told::Progress(progress) = told else { return };
-        let mut last = lock(&last);
-        if last.is_none_or(|at| at.elapsed() >= PROGRESS_INTERVAL) {
-            *last = Some(Instant::now());
-            desk.tell(|news| news.busy = Some(Busy::Building(source.into(), progress)));
+    let told = |told: Told<'_>| match told {
+        Told::Building(_) => {}
+        Told::Preview(preview) => desk.wish(|wishes| wishes.preview = Some((number, preview))),
+        Told::Progress(progress) => {
+            let mut last = lock(&last);
+            if last.is_none_or(|at| at.elapsed() >= PROGRESS_INTERVAL) {
+                *last = Some(Instant::now());
+                desk.tell_of_build(number, Busy::Building(source.into(), progress));
+            }
         }
-    })
+    };
+    let cache = Cache::below(folders.cache.as_deref(), folders.cache_limit_bytes).map(Cache::with_previews);
+    cache
+        .and_then(|cache| cache.container_of(source, &Reading::default(), &options, &told))
+        .map_err(|error| unbuilt(&error, source))
 }

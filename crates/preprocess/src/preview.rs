@@ -1,0 +1,248 @@
+//! A volume to look at while its container is built: one voxel of many, read once, in memory.
+//!
+//! Coarser levels are averages of finer ones, so a build has none before it has read everything. Voxels at equal distances can be had
+//! at once, from slices of the source of which only few are read. They are voxels of the source, not averages of it: thin things
+//! between them are missing, and what alternates fast looks coarser than it is. What is shown of them has to be called a preview.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use supervol_format::container::manifest::Source;
+use supervol_format::{Container, Dims, VoxelBox};
+
+use crate::error::BuildError;
+use crate::file_order::boxes;
+use crate::output::unfinished::UnfinishedFolder;
+use crate::pipeline::{BuildOptions, build};
+use crate::source::file::SourceFile;
+use crate::source::{SourceError, SourceInfo, VolumeSource};
+use crate::stop::Stopper;
+
+/// Most voxels of a preview: 4 Mi, drawn and built in a fraction of a second.
+const VOXELS_LIMIT: u64 = 1 << 22;
+/// Volumes of fewer times as many voxels are built as soon as a preview of them would be there.
+const WORTH_FACTOR: u64 = 8;
+/// Reading ends after so long without a preview: some files hand out slices no faster than the whole.
+const TIME_LIMIT: Duration = Duration::from_secs(4);
+/// Most bytes of the source that are read at a time; a row at least.
+const BYTES_LIMIT: u64 = 16 << 20;
+
+/// One voxel of many.
+#[derive(Debug)]
+pub struct Preview {
+    /// The voxels, in memory; placed in the world where they are in the volume.
+    pub container: Container,
+    /// How far apart they are on each axis, in voxels of the volume: voxel 0 is the volume's, voxel 1 is the `strides`-th.
+    pub strides: [u64; 3],
+}
+
+impl Preview {
+    /// A preview of a source; `None` where its container is built as fast, and where it is read too slowly. What is written meanwhile
+    /// goes to `folder`, and is gone afterwards.
+    ///
+    /// # Errors
+    /// If the source cannot be read, the folder not be written to, or somebody stops it.
+    pub fn of(source: &dyn VolumeSource, folder: &Path, stopper: &Stopper) -> Result<Option<Self>, BuildError> {
+        let dims = source.info().dims;
+        if dims.0.iter().map(|&n| u128::from(n)).product::<u128>() < u128::from(VOXELS_LIMIT * WORTH_FACTOR) {
+            return Ok(None);
+        }
+        let strides = strides_of(dims);
+        let Some(thinned) = Thinned::read(source, strides, Instant::now() + TIME_LIMIT, stopper)? else {
+            return Ok(None);
+        };
+        let working = UnfinishedFolder::create_in(folder).map_err(|e| BuildError::write(folder, e))?;
+        let path = working.path().join("preview.svol");
+        let first = source.info().files.first().map(SourceFile::path).and_then(Path::file_name);
+        let name = first.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let origin = Source { format: source.info().format.into(), ..Source::computed(name) };
+        let options = BuildOptions { stopper: stopper.clone(), ..BuildOptions::default() };
+        build(&thinned, origin, &path, &options, &|_| ())?;
+        let bytes = std::fs::read(&path).map_err(|e| BuildError::write(&path, e))?;
+        let container = Container::from_source(Arc::new(bytes)).map_err(|e| BuildError::container(&path, e))?;
+        Ok(Some(Self { container, strides }))
+    }
+}
+
+/// How far apart voxels of a preview are: the longest axis is thinned first, by two each time.
+fn strides_of(dims: Dims) -> [u64; 3] {
+    let mut strides = [1; 3];
+    loop {
+        let left: [u64; 3] = std::array::from_fn(|a| dims.0[a].div_ceil(strides[a]));
+        if left.iter().map(|&n| u128::from(n)).product::<u128>() <= u128::from(VOXELS_LIMIT) {
+            return strides;
+        }
+        let longest = (0..3).max_by_key(|&a| left[a]).expect("there are three axes");
+        strides[longest] *= 2;
+    }
+}
+
+/// One voxel of many of a source, in memory.
+struct Thinned {
+    info: SourceInfo,
+    /// Packed, x fastest.
+    voxels: Vec<u8>,
+}
+
+impl Thinned {
+    /// Reads every so many-th slice along the axis that runs slowest in the file, and keeps some of each; `None` where that takes too
+    /// long.
+    fn read(
+        source: &dyn VolumeSource,
+        strides: [u64; 3],
+        until: Instant,
+        stopper: &Stopper,
+    ) -> Result<Option<Self>, SourceError> {
+        let info = thinned_info(source.info(), strides);
+        let bytes = info.voxel_type.bytes();
+        let dims = info.dims.0.map(|n| n as usize);
+        let mut voxels = vec![0; dims.iter().product::<usize>() * bytes];
+        let slowest = info.access_order.0[0];
+        let whole = source.info().dims.full_box();
+        let mut buffer = Vec::new();
+        for slice in 0..info.dims.0[slowest] {
+            let mut of_slice = whole;
+            of_slice.start[slowest] = slice * strides[slowest];
+            of_slice.end[slowest] = of_slice.start[slowest] + 1;
+            for part in boxes(of_slice, BYTES_LIMIT / bytes as u64, u64::MAX) {
+                stopper.check()?;
+                if Instant::now() > until {
+                    return Ok(None);
+                }
+                buffer.resize(part.voxels() * bytes, 0);
+                source.read_box(part, &mut buffer)?;
+                thin(part, &buffer, strides, (dims, bytes), &mut voxels);
+            }
+        }
+        Ok(Some(Self { info, voxels }))
+    }
+}
+
+/// Copies those voxels of a box that the strides meet.
+fn thin(part: VoxelBox, from: &[u8], strides: [u64; 3], (dims, bytes): ([usize; 3], usize), to: &mut [u8]) {
+    let extent = part.extent();
+    let met = |a: usize| (part.start[a].div_ceil(strides[a])..).take_while(move |&k| k * strides[a] < part.end[a]);
+    for z in met(2) {
+        for y in met(1) {
+            let [y_from, z_from] = [y * strides[1] - part.start[1], z * strides[2] - part.start[2]].map(|n| n as usize);
+            let (row_from, row_to) =
+                ((z_from * extent[1] + y_from) * extent[0], (z as usize * dims[1] + y as usize) * dims[0]);
+            for x in met(0) {
+                let at = (row_from + (x * strides[0] - part.start[0]) as usize) * bytes;
+                let target = (row_to + x as usize) * bytes;
+                to[target..target + bytes].copy_from_slice(&from[at..at + bytes]);
+            }
+        }
+    }
+}
+
+/// What a source says of itself, once only some of its voxels are left.
+fn thinned_info(info: &SourceInfo, strides: [u64; 3]) -> SourceInfo {
+    let mut info = SourceInfo { files: Vec::new(), folder: None, memory_bytes: 0, ..info.clone() };
+    for (a, stride) in strides.into_iter().enumerate() {
+        info.dims.0[a] = info.dims.0[a].div_ceil(stride);
+        info.geometry.spacing[a] *= stride as f64;
+    }
+    if let Some(survey) = &mut info.survey {
+        for (lines, a) in [(&mut survey.crossline, 0), (&mut survey.inline, 1)] {
+            lines.step *= strides[a] as i64;
+            lines.count = info.dims.0[a];
+        }
+        survey.sample_interval *= strides[2] as f64;
+        // The last line of the survey need not be among those that are left.
+        survey.corners = None;
+    }
+    let [x, y, z] = strides;
+    info.notes.push(format!("a preview: one of {x} x {y} x {z} voxels of the volume"));
+    info
+}
+
+impl VolumeSource for Thinned {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        let (dims, bytes) = (self.info.dims.0, self.info.voxel_type.bytes());
+        let row_bytes = voxels.extent()[0] * bytes;
+        let rows = (voxels.start[2]..voxels.end[2]).flat_map(|z| (voxels.start[1]..voxels.end[1]).map(move |y| (y, z)));
+        for (row, (y, z)) in out.chunks_exact_mut(row_bytes).zip(rows) {
+            let at = ((z * dims[1] + y) * dims[0] + voxels.start[0]) as usize * bytes;
+            row.copy_from_slice(&self.voxels[at..at + row_bytes]);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::level_reader::LevelReader;
+    use crate::source::computed::Computed;
+    use crate::source::{AccessOrder, LineNumbers, Survey};
+    use supervol_format::{Geometry, Lod, VoxelType};
+
+    /// 512 x 320 x 260 voxels, each of which says where it is.
+    fn volume(order: [usize; 3]) -> Computed {
+        let lines = |first, count| LineNumbers { first, step: 2, count };
+        let survey = Survey {
+            inline: lines(100, 320),
+            crossline: lines(300, 512),
+            corners: Some([[0.0, 0.0], [511.0, 0.0], [0.0, 319.0], [511.0, 319.0]]),
+            sample_interval: 4.0,
+            first_sample: 8.0,
+            missing_traces: 0,
+            dead_traces: 0,
+            text_header: String::new(),
+        };
+        Computed::new([512, 320, 260], VoxelType::U32, |[x, y, z]| (x + 1000 * y + 1_000_000 * z) as f64).with_info(
+            |info| {
+                info.access_order = AccessOrder(order);
+                info.geometry = Geometry { spacing: [2.0, 3.0, 5.0], origin: [7.0, 8.0, 9.0], ..Geometry::IDENTITY };
+                info.survey = Some(survey);
+            },
+        )
+    }
+
+    #[test]
+    fn a_preview_has_voxels_of_the_volume_where_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        for order in [[2, 1, 0], [1, 0, 2]] {
+            let source = volume(order);
+            let preview = Preview::of(&source, folder.path(), &Stopper::default()).unwrap().unwrap();
+            assert_eq!(preview.strides, [4, 2, 2]);
+            let container = &preview.container;
+            let level = container.pyramid().level_at(Lod(0));
+            assert_eq!(level.dims, Dims([128, 160, 130]));
+            let geometry = container.descriptor().geometry;
+            assert_eq!((geometry.spacing, geometry.origin), ([8.0, 6.0, 10.0], [7.0, 8.0, 9.0]));
+            let survey = Survey::of(container.manifest()).unwrap();
+            assert_eq!(survey.scales(), [[300.0, 8.0], [100.0, 4.0], [8.0, 8.0]]);
+            let place = VoxelBox { start: [65, 126, 60], end: [68, 160, 67] };
+            let mut bytes = vec![0; place.voxels() * 4];
+            LevelReader::new(container, Lod(0), 1 << 20).read_box(place, &mut bytes).unwrap();
+            let [nx, ny, _] = place.extent();
+            for (i, voxel) in bytes.chunks_exact(4).enumerate() {
+                let local = [i % nx, i / nx % ny, i / nx / ny];
+                let at: [u64; 3] = std::array::from_fn(|a| (place.start[a] + local[a] as u64) * preview.strides[a]);
+                let expected = at[0] + 1000 * at[1] + 1_000_000 * at[2];
+                assert_eq!(u64::from(u32::from_le_bytes(voxel.try_into().unwrap())), expected, "{at:?}, {order:?}");
+            }
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "something is left");
+    }
+
+    #[test]
+    fn there_is_none_of_what_is_small_or_slow() {
+        let folder = tempfile::tempdir().unwrap();
+        let small = Computed::new([256, 256, 256], VoxelType::U8, |_| 1.0);
+        assert!(Preview::of(&small, folder.path(), &Stopper::default()).unwrap().is_none());
+        let source = volume([2, 1, 0]);
+        let read = Thinned::read(&source, [4, 2, 2], Instant::now() - Duration::from_secs(1), &Stopper::default());
+        assert!(read.unwrap().is_none());
+        let stopper = Stopper::default();
+        stopper.stop();
+        assert!(Preview::of(&source, folder.path(), &stopper).unwrap_err().is_stopped());
+    }
+}

@@ -1,0 +1,184 @@
+//! What the worker's thread does with each wish.
+//!
+//! Containers are built on a thread of their own, so that what is open goes on being drawn, and of large volumes a preview:
+//!
+//! ```text
+//! open a source --> build thread: preview (in memory) --> container in the cache folder
+//!                                    |                       |
+//!                   this thread:  an easel with it  -->  an easel with the volume itself
+//! ```
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use supervol_preprocess::kept::is_container;
+use supervol_preprocess::preview::Preview;
+use supervol_preprocess::stop::Stopper;
+
+use super::easel::Easel;
+use super::{Busy, Desk, Message, Open, Opened, Settings, Work, lock, open};
+
+/// Longest that a window which closes waits for a build, and how often it looks.
+const CLOSING_PATIENCE: Duration = Duration::from_millis(800);
+const CLOSING_INTERVAL: Duration = Duration::from_millis(5);
+
+/// What the thread works with.
+struct Studio {
+    desk: Arc<Desk>,
+    settings: Settings,
+    easel: Option<Easel>,
+    /// Volumes that were to be opened, previews among them.
+    volumes: u64,
+    /// What is being built, and the number of its build.
+    building: Option<(u64, Open)>,
+    /// The last thread that built.
+    builder: Option<JoinHandle<()>>,
+}
+
+/// What the thread does.
+pub(super) fn work(desk: &Arc<Desk>, settings: Settings) {
+    let mut studio = Studio { desk: desk.clone(), settings, easel: None, volumes: 0, building: None, builder: None };
+    loop {
+        let going_on = studio.easel.as_ref().and_then(Easel::unfinished);
+        let next = desk.next(going_on);
+        if let (Some(easel), false) = (&mut studio.easel, matches!(next, Work::GoOn)) {
+            easel.forget_cut();
+        }
+        if matches!(next, Work::Quit) {
+            break;
+        }
+        studio.run(next);
+    }
+    studio.leave();
+}
+
+impl Studio {
+    fn run(&mut self, work: Work) {
+        match work {
+            Work::Quit => return,
+            Work::Open(wish, stopper) => return self.open(wish, stopper),
+            Work::Preview(number, preview) => return self.show_preview(number, preview),
+            Work::Built(number, built) => return self.end_build(number, built),
+            Work::Settings(settings) => self.settings = settings,
+            Work::Export(_) | Work::Animation(_) => {
+                if let Some(why) = self.refusal() {
+                    return self.desk.fail(why);
+                }
+            }
+            _ => {}
+        }
+        let Self { desk, settings, easel: Some(easel), .. } = self else { return };
+        match work {
+            Work::Settings(_) => easel.set(desk, settings),
+            Work::Export(wish) => {
+                let message = easel.export(desk, &wish).unwrap_or_else(Message::Failure);
+                end_export(desk, message);
+            }
+            Work::Animation(wish) => {
+                let message = easel.animate(desk, &wish, settings).unwrap_or_else(Message::Failure);
+                end_export(desk, message);
+            }
+            Work::View(view) => easel.begin(desk, view, settings),
+            Work::Section(panel, view) => easel.begin_section(desk, panel, view, settings),
+            Work::Probe(probe) => easel.probe(desk, probe),
+            Work::GoOn => easel.go_on(desk),
+            Work::Quit | Work::Open(..) | Work::Preview(..) | Work::Built(..) => {}
+        }
+    }
+
+    /// Waits for a build that was stopped. It stops where it asks; a reader of other people's that does not is ended with the process,
+    /// and what was built stays as after a kill.
+    fn leave(self) {
+        let patience = Instant::now() + CLOSING_PATIENCE;
+        while self.builder.as_ref().is_some_and(|thread| !thread.is_finished()) && Instant::now() < patience {
+            std::thread::sleep(CLOSING_INTERVAL);
+        }
+    }
+
+    /// Why no picture can be written now; `None` where one can.
+    fn refusal(&self) -> Option<String> {
+        let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if let Some((_, wish)) = &self.building {
+            return Some(format!("{} is being built: export when it is there, or cancel the build", name(&wish.path)));
+        }
+        let opened = &self.easel.as_ref()?.opened;
+        opened.preview_of.map(|strides| refused_of_preview(&opened.source, strides))
+    }
+
+    /// Opens a container, or begins to build one.
+    fn open(&mut self, wish: Open, stopper: Stopper) {
+        self.volumes += 1;
+        let number = self.volumes;
+        let is_built = !is_container(&wish.path);
+        self.desk.tell(|news| {
+            self.desk.building.store(if is_built { number } else { 0 }, Ordering::Relaxed);
+            news.busy = Some(Busy::Opening(wish.path.clone()));
+        });
+        if !is_built {
+            self.building = None;
+            let path = wish.path.clone();
+            return self.end_opening(open::open(&path, wish, number));
+        }
+        let source = (wish.path.clone(), number);
+        self.building = Some((number, wish));
+        match open::begin_build(&self.desk, source, (&self.settings, stopper), self.builder.take()) {
+            Ok(thread) => self.builder = Some(thread),
+            Err(error) => self.end_opening(Err(Message::Failure(format!("no thread can be started: {error}")))),
+        }
+    }
+
+    /// Shows what there is of a volume whose container is being built.
+    fn show_preview(&mut self, build: u64, preview: Preview) {
+        let Some((_, wish)) = self.building.as_ref().filter(|(number, _)| *number == build) else { return };
+        self.volumes += 1;
+        let opened = open::open_preview(preview, wish.clone(), self.volumes);
+        match Easel::new(&self.desk, opened, &self.settings) {
+            Ok(easel) => self.easel = Some(easel),
+            Err(error) => self.desk.fail(error),
+        }
+    }
+
+    /// A container has been built, or not; for nobody, where something else was opened meanwhile.
+    fn end_build(&mut self, build: u64, built: Result<PathBuf, Message>) {
+        let Some((_, wish)) = self.building.take_if(|(number, _)| *number == build) else { return };
+        self.volumes += 1;
+        self.end_opening(built.and_then(|path| open::open(&path, wish, self.volumes)));
+    }
+
+    /// What is open goes on being shown where the new one cannot be opened.
+    fn end_opening(&mut self, opened: Result<Arc<Opened>, Message>) {
+        let easel = opened.and_then(|opened| Easel::new(&self.desk, opened, &self.settings).map_err(Message::Failure));
+        let message = match easel {
+            Ok(easel) => {
+                self.easel = Some(easel);
+                None
+            }
+            Err(message) => Some(message),
+        };
+        lock(&self.desk.wishes).build_stopper = None;
+        self.desk.tell(|news| {
+            self.desk.building.store(0, Ordering::Relaxed);
+            news.busy = None;
+            if message.is_some() {
+                news.message = message;
+            }
+        });
+    }
+}
+
+/// Why nothing is written of a preview: it is not the volume.
+pub(crate) fn refused_of_preview(source: &Path, [x, y, z]: [u64; 3]) -> String {
+    format!(
+        "this is a preview, one of {x} x {y} x {z} voxels: nothing is written of it. Wait until the container of {} is built; if \
+         that was stopped, open it again",
+        source.display()
+    )
+}
+
+fn end_export(desk: &Desk, message: Message) {
+    lock(&desk.wishes).export_canceller = None;
+    desk.tell(|news| (news.busy, news.message) = (None, Some(message)));
+}
