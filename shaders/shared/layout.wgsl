@@ -73,6 +73,7 @@ const CUT_SHARE: f32 = 0.25;
 const TURN_SHARE: f32 = 0.1;
 const HIGHLIGHT_SHARE: f32 = 0.006;
 const HIGHLIGHT_REACH: f32 = 0.5;
+const BOW_SHARE: f32 = 0.25;
 
 // Where one cache texture's slots lie.
 struct SlotGrid {

@@ -107,7 +107,7 @@ fn shade_part(plain: LightPart, gradients: mat3x3<f32>, to_eye: vec3<f32>) -> Li
 }
 
 // What three places can miss of the light between them: a highlight where the normal turns, and a gradient that is too
-// short for a normal.
+// short for a normal, or long enough, between two places only.
 fn error_of_turn(gradients: mat3x3<f32>, lit: Lit) -> f32 {
     // Of the first two places, and of the last two.
     let ab = vec2<f32>(dot(gradients[0], gradients[1]), dot(gradients[1], gradients[2]));
@@ -128,6 +128,12 @@ fn error_of_turn(gradients: mat3x3<f32>, lit: Lit) -> f32 {
     let nearest = max(squares.xy * squares.yz - ab * ab, vec2<f32>(0.0)) / way;
     let is_passed = (ab < squares.xy) & (ab < squares.yz) & (nearest < vec2<f32>(floor * floor));
     let flat = select(vec2<f32>(0.0), min(floor * inverseSqrt(way), vec2<f32>(1.0)), is_passed);
+    // Neither end of a half has a normal, and there may be one in between.
+    let bow = BOW_SHARE * length((gradients[0] - gradients[1]) + (gradients[2] - gradients[1]));
+    let reach_between = sqrt(max(squares.xy, squares.yz)) + vec2<f32>(bow);
+    let lacks = (lit.inverse.xy + lit.inverse.yz) <= vec2<f32>(0.0);
+    let is_hidden = lacks & (reach_between >= vec2<f32>(0.5 * floor));
+    let uncertain = flat + select(vec2<f32>(0.0), vec2<f32>(0.5), is_hidden);
     let gain = max(config.ambient + (config.diffuse + config.specular) * config.light_sum, 1.0);
-    return of_highlight + of_turn + gain * (flat.x + flat.y);
+    return of_highlight + of_turn + gain * (uncertain.x + uncertain.y);
 }

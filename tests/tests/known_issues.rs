@@ -88,16 +88,16 @@ fn windows_of_values_that_f32_does_not_resolve() {
 }
 
 /// Of 1,000 random scenes at four errors, 2 are further off than was asked for (`supervol bench --random-scenes 1000`):
-/// - 978 (0.877 levels, at the default error as well), shaded: opacity is right and colour is not, whatever the error asked
-///   for. Where values are cut off at a plateau, a twentieth of a voxel more than the reference says is drawn as if it had
-///   no normal. Neither clipping, nor skipping, nor the size of bricks changes it; the scalar caster is right there.
+/// - 978 (0.650 where 0.1 is asked for; 0.452 where 0.5 is), shaded: where values are cut off at a plateau, a ray runs through gradients of
+///   the size of the least one that makes a normal, a hundred thousandth of what `f32` is added up from there: a fourteenth of a voxel
+///   is drawn with a normal that has none. The scalar caster is right there.
 /// - 934 (0.1006 where 0.1 is asked for), unshaded: 0.099 where 0.5 is, so that it is not what E steers.
 #[test]
 fn random_scenes_further_off_than_asked() {
     let folder = tempfile::tempdir().expect("tests need a temporary folder");
     let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
     let mut kept = Vec::new();
-    for (scene, above) in [(934, 1), (978, 2)] {
+    for (scene, above) in [(934, 1), (978, 1)] {
         let options = Options { seed: 1, first: scene, scenes: 1, threads: 2, backend: Backend::Cpu };
         let found = run(&context, options).unwrap_or_else(|e| panic!("scene {scene}: {e}"));
         for at in &found.errors {

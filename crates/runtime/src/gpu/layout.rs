@@ -493,7 +493,7 @@ shared_struct! {
 }
 
 /// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 20] {
+fn borrowed_constants() -> [(&'static str, &'static str, String); 21] {
     let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
     [
         ("APRON", "i32", apron.to_string()),
@@ -516,6 +516,7 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 20] {
         ("TURN_SHARE", "f32", format!("{:?}", shade::TURN_SHARE)),
         ("HIGHLIGHT_SHARE", "f32", format!("{:?}", shade::HIGHLIGHT_SHARE)),
         ("HIGHLIGHT_REACH", "f32", format!("{:?}", shade::HIGHLIGHT_REACH)),
+        ("BOW_SHARE", "f32", format!("{:?}", shade::BOW_SHARE)),
     ]
 }
 

@@ -36,6 +36,9 @@ pub const TURN_SHARE: f32 = 0.1;
 pub const HIGHLIGHT_SHARE: f32 = 0.006;
 /// What |n.h| may be between two places more than at either of them, over the distance of their normals.
 pub const HIGHLIGHT_REACH: f32 = 0.5;
+/// Share of the second difference of gradients by which the gradient may leave the line between two places: 1/8 of a quadratic's,
+/// twice as much since it is a cubic.
+pub const BOW_SHARE: f32 = 0.25;
 /// Greatest whole half of a shininess that is reached by multiplications.
 const WHOLE_LIMIT: u32 = 128;
 /// Least square of |n.h|: a normal `f32`.
@@ -129,6 +132,28 @@ impl<S: Simd> LightAt<S> {
         let nearest = S::max(S::mul_add(aa, bb, zero - ab * ab), zero) / way;
         let is_passed = S::lt(ab, aa) & S::lt(ab, bb) & S::lt(nearest, floor * floor);
         S::select(is_passed, S::min(floor / S::sqrt(way), one), zero)
+    }
+
+    /// Share of a part, of which these are the three places, in which there may be a normal although neither end of that half has
+    /// one: where the gradient may reach `floor` in between.
+    #[inline(always)]
+    fn hidden_normal(along: &[Self; 3], floor: f32) -> S::F {
+        let zero = S::splat(0.0);
+        let [a, b, c] = along;
+        let lacks = [(a, b), (b, c)].map(|(a, b)| S::le(a.inverse_length + b.inverse_length, zero));
+        if S::bits(lacks[0] | lacks[1]) == 0 {
+            return zero;
+        }
+        let squares = for_three!(i => dot::<S>(&along[i].gradient, &along[i].gradient));
+        let second = for_three!(i => (a.gradient[i] - b.gradient[i]) + (c.gradient[i] - b.gradient[i]));
+        let bow = S::sqrt(dot::<S>(&second, &second)) * S::splat(BOW_SHARE);
+        let mut share = zero;
+        for (i, lacks) in lacks.into_iter().enumerate() {
+            let reach = S::sqrt(S::max(squares[i], squares[i + 1])) + bow;
+            let is_hidden = lacks & S::le(S::splat(floor), reach);
+            share = share + S::select(is_hidden, S::splat(0.5), zero);
+        }
+        share
     }
 
     /// A colour after shading.
@@ -272,12 +297,12 @@ impl<'a> PacketLighting<'a> {
     }
 
     /// What three places can miss of the light between them: a highlight where the normal turns, and a gradient that is too
-    /// short for a normal.
+    /// short for a normal, or long enough, between two places only.
     #[inline(always)]
     fn error_of_turn<S: Simd>(&self, along: &[LightAt<S>; 3]) -> S::F {
         let lighting = self.lighting;
         let mut turn = S::splat(0.0);
-        let (mut flat, mut widest) = (turn, turn);
+        let (mut flat, mut widest) = (LightAt::hidden_normal(along, self.floor()), turn);
         for [a, b] in [[0, 1], [1, 2]] {
             let of_pair = LightAt::turn(&along[a], &along[b]);
             turn = turn + of_pair;
