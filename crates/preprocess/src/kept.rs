@@ -138,7 +138,7 @@ pub enum Told<'a> {
     /// There is no container yet: this one is built.
     Building(&'a Path),
     /// There is something to look at until it is there.
-    Preview(Preview),
+    Preview(Box<Preview>),
     /// How far that is.
     Progress(Progress),
 }
@@ -181,7 +181,7 @@ impl Cache {
             let opened = reading.open_unless(source, &self.folder, &options.stopper)?;
             if self.has_previews {
                 match Preview::of(opened.as_ref(), &self.folder, &options.stopper) {
-                    Ok(Some(preview)) => told(Told::Preview(preview)),
+                    Ok(Some(preview)) => told(Told::Preview(Box::new(preview))),
                     Err(error) if error.is_stopped() => return Err(error),
                     // What is wrong with a source or a folder, the build says.
                     Ok(None) | Err(_) => {}

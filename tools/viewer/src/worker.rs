@@ -281,7 +281,7 @@ struct Wishes {
     /// Stops a build.
     build_stopper: Option<Stopper>,
     /// Of a build: what there is to look at until it has ended, and what has come of it. With the number of its wish.
-    preview: Option<(u64, Preview)>,
+    preview: Option<(u64, Box<Preview>)>,
     built: Option<(u64, Result<PathBuf, Message>)>,
 }
 
@@ -349,7 +349,7 @@ impl Desk {
 enum Work {
     Quit,
     Open(Open, Stopper),
-    Preview(u64, Preview),
+    Preview(u64, Box<Preview>),
     Built(u64, Result<PathBuf, Message>),
     Settings(Settings),
     Export(Export),

@@ -131,10 +131,10 @@ impl Studio {
     }
 
     /// Shows what there is of a volume whose container is being built.
-    fn show_preview(&mut self, build: u64, preview: Preview) {
+    fn show_preview(&mut self, build: u64, preview: Box<Preview>) {
         let Some((_, wish)) = self.building.as_ref().filter(|(number, _)| *number == build) else { return };
         self.volumes += 1;
-        let opened = open::open_preview(preview, wish.clone(), self.volumes);
+        let opened = open::open_preview(*preview, wish.clone(), self.volumes);
         match Easel::new(&self.desk, opened, &self.settings) {
             Ok(easel) => self.easel = Some(easel),
             Err(error) => self.desk.fail(error),
