@@ -1,10 +1,12 @@
-"""Makes the files in FOLDER that the fuzzing of small readers begins with: archives of NumPy and Zarr, pictures, a TIFF of half floats."""
+"""Makes the files in FOLDER that the fuzzing of small readers begins with: archives of NumPy and Zarr, pictures, a TIFF of half floats, the HDF5
+file of a BigDataViewer."""
 import io
 import struct
 import sys
 import zipfile
 import zlib
 
+import h5py
 import numpy as np
 
 folder = sys.argv[1]
@@ -53,3 +55,7 @@ table = struct.pack("<4I", 8, 28, 16, 16)
 directory = struct.pack("<H", len(fields)) + b"".join(struct.pack("<HHII", *field) for field in fields) + b"\0\0\0\0"
 with open(f"{folder}/half.tif", "wb") as out:
     out.write(b"II*\0" + struct.pack("<I", 8 + len(body) + len(table)) + body + table + directory)
+
+with h5py.File(f"{folder}/viewer.h5", "w", libver="earliest") as file:
+    file.create_dataset("t00000/s00/0/cells", data=ramp.astype("<i2"))
+    file.create_dataset("s00/resolutions", data=np.array([[1, 1, 1.0]]))

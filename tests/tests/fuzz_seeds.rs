@@ -134,7 +134,8 @@ fn valid_inputs_are_accepted() {
         ("seed.vti", fuzz_bodies::vti_seed()),
         ("seed.vtk", fuzz_bodies::vtk_seed()),
     ];
-    std::fs::write(folder.path().join("fuzz.h5"), fuzz_bodies::hdf5_seed()).expect("a small file");
+    let (name, bytes) = fuzz_bodies::VIEWER_DATA;
+    std::fs::write(folder.path().join(name), bytes).expect("a small file");
     let small = fuzz_bodies::small_volumes().into_iter().map(|(name, bytes)| (name, bytes.to_vec()));
     for (name, bytes) in files.into_iter().chain(small) {
         let path = folder.path().join(name);

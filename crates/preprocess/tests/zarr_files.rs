@@ -255,7 +255,7 @@ fn what_is_wrong_or_not_read_is_said() {
         selection: supervol_preprocess::source::selection::Selection { series: Some("1".into()), ..Default::default() },
         ..OpenOptions::default()
     };
-    assert_refused(open(array_with(|_| ()).path(), &series).map(|_| ()), &["only DICOM has series"]);
+    assert_refused(open(array_with(|_| ()).path(), &series).map(|_| ()), &["only DICOM and OME-TIFF have series"]);
     assert!(largest_allocation::largest_bytes() < 64 << 20);
 }
 
