@@ -23,7 +23,7 @@ readonly MIN_FREE_GB=10
 readonly FUZZ_SECONDS="${FUZZ_SECONDS:-8}"
 readonly FUZZ_SEED=1
 readonly SOAK_MINUTES="${SOAK_MINUTES:-3}"
-readonly FUZZ_TARGETS=(container codec_raw codec_rle codec_zstd codec_wavelet codec_trimmed segy nrrd metaimage nifti npy dicom dicom_frames tiff vti vtk zarr zarr3 n5 hdf5)
+readonly FUZZ_TARGETS=(container codec_raw codec_rle codec_zstd codec_wavelet codec_trimmed segy nrrd metaimage nifti npy dicom dicom_frames tiff vti vtk zarr zarr3 n5 hdf5 archives slices viewer_xml)
 
 started=$SECONDS
 work="$(mktemp -d)"

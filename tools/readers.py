@@ -106,11 +106,14 @@ def by_tifffile(path, _):
     array = tifffile.imread(path)
     with tifffile.TiffFile(path) as file:
         axes = file.series[0].axes
+        if file.pages[0].photometric == tifffile.PHOTOMETRIC.MINISWHITE:
+            # Greater is brighter with us.
+            array = ~array
     if "S" in axes:
         array = np.round(array[..., :3] @ [0.299, 0.587, 0.114]).astype(array.dtype)
     elif "C" in axes:
         array = np.take(array, 0, axis=axes.index("C"))
-    return array, None, None
+    return array.astype("u1") if array.dtype == bool else array, None, None
 
 
 def by_zarr(path, _):

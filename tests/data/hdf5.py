@@ -1,5 +1,6 @@
 """Makes, by h5py, FOLDER/old.h5 and FOLDER/new.h5: one volume in many ways, in the oldest and the newest layout of the format; and
-FOLDER/seed.h5, which fuzzing begins with."""
+FOLDER/seed.h5, which fuzzing begins with; FOLDER/kinds.h5, of what only Python writes, and FOLDER/complex.h5 and FOLDER/virtual.h5, which
+are refused."""
 import sys
 import h5py, numpy as np
 
@@ -24,3 +25,13 @@ for name, libver in [("old", "earliest"), ("new", "latest")]:
 
 with h5py.File(f"{sys.argv[1]}/seed.h5", "w", libver="earliest") as file:
     file.create_dataset("v", data=np.arange(64, dtype="<u2").reshape(2, 4, 8), chunks=(2, 4, 4), compression="gzip", shuffle=True)
+
+with h5py.File(f"{sys.argv[1]}/kinds.h5", "w", libver="earliest") as file:
+    file.create_dataset("lzf", data=volume.astype("<u2"), chunks=(4, 5, 8), compression="lzf", shuffle=True)
+    file.create_dataset("mask", data=volume % 2 == 1, chunks=(9, 10, 12), compression="gzip")
+with h5py.File(f"{sys.argv[1]}/complex.h5", "w", libver="earliest") as file:
+    file.create_dataset("k_space", data=np.ones((2, 3, 4), "c8"))
+with h5py.File(f"{sys.argv[1]}/virtual.h5", "w", libver="latest") as file:
+    layout = h5py.VirtualLayout((9, 10, 12), "<u2")
+    layout[...] = h5py.VirtualSource("old.h5", "plain", (9, 10, 12))
+    file.create_virtual_dataset("v", layout)

@@ -25,6 +25,7 @@ use supervol_preprocess::source::{SourceError, VolumeSource};
 use crate::fields::{Content, Field, built, options};
 use crate::forge::Forge;
 pub use crate::fuzz_seeds::*;
+pub use crate::fuzz_small::*;
 
 /// Bricks of one damaged container that are decoded, at most.
 const BRICKS_LIMIT: u64 = 64;
@@ -234,11 +235,11 @@ fn in_a_folder(bytes: &[u8], metadata: &str, chunk: &str) {
 /// What a target does with its bytes.
 pub type Body = fn(&[u8]);
 
-/// Names of all bodies, with the bodies and a valid input each.
+/// Names of all bodies, with the bodies and valid inputs of each.
 #[must_use]
-pub fn all() -> Vec<(&'static str, Body, Vec<u8>)> {
-    let whole = |seed: &[u8]| [&[0], seed].concat();
-    let mut seeds: Vec<(&'static str, Body, Vec<u8>)> = vec![
+pub fn all() -> Vec<(&'static str, Body, Vec<Vec<u8>>)> {
+    let whole = |seed: &[u8]| vec![[&[0], seed].concat()];
+    let mut seeds: Vec<(&'static str, Body, Vec<Vec<u8>>)> = vec![
         ("container", container, whole(&seed_container().bytes)),
         ("segy", segy, whole(&segy_seed())),
         ("nrrd", nrrd, whole(&nrrd_seed())),
@@ -269,12 +270,13 @@ pub fn all() -> Vec<(&'static str, Body, Vec<u8>)> {
     for (name, body, codec, voxels) in codecs {
         let (written, payload) = encode(CodecChoice::Only(codec), shape, voxels).expect("encoding needs only memory");
         assert_eq!(written, codec, "{name}: a valid payload is one of the codec");
-        seeds.push((name, body, [&[3, 5, 6, 7], payload.as_slice()].concat()));
+        seeds.push((name, body, vec![[&[3, 5, 6, 7], payload.as_slice()].concat()]));
     }
+    seeds.extend(crate::fuzz_small::all());
     seeds
 }
 
-fn whole_file(data: &[u8], seed: &[u8]) -> Vec<u8> {
+pub(crate) fn whole_file(data: &[u8], seed: &[u8]) -> Vec<u8> {
     match data.split_first() {
         None => Vec::new(),
         Some((mode, rest)) if mode & 1 == 0 => rest.to_vec(),
@@ -308,7 +310,7 @@ pub fn apply_edits(seed: &[u8], edits: &[u8]) -> Vec<u8> {
 }
 
 /// Reads some of a volume of whatever format the file has.
-fn read_some_of_any(path: &Path, spool: &SpoolFolder) {
+pub(crate) fn read_some_of_any(path: &Path, spool: &SpoolFolder) {
     // A frame that is decoded may take as much as a small machine has.
     let segy = SegyOptions { memory_bytes: 64 << 20, ..SegyOptions::default() };
     let options = OpenOptions { spool: spool.clone(), segy, ..OpenOptions::default() };
@@ -343,7 +345,7 @@ fn read_boxes(source: &dyn VolumeSource) {
     }
 }
 
-fn in_a_file(name: &str, bytes: &[u8], read: impl FnOnce(&Path, &SpoolFolder)) {
+pub(crate) fn in_a_file(name: &str, bytes: &[u8], read: impl FnOnce(&Path, &SpoolFolder)) {
     let memory = Path::new("/dev/shm");
     let place = if memory.is_dir() { memory.to_path_buf() } else { std::env::temp_dir() };
     let folder = tempfile::tempdir_in(place).expect("fuzzing needs a temporary folder");

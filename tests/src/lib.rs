@@ -18,6 +18,7 @@ pub mod forge;
 pub mod formats;
 pub mod fuzz_bodies;
 pub mod fuzz_seeds;
+pub mod fuzz_small;
 pub mod oracle;
 #[cfg(feature = "pictures")]
 pub mod pictures;

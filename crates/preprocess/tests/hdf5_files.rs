@@ -79,6 +79,19 @@ fn datasets_are_what_h5py_wrote() {
     }
 }
 
+/// What h5py compresses by LZF, and truth values, which it writes as enumerations; what is refused is refused by its name.
+#[test]
+fn kinds_that_only_python_writes() {
+    let lzf = opened(&named(&file("kinds.h5"), "lzf")).unwrap_or_else(|e| panic!("{e}"));
+    check_boxes(lzf.as_ref(), &voxels(VoxelType::U16, value), 5);
+    let mask = opened(&named(&file("kinds.h5"), "mask")).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(mask.info().voxel_type, VoxelType::I8);
+    check_boxes(mask.as_ref(), &voxels(VoxelType::I8, |at| value(at) % 2.0), 5);
+    let refused = |name: &str, words: &[&str]| assert_refused(opened(&file(name)).map(|_| ()), words);
+    refused("complex.h5", &["k_space (compound or complex)", ".real"]);
+    refused("virtual.h5", &["virtual dataset", "h5repack"]);
+}
+
 #[test]
 fn spacings_are_read_where_they_are_written() {
     for name in FILES {
@@ -126,7 +139,7 @@ fn the_real_file_is_what_h5py_reads() {
 fn damaged_files_are_errors_or_other_voxels() {
     let work = tempfile::tempdir().unwrap();
     let path = work.path().join("damaged.h5");
-    for name in FILES {
+    for name in [FILES[0], FILES[1], "kinds.h5"] {
         let whole = std::fs::read(file(name)).unwrap();
         let mut random = Random::new(3);
         for round in 0..1500 {
@@ -141,7 +154,7 @@ fn damaged_files_are_errors_or_other_voxels() {
                 }
             }
             std::fs::write(&path, &damaged).unwrap();
-            for dataset in ["plain", "a/gzip", "a/whole", "a/five", "a/holes"] {
+            for dataset in ["plain", "a/gzip", "a/whole", "a/five", "a/holes", "lzf", "mask"] {
                 if let Ok(source) = opened(&named(&path, dataset)) {
                     let end = source.info().dims.0.map(|n| n.min(12));
                     let _ = read(source.as_ref(), VoxelBox { start: [0; 3], end });

@@ -16,7 +16,7 @@ fn refused(path: &Path, words: &[&str]) {
 #[test]
 fn files_are_known_by_their_first_bytes_or_their_names() {
     let folder = tempfile::tempdir().unwrap();
-    let files: [(&str, Vec<u8>, &str); 8] = [
+    let files: [(&str, Vec<u8>, &str); 16] = [
         ("c", b"CDF\x01".to_vec(), "xarray"),
         ("d", b"PK\x03\x04".to_vec(), "`unzip "),
         ("e.vtu", b"<VTKFil".to_vec(), "ParaView"),
@@ -25,6 +25,15 @@ fn files_are_known_by_their_first_bytes_or_their_names() {
         ("h.mgz", vec![0; 9], "h.mgz OUT.nii.gz`"),
         ("i.svol", supervol_format::container::header::MAGIC.to_vec(), "supervol render"),
         ("j.su", vec![0; 300], "segywrite"),
+        // What is compressed is called by its name, where that says more.
+        ("k.mgz", b"\x1f\x8b\x08".to_vec(), "mri_convert"),
+        ("l.tar.gz", b"\x1f\x8b\x08".to_vec(), "an archive of files"),
+        ("m", b"SIMPLE  =                    T".to_vec(), "astropy"),
+        ("n.xdmf", b"<?xml version=\"1.0\"?><Xdmf/>".to_vec(), "FILE.h5:/PATH"),
+        ("o", b"ENVI\nsamples = 3".to_vec(), "gdal_translate"),
+        ("p", b"#INRIMAGE-4#{\n".to_vec(), "--offset 256"),
+        ("q", b"# === DATA DESCRIPTION FILE ===".to_vec(), "parrec2nii"),
+        ("r", b"PVM\n4 4 4\n".to_vec(), "pvm2raw"),
     ];
     for (name, bytes, word) in files {
         let path = folder.path().join(name);

@@ -153,3 +153,21 @@ fn what_is_no_image_is_refused_by_name() {
         assert_refused(opened(&path), &[word]);
     }
 }
+
+/// VTK writes voxels of u8 to text files as colours, which are shares of 255.
+#[test]
+fn bytes_that_vtk_writes_as_text() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bytes.vtk");
+    let head = "# vtk DataFile Version 5.1\nvtk output\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 3 2 1\nSPACING 0.5 0.6 2\n\
+                ORIGIN 1 2 3\nPOINT_DATA 6\nCOLOR_SCALARS v 1\n";
+    // As VTK 9.7 writes 4, 42, 106, 129, 0 and 255.
+    std::fs::write(&path, format!("{head}0.0156863 0.164706 0.415686 \n0.505882 0 1 \n")).unwrap();
+    let source = opened(&path).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!((source.info().dims, source.info().voxel_type), (Dims([3, 2, 1]), VoxelType::U8));
+    check_boxes(source.as_ref(), &[4, 42, 106, 129, 0, 255], 3);
+    for wrong in ["0.1 0.2 0.3 0.4 0.5 1.5", "0.1 0.2 0.3 0.4 0.5 -1", "0.1 0.2 0.3 0.4 0.5 nan", "0.1 0.2"] {
+        std::fs::write(&path, format!("{head}{wrong}\n")).unwrap();
+        assert_refused(opened(&path).map(|_| ()), &["text data"]);
+    }
+}

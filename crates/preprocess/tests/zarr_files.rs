@@ -255,7 +255,7 @@ fn what_is_wrong_or_not_read_is_said() {
         selection: supervol_preprocess::source::selection::Selection { series: Some("1".into()), ..Default::default() },
         ..OpenOptions::default()
     };
-    assert_refused(open(array_with(|_| ()).path(), &series).map(|_| ()), &["only DICOM has series"]);
+    assert_refused(open(array_with(|_| ()).path(), &series).map(|_| ()), &["only DICOM and OME-TIFF have series"]);
     assert!(largest_allocation::largest_bytes() < 64 << 20);
 }
 
@@ -435,8 +435,7 @@ fn archives_hold_a_folder_or_what_lies_in_it_stored_or_deflated() {
         assert_eq!(read_all(opened(&path).unwrap().as_ref()).unwrap(), expected, "{name}");
         // What libraries do not write, but people do.
         write_archive(&path, &sharded, zip::CompressionMethod::Deflated);
-        let refused = opened(&path).and_then(|source| read_all(source.as_ref()).map(drop));
-        assert_refused(refused, &["deflated as a whole", "zip -0"]);
+        assert_eq!(read_all(opened(&path).unwrap().as_ref()).unwrap(), expected, "{name}, deflated shards");
         write_archive(&path, &entries_of(&FILES.path().join("v2/gzip"), before), zip::CompressionMethod::Deflated);
         assert_eq!(read_all(opened(&path).unwrap().as_ref()).unwrap(), plain, "{name}, deflated");
     }
@@ -451,14 +450,17 @@ fn archives_hold_a_folder_or_what_lies_in_it_stored_or_deflated() {
 fn damaged_archives() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.zarr.zip");
-    write_archive(&path, &entries_of(&FILES.path().join("v3/sharded"), ""), zip::CompressionMethod::Stored);
-    let whole = std::fs::read(&path).unwrap();
+    let sharded = entries_of(&FILES.path().join("v3/sharded"), "");
+    let [stored, deflated] = [zip::CompressionMethod::Stored, zip::CompressionMethod::Deflated].map(|method| {
+        write_archive(&path, &sharded, method);
+        std::fs::read(&path).unwrap()
+    });
     let mut random = Random::new(11);
     let mut options = OpenOptions::default();
     options.segy.memory_bytes = 64 << 20;
     let mut refused = 0;
     for round in 0..400 {
-        let mut bytes = whole.clone();
+        let mut bytes = if round % 4 < 2 { stored.clone() } else { deflated.clone() };
         let at = random.below(bytes.len() as u64) as usize;
         if round % 2 == 0 {
             bytes.truncate(at)

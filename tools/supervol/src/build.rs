@@ -211,7 +211,7 @@ struct SelectionArguments {
     /// Level of the input's own pyramid (OME-Zarr, N5); the finest is 0
     #[arg(long, value_name = "N")]
     source_level: Option<u64>,
-    /// Number or UID of the DICOM series; all are listed where none is given
+    /// Number or UID of the DICOM series; all are listed where none is given. Of an OME-TIFF, the number of the series; the first is 0
     #[arg(long, value_name = "N|UID")]
     series: Option<String>,
 }

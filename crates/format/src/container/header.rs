@@ -159,6 +159,18 @@ pub fn encode(descriptor: &Descriptor, sections: Sections) -> Vec<u8> {
     page
 }
 
+/// Compares the first bytes of a page, or of a file, with those of a container.
+///
+/// # Errors
+/// If they are those of something else.
+pub(super) fn check_magic(start: &[u8], what: &str, offset: u64) -> Result<(), ContainerError> {
+    if start == MAGIC {
+        return Ok(());
+    }
+    let (expected, found) = (format!("{MAGIC:02x?}"), format!("{start:02x?}"));
+    Err(ContainerError::Magic { what: what.into(), offset, expected, found })
+}
+
 /// Reads a page. `offset` is where it lies in the file, for messages.
 ///
 /// # Errors
@@ -167,10 +179,7 @@ pub fn decode(page: &[u8; PAGE_BYTES], what: &str, offset: u64) -> Result<(Descr
     let invalid = |at: usize, field: &str, expected: &dyn std::fmt::Display, found: &dyn std::fmt::Display| {
         ContainerError::invalid(format!("{what}: {field}"), offset + at as u64, expected, found)
     };
-    if page[..8] != MAGIC {
-        let found = format!("{:02x?}", &page[..8]);
-        return Err(ContainerError::Magic { what: what.into(), offset, expected: format!("{MAGIC:02x?}"), found });
-    }
+    check_magic(&page[..MAGIC.len()], what, offset)?;
     let version = u32_at(page, 8);
     if !VERSIONS.contains(&version) {
         return Err(ContainerError::Version { found: version, known: *VERSIONS.end() });

@@ -28,6 +28,11 @@ pub(super) fn open(source: &dyn ByteSource) -> Result<Opened, ContainerError> {
     let io = |source| ContainerError::Io { what: "length of the file".into(), offset: 0, bytes: 0, source };
     let file_bytes = source.len().map_err(io)?;
     if file_bytes < 2 * PAGE_BYTES as u64 {
+        // A small file that is no container at all should be called that.
+        let mut start = [0; header::MAGIC.len()];
+        let known = &mut start[..file_bytes.min(header::MAGIC.len() as u64) as usize];
+        read(source, "first bytes", 0, known)?;
+        header::check_magic(&start, "file", 0)?;
         let expected = format!("at least {} bytes", 2 * PAGE_BYTES);
         return Err(ContainerError::invalid("container", 0, expected, format!("{file_bytes} bytes")));
     }

@@ -2,9 +2,10 @@
 //!
 //! A folder is searched with all folders in it, in natural order. A Zarr or N5 is one input, and so is a folder that DICOM slices
 //! lie in, or in which there are pictures (PNG, JPEG) and nothing else. Every other file is an input if a reader knows its first
-//! bytes or its name; headerless files where a person has said what is in them and they are called `.raw`. Names that begin with
+//! bytes or its name, unless a `BigDataViewer` file of the folder or of one around it names it as its data, as it may name an N5; headerless files where a person has said what is in them and they are called `.raw`. Names that begin with
 //! a dot are passed over, as are links: what they lead to in the folder is found by itself.
 
+use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -12,6 +13,7 @@ use crate::error::BuildError;
 use crate::source::SourceError;
 use crate::source::folder::natural;
 use crate::source::open::{Found, is_chunked, look_at};
+use crate::source::viewer_xml::data_of;
 
 /// Folders inside folders that are searched.
 const DEPTH_LIMIT: usize = 64;
@@ -44,7 +46,7 @@ pub enum Headerless {
 #[must_use]
 pub fn of_list(text: &str) -> Inputs {
     let mut inputs = Inputs::default();
-    let mut seen = std::collections::BTreeSet::new();
+    let mut seen = BTreeSet::new();
     for line in text.lines().filter(|line| !line.trim().is_empty()) {
         if seen.insert(line) {
             inputs.paths.push(line.into());
@@ -59,7 +61,8 @@ pub fn of_list(text: &str) -> Inputs {
 /// If the folder cannot be read, or there are more than [`INPUTS_LIMIT`]. A folder in it that cannot be read is an input, which
 /// fails when its turn comes.
 pub fn of_folder(folder: &Path, output: &Path, headerless: Headerless) -> Result<Inputs, BuildError> {
-    let search = Search { output: std::fs::canonicalize(output).ok(), headerless };
+    let named = BTreeSet::new();
+    let mut search = Search { output: std::fs::canonicalize(output).ok(), headerless, named };
     let mut inputs = Inputs::default();
     search.folder(folder, DEPTH_LIMIT, &mut inputs)?;
     Ok(inputs)
@@ -68,10 +71,12 @@ pub fn of_folder(folder: &Path, output: &Path, headerless: Headerless) -> Result
 struct Search {
     output: Option<PathBuf>,
     headerless: Headerless,
+    /// Data of volumes that XML files describe: those are the inputs.
+    named: BTreeSet<PathBuf>,
 }
 
 impl Search {
-    fn folder(&self, folder: &Path, depth: usize, inputs: &mut Inputs) -> Result<(), BuildError> {
+    fn folder(&mut self, folder: &Path, depth: usize, inputs: &mut Inputs) -> Result<(), BuildError> {
         if inputs.paths.len() > INPUTS_LIMIT {
             let what = format!("{}: expected at most {INPUTS_LIMIT} volumes, found more", folder.display());
             return Err(SourceError::Options(what).into());
@@ -84,6 +89,8 @@ impl Search {
         inputs.passed_over += links;
         // What cannot be looked at is an input: it fails by name when its turn comes, and not before.
         let found: Vec<Found> = files.iter().map(|file| self.look_at(file)).collect();
+        let described = files.iter().zip(&found).filter(|(file, found)| **found == Found::Volume && is_xml(file));
+        self.named.extend(described.filter_map(|(file, _)| data_of(file)));
         let count = |kind| found.iter().filter(|found| **found == kind).count();
         let is_series = count(Found::DicomSlice) > 0;
         let is_stack = count(Found::Picture) > 0 && count(Found::Picture) == files.len() && folders.is_empty();
@@ -92,7 +99,7 @@ impl Search {
         }
         for (file, found) in files.into_iter().zip(found) {
             match found {
-                Found::Volume if is_second_of_pair(&file) => {}
+                Found::Volume if is_second_of_pair(&file) || self.named.contains(&file) => {}
                 Found::Volume => inputs.paths.push(file),
                 Found::DicomSlice => {}
                 Found::Picture if is_stack => {}
@@ -102,7 +109,7 @@ impl Search {
         // The folders of a series belong to it.
         for inner in folders.into_iter().filter(|_| !is_series) {
             let is_output = std::fs::canonicalize(&inner).ok().is_some_and(|whole| Some(whole) == self.output);
-            if is_output {
+            if is_output || self.named.contains(&inner) {
                 continue;
             }
             if depth == 0 || (!is_chunked(&inner) && std::fs::read_dir(&inner).is_err()) {
@@ -152,6 +159,10 @@ impl Entries {
         found.folders.sort_by(|a, b| natural(a, b));
         Ok(found)
     }
+}
+
+fn is_xml(file: &Path) -> bool {
+    file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("xml"))
 }
 
 /// Whether a header that names the volume lies beside a file.
@@ -216,6 +227,18 @@ mod tests {
         write("pair/b.img", b"");
         write("store.zarr/.zgroup", b"{}");
         write("store.zarr/0/.zarray", b"{}");
+        // Two data sets of BigDataViewer, each of an XML file and its data.
+        let data_set = |loader: &str, kind: &str, data: &str| {
+            format!(
+                "<SpimData><BasePath>.</BasePath><ImageLoader format=\"{loader}\"><{kind} type=\"relative\">{data}</{kind}>\
+                 </ImageLoader></SpimData>"
+            )
+        };
+        write("viewer/a.xml", data_set("bdv.hdf5", "hdf5", "data/a.h5").as_bytes());
+        write("viewer/data/a.h5", b"\x89HDF\r\n\x1a\n");
+        write("viewer/b.h5", b"\x89HDF\r\n\x1a\n");
+        write("viewer/c.xml", data_set("bdv.n5", "n5", "c.n5").as_bytes());
+        write("viewer/c.n5/attributes.json", b"{\"n5\": \"2.5.1\"}");
         write("out/done.npy", b"");
         write("headerless.raw", b"");
         write(".hidden/x.npy", b"");
@@ -224,7 +247,8 @@ mod tests {
         let found = of_folder(root, &root.join("out"), Headerless::PassedOver).unwrap();
         let names: Vec<_> = found.paths.iter().map(|p| p.strip_prefix(root).unwrap().to_str().unwrap()).collect();
         let expected = ["ct", "mixed/line", "mixed/v9.nrrd", "mixed/v10.nrrd", "pair/b.hdr", "slices", "store.zarr"];
-        assert_eq!(names, expected);
+        let viewers = ["viewer/a.xml", "viewer/b.h5", "viewer/c.xml"];
+        assert_eq!(names, [&expected[..], &viewers].concat());
         // notes.txt, preview.png, CHANGES, headerless.raw, and the link.
         assert_eq!(found.passed_over, if cfg!(unix) { 5 } else { 4 });
         let raw = of_folder(root, &root.join("out"), Headerless::Taken).unwrap();

@@ -1,7 +1,7 @@
 //! HDF5: a dataset of a file (`FILE.h5:/PATH`), or the only one; also BigDataViewer, Imaris, NetCDF 4 and MINC 2, which are HDF5.
 //!
 //! The last three axes of a dataset are z, y, x; of more axes, those before are `--frame` and `--channel`. Chunks are decoded one by
-//! one (deflate, shuffle, Fletcher, szip, LZ4, n-bit, scale-offset; others are refused), contiguous datasets are read in runs.
+//! one (deflate, shuffle, Fletcher, szip, LZ4, LZF, n-bit, scale-offset; others are refused), contiguous datasets are read in runs.
 //! Spacings are read where they are written beside the voxels: `element_size_um` (Fiji, ilastik), `resolutions` (BigDataViewer, whose voxel
 //! sizes are in an XML file of its own, which can be opened instead: [`super::viewer_xml`]). Floats of 16 bits are refused: the crate does not tell
 //! halves from others.
@@ -13,7 +13,10 @@ use std::sync::Arc;
 
 use hdf5_reader::error::Error;
 use hdf5_reader::group::Group;
-use hdf5_reader::{Dataset, Datatype, FileStorage, Hdf5File, OpenOptions, SliceInfo, SliceInfoElem};
+use hdf5_reader::messages::filter_pipeline::FilterDescription;
+use hdf5_reader::{
+    Dataset, Datatype, FileStorage, FilterRegistry, H5Type, Hdf5File, OpenOptions, SliceInfo, SliceInfoElem,
+};
 use supervol_format::readable::Mib;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{Dims, VoxelType};
@@ -24,6 +27,7 @@ use super::elements::{Channels, Elements, Frames, Number};
 use super::file::SourceFile;
 use super::folder::FolderOptions;
 use super::grid_file::{GridLayout, checked_bytes};
+use super::lzf;
 use super::text::shortened;
 use super::zarr::ome::{ArrayAxis, Role, geometry_of};
 use super::zarr::placement::place;
@@ -31,6 +35,10 @@ use super::{Axis, Endian, SourceError, SourceInfo};
 
 /// What a file begins with; a user's block may stand before it, of 512 bytes or twice that, and so on.
 pub(super) const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
+/// Number of LZF among filters.
+const LZF: u16 = 32_000;
+/// Layout of datasets that are parts of others.
+const VIRTUAL: u8 = 3;
 /// Most datasets that are looked at, groups inside groups, and those that a message lists.
 const DATASETS_LIMIT: usize = 4096;
 const DEPTH_LIMIT: usize = 12;
@@ -56,15 +64,35 @@ pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, S
         .with_chunk_cache_slots(1)
         .with_max_chunk_bytes(memory)
         .with_max_read_bytes(memory)
-        .with_max_object_header_bytes(HEADER_LIMIT_BYTES);
+        .with_max_object_header_bytes(HEADER_LIMIT_BYTES)
+        .with_filter_registry(filters(memory));
     let file = Hdf5File::from_storage_with_options(Arc::new(storage), limits).map_err(wrong)?;
     let name = choose(path, &file, options.selection.array.as_deref())?;
     let dataset = file.dataset(&name).map_err(wrong)?;
     source(path, &file, (&name, dataset), options, source_file)
 }
 
+/// The crate's filters and LZF, which decodes to at most so many bytes.
+fn filters(limit_bytes: usize) -> FilterRegistry {
+    let mut filters = FilterRegistry::new();
+    let decode = move |filter: &FilterDescription, stream: &[u8], _: usize| {
+        // h5py writes its revision, the library's version, and how many bytes a chunk has.
+        let length = filter.client_data.get(2).map_or(0, |n| *n as usize);
+        let decoded = (1..=limit_bytes).contains(&length).then(|| lzf::decoded(stream, length)).flatten();
+        decoded.ok_or_else(|| Error::Other(format!("a chunk of LZF that holds no {length} bytes")))
+    };
+    filters.register(LZF, Box::new(decode));
+    filters
+}
+
 fn of_hdf5(path: &Path, error: Error) -> SourceError {
     match error {
+        // Which object it is, is said by who asks.
+        Error::Context { source, .. } if matches!(*source, Error::UnsupportedLayoutClass(VIRTUAL)) => {
+            let advice = "give one of the files that it is made of, or write it whole first: `h5repack -l v:CHUNK=64x64x64 IN OUT`, \
+                          with v its name";
+            SourceError::unsupported(path, "it holds a virtual dataset, whose voxels lie in other files", advice)
+        }
         Error::Io(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => SourceError::io(path, e),
         Error::UnsupportedFilter(what) => {
             let advice = "write it anew with gzip: `h5repack -f GZIP=1 IN OUT`";
@@ -87,6 +115,8 @@ fn sentence(text: &str) -> String {
 struct Candidate {
     name: String,
     shape: Vec<u64>,
+    /// What it holds instead of numbers.
+    other: Option<&'static str>,
 }
 
 /// The dataset that is meant.
@@ -105,6 +135,12 @@ fn choose(path: &Path, file: &Hdf5File, wanted: Option<&str>) -> Result<String, 
     if is_whole || found.is_empty() {
         list(&file.root_group().map_err(wrong)?, "", DEPTH_LIMIT, &mut found).map_err(wrong)?;
     }
+    let mut others = Vec::new();
+    found.retain(|c| {
+        let other = c.other.map(|other| format!("{} ({other})", shortened(&c.name)));
+        others.extend(other.clone());
+        other.is_none()
+    });
     // Tables and lines are seldom what is meant, where there is a volume.
     let volumes = found.iter().filter(|c| c.shape.iter().filter(|n| **n > 1).count() >= 3).count();
     if volumes > 0 {
@@ -126,8 +162,11 @@ fn choose(path: &Path, file: &Hdf5File, wanted: Option<&str>) -> Result<String, 
         }
         (None, [one]) => Ok(one.name.clone()),
         (None, []) => {
-            let advice = "give another file; objects that are no arrays of numbers hold no voxels";
-            Err(SourceError::unsupported(path, "this HDF5 file holds no dataset of numbers", advice))
+            others.truncate(LISTED_LIMIT);
+            let list = if others.is_empty() { String::new() } else { format!(", but {}", others.join(", ")) };
+            let advice = "give another file; of compound and complex numbers write one part first, with Python: \
+                          `f[NEW] = f[NAME][...].real`, or `f[NAME][FIELD]`";
+            Err(SourceError::unsupported(path, format!("this HDF5 file holds no dataset of numbers{list}"), advice))
         }
         (None, [first, ..]) => {
             let advice = format!("name one, for example {}:/{}", path.display(), shortened(&first.name));
@@ -147,8 +186,10 @@ fn list(group: &Group, name: &str, depth: usize, found: &mut Vec<Candidate>) -> 
         if found.len() >= DATASETS_LIMIT {
             return Ok(());
         }
-        if (number_of(dataset.dtype()).is_some() || is_of_16_bits(dataset.dtype())) && !dataset.shape().is_empty() {
-            found.push(Candidate { name: below(dataset.name()), shape: dataset.shape().to_vec() });
+        let is_number = number_of(dataset.dtype()).is_some() || is_of_16_bits(dataset.dtype());
+        if !dataset.shape().is_empty() {
+            let other = (!is_number).then(|| kind_of(dataset.dtype()));
+            found.push(Candidate { name: below(dataset.name()), shape: dataset.shape().to_vec(), other });
         }
     }
     for group in groups {
@@ -157,6 +198,15 @@ fn list(group: &Group, name: &str, depth: usize, found: &mut Vec<Candidate>) -> 
         }
     }
     Ok(())
+}
+
+/// What a dataset holds that is no number.
+fn kind_of(datatype: &Datatype) -> &'static str {
+    match datatype {
+        Datatype::Compound { .. } => "compound or complex",
+        Datatype::String { .. } => "text",
+        _ => "of another kind",
+    }
 }
 
 fn number_of(datatype: &Datatype) -> Option<Number> {
@@ -362,17 +412,51 @@ impl Chunks for DatasetChunks {
 }
 
 impl DatasetChunks {
-    fn voxels<V: Voxel + hdf5_reader::H5Type>(&self, selection: &SliceInfo) -> Result<Vec<u8>, Error> {
+    fn voxels<V: Voxel + H5Type>(&self, selection: &SliceInfo) -> Result<Vec<u8>, Error> {
+        if matches!(self.dataset.dtype(), Datatype::Enum { .. }) {
+            let (found, _) = self.dataset.read_slice::<Member<V>>(selection)?.into_raw_vec_and_offset();
+            return Ok(little_endian(found.into_iter().map(|member| member.0)));
+        }
         // In C order already; as a plain list, since iterating over an array of any number of axes is slow.
         let (found, _) = self.dataset.read_slice::<V>(selection)?.into_raw_vec_and_offset();
-        let mut out = vec![0; found.len() * size_of::<V>()];
-        for (voxel, value) in out.chunks_exact_mut(size_of::<V>()).zip(found) {
-            value.write_le(voxel);
-        }
-        Ok(out)
+        Ok(little_endian(found.into_iter()))
     }
 
-    fn whole<T: hdf5_reader::H5Type>(&self, selection: &SliceInfo, bytes: fn(T) -> [u8; 8]) -> Result<Vec<u8>, Error> {
+    fn whole<T: H5Type>(&self, selection: &SliceInfo, bytes: fn(T) -> [u8; 8]) -> Result<Vec<u8>, Error> {
         Ok(self.dataset.read_slice::<T>(selection)?.into_raw_vec_and_offset().0.into_iter().flat_map(bytes).collect())
+    }
+}
+
+fn little_endian<V: Voxel>(values: impl ExactSizeIterator<Item = V>) -> Vec<u8> {
+    let mut out = vec![0; values.len() * size_of::<V>()];
+    for (voxel, value) in out.chunks_exact_mut(size_of::<V>()).zip(values) {
+        value.write_le(voxel);
+    }
+    out
+}
+
+/// A member of an enumeration, by its number: h5py writes truth values so.
+#[derive(Clone)]
+struct Member<V>(V);
+
+impl<V: H5Type> H5Type for Member<V> {
+    fn hdf5_type() -> Datatype {
+        V::hdf5_type()
+    }
+
+    fn from_bytes(bytes: &[u8], datatype: &Datatype) -> Result<Self, Error> {
+        V::from_bytes(bytes, base_of(datatype)).map(Self)
+    }
+
+    fn element_size(datatype: &Datatype) -> usize {
+        V::element_size(base_of(datatype))
+    }
+}
+
+/// The type of an enumeration's numbers.
+fn base_of(datatype: &Datatype) -> &Datatype {
+    match datatype {
+        Datatype::Enum { base, .. } => base,
+        other => other,
     }
 }

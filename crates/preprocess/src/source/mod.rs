@@ -17,6 +17,7 @@ pub mod file;
 pub mod folder;
 pub mod grid_file;
 pub mod hdf5;
+mod lzf;
 pub mod metaimage;
 pub mod nifti;
 pub mod npy;

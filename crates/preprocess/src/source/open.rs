@@ -270,7 +270,7 @@ fn open_file(path: &Path, options: &OpenOptions) -> Result<Box<dyn VolumeSource>
         return Ok(Box::new(zarr::open(path, &options.of_folders())?));
     }
     selection.level_of(path, 1)?;
-    if format != Some(Format::Dicom) {
+    if !matches!(format, Some(Format::Dicom | Format::Tiff)) {
         selection.refuse_series(path)?;
     }
     if !matches!(format, Some(Format::Dicom | Format::Vtk | Format::Npz | Format::Hdf5)) {

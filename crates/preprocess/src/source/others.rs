@@ -62,6 +62,24 @@ const ANALYSE_IMAGES: Other =
     Other { name: "FreeSurfer's MGH or MGZ", way_out: "convert it: `mri_convert {in} OUT.nii.gz`" };
 const COMPRESSED: Other =
     Other { name: "a compressed file", way_out: "unpack it first (gunzip, bunzip2, unxz, zstd -d)" };
+const ARCHIVE: Other =
+    Other { name: "an archive of files", way_out: "unpack it first, for example with `tar xf {in}`" };
+const FITS: Other =
+    Other { name: "FITS", way_out: "convert it with Python: `numpy.save(OUT, astropy.io.fits.getdata('{in}'))`" };
+const XDMF: Other = Other {
+    name: "XDMF",
+    way_out: "give the HDF5 file that it names (FILE.h5:/PATH), or save it as .vti with ParaView (Save Data)",
+};
+const ENVI: Other = Other {
+    name: "the header of an ENVI image",
+    way_out: "build its data as raw, with --dims and --dtype, or convert it: `gdal_translate {in} OUT.tif`",
+};
+const INRIMAGE: Other =
+    Other { name: "an INRIMAGE", way_out: "build it as raw: --offset 256, with --dims and --dtype from its header" };
+const PHILIPS: Other =
+    Other { name: "Philips' PAR and REC", way_out: "convert it with `dcm2niix`, or nibabel's `parrec2nii {in}`" };
+const PVM: Other =
+    Other { name: "a PVM volume", way_out: "convert it with `pvm2raw` (V3), and build that with --dims and --dtype" };
 const MATLAB: Other = Other {
     name: "MATLAB",
     way_out: "save the array with `niftiwrite`, or with Python: `numpy.save(OUT, scipy.io.loadmat('{in}')[NAME])`",
@@ -85,6 +103,16 @@ const STARTS: &[(usize, &[u8], &Other)] = &[
     (0, b"VDS\0", &SEISMIC_STORE),
     (0, b"\x1f\x8b", &COMPRESSED),
     (0, b"MATLAB 5.0", &MATLAB),
+    (0, b"SIMPLE  =", &FITS),
+    (0, b"ENVI\n", &ENVI),
+    (0, b"ENVI\r\n", &ENVI),
+    (0, b"#INRIMAGE-4#{", &INRIMAGE),
+    (0, b"# === DATA DESCRIPTION FILE", &PHILIPS),
+    (0, b"PVM\n", &PVM),
+    (0, b"PVM2\n", &PVM),
+    (0, b"PVM3\n", &PVM),
+    (0, b"DDS v3d\n", &PVM),
+    (0, b"OLYMPUSRAWFORMAT", &MICROSCOPE),
 ];
 
 /// What files are called, where their first bytes do not say.
@@ -98,7 +126,11 @@ const NAMES: &[(&[&str], &Other)] = &[
     (&[".zgy", ".vds"], &SEISMIC_STORE),
     (&[".su"], &SEISMIC_UNIX),
     (&[".mgh", ".mgz"], &ANALYSE_IMAGES),
-    (&[".gz", ".bz2", ".xz", ".zst", ".7z", ".tar"], &COMPRESSED),
+    (&[".fits", ".fit", ".fts"], &FITS),
+    (&[".xdmf", ".xmf"], &XDMF),
+    (&[".par"], &PHILIPS),
+    (&[".tar", ".tar.gz", ".tgz", ".tar.xz", ".tar.bz2", ".tar.zst"], &ARCHIVE),
+    (&[".gz", ".bz2", ".xz", ".zst", ".7z"], &COMPRESSED),
 ];
 
 /// Files that make a folder what it is, exactly or by their ends.
@@ -126,8 +158,10 @@ pub(super) fn refusal_of_file(path: &Path, head: &[u8], name: &str) -> Option<So
     let begins =
         |&&(at, bytes, _): &&(usize, &[u8], &Other)| head.get(at..).is_some_and(|head| head.starts_with(bytes));
     let by_start = STARTS.iter().find(begins).map(|(.., other)| *other);
-    let by_name = || NAMES.iter().find(|(ends, _)| ends.iter().any(|end| name.ends_with(end))).map(|(_, other)| *other);
-    by_start.or_else(by_name).map(|other| refused(path, "", other))
+    let by_name = NAMES.iter().find(|(ends, _)| ends.iter().any(|end| name.ends_with(end))).map(|(_, other)| *other);
+    // What is compressed is mostly more than that, by its name.
+    let by_start = by_start.filter(|other| !std::ptr::eq(*other, &COMPRESSED) || by_name.is_none());
+    by_start.or(by_name).map(|other| refused(path, "", other))
 }
 
 /// The refusal of a folder, by what lies in it; `None` where that is nothing we know, or it is none.

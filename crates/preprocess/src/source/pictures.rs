@@ -14,7 +14,7 @@ use png::{BitDepth, ColorType};
 use supervol_format::{Dims, VoxelBox, VoxelType};
 
 use super::data_files::Outside;
-use super::elements::{Channels, Elements, Frames, Meaning, Number};
+use super::elements::{Channels, Elements, Frames, Number};
 use super::file::SourceFile;
 use super::folder::{FolderOptions, Listing};
 use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes, swap_bytes};
@@ -70,7 +70,7 @@ impl PicturesSource {
         let mut notes = Vec::new();
         let (files, kind) = files(path, options.outside, &mut notes)?;
         let first = Picture::open(&files[0], kind)?.page(&files[0])?;
-        let channels = Channels::choose(path, first.samples, Meaning::Colours, options.selection, &mut notes)?;
+        let channels = Channels::choose(path, first.samples, first.meaning, options.selection, &mut notes)?;
         let dims = Dims([first.size[0], first.size[1], files.len() as u64]);
         let plain = GridLayout {
             dims,
@@ -170,21 +170,15 @@ fn decode(files: &[PathBuf], kind: Kind, first: Page, options: &FolderOptions<'_
         let file_bytes = std::fs::metadata(file).map_err(|e| SourceError::io(file, e))?.len();
         if page.bytes() > file_bytes.saturating_mul(RATIO_LIMIT) {
             let found = format!("a file of {file_bytes} bytes, which cannot hold them");
-            return Err(SourceError::invalid(file, "picture", words(page), found));
+            return Err(SourceError::invalid(file, "picture", page.to_string(), found));
         }
         if page != first {
-            let expected = format!("{}, as {}", words(first), files[0].display());
-            return Err(SourceError::invalid(file, "picture", expected, words(page)));
+            let expected = format!("{}, as {}", first, files[0].display());
+            return Err(SourceError::invalid(file, "picture", expected, page.to_string()));
         }
         picture.decode(file, page, &mut spool)?;
     }
     spool.finish()
-}
-
-fn words(page: Page) -> String {
-    let Page { size: [width, height], samples, number } = page;
-    let name = if number == Number::Half { "half-precision float" } else { page.stored().name() };
-    format!("{width} x {height} pixels of {samples} {name}")
 }
 
 /// An open picture whose header has been read.
@@ -232,7 +226,7 @@ impl<'a> Picture<'a> {
                     ColorType::Rgba => 4,
                 };
                 let voxel_type = if info.bit_depth == BitDepth::Sixteen { VoxelType::U16 } else { VoxelType::U8 };
-                Ok(Page { size: [info.width.into(), info.height.into()], samples, number: Number::Voxel(voxel_type) })
+                Ok(Page::plain([info.width.into(), info.height.into()], samples, Number::Voxel(voxel_type)))
             }
             Self::Jpeg(decoder) => {
                 let info = decoder.info().ok_or_else(|| SourceError::invalid(path, "JPEG", "a header", "none"))?;
@@ -245,7 +239,7 @@ impl<'a> Picture<'a> {
                         return Err(SourceError::unsupported(path, "colours are inks (CMYK)", advice));
                     }
                 };
-                Ok(Page { size: [info.width.into(), info.height.into()], samples, number: Number::Voxel(voxel_type) })
+                Ok(Page::plain([info.width.into(), info.height.into()], samples, Number::Voxel(voxel_type)))
             }
         }
     }

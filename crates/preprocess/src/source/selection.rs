@@ -11,7 +11,7 @@ pub struct Selection {
     pub frame: Option<u64>,
     /// Channel, colour or component, from 0 on.
     pub channel: Option<u64>,
-    /// Number or UID of a DICOM series.
+    /// Number or UID of a DICOM series; number of a series of OME-TIFF, 0 the first.
     pub series: Option<String>,
     /// Array of a file that holds several.
     pub array: Option<String>,
@@ -57,12 +57,12 @@ impl Selection {
         self.refuse_array(path)
     }
 
-    /// Refuses `--series` for what is no DICOM.
+    /// Refuses `--series` for what has no series.
     pub(super) fn refuse_series(&self, path: &Path) -> Result<(), SourceError> {
         if self.series.is_none() {
             return Ok(());
         }
-        Err(SourceError::Options(format!("--series: {} is no DICOM; only DICOM has series", path.display())))
+        Err(SourceError::Options(format!("--series: {} has none; only DICOM and OME-TIFF have series", path.display())))
     }
 
     /// Refuses the name of an array for what holds one volume.

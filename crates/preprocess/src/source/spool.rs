@@ -214,6 +214,18 @@ impl Spool {
         reader: impl BufRead,
         voxel_type: VoxelType,
         voxels: u64,
+        how: (Words, Excess),
+    ) -> Result<(), SourceError> {
+        self.append_words(path, reader, (voxel_type, parse_voxel), voxels, how)
+    }
+
+    /// As [`Self::append_text`], of words that become voxels by `parse`, which says whether they are any.
+    pub(super) fn append_words(
+        &mut self,
+        path: &Path,
+        reader: impl BufRead,
+        (voxel_type, parse): (VoxelType, fn(&str, VoxelType, &mut [u8]) -> bool),
+        voxels: u64,
         (words, excess): (Words, Excess),
     ) -> Result<(), SourceError> {
         let mut tokens = Tokens { reader, path, token: String::new() };
@@ -224,7 +236,7 @@ impl Spool {
                 let found = format!("{number} numbers");
                 return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));
             };
-            if !parse_voxel(token, voxel_type, voxel) {
+            if !parse(token, voxel_type, voxel) {
                 let found = match words {
                     Words::Shown => format!("`{token}`"),
                     Words::Hidden => format!("a word of {} characters", token.chars().count()),
@@ -312,7 +324,7 @@ impl<R: BufRead> Tokens<'_, R> {
 }
 
 /// Writes the number as a voxel; false if it is none of this type.
-fn parse_voxel(token: &str, voxel_type: VoxelType, out: &mut [u8]) -> bool {
+pub(super) fn parse_voxel(token: &str, voxel_type: VoxelType, out: &mut [u8]) -> bool {
     if voxel_type.is_float() {
         let Ok(value) = token.parse::<f64>() else { return false };
         with_voxel!(voxel_type, V => V::from_f64(value).write_le(out));

@@ -96,6 +96,12 @@ impl ViewerXmlSource {
     }
 }
 
+/// The file or folder with the voxels that such an XML file names, where it lies below the XML file's folder; `None` where the file
+/// is none of these, or cannot be read.
+pub(crate) fn data_of(path: &Path) -> Option<PathBuf> {
+    Described::read(path).ok()?.data(path, Outside::Refused).ok()
+}
+
 impl VolumeSource for ViewerXmlSource {
     fn info(&self) -> &SourceInfo {
         &self.info

@@ -82,11 +82,12 @@ impl Description {
     /// # Errors
     /// If it is of either kind and makes no sense, or speaks of several files.
     pub(super) fn read(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
-        if text.starts_with("ImageJ=") {
-            return Self::of_image_j(path, text, samples, selection);
-        }
         if text.contains("<OME") {
             return Self::of_ome(path, text, samples, selection);
+        }
+        selection.refuse_series(path)?;
+        if text.starts_with("ImageJ=") {
+            return Self::of_image_j(path, text, samples, selection);
         }
         selection.frame_of(path, 1)?;
         if samples == 1 {
@@ -128,7 +129,7 @@ impl Description {
 
     fn of_ome(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
         let wrong = |found: String| SourceError::invalid(path, "OME-XML", "an element `Pixels` with its sizes", found);
-        let mut found = Ome { samples: samples as usize, ..Ome::default() };
+        let mut found = Ome { samples: samples as usize, wanted: wanted_series(path, selection)?, ..Ome::default() };
         let mut reader = quick_xml::Reader::from_str(text);
         loop {
             match reader.read_event() {
@@ -147,10 +148,15 @@ impl Description {
                 "give their folder, if each holds one slice, or join them: `bfconvert IN OUT.ome.tif` (Bio-Formats)";
             return Err(SourceError::unsupported(path, what, advice));
         }
+        if found.wanted > 0 && found.wanted >= found.images {
+            let there = format!("{} has {} series, counted from 0 on", path.display(), found.images);
+            return Err(SourceError::Options(format!("--series {}: {there}", found.wanted)));
+        }
         let series = found.series.ok_or_else(|| wrong("none".into()))?;
         let mut notes = Vec::new();
-        if found.images > 1 {
-            notes.push(format!("{} series; the first is used", found.images));
+        if found.images > 1 && selection.series.is_none() {
+            let last = found.images - 1;
+            notes.push(format!("{} series; the first is used; --series 0 to {last} takes another", found.images));
         }
         let planes = series.slices(path, samples, selection, &mut notes)?;
         let slices = planes.into_iter().map(|plane| found.page_of(plane)).collect::<Option<_>>();
@@ -171,6 +177,8 @@ impl Description {
 struct Ome {
     /// Numbers per pixel of a page.
     samples: usize,
+    /// Number of the series that is read.
+    wanted: usize,
     images: usize,
     series: Option<Series>,
     spacing: [Option<f64>; 3],
@@ -183,7 +191,7 @@ struct Ome {
 }
 
 impl Ome {
-    /// Takes an element; only those of the first series count.
+    /// Takes an element; only those of the wanted series count.
     fn take(&mut self, element: &BytesStart<'_>) -> Result<(), String> {
         let mut attributes = HashMap::new();
         for attribute in element.attributes() {
@@ -194,13 +202,13 @@ impl Ome {
                 .into_owned();
             attributes.insert(attribute.key.local_name().as_ref().to_owned(), value);
         }
-        let is_first = self.images == 1;
+        let is_wanted = self.images == self.wanted + 1;
         match element.local_name().as_ref() {
             "Image" => self.images += 1,
-            "Pixels" if is_first => self.pixels(&attributes)?,
-            "TiffData" if is_first => self.place(&attributes)?,
+            "Pixels" if is_wanted => self.pixels(&attributes)?,
+            "TiffData" if is_wanted => self.place(&attributes)?,
             "BinaryOnly" => self.is_elsewhere = true,
-            "UUID" if is_first => self.files.extend(attributes.remove("FileName")),
+            "UUID" if is_wanted => self.files.extend(attributes.remove("FileName")),
             _ => {}
         }
         Ok(())
@@ -249,6 +257,16 @@ impl Ome {
         let place = self.places.get(plane).filter(holds).or_else(|| self.places.iter().find(holds));
         place.map(|&[first, page, _]| page.saturating_add(plane - first))
     }
+}
+
+/// The series that is wanted of an OME-TIFF, counted from 0 on; the first where nobody says.
+fn wanted_series(path: &Path, selection: &Selection) -> Result<usize, SourceError> {
+    let Some(text) = &selection.series else { return Ok(0) };
+    let number = text.parse().ok().filter(|n| *n < PAGES_LIMIT);
+    number.ok_or_else(|| {
+        let expected = "expected the number of a series of OME, from 0 on";
+        SourceError::Options(format!("--series {}: {expected}, for {}", shortened(text), path.display()))
+    })
 }
 
 fn number(attributes: &HashMap<String, String>, name: &str) -> Result<Option<usize>, String> {

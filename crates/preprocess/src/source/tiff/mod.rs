@@ -1,10 +1,12 @@
 //! TIFF stacks: pages as slices, classic and BigTIFF, strips and tiles, deflate, LZW, PackBits and predictors, integers of 8 to
-//! 32 bits and floats, with the spacing that ImageJ or OME-XML state.
+//! 64 bits, single bits and floats, numbers of a pixel together or each in a plane of its own, with the spacing that ImageJ or
+//! OME-XML state.
 //!
 //! Pages that lie in the file as they are, each in one piece, are read in place, also those that ImageJ writes behind the only
 //! page of a stack of more than 4 GiB; all others are decoded once into a spool file ([`super::spool`]), chunk by chunk. Of several channels and times the first is
 //! used, and the notes say so, unless `--channel` and `--frame` say otherwise. Pages that are smaller copies are left out; of pages with a palette its numbers are the voxels.
-//! Of colours the luminance is used, or one channel. Single bits, halves and 64-bit integers are refused by name. White-is-zero pages are turned round by the decoder, so that greater is brighter.
+//! Of colours the luminance is used, or one channel; of several series of OME the first, or `--series N`. Single bits become the
+//! voxels 0 and 1, 64-bit integers the smallest type that holds all of them. White-is-zero pages are turned round by the decoder, so that greater is brighter.
 //! Decoding is the crate `tiff`'s; which pages are the volume is told here.
 
 mod description;
@@ -50,14 +52,15 @@ impl TiffSource {
     pub fn open(path: &Path, spool: &SpoolFolder, selection: &Selection) -> Result<Self, SourceError> {
         let source_file = SourceFile::of(path)?;
         let mut pages = Pages::open(path)?;
-        let first = pages.page()?;
-        let description = Description::read(path, &pages.description()?, first.samples, selection)?;
+        let described = pages.page()?;
+        let description = Description::read(path, &pages.description()?, described.samples, selection)?;
         let mut notes = description.notes.clone();
+        let (slices, behind) = pages.slices(&description, &mut notes)?;
+        let first = pages.first_of(&slices, behind.is_some(), described)?;
         let channels = match first.samples {
             1 => Channels::ONE,
-            samples => Channels::choose(path, samples, Meaning::Colours, selection, &mut notes)?,
+            samples => Channels::choose(path, samples, first.meaning, selection, &mut notes)?,
         };
-        let (slices, behind) = pages.slices(&description, &mut notes)?;
         let geometry = pages.geometry(&description)?;
         let dims = Dims([first.size[0], first.size[1], slices.len() as u64]);
         checked_bytes(path, dims, first.stored())?;
@@ -112,6 +115,35 @@ pub(super) struct Page {
     pub(super) samples: u64,
     /// Their type.
     pub(super) number: Number,
+    /// How they lie in the chunks of the page.
+    packing: Packing,
+    /// What those of one pixel are.
+    pub(super) meaning: Meaning,
+}
+
+/// How the numbers of a page lie in its chunks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Packing {
+    /// Those of a pixel together.
+    Together,
+    /// All of one kind, then all of the next: each chunk has one kind.
+    InPlanes,
+    /// Single bits, of which a row begins with a byte.
+    Bits,
+}
+
+impl std::fmt::Display for Page {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [width, height] = self.size;
+        let number = match (self.number, self.packing) {
+            (Number::Voxel(_), Packing::Bits) => "bit",
+            (Number::Voxel(voxel_type), _) => voxel_type.name(),
+            (Number::Whole { signed: true }, _) => "int64",
+            (Number::Whole { signed: false }, _) => "uint64",
+            (Number::Half, _) => "half-precision float",
+        };
+        write!(f, "{width} x {height} pixels of {} {number}", self.samples)
+    }
 }
 
 impl Page {
@@ -120,8 +152,23 @@ impl Page {
         self.size[0].saturating_mul(self.size[1]).saturating_mul(self.pixel_bytes() as u64)
     }
 
+    /// Grey or colours, those of a pixel together.
+    pub(super) fn plain(size: [u64; 2], samples: u64, number: Number) -> Self {
+        Self { size, samples, number, packing: Packing::Together, meaning: Meaning::Colours }
+    }
+
     fn pixel_bytes(self) -> usize {
         self.samples as usize * self.stored().bytes()
+    }
+
+    /// Planes that its chunks are of.
+    fn planes(self) -> u64 {
+        if self.packing == Packing::InPlanes { self.samples } else { 1 }
+    }
+
+    /// Most bytes that a byte of the file stands for.
+    fn ratio_limit(self) -> u64 {
+        if self.packing == Packing::Bits { RATIO_LIMIT * 8 } else { RATIO_LIMIT }
     }
 
     /// The type in which they lie in a grid.
@@ -171,18 +218,30 @@ impl<'a> Pages<'a> {
             ColorType::GrayA(bits) => (2, bits),
             ColorType::RGB(bits) => (3, bits),
             ColorType::RGBA(bits) => (4, bits),
+            ColorType::Multiband { bit_depth, num_samples } => (num_samples.into(), bit_depth),
             _ => {
                 let advice = "convert to grey or RGB first, for example with Fiji (Image, Type)";
                 return unsupported(format!("pixels are colours of a kind that is not read ({color:?})"), advice);
             }
         };
-        if samples > 1 && self.tag(Tag::PlanarConfiguration)?.is_some_and(|order| order != 1) {
-            let advice = "rewrite it with the colours of a pixel together: `tiffcp -p contig IN OUT`";
-            return unsupported("each colour lies in a plane of its own".into(), advice);
-        }
+        let is_in_planes = samples > 1 && self.tag(Tag::PlanarConfiguration)?.is_some_and(|order| order != 1);
+        let page = |number, packing| Page {
+            size: [width.into(), height.into()],
+            samples,
+            number,
+            packing,
+            meaning: match color {
+                ColorType::Multiband { .. } => Meaning::Components,
+                _ => Meaning::Colours,
+            },
+        };
+        let packing = if is_in_planes { Packing::InPlanes } else { Packing::Together };
         let number = Number::Voxel(match (SampleFormat::from_u16_exhaustive(format), bits) {
-            (SampleFormat::IEEEFP, 16) => {
-                return Ok(Page { size: [width.into(), height.into()], samples, number: Number::Half });
+            (SampleFormat::IEEEFP, 16) => return Ok(page(Number::Half, packing)),
+            (SampleFormat::Uint, 64) => return Ok(page(Number::Whole { signed: false }, packing)),
+            (SampleFormat::Int, 64) => return Ok(page(Number::Whole { signed: true }, packing)),
+            (SampleFormat::Uint, 1) if samples == 1 => {
+                return Ok(page(Number::Voxel(VoxelType::U8), Packing::Bits));
             }
             (SampleFormat::Uint, 8) => VoxelType::U8,
             (SampleFormat::Int, 8) => VoxelType::I8,
@@ -197,7 +256,19 @@ impl<'a> Pages<'a> {
                 return unsupported(format!("pixels of {bits} bits ({format:?}) have no voxel type here"), advice);
             }
         });
-        Ok(Page { size: [width.into(), height.into()], samples, number })
+        Ok(page(number, packing))
+    }
+
+    /// The first page of the volume, at hand; it must have as many numbers per pixel as the one with the description.
+    fn first_of(&mut self, slices: &[usize], is_behind: bool, described: Page) -> Result<Page, SourceError> {
+        let Some(&slice) = slices.first().filter(|_| !is_behind) else { return Ok(described) };
+        self.seek(slice)?;
+        let first = self.page()?;
+        if first.samples == described.samples {
+            return Ok(first);
+        }
+        let expected = format!("{} numbers per pixel, as the first", described.samples);
+        Err(SourceError::invalid(self.path, format!("page {slice}"), expected, first.samples.to_string()))
     }
 
     /// The description of the page at hand.
@@ -300,7 +371,8 @@ impl<'a> Pages<'a> {
         let is_plain = self.tag(Tag::Compression)?.is_none_or(|c| c == u64::from(CompressionMethod::None.to_u16()));
         // What the decoder turns round.
         let is_inverted = self.tag(Tag::PhotometricInterpretation)? == Some(0);
-        if !is_plain || is_inverted || self.decoder.get_chunk_type() == ChunkType::Tile {
+        let is_other = is_inverted || page.packing != Packing::Together;
+        if !is_plain || is_other || self.decoder.get_chunk_type() == ChunkType::Tile {
             return Ok(None);
         }
         let mut list = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map_err(|e| refusal(path, e));
@@ -327,7 +399,7 @@ impl<'a> Pages<'a> {
         if page == like {
             return Ok(());
         }
-        let (expected, found) = (format!("{like:?}, as the first"), format!("{page:?}"));
+        let (expected, found) = (format!("{like}, as the first"), page.to_string());
         Err(SourceError::invalid(self.path, format!("page {number}"), expected, found))
     }
 
@@ -351,7 +423,7 @@ impl<'a> Pages<'a> {
 
     /// Decodes pages, one after the other, into a spool file.
     fn decode(&mut self, slices: &[usize], like: Page, bytes: u64, spool: &SpoolFolder) -> Result<File, SourceError> {
-        let ceiling = self.file_bytes.saturating_mul(RATIO_LIMIT);
+        let ceiling = self.file_bytes.saturating_mul(like.ratio_limit());
         if bytes > ceiling {
             let found = format!("a file of {} bytes, which holds at most {ceiling}", self.file_bytes);
             return Err(SourceError::invalid(self.path, "voxels", format!("{bytes} bytes"), found));
@@ -382,33 +454,85 @@ impl<'a> Pages<'a> {
         let mut band = vec![0; band_bytes];
         for band_number in 0..bands {
             let mut rows = 0;
-            let mut start = 0;
-            for column in 0..across {
-                let chunk = u32::try_from(band_number * across + column).map_err(|_| self.too_many())?;
-                let (width, height) = self.decoder.chunk_data_dimensions(chunk);
-                let voxels = self.decoder.read_chunk(chunk).map_err(|e| refusal(path, e))?;
-                let voxels = little_endian(voxels);
-                let width_bytes = width as usize * page.pixel_bytes();
-                let is_whole = voxels.len() == width_bytes * height as usize;
-                let fits = start + width_bytes <= row_bytes && row_bytes * height as usize <= band.len();
-                if !(is_whole && fits && (column == 0 || rows == height)) {
-                    let found = format!("{width} x {height} pixels in {} bytes", voxels.len());
+            for (plane, column) in (0..page.planes()).flat_map(|plane| (0..across).map(move |column| (plane, column))) {
+                let of_first = band_number.saturating_mul(across).saturating_add(column);
+                let chunk = plane.saturating_mul(bands).saturating_mul(across).saturating_add(of_first);
+                let [of_first, chunk] = [of_first, chunk].map(u32::try_from);
+                let [of_first, chunk] = [of_first.map_err(|_| self.too_many())?, chunk.map_err(|_| self.too_many())?];
+                let piece = self.piece(page, of_first, chunk)?;
+                let start = column as usize * chunk_width as usize;
+                let is_first = (plane, column) == (0, 0);
+                if !piece.put(page, (plane, start), &mut band) || !(is_first || rows == piece.size[1]) {
+                    let found = format!("{} x {} pixels in {} bytes", piece.size[0], piece.size[1], piece.voxels.len());
                     let location = format!("page {number}, chunk {chunk}");
-                    return Err(SourceError::invalid(path, location, format!("pixels of {page:?}"), found));
+                    return Err(SourceError::invalid(path, location, format!("pixels of {page}"), found));
                 }
-                for (row, from) in voxels.chunks_exact(width_bytes.max(1)).enumerate() {
-                    band[row * row_bytes + start..][..width_bytes].copy_from_slice(from);
-                }
-                (rows, start) = (height, start + width_bytes);
+                rows = piece.size[1];
             }
-            spool.append(&band[..row_bytes * rows as usize])?;
+            spool.append(&band[..row_bytes * rows])?;
         }
         Ok(())
+    }
+
+    /// A decoded chunk, of which as much counts as of the one of the first plane at its place: of later planes the decoder does
+    /// not cut off what lies below the page.
+    fn piece(&mut self, page: Page, of_first: u32, chunk: u32) -> Result<Piece, SourceError> {
+        let whole = |(width, height): (u32, u32)| [width as usize, height as usize];
+        let size = whole(self.decoder.chunk_data_dimensions(of_first));
+        let decoded = whole(self.decoder.chunk_data_dimensions(chunk));
+        let voxels = little_endian(self.decoder.read_chunk(chunk).map_err(|e| refusal(self.path, e))?);
+        let voxels = if page.packing == Packing::Bits { unpacked(&voxels, decoded) } else { voxels };
+        Ok(Piece { size, decoded, voxels })
     }
 
     fn too_many(&self) -> SourceError {
         SourceError::invalid(self.path, "chunks", "fewer than 2^32 in a page", "more")
     }
+}
+
+/// A decoded chunk of a page.
+struct Piece {
+    /// Pixels that count along x and y.
+    size: [usize; 2],
+    /// Pixels that were decoded.
+    decoded: [usize; 2],
+    voxels: Vec<u8>,
+}
+
+impl Piece {
+    /// Puts its pixels into a band of rows of the page, from pixel `start` of each on; false where they are not as many as they should be.
+    fn put(&self, page: Page, (plane, start): (u64, usize), band: &mut [u8]) -> bool {
+        let ([width, height], [decoded_width, decoded_height]) = (self.size, self.decoded);
+        let pixel_bytes = page.pixel_bytes();
+        // Of a pixel, those of one plane.
+        let piece_bytes = pixel_bytes / page.planes() as usize;
+        let row_bytes = page.size[0] as usize * pixel_bytes;
+        let is_whole = Some(self.voxels.len())
+            == decoded_width.checked_mul(decoded_height).and_then(|pixels| pixels.checked_mul(piece_bytes));
+        let is_inside = width <= decoded_width && height <= decoded_height;
+        let fits = start + width <= page.size[0] as usize && row_bytes * height <= band.len();
+        if !(is_whole && is_inside && fits) || width == 0 {
+            return false;
+        }
+        for (row, from) in self.voxels.chunks_exact(decoded_width * piece_bytes).take(height).enumerate() {
+            let into = &mut band[row * row_bytes + start * pixel_bytes..][..width * pixel_bytes];
+            if piece_bytes == pixel_bytes {
+                into.copy_from_slice(&from[..into.len()]);
+                continue;
+            }
+            let at = plane as usize * piece_bytes;
+            for (pixel, number) in into.chunks_exact_mut(pixel_bytes).zip(from.chunks_exact(piece_bytes)) {
+                pixel[at..at + piece_bytes].copy_from_slice(number);
+            }
+        }
+        true
+    }
+}
+
+/// A byte for each bit, the highest of a byte first; rows begin with a byte.
+fn unpacked(bytes: &[u8], [width, height]: [usize; 2]) -> Vec<u8> {
+    let rows = bytes.chunks(width.div_ceil(8).max(1)).take(height);
+    rows.flat_map(|row| row.iter().flat_map(|byte| (0..8).rev().map(move |bit| byte >> bit & 1)).take(width)).collect()
 }
 
 /// Decoded numbers as little-endian bytes.

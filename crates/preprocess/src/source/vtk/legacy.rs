@@ -136,9 +136,14 @@ impl Reading<'_> {
             }
             "VECTORS" | "NORMALS" => return self.array(words, word(1), word(2), 3, lines),
             "TENSORS" => return self.array(words, word(1), word(2), 9, lines),
-            "COLOR_SCALARS" if self.encoding == Encoding::Raw => {
+            // VTK's own writer makes these of all voxels of u8.
+            "COLOR_SCALARS" => {
                 let components = word(2).parse().unwrap_or(1);
-                return self.array(words, word(1), "unsigned_char", components, lines);
+                let is_followed = self.array(words, word(1), "unsigned_char", components, lines)?;
+                if let Some(array) = self.header.arrays.last_mut().filter(|array| array.encoding == Encoding::Text) {
+                    array.encoding = Encoding::Shares;
+                }
+                return Ok(is_followed);
             }
             "FIELD" => {
                 let count: usize = word(2).parse().unwrap_or(0);

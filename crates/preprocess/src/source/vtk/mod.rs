@@ -15,14 +15,14 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use supervol_format::{ByteSource, Dims, Geometry, VoxelBox};
+use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
 
 use super::data_files::open_data;
 use super::elements::{Channels, Elements, Frames, Meaning, Number};
 use super::file::SourceFile;
 use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
 use super::selection::Selection;
-use super::spool::{Excess, Spool, SpoolFolder, Words};
+use super::spool::{Excess, Spool, SpoolFolder, Words, parse_voxel};
 use super::text::shortened;
 use super::{Endian, SourceError, SourceInfo, VolumeSource};
 use blocks::{UpTo, decode};
@@ -43,6 +43,8 @@ enum Encoding {
     Raw,
     /// Numbers as text.
     Text,
+    /// Colours as text: shares of the greatest number of a byte.
+    Shares,
     /// Base64, which holds what would be there raw.
     Base64,
 }
@@ -193,7 +195,7 @@ impl Header {
             _ => {}
         }
         let mut decoded = Spool::create(spool)?;
-        if array.encoding == Encoding::Text {
+        if let Encoding::Text | Encoding::Shares = array.encoding {
             let left = file.len().map_err(|e| SourceError::io(path, e))?.saturating_sub(array.offset);
             let numbers = bytes / layout.voxel_type.bytes() as u64;
             // A number takes a digit and a separator.
@@ -205,7 +207,8 @@ impl Header {
             // In a legacy file other arrays follow, with nothing between that is no word.
             let excess = if self.blocks.is_some() { Excess::Refused } else { Excess::Expected };
             let how = (Words::Shown, excess);
-            decoded.append_text(path, BufReader::new(text), layout.voxel_type, numbers, how)?;
+            let read = if array.encoding == Encoding::Shares { share } else { parse_voxel };
+            decoded.append_words(path, BufReader::new(text), (layout.voxel_type, read), numbers, how)?;
             let layout = GridLayout { endian: Endian::Little, ..layout };
             return GridFile::single(path, decoded.finish()?, 0, layout);
         }
@@ -213,6 +216,13 @@ impl Header {
         decode(path, file, (array, blocks, self.endian), bytes, &mut decoded)?;
         GridFile::single(path, decoded.finish()?, 0, layout)
     }
+}
+
+/// A share of 0 to 1, of the greatest number of a byte.
+fn share(word: &str, _: VoxelType, out: &mut [u8]) -> bool {
+    let share = word.parse::<f64>().ok().filter(|share| (0.0..=1.0).contains(share));
+    // Rounded, it is at most 255.
+    share.map(|share| out[0] = (share * f64::from(u8::MAX)).round() as u8).is_some()
 }
 
 /// A number of bytes in a file.

@@ -1,12 +1,14 @@
 //! A Zarr or N5 in a ZIP file (`zarr.storage.ZipStore`, `.zarr.zip`, `.ozx`): what stands where in it.
 //!
 //! Entries that are stored as they are, as libraries write them, are read in place; deflated ones are inflated each time they are
-//! read, to the length that the archive states and no further. The list of entries is read by the crate `zip`.
+//! read, to the length that the archive states and no further; deflated shards, of which chunks are read one by one, once into nameless
+//! files in the spool folder, of which some are kept. The list of entries is read by the crate `zip`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use flate2::read::DeflateDecoder;
 use supervol_format::ByteSource;
@@ -15,16 +17,23 @@ use zip::{CompressionMethod, ZipArchive};
 use super::super::SourceError;
 use super::super::data_files::open_data;
 use super::super::npz::of_zip;
+use super::super::spool::{DEFLATE_RATIO_LIMIT, Spool, SpoolFolder};
 use super::super::text::shortened;
 
 /// Most entries of an archive.
 const ENTRIES_LIMIT: usize = 1 << 20;
+/// Inflated shards that are kept, and bytes that are inflated at once.
+const SHARDS_KEPT: usize = 8;
+const BUFFER_BYTES: usize = 1 << 18;
 
 /// An archive that is open.
 #[derive(Debug)]
 pub(super) struct Archive {
     file: File,
     entries: BTreeMap<String, Entry>,
+    spool: SpoolFolder,
+    /// Inflated shards by where they begin in the archive, the last inflated last.
+    shards: Mutex<VecDeque<(u64, Arc<File>)>>,
 }
 
 /// Where the bytes of an entry are.
@@ -39,8 +48,8 @@ pub(super) struct Entry {
 }
 
 impl Archive {
-    /// Reads the list of entries.
-    pub(super) fn open(path: &Path) -> Result<Self, SourceError> {
+    /// Reads the list of entries; shards that are deflated will be inflated into `spool`.
+    pub(super) fn open(path: &Path, spool: &SpoolFolder) -> Result<Self, SourceError> {
         let file = open_data(path)?;
         let bytes = file.len().map_err(|e| SourceError::io(path, e))?;
         let mut archive = ZipArchive::new(BufReader::new(open_data(path)?)).map_err(|e| of_zip(path, e))?;
@@ -75,7 +84,7 @@ impl Archive {
             entries
                 .insert(entry.name().trim_start_matches('/').to_owned(), Entry { start, stored, length, is_deflated });
         }
-        Ok(Self { file, entries })
+        Ok(Self { file, entries, spool: spool.clone(), shards: Mutex::default() })
     }
 
     /// An entry by its name, with `/` between folders.
@@ -114,9 +123,60 @@ impl Archive {
         Ok(inflated)
     }
 
+    /// A deflated shard, inflated; whoever wants it meanwhile waits.
+    fn shard(&self, path: &Path, entry: Entry) -> Result<Arc<File>, SourceError> {
+        // Whoever panicked has changed the list whole.
+        let mut shards = self.shards.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, file)) = shards.iter().find(|(start, _)| *start == entry.start) {
+            return Ok(Arc::clone(file));
+        }
+        let wrong = |found: String| {
+            SourceError::invalid(path, "shard in the archive", format!("{} inflated bytes", entry.length), found)
+        };
+        if entry.length > entry.stored.saturating_mul(DEFLATE_RATIO_LIMIT) {
+            return Err(wrong(format!("{} bytes, which hold fewer", entry.stored)));
+        }
+        let mut spool = Spool::create(&self.spool)?;
+        let mut stream = DeflateDecoder::new(Part { archive: self, at: entry.start, end: entry.start + entry.stored });
+        let (mut buffer, mut done) = (vec![0; BUFFER_BYTES], 0u64);
+        loop {
+            let count = stream.read(&mut buffer).map_err(|e| wrong(e.to_string()))?;
+            done += count as u64;
+            if count == 0 || done > entry.length {
+                break;
+            }
+            spool.append(&buffer[..count])?;
+        }
+        if done != entry.length {
+            return Err(wrong(if done > entry.length { "more".into() } else { done.to_string() }));
+        }
+        let file = Arc::new(spool.finish()?);
+        if shards.len() >= SHARDS_KEPT {
+            shards.pop_front();
+        }
+        shards.push_back((entry.start, Arc::clone(&file)));
+        Ok(file)
+    }
+
     /// Bytes of an entry in the archive, from `at` on.
     fn read_at(&self, path: &Path, entry: Entry, at: u64, out: &mut [u8]) -> Result<(), SourceError> {
         self.file.read_exact_at(entry.start + at, out).map_err(|e| SourceError::io(path, e))
+    }
+}
+
+/// Bytes of an archive, one after the other.
+struct Part<'a> {
+    archive: &'a Archive,
+    at: u64,
+    end: u64,
+}
+
+impl Read for Part<'_> {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        let count = (self.end - self.at).min(out.len() as u64) as usize;
+        self.archive.file.read_exact_at(self.at, &mut out[..count])?;
+        self.at += count as u64;
+        Ok(count)
     }
 }
 
@@ -127,22 +187,22 @@ pub(super) enum Member<'a> {
     File(File, u64),
     /// In an archive, as it is.
     Entry(&'a Archive, Entry),
+    /// Of an archive, inflated.
+    Inflated(Arc<File>, u64),
 }
 
 impl<'a> Member<'a> {
-    /// An entry, which must not be deflated.
+    /// An entry, inflated where it is deflated.
     pub(super) fn of(archive: &'a Archive, path: &Path, entry: Entry) -> Result<Self, SourceError> {
         if entry.is_deflated {
-            let advice =
-                "write the archive anew without compression (`zip -0 -r OUT.zip .`): shards are compressed inside";
-            return Err(SourceError::unsupported(path, "a shard that is deflated as a whole", advice));
+            return Ok(Self::Inflated(archive.shard(path, entry)?, entry.length));
         }
         Ok(Self::Entry(archive, entry))
     }
 
     pub(super) fn length(&self) -> u64 {
         match self {
-            Self::File(_, length) => *length,
+            Self::File(_, length) | Self::Inflated(_, length) => *length,
             Self::Entry(_, entry) => entry.length,
         }
     }
@@ -150,6 +210,7 @@ impl<'a> Member<'a> {
     /// Fills `out` from byte `at` on; whoever asks has compared with the length.
     pub(super) fn read_at(&self, path: &Path, at: u64, out: &mut [u8]) -> Result<(), SourceError> {
         match self {
+            Self::Inflated(file, _) => file.read_exact_at(at, out).map_err(|e| SourceError::io(path, e)),
             Self::File(file, _) => file.read_exact_at(at, out).map_err(|e| SourceError::io(path, e)),
             Self::Entry(archive, entry) => archive.read_at(path, *entry, at, out),
         }

@@ -31,6 +31,7 @@ use super::file::SourceFile;
 use super::folder::FolderOptions;
 use super::grid_file::{GridLayout, checked_bytes};
 use super::selection::Selection;
+use super::spool::SpoolFolder;
 use super::text::shortened;
 use super::{Axis, Endian, SourceError, SourceInfo};
 use archive::Member;
@@ -56,7 +57,7 @@ pub(crate) fn is_zarr(folder: &Path) -> bool {
 /// Whether a ZIP file holds Zarr or N5; not where it cannot be read.
 pub(super) fn is_zarr_archive(path: &Path) -> bool {
     let is_of_zarr = |name: &str| name.rsplit('/').next().is_some_and(|file| descriptions().any(|known| known == file));
-    archive::Archive::open(path).is_ok_and(|archive| archive.below("").any(is_of_zarr))
+    archive::Archive::open(path, &SpoolFolder::system()).is_ok_and(|archive| archive.below("").any(is_of_zarr))
 }
 
 /// Whether a file of this name describes the Zarr or N5 that it lies in.
@@ -74,7 +75,7 @@ pub(super) fn factors_of_viewer(
     outside: super::data_files::Outside,
     (setup, dataset, level): (&str, &str, u64),
 ) -> Result<Option<[f64; 3]>, SourceError> {
-    let store = Store::new(path, outside)?;
+    let store = Store::new(path, outside, &SpoolFolder::system())?;
     let attributes = |folder: &str| store.metadata::<serde_json::Value>(&store.inside(folder)?.join(N5_FILE));
     let numbers = |value: &serde_json::Value| -> Option<[f64; 3]> {
         let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(serde_json::Value::as_f64).collect();
@@ -94,7 +95,7 @@ pub(super) fn factors_of_viewer(
 /// several arrays is meant.
 pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, SourceError> {
     options.selection.refuse_series(path)?;
-    let store = Store::new(path, options.outside)?;
+    let store = Store::new(path, options.outside, options.spool)?;
     let name = options.selection.array.as_deref().unwrap_or_default().trim_matches('/');
     let all: Vec<&str> = descriptions().collect();
     let folder = if name.is_empty() { store.root(&all) } else { store.inside(name)? };

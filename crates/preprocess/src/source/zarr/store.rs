@@ -14,6 +14,7 @@ use supervol_format::ByteSource;
 use super::super::SourceError;
 use super::super::data_files::{FILES_LIMIT, Outside};
 use super::super::file::SourceFile;
+use super::super::spool::SpoolFolder;
 use super::super::text::shortened;
 use super::archive::{Archive, Member};
 
@@ -34,9 +35,9 @@ pub(super) struct Store {
 }
 
 impl Store {
-    pub(super) fn new(path: &Path, outside: Outside) -> Result<Self, SourceError> {
+    pub(super) fn new(path: &Path, outside: Outside, spool: &SpoolFolder) -> Result<Self, SourceError> {
         let whole = std::fs::canonicalize(path).map_err(|e| SourceError::io(path, e))?;
-        let archive = if whole.is_dir() { None } else { Some(Arc::new(Archive::open(path)?)) };
+        let archive = if whole.is_dir() { None } else { Some(Arc::new(Archive::open(path, spool)?)) };
         // Nothing leads out of an archive.
         let outside = if archive.is_some() { Outside::Refused } else { outside };
         Ok(Self { path: path.into(), whole, outside, archive })
