@@ -31,7 +31,6 @@ use serde::{Deserialize, Serialize};
 use supervol_format::Container;
 use supervol_preprocess::report::Progress as BuildProgress;
 use supervol_preprocess::source::Survey;
-use supervol_preprocess::stop::Stopper;
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::frame::RenderError;
 use supervol_runtime::image::Image;
@@ -277,16 +276,16 @@ struct Wishes {
     /// Stops an export.
     export_canceller: Option<Canceller>,
     /// Stops a build.
-    build_stopper: Option<Stopper>,
+    build_canceller: Option<Canceller>,
 }
 
 impl Wishes {
     /// The volume that is to be opened, and what stops its build from now on.
     fn opening(&mut self) -> Option<Work> {
         let open = self.open.take()?;
-        let stopper = Stopper::default();
-        self.build_stopper = Some(stopper.clone());
-        Some(Work::Open(open, stopper))
+        let canceller = Canceller::default();
+        self.build_canceller = Some(canceller.clone());
+        Some(Work::Open(open, canceller))
     }
 
     /// The first section that is wanted.
@@ -332,7 +331,7 @@ impl Desk {
 /// What to do next.
 enum Work {
     Quit,
-    Open(Open, Stopper),
+    Open(Open, Canceller),
     Settings(Settings),
     Export(Export),
     Animation(Box<Animation>),
@@ -455,8 +454,8 @@ impl Worker {
     pub fn cancel_build(&self) {
         self.desk.wish(|wishes| {
             wishes.open = None;
-            if let Some(stopper) = wishes.build_stopper.take() {
-                stopper.stop();
+            if let Some(canceller) = wishes.build_canceller.take() {
+                canceller.cancel();
             }
         });
     }
@@ -542,16 +541,16 @@ fn work(desk: &Arc<Desk>, mut settings: Settings) {
         }
         match next {
             Work::Quit => return,
-            Work::Open(wish, stopper) => {
+            Work::Open(wish, canceller) => {
                 volumes += 1;
                 // What is open goes on being shown where the new one cannot be opened.
-                match open::open(desk, wish, volumes, (&settings, stopper))
+                match open::open(desk, wish, volumes, (&settings, canceller))
                     .and_then(|opened| Easel::new(desk, opened, &settings).map_err(Message::Failure))
                 {
                     Ok(opened) => easel = Some(opened),
                     Err(message) => desk.tell(|news| news.message = Some(message)),
                 }
-                lock(&desk.wishes).build_stopper = None;
+                lock(&desk.wishes).build_canceller = None;
                 desk.tell(|news| news.busy = None);
             }
             Work::Settings(new) => {

@@ -305,20 +305,13 @@ pub fn of_slice(facts: &VolumeFacts) -> Vec<ControlPoint> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::Frame;
     use supervol_format::{Dims, Geometry, ValueRange};
 
     #[test]
     fn maximum_projections_of_tomography_go_from_soft_tissue_to_bone() {
         let facts = |kind, min, max| VolumeFacts {
-            dims: Dims([8; 3]),
-            geometry: Geometry::IDENTITY,
-            frame: Frame::Unknown,
-            value_range: ValueRange { min, max },
-            percentiles: Vec::new(),
-            histogram: Vec::new(),
             kind,
-            has_zero_centre: false,
+            ..VolumeFacts::plain(Dims([8; 3]), Geometry::IDENTITY, ValueRange { min, max })
         };
         let window = |kind, min, max| projected_tissue(&facts(kind, min, max));
         assert_eq!(window(DataKind::Ct, -1000.0, 3000.0), Some([-150.0, 1600.0]));

@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 use supervol_format::Container;
 use supervol_preprocess::kept::{Cache, Reading, Told, advice, is_container};
 use supervol_preprocess::source::Survey;
-use supervol_preprocess::stop::Stopper;
 use supervol_preprocess::{BuildError, BuildOptions};
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::preset::overview::Overview;
 use supervol_runtime::preset::placing::placed;
+use supervol_runtime::stop::Canceller;
 
 use super::{Busy, Desk, Message, Open, Opened, Settings, lock};
 
@@ -23,13 +23,13 @@ pub(super) fn open(
     desk: &Arc<Desk>,
     wish: Open,
     number: u64,
-    (settings, stopper): (&Settings, Stopper),
+    (settings, canceller): (&Settings, Canceller),
 ) -> Result<Arc<Opened>, Message> {
     desk.tell(|news| news.busy = Some(Busy::Opening(wish.path.clone())));
     let path = if is_container(&wish.path) {
         wish.path.clone()
     } else {
-        built(desk, &wish.path, settings, stopper).map_err(|e| unbuilt(&e, &wish.path))?
+        built(desk, &wish.path, settings, canceller).map_err(|e| unbuilt(&e, &wish.path))?
     };
     let container = Container::open(&path).map_err(|e| Message::Failure(format!("{}: {e}", path.display())))?;
     let facts = VolumeFacts::of(&container);
@@ -70,11 +70,11 @@ fn unbuilt(error: &BuildError, source: &Path) -> Message {
 }
 
 /// The container of a source file, in the cache folder: the one that is there, or a new one.
-fn built(desk: &Desk, source: &Path, settings: &Settings, stopper: Stopper) -> Result<PathBuf, BuildError> {
+fn built(desk: &Desk, source: &Path, settings: &Settings, canceller: Canceller) -> Result<PathBuf, BuildError> {
     let folders = &desk.folders;
     let cache = Cache::below(folders.cache.as_deref(), folders.cache_limit_bytes)?;
     let options = BuildOptions::default();
-    let options = BuildOptions { threads: settings.threads.unwrap_or(options.threads), stopper, ..options };
+    let options = BuildOptions { threads: settings.threads.unwrap_or(options.threads), canceller, ..options };
     let last = std::sync::Mutex::new(None::<Instant>);
     cache.container_of(source, &Reading::default(), &options, &|told| {
         let Told::Progress(progress) = told else { return };
