@@ -7,13 +7,13 @@ use std::io::{BufWriter, Write};
 
 use divan::Bencher;
 use divan::counter::BytesCount;
+use supervol_format::canceller::Canceller;
 use supervol_format::container::manifest::Source;
 use supervol_format::{Dims, Geometry, VoxelType};
 use supervol_preprocess::preview::Preview;
 use supervol_preprocess::source::Endian;
 use supervol_preprocess::source::raw::{RawOptions, RawSource};
 use supervol_preprocess::source::synthetic::Synthetic;
-use supervol_preprocess::stop::Stopper;
 use supervol_preprocess::{BuildOptions, Existing, build};
 
 #[divan::bench(args = ["seismic", "vessels"], sample_count = 5, sample_size = 1)]
@@ -50,7 +50,7 @@ fn preview_of_half_a_gigabyte(bencher: Bencher<'_, '_>) {
     };
     let source = RawSource::open(&path, &options).expect("the file has just been written");
     bencher.bench_local(|| {
-        let preview = Preview::of(&source, folder.path(), &Stopper::default()).expect("a preview");
+        let preview = Preview::of(&source, folder.path(), &Canceller::default()).expect("a preview");
         assert_eq!(preview.expect("the volume is large").strides, [8, 4, 4]);
     });
 }

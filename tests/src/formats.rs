@@ -6,8 +6,8 @@
 use std::path::{Path, PathBuf};
 
 use supervol_format::container::manifest::Source;
+use supervol_format::level_reader::LevelReader;
 use supervol_format::{Dims, Geometry, Lod};
-use supervol_preprocess::level_reader::LevelReader;
 use supervol_preprocess::source::open::{OpenOptions, open};
 use supervol_preprocess::source::raw::RawOptions;
 use supervol_preprocess::source::{Endian, VolumeSource};

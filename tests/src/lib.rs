@@ -1,6 +1,7 @@
 //! What tests and fuzz targets share. The tests themselves stand in `tests/*.rs`, one file per contract.
 //!
 //! - [`fields`]: volumes computed from coordinates, and what they become when built;
+//! - [`counting`]: an allocator that counts;
 //! - [`faults`]: byte sources and volumes that fail, end early, or count;
 //! - [`formats`]: the fate of every real file, as a table;
 //! - [`forge`]: containers with one thing wrong and all checksums right;
@@ -12,6 +13,7 @@
 //!
 //! All randomness is seeded ([`supervol_format::random`]). A test that cannot run on this machine says so by [`skipped`].
 
+pub mod counting;
 pub mod faults;
 pub mod fields;
 pub mod forge;

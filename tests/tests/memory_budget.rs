@@ -1,9 +1,8 @@
 //! Builds, checks and extractions keep to their memory budgets, whatever the volume's shape: allocations are counted. Alone in its program, because it counts everything.
 
-use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
+use supervol_format::random::Random;
 use supervol_format::{Lod, VoxelType};
 use supervol_preprocess::extract::{Extraction, extract};
 use supervol_preprocess::source::VolumeSource;
@@ -11,60 +10,14 @@ use supervol_preprocess::source::segy::{SegyOptions, SegySource};
 use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_preprocess::verify::verify;
 use supervol_preprocess::{BuildOptions, Existing};
+use supervol_tests::counting::{Counting, peak_of};
 use supervol_tests::fields::{options, try_build};
-
-/// Bytes allocated now, and the most there ever were.
-static NOW: AtomicUsize = AtomicUsize::new(0);
-static PEAK: AtomicUsize = AtomicUsize::new(0);
-
-struct Counting;
-
-fn grown(bytes: usize) {
-    let now = NOW.fetch_add(bytes, Ordering::Relaxed) + bytes;
-    PEAK.fetch_max(now, Ordering::Relaxed);
-}
-
-// SAFETY: every call goes to the system's allocator unchanged; the counters do not touch the memory.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        grown(layout.size());
-        // SAFETY: the caller's promises are the system allocator's conditions.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        grown(layout.size());
-        // SAFETY: the caller's promises are the system allocator's conditions.
-        unsafe { System.alloc_zeroed(layout) }
-    }
-
-    unsafe fn realloc(&self, block: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
-        grown(new_size);
-        NOW.fetch_sub(layout.size(), Ordering::Relaxed);
-        // SAFETY: the caller's promises are the system allocator's conditions.
-        unsafe { System.realloc(block, layout, new_size) }
-    }
-
-    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
-        NOW.fetch_sub(layout.size(), Ordering::Relaxed);
-        // SAFETY: the caller's promises are the system allocator's conditions.
-        unsafe { System.dealloc(block, layout) }
-    }
-}
 
 #[global_allocator]
 static COUNTING: Counting = Counting;
 
 /// Threads and file buffers: what the budget does not name.
 const SLACK: usize = 2 << 20;
-
-/// Most bytes allocated at once while `run` runs, beyond what there was before.
-fn peak_of<T>(run: impl FnOnce() -> T) -> (usize, T) {
-    let before = NOW.load(Ordering::Relaxed);
-    PEAK.store(before, Ordering::Relaxed);
-    let result = run();
-    (PEAK.load(Ordering::Relaxed) - before, result)
-}
 
 /// A volume, how it is built, and in how much memory.
 struct Case {
@@ -152,10 +105,9 @@ fn check_verifying(path: &Path, what: &str) {
 /// A SEG-Y file of `edge` x `edge` traces of one sample each, in no order.
 fn scattered_traces(edge: u32) -> Vec<u8> {
     let mut places: Vec<u32> = (0..edge * edge).collect();
-    let mut random = 1u64;
+    let mut random = Random::new(1);
     for i in (1..places.len()).rev() {
-        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        places.swap(i, (random >> 33) as usize % (i + 1));
+        places.swap(i, random.index(i + 1));
     }
     let mut file = vec![b' '; 3200];
     file[0] = b'C';

@@ -299,7 +299,7 @@ fn memory_and_threads_change_no_bit() {
             assert!(stats.host_cache_peak_bytes <= stats.host_cache_budget_bytes, "{stats:#?}");
             if host_memory_bytes == least.needed_bytes {
                 assert!(
-                    stats.evictions > 0 && stats.passes > all.passes,
+                    stats.streaming.evictions > 0 && stats.passes > all.passes,
                     "{mode}: a least cache is no test: {stats:#?}"
                 );
             }
@@ -331,7 +331,7 @@ fn sixteen_slots_on_the_gpu_draw_what_all_do() {
             let (image, stats) = subject.render(&scene, &options);
             let name = format!("{mode}, {gpu_memory_bytes} bytes on the GPU, {} passes", stats.passes);
             assert!(stats.gpu_bytes <= gpu_memory_bytes, "{stats:#?}");
-            assert!(stats.gpu_page_ins > 32 && (stats.passes > 4 || gpu_memory_bytes > few), "{stats:#?}");
+            assert!(stats.device.page_ins > 32 && (stats.passes > 4 || gpu_memory_bytes > few), "{stats:#?}");
             report(&name, distance(&image, &expected), BOUND);
         }
     }
@@ -458,8 +458,11 @@ fn automatic_levels_read_less_and_stay_close() {
             RenderOptions { level: LevelChoice::Auto, max_error: ANY_ERROR, caster, ..finest(Backend::Cpu) };
         let (fine, all) = subject.render(&averaged, &finest(Backend::Cpu));
         let (coarse, few) = subject.render(&scene, &automatic);
-        println!("{name}: level 0 reads {} bytes, automatic levels {}", all.bytes_read, few.bytes_read);
-        assert!(few.bytes_read * 20 < all.bytes_read, "{few:#?}");
+        println!(
+            "{name}: level 0 reads {} bytes, automatic levels {}",
+            all.streaming.bytes_read, few.streaming.bytes_read
+        );
+        assert!(few.streaming.bytes_read * 20 < all.streaming.bytes_read, "{few:#?}");
         assert!(few.error_bound > 0.0 && all.error_bound == 0.0);
         let name = format!("{name}, automatic levels, 40 x 30 pixels");
         report(&name, distance(&coarse, &fine), greatest);

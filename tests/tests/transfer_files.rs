@@ -4,22 +4,13 @@
 use std::path::Path;
 
 use supervol_format::{Dims, Geometry, ValueRange};
-use supervol_runtime::facts::{DataKind, Frame, VolumeFacts};
+use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::preset::transfer_file::{FILE_LIMIT_BYTES, TransferFile};
 use supervol_runtime::scene::PointsSpec;
 use supervol_runtime::transfer_function::TransferFunction;
 
 fn facts() -> VolumeFacts {
-    VolumeFacts {
-        dims: Dims([10, 10, 10]),
-        geometry: Geometry::IDENTITY,
-        frame: Frame::Unknown,
-        value_range: ValueRange { min: -100.0, max: 300.0 },
-        percentiles: Vec::new(),
-        histogram: Vec::new(),
-        kind: DataKind::Generic,
-        has_zero_centre: false,
-    }
+    VolumeFacts::plain(Dims([10, 10, 10]), Geometry::IDENTITY, ValueRange { min: -100.0, max: 300.0 })
 }
 
 fn function(spec: &PointsSpec) -> TransferFunction {

@@ -12,21 +12,28 @@
 //! - [`value_range`]: least and greatest present value;
 //! - [`codec`]: brick voxels to bytes and back;
 //! - [`container`]: the `.svol` file, byte by byte;
+//! - [`level_reader`]: boxes of voxels of a level, out of its bricks;
 //! - [`byte_source`]: where a container's bytes are read from;
 //! - [`readable`]: numbers in messages and listings;
+//! - [`recent`]: things kept because they may be wanted again;
+//! - [`canceller`]: long work that somebody stops;
 //! - [`random`]: numbers that are the same everywhere, for what is made and tested by chance.
 //!
-//! This crate knows no GPU, starts no thread, prints nothing, and holds no more than one brick that it was not handed.
+//! This crate knows no GPU, starts no thread, prints nothing, and holds no more than one brick that it was not handed or told to
+//! keep.
 
 pub mod brick;
 pub mod brick_key;
 pub mod byte_source;
+pub mod canceller;
 pub mod codec;
 pub mod container;
+pub mod level_reader;
 pub mod macro_cells;
 pub mod pyramid;
 pub mod random;
 pub mod readable;
+pub mod recent;
 pub mod space;
 pub mod value_range;
 pub mod voxel_type;

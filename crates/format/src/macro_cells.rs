@@ -230,6 +230,7 @@ pub fn dequantize_cells(bytes: &[u8], range: ValueRange) -> Vec<ValueRange> {
 mod tests {
     use super::*;
     use crate::VoxelType;
+    use crate::random::Random;
     use proptest::prelude::*;
 
     /// Brute force over every voxel each cell reaches.
@@ -265,10 +266,10 @@ mod tests {
             extent in [5usize..24, 5usize..24, 5usize..24], seed in any::<u64>(), with_holes in any::<bool>(),
         ) {
             let n: usize = extent.iter().product();
-            let mut state = seed | 1;
+            let mut random = Random::new(seed);
             let values: Vec<f32> = (0..n).map(|_| {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                if with_holes && (state >> 60) < 3 { f32::NAN } else { (state >> 40) as f32 * 1e-3 - 5000.0 }
+                let bits = random.next_u64();
+                if with_holes && bits % 16 < 3 { f32::NAN } else { (bits >> 40) as f32 * 1e-3 - 5000.0 }
             }).collect();
             let shape = BrickShape { voxel_type: VoxelType::F32, extent };
             let measured = measure(shape, bytemuck::cast_slice(&values), Absence::NON_FINITE_ONLY);

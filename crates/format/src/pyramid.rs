@@ -5,7 +5,7 @@
 //! numbered level by level, finest first: that number is the brick's *entry* in the table of contents.
 
 use crate::brick::{APRON, BrickLayout, MACRO_CELL};
-use crate::{BrickIndex, BrickKey, Dims, Lod, VoxelBox};
+use crate::{BrickIndex, BrickKey, Dims, Lod, VoxelBox, VoxelType};
 
 /// One level of detail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -130,6 +130,15 @@ impl Pyramid {
     #[must_use]
     pub fn layout(&self) -> BrickLayout {
         self.layout
+    }
+
+    /// Bytes of the largest brick as it is stored, with its apron.
+    #[must_use]
+    pub fn largest_brick_bytes(&self, voxel_type: VoxelType) -> u64 {
+        let core = self.layout.core() as u64;
+        // No level is longer than the finest.
+        let extent = self.levels[0].dims.0.map(|n| n.min(core) + 2 * APRON as u64);
+        extent.iter().product::<u64>() * voxel_type.bytes() as u64
     }
 
     /// All levels, finest first; at least one.

@@ -28,6 +28,22 @@ impl Random {
         self.next_u64() % n
     }
 
+    /// Uniform among the places of a list of this length.
+    ///
+    /// # Panics
+    /// If the list is empty.
+    pub fn index(&mut self, length: usize) -> usize {
+        self.below(length as u64) as usize
+    }
+
+    /// One of the choices.
+    ///
+    /// # Panics
+    /// If there are none.
+    pub fn of<T: Copy>(&mut self, choices: &[T]) -> T {
+        choices[self.index(choices.len())]
+    }
+
     /// Uniform in `[0, 1)`: 53 bits, so that every value is a double exactly.
     pub fn unit(&mut self) -> f64 {
         (self.next_u64() >> 11) as f64 / (1u64 << 53) as f64

@@ -11,13 +11,13 @@ use std::path::Path;
 
 use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
 use supervol_format::container::header::Descriptor;
+use supervol_format::level_reader::BrickStore;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{BrickKey, Container, Lod, VoxelBox};
 
 use crate::bricker::{key_of, tiles};
 use crate::error::BuildError;
-use crate::level_reader::BrickStore;
-use crate::memory::{largest_brick_bytes, read_bytes};
+use crate::memory::read_bytes;
 use crate::source::VolumeSource;
 
 /// Bricks that are held at once: a record and what it is decompressed into, and the voxels; a row as doubles is less.
@@ -50,7 +50,7 @@ pub fn compare(
     same_volume(path, descriptor, source)?;
     let (pyramid, voxel_type) = (&descriptor.pyramid, descriptor.voxel_type);
     let level = pyramid.level_at(Lod::FINEST);
-    let brick = largest_brick_bytes(pyramid, voxel_type);
+    let brick = pyramid.largest_brick_bytes(voxel_type);
     let decoding = DECODING_BYTES_PER_VOXEL as u64 * brick / voxel_type.bytes() as u64;
     let fixed = source.info().memory_bytes + BRICKS_AT_HAND * brick + decoding;
     let of_tile = |size| read_bytes(pyramid, level, [1; 3], size, voxel_type);

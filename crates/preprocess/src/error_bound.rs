@@ -282,6 +282,7 @@ mod tests {
     use super::*;
     use crate::downsample::{Reduce, downsample, finer_box};
     use supervol_format::Dims;
+    use supervol_format::random::Random;
 
     /// Trilinear interpolation with clamped indices, straight from the model's text.
     fn interpolate(dims: [usize; 3], values: &[f64], p: [f64; 3]) -> f64 {
@@ -303,13 +304,8 @@ mod tests {
     }
 
     fn noise(n: usize) -> Vec<f32> {
-        let mut state = 12345u64;
-        (0..n)
-            .map(|_| {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                (state >> 40) as f32 / 1000.0
-            })
-            .collect()
+        let mut random = Random::new(12345);
+        (0..n).map(|_| (random.next_u64() >> 40) as f32 / 1000.0).collect()
     }
 
     #[test]

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use supervol_format::Container;
+use supervol_format::canceller::Canceller;
 use supervol_format::container::header::MAGIC;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -27,7 +28,6 @@ use crate::source::open::{OpenOptions, open, split_array};
 use crate::source::placed::{PlacedSource, Placing};
 use crate::source::spool::SpoolFolder;
 use crate::source::{SourceError, VolumeSource};
-use crate::stop::Stopper;
 
 /// Most bytes of containers in a cache folder, unless somebody says otherwise.
 pub const CACHE_LIMIT_BYTES: u64 = 32 << 30;
@@ -91,7 +91,7 @@ impl Reading {
     /// # Errors
     /// As [`open`].
     pub fn open(&self, source: &Path, folder: &Path) -> Result<Box<dyn VolumeSource>, SourceError> {
-        self.open_unless(source, folder, &Stopper::default())
+        self.open_unless(source, folder, &Canceller::default())
     }
 
     /// The same, unless somebody stops it while voxels are decoded.
@@ -99,9 +99,9 @@ impl Reading {
         &self,
         source: &Path,
         folder: &Path,
-        stopper: &Stopper,
+        canceller: &Canceller,
     ) -> Result<Box<dyn VolumeSource>, SourceError> {
-        let spool = SpoolFolder::at(folder).unless(stopper.clone());
+        let spool = SpoolFolder::at(folder).unless(canceller.clone());
         let options = OpenOptions { spool, ..self.options.clone() };
         let opened = open(source, &options)?;
         Ok(match &self.placing {
@@ -164,7 +164,7 @@ impl Cache {
     /// The container of a source as it is now: the one that is there, or a new one.
     ///
     /// # Errors
-    /// If the source cannot be read, or the container not be built; or if it is stopped ([`BuildOptions::stopper`]): asked for again, it
+    /// If the source cannot be read, or the container not be built; or if it is stopped ([`BuildOptions::canceller`]): asked for again, it
     /// goes on.
     pub fn container_of(
         &self,
@@ -178,9 +178,9 @@ impl Cache {
         let path = self.path_of(source, reading)?;
         if !is_kept(&path) {
             told(Told::Building(&path));
-            let opened = reading.open_unless(source, &self.folder, &options.stopper)?;
+            let opened = reading.open_unless(source, &self.folder, &options.canceller)?;
             if self.has_previews {
-                match Preview::of(opened.as_ref(), &self.folder, &options.stopper) {
+                match Preview::of(opened.as_ref(), &self.folder, &options.canceller) {
                     Ok(Some(preview)) => told(Told::Preview(Box::new(preview))),
                     Err(error) if error.is_stopped() => return Err(error),
                     // What is wrong with a source or a folder, the build says.
@@ -188,7 +188,7 @@ impl Cache {
                 }
             }
             let selection = &reading.options.selection;
-            let origin = identify_source_unless(source, selection, opened.as_ref(), &options.stopper)?;
+            let origin = identify_source_unless(source, selection, opened.as_ref(), &options.canceller)?;
             let options = BuildOptions { existing: Existing::Replace, ..options.clone() };
             build(opened.as_ref(), origin, &path, &options, &|progress| told(Told::Progress(progress)))?;
             self.list_files(&path, source, opened.as_ref())?;
@@ -339,7 +339,7 @@ mod tests {
         let cache = Cache::below(Some(&folder.path().join("cache")), CACHE_LIMIT_BYTES).unwrap();
         let file = source(folder.path(), "a", 0);
         let options = BuildOptions::default();
-        options.stopper.stop();
+        options.canceller.cancel();
         let error = cache.container_of(&file, &Reading::default(), &options, &|_| ()).unwrap_err();
         assert!(error.is_stopped(), "{error}");
         assert_eq!(std::fs::read_dir(&cache.folder).unwrap().count(), 0);

@@ -57,7 +57,7 @@ impl MemoryPlan {
         pyramid: &Pyramid,
         voxel_type: VoxelType,
     ) -> Result<Self, BuildError> {
-        let brick = largest_brick_bytes(pyramid, voxel_type);
+        let brick = pyramid.largest_brick_bytes(voxel_type);
         let histogram = Statistics::bytes(voxel_type);
         let table = pyramid.brick_count() * ENTRY_BYTES as u64 + source_bytes;
         let voxels = brick / voxel_type.bytes() as u64;
@@ -94,15 +94,6 @@ impl MemoryPlan {
     pub fn planned_bytes(&self) -> u64 {
         self.fixed_bytes + self.cache_bytes + self.tile_bytes
     }
-}
-
-/// Bytes of the largest brick of a pyramid, as it is stored.
-#[must_use]
-pub fn largest_brick_bytes(pyramid: &Pyramid, voxel_type: VoxelType) -> u64 {
-    let core = pyramid.layout().core() as u64;
-    // No level is longer than the finest.
-    let extent = pyramid.levels()[0].dims.0.map(|n| n.min(core) + 2 * APRON as u64);
-    extent.iter().product::<u64>() * voxel_type.bytes() as u64
 }
 
 /// Bytes in memory at once for a tile of `size` bricks of a level: what is read, twice over; what is averaged; and the

@@ -14,6 +14,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
+use supervol_format::canceller::Canceller;
 use supervol_format::codec::{BrickShape, Codec, CodecChoice};
 use supervol_format::container::ContainerError;
 use supervol_format::container::header::{self, Descriptor, Sections};
@@ -22,6 +23,7 @@ use supervol_format::container::reader::decode_record;
 use supervol_format::container::seal::seal_brick;
 use supervol_format::container::toc::{BrickEntry, ENTRY_BYTES};
 use supervol_format::container::writer::{ContainerWriter, EncodedBrick};
+use supervol_format::level_reader::BrickStore;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, ByteSource, Level, Lod, Pyramid, ValueRange, VoxelBox};
 
@@ -32,7 +34,7 @@ use crate::error::BuildError;
 use crate::error_bound::{brick_error, step_error};
 use crate::journal::{self, Frame, Journal};
 use crate::labels::are_labels;
-use crate::level_reader::{BrickStore, LevelReader};
+use crate::level_reader::by_all_threads;
 use crate::lod_axes::{self, LodAxes};
 use crate::memory::{MemoryPlan, tile_bytes};
 use crate::output::{Existing, OutputFile, check_distinct, check_free};
@@ -42,7 +44,7 @@ use crate::restore::{Begun, Plan, Restored};
 use crate::source::file::SourceFile;
 use crate::source::{AccessOrder, VolumeSource};
 use crate::statistics::Statistics;
-use crate::stop::{Stoppable, Stopper};
+use crate::stop::{Stoppable, check};
 
 /// Voxels of margin around a tile's core when it is read: the apron.
 const MARGIN: u64 = APRON as u64;
@@ -70,7 +72,7 @@ pub struct BuildOptions {
     /// What to do when the output exists.
     pub existing: Existing,
     /// Stops the build from another thread.
-    pub stopper: Stopper,
+    pub canceller: Canceller,
 }
 
 /// Bricks of 64, the smallest codec, no error, levels by measurement, 1 GiB, all processors, nothing overwritten.
@@ -85,7 +87,7 @@ impl Default for BuildOptions {
             memory_bytes: 1 << 30,
             threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
             existing: Existing::Keep,
-            stopper: Stopper::default(),
+            canceller: Canceller::default(),
         }
     }
 }
@@ -112,7 +114,7 @@ pub fn build(
     on_progress: OnProgress<'_>,
 ) -> Result<BuildReport, BuildError> {
     let started = Instant::now();
-    let source: &dyn VolumeSource = &Stoppable { source, stopper: &options.stopper };
+    let source: &dyn VolumeSource = &Stoppable { source, canceller: &options.canceller };
     // Before the source is sampled; the file itself is begun only once the memory is known to suffice.
     check_free(output, options.existing)?;
     check_distinct(output, source.info().files.iter().map(SourceFile::path))?;
@@ -373,7 +375,7 @@ impl Build<'_> {
         (tiles, read): (&[Tile], ReadSource<'_>),
     ) -> Result<Vec<LevelReport>, BuildError> {
         let mut levels = vec![self.write_finest(tiles, read)?];
-        check_unchanged(source, origin, &self.options.stopper)?;
+        check_unchanged(source, origin, &self.options.canceller)?;
         for lod in 1..self.descriptor.pyramid.levels().len() {
             levels.push(self.write_coarser(lod)?);
         }
@@ -414,7 +416,7 @@ impl Build<'_> {
         let level = *pyramid.level_at(Lod(lod as u8));
         let finer_lod = Lod(lod as u8 - 1);
         let finer_dims = pyramid.level_at(finer_lod).dims;
-        let reader = LevelReader::new(self, finer_lod, self.plan.cache_bytes as usize);
+        let reader = by_all_threads(self, finer_lod, self.plan.cache_bytes as usize);
         let voxel_bytes = self.descriptor.voxel_type.bytes();
         let coarse_box = |tile: &Tile| tile.voxels(self.options.layout.core(), level.dims, MARGIN);
         let read = |tile: &Tile| {
@@ -538,7 +540,7 @@ impl Build<'_> {
         block: VoxelBlock<'_>,
         finer: Option<&FinerTile<'_>>,
     ) -> Result<EncodedBrick, BuildError> {
-        self.options.stopper.check()?;
+        check(&self.options.canceller)?;
         let pyramid = &self.descriptor.pyramid;
         let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
         let mut voxels = cut_brick(pyramid, key, voxel_type.bytes(), block);

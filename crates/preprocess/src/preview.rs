@@ -8,6 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use supervol_format::canceller::Canceller;
 use supervol_format::container::manifest::Source;
 use supervol_format::{Container, Dims, VoxelBox};
 
@@ -17,7 +18,7 @@ use crate::output::unfinished::UnfinishedFolder;
 use crate::pipeline::{BuildOptions, build};
 use crate::source::file::SourceFile;
 use crate::source::{SourceError, SourceInfo, VolumeSource};
-use crate::stop::Stopper;
+use crate::stop::check;
 
 /// Most voxels of a preview: 4 Mi, drawn and built in a fraction of a second.
 const VOXELS_LIMIT: u64 = 1 << 22;
@@ -43,13 +44,13 @@ impl Preview {
     ///
     /// # Errors
     /// If the source cannot be read, the folder not be written to, or somebody stops it.
-    pub fn of(source: &dyn VolumeSource, folder: &Path, stopper: &Stopper) -> Result<Option<Self>, BuildError> {
+    pub fn of(source: &dyn VolumeSource, folder: &Path, canceller: &Canceller) -> Result<Option<Self>, BuildError> {
         let dims = source.info().dims;
         if dims.0.iter().map(|&n| u128::from(n)).product::<u128>() < u128::from(VOXELS_LIMIT * WORTH_FACTOR) {
             return Ok(None);
         }
         let strides = strides_of(dims);
-        let Some(thinned) = Thinned::read(source, strides, Instant::now() + TIME_LIMIT, stopper)? else {
+        let Some(thinned) = Thinned::read(source, strides, Instant::now() + TIME_LIMIT, canceller)? else {
             return Ok(None);
         };
         let working = UnfinishedFolder::create_in(folder).map_err(|e| BuildError::write(folder, e))?;
@@ -57,7 +58,7 @@ impl Preview {
         let first = source.info().files.first().map(SourceFile::path).and_then(Path::file_name);
         let name = first.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         let origin = Source { format: source.info().format.into(), ..Source::computed(name) };
-        let options = BuildOptions { stopper: stopper.clone(), ..BuildOptions::default() };
+        let options = BuildOptions { canceller: canceller.clone(), ..BuildOptions::default() };
         build(&thinned, origin, &path, &options, &|_| ())?;
         let bytes = std::fs::read(&path).map_err(|e| BuildError::write(&path, e))?;
         let container = Container::from_source(Arc::new(bytes)).map_err(|e| BuildError::container(&path, e))?;
@@ -92,7 +93,7 @@ impl Thinned {
         source: &dyn VolumeSource,
         strides: [u64; 3],
         until: Instant,
-        stopper: &Stopper,
+        canceller: &Canceller,
     ) -> Result<Option<Self>, SourceError> {
         let info = thinned_info(source.info(), strides);
         let bytes = info.voxel_type.bytes();
@@ -106,7 +107,7 @@ impl Thinned {
             of_slice.start[slowest] = slice * strides[slowest];
             of_slice.end[slowest] = of_slice.start[slowest] + 1;
             for part in boxes(of_slice, BYTES_LIMIT / bytes as u64, u64::MAX) {
-                stopper.check()?;
+                check(canceller)?;
                 if Instant::now() > until {
                     return Ok(None);
                 }
@@ -178,9 +179,9 @@ impl VolumeSource for Thinned {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::level_reader::LevelReader;
     use crate::source::computed::Computed;
     use crate::source::{AccessOrder, LineNumbers, Survey};
+    use supervol_format::level_reader::LevelReader;
     use supervol_format::{Geometry, Lod, VoxelType};
 
     /// 512 x 320 x 260 voxels, each of which says where it is.
@@ -210,7 +211,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for order in [[2, 1, 0], [1, 0, 2]] {
             let source = volume(order);
-            let preview = Preview::of(&source, folder.path(), &Stopper::default()).unwrap().unwrap();
+            let preview = Preview::of(&source, folder.path(), &Canceller::default()).unwrap().unwrap();
             assert_eq!(preview.strides, [4, 2, 2]);
             let container = &preview.container;
             let level = container.pyramid().level_at(Lod(0));
@@ -237,12 +238,12 @@ mod tests {
     fn there_is_none_of_what_is_small_or_slow() {
         let folder = tempfile::tempdir().unwrap();
         let small = Computed::new([256, 256, 256], VoxelType::U8, |_| 1.0);
-        assert!(Preview::of(&small, folder.path(), &Stopper::default()).unwrap().is_none());
+        assert!(Preview::of(&small, folder.path(), &Canceller::default()).unwrap().is_none());
         let source = volume([2, 1, 0]);
-        let read = Thinned::read(&source, [4, 2, 2], Instant::now() - Duration::from_secs(1), &Stopper::default());
+        let read = Thinned::read(&source, [4, 2, 2], Instant::now() - Duration::from_secs(1), &Canceller::default());
         assert!(read.unwrap().is_none());
-        let stopper = Stopper::default();
-        stopper.stop();
-        assert!(Preview::of(&source, folder.path(), &stopper).unwrap_err().is_stopped());
+        let canceller = Canceller::default();
+        canceller.cancel();
+        assert!(Preview::of(&source, folder.path(), &canceller).unwrap_err().is_stopped());
     }
 }

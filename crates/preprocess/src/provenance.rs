@@ -5,6 +5,7 @@
 use std::fs::File;
 use std::path::Path;
 
+use supervol_format::canceller::Canceller;
 use supervol_format::codec::CodecChoice;
 use supervol_format::container::header::Descriptor;
 use supervol_format::container::manifest::{AxisName, Json, Manifest, Source};
@@ -20,7 +21,7 @@ use crate::source::open::split_array;
 use crate::source::selection::Selection;
 use crate::source::{SourceError, SourceInfo, VolumeSource};
 use crate::statistics::{self, Statistics, Values};
-use crate::stop::Stopper;
+use crate::stop::check;
 
 /// Longest name or unit, longest note, and most notes that the manifest keeps.
 const LABEL_CHARACTERS: usize = 256;
@@ -120,13 +121,17 @@ pub(crate) fn bounded_notes(notes: &[String]) -> Vec<String> {
 }
 
 /// Whether a source whose voxels have all been read still is what it was when it was opened, and when `origin` was told.
-pub(crate) fn check_unchanged(source: &dyn VolumeSource, origin: &Source, stopper: &Stopper) -> Result<(), BuildError> {
+pub(crate) fn check_unchanged(
+    source: &dyn VolumeSource,
+    origin: &Source,
+    canceller: &Canceller,
+) -> Result<(), BuildError> {
     let files = &source.info().files;
     files.iter().try_for_each(SourceFile::check_unchanged)?;
     // Times may be too coarse to tell two versions apart.
     let is_one = source.info().folder.is_none() && !origin.xxh3_64.is_empty();
     if let Some(first) = files.first().filter(|_| is_one) {
-        let now = identify_unless(first.path(), &origin.format, stopper)?.xxh3_64;
+        let now = identify_unless(first.path(), &origin.format, canceller)?.xxh3_64;
         if now != origin.xxh3_64 {
             let what = format!("its checksum was {}, now it is {now}", origin.xxh3_64);
             return Err(SourceError::Changed { path: first.path().into(), what }.into());
@@ -141,7 +146,7 @@ pub(crate) fn check_unchanged(source: &dyn VolumeSource, origin: &Source, stoppe
 /// # Errors
 /// If a file cannot be read.
 pub fn identify_source(path: &Path, selection: &Selection, source: &dyn VolumeSource) -> Result<Source, BuildError> {
-    identify_source_unless(path, selection, source, &Stopper::default())
+    identify_source_unless(path, selection, source, &Canceller::default())
 }
 
 /// The same, unless somebody stops it.
@@ -149,24 +154,24 @@ pub(crate) fn identify_source_unless(
     path: &Path,
     selection: &Selection,
     source: &dyn VolumeSource,
-    stopper: &Stopper,
+    canceller: &Canceller,
 ) -> Result<Source, BuildError> {
     let (file, array) = split_array(path);
     let mut found = match &source.info().folder {
-        Some(folder) => identify_folder(folder, source.info(), stopper)?,
-        None => identify_unless(&file, source.info().format, stopper)?,
+        Some(folder) => identify_folder(folder, source.info(), canceller)?,
+        None => identify_unless(&file, source.info().format, canceller)?,
     };
     found.name += &Selection { array: array.or(selection.array.clone()), ..selection.clone() }.to_string();
     Ok(found)
 }
 
-fn identify_folder(folder: &Path, info: &SourceInfo, stopper: &Stopper) -> Result<Source, BuildError> {
+fn identify_folder(folder: &Path, info: &SourceInfo, canceller: &Canceller) -> Result<Source, BuildError> {
     let mut hash = xxhash_rust::xxh3::Xxh3Default::new();
     let mut bytes = 0;
     for file in &info.files {
         let name = file.path().strip_prefix(folder).unwrap_or(file.path());
         hash.update(name.to_string_lossy().as_bytes());
-        bytes += take_file(file.path(), &mut hash, stopper)?;
+        bytes += take_file(file.path(), &mut hash, canceller)?;
     }
     Ok(origin(folder, info.format, bytes, &hash))
 }
@@ -176,12 +181,12 @@ fn identify_folder(folder: &Path, info: &SourceInfo, stopper: &Stopper) -> Resul
 /// # Errors
 /// If the file cannot be read.
 pub fn identify(path: &Path, format: &str) -> Result<Source, BuildError> {
-    identify_unless(path, format, &Stopper::default())
+    identify_unless(path, format, &Canceller::default())
 }
 
-fn identify_unless(path: &Path, format: &str, stopper: &Stopper) -> Result<Source, BuildError> {
+fn identify_unless(path: &Path, format: &str, canceller: &Canceller) -> Result<Source, BuildError> {
     let mut hash = xxhash_rust::xxh3::Xxh3Default::new();
-    let bytes = take_file(path, &mut hash, stopper)?;
+    let bytes = take_file(path, &mut hash, canceller)?;
     Ok(origin(path, format, bytes, &hash))
 }
 
@@ -197,14 +202,14 @@ fn origin(path: &Path, format: &str, bytes: u64, hash: &xxhash_rust::xxh3::Xxh3D
 pub(crate) fn take_file(
     path: &Path,
     hash: &mut xxhash_rust::xxh3::Xxh3Default,
-    stopper: &Stopper,
+    canceller: &Canceller,
 ) -> Result<u64, BuildError> {
     let io = |e| BuildError::Source(SourceError::io(path, e));
     let mut file = File::open(path).map_err(io)?;
     let mut buffer = vec![0; 4 << 20];
     let mut bytes = 0;
     loop {
-        stopper.check()?;
+        check(canceller)?;
         let n = std::io::Read::read(&mut file, &mut buffer).map_err(io)?;
         if n == 0 {
             return Ok(bytes);

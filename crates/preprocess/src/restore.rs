@@ -102,7 +102,7 @@ impl Plan<'_> {
         let mut writer = ContainerWriter::resume(out, self.descriptor.clone()).map_err(write_error)?;
         let mut statistics = Statistics::new(self.descriptor.voxel_type);
         let levels = self.restore(&mut unfinished, &mut writer, &mut statistics);
-        if self.options.stopper.is_stopped() {
+        if self.options.canceller.is_cancelled() {
             // All of it: what has not been looked at is cut off by nobody.
             let kept = unfinished.abandon().map_err(write_error)?;
             return Err(BuildError::Stopped { kept: Some(kept) });
@@ -125,7 +125,7 @@ impl Plan<'_> {
         let mut levels: Vec<Restored> = Vec::new();
         for (lod, level) in self.descriptor.pyramid.levels().iter().enumerate() {
             for tile in (self.tiles)(lod) {
-                if self.options.stopper.is_stopped() {
+                if self.options.canceller.is_cancelled() {
                     return levels;
                 }
                 let keys: Vec<BrickKey> = tile.bricks().into_iter().map(|brick| key_of(lod, brick)).collect();

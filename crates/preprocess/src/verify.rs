@@ -21,14 +21,13 @@ use rayon::prelude::*;
 use supervol_format::codec::quantize::Quantizer;
 use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
 use supervol_format::container::validate::{check_brick, check_coverage};
+use supervol_format::level_reader::LevelReader;
 use supervol_format::{BrickKey, Container, Level, Lod, ValueRange};
 
 use crate::bricker::cut_brick;
 use crate::downsample::{Reduce, VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
 use crate::error_bound::{brick_error, step_error};
-use crate::level_reader::LevelReader;
-use crate::memory::largest_brick_bytes;
 use crate::provenance::reduce_of;
 use crate::statistics::{Statistics, Values, finite};
 
@@ -55,7 +54,7 @@ pub fn verify(path: &Path, memory_bytes: u64, on_progress: &dyn Fn(u64, u64)) ->
     let counts = Counts::new(&container, plan.threads);
     for lod in 0..container.pyramid().levels().len() {
         let lod = Lod(lod as u8);
-        let reader = |lod| LevelReader::new(&container, lod, plan.cache_bytes).on_one_thread();
+        let reader = |lod| LevelReader::new(&container, lod, plan.cache_bytes);
         let own = reader(lod);
         let finer = (lod > Lod::FINEST).then(|| reader(Lod(lod.0 - 1)));
         let mut keys = container.pyramid().keys_of(lod).peekable();
@@ -98,7 +97,7 @@ const COVERAGE_BYTES: u64 = 2 * 16;
 impl Plan {
     fn new(container: &Container, memory_bytes: u64) -> Result<Self, BuildError> {
         let (pyramid, voxel_type) = (container.pyramid(), container.descriptor().voxel_type);
-        let brick = largest_brick_bytes(pyramid, voxel_type);
+        let brick = pyramid.largest_brick_bytes(voxel_type);
         let of_finer = |level: &Level| level.factors.iter().map(|&f| u64::from(f)).product::<u64>();
         let finer = pyramid.levels().iter().skip(1).map(of_finer).max().unwrap_or(0);
         let counts = Statistics::bytes(voxel_type);

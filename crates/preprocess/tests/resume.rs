@@ -5,6 +5,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use supervol_format::container::manifest::Source;
+use supervol_format::random::Random;
 use supervol_format::{BrickLayout, VoxelBox, VoxelType};
 use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::lod_axes::LodAxes;
@@ -112,11 +113,8 @@ fn what_is_torn_or_damaged_is_made_anew() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let moments = moments(folder.path());
     let expected = bytes(&folder.path().join("whole"));
-    let mut seed = 5u64;
-    let mut random = move |n: usize| {
-        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (seed >> 33) as usize % n
-    };
+    let mut numbers = Random::new(5);
+    let mut random = move |n: usize| numbers.index(n);
     let (mut went_on, mut less) = (0, 0);
     for (i, moment) in moments.iter().enumerate() {
         let done: u64 = moment.to_string_lossy().rsplit('-').next().and_then(|n| n.parse().ok()).expect("a number");
@@ -257,7 +255,7 @@ fn a_build_that_was_stopped_goes_on() {
         let options = decided();
         let stop = |progress: Progress| {
             if progress.bricks_done >= bricks {
-                options.stopper.stop();
+                options.canceller.cancel();
             }
         };
         let kept = kept_of(run(&place, &options, &stop).expect_err("it was stopped"));
@@ -277,9 +275,9 @@ fn a_build_that_was_stopped_goes_on() {
 fn stops_at_both_ends_leave_nothing_half_done() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let stopping = options();
-    let stopper = stopping.stopper.clone();
+    let canceller = stopping.canceller.clone();
     let source_that_stops = Computed::new([70, 50, 150], VoxelType::I16, move |_| {
-        stopper.stop();
+        canceller.cancel();
         0.0
     });
     let output = folder.path().join(OUTPUT);
@@ -289,7 +287,7 @@ fn stops_at_both_ends_leave_nothing_half_done() {
     let late = options();
     let stop_at_end = |progress: Progress| {
         if progress.bricks_done == progress.bricks_total {
-            late.stopper.stop();
+            late.canceller.cancel();
         }
     };
     build(&source(1), origin("01"), &output, &late, &stop_at_end).expect("all was done");

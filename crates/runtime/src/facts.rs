@@ -84,6 +84,21 @@ impl VolumeFacts {
         }
     }
 
+    /// A volume of which nothing is known but its size, its place and its values.
+    #[must_use]
+    pub fn plain(dims: Dims, geometry: Geometry, value_range: ValueRange) -> Self {
+        Self {
+            dims,
+            geometry,
+            frame: Frame::Unknown,
+            value_range,
+            percentiles: Vec::new(),
+            histogram: Vec::new(),
+            kind: DataKind::Generic,
+            has_zero_centre: false,
+        }
+    }
+
     /// The axis along a single line of voxels: a trace, a well.
     #[must_use]
     pub fn line_axis(&self) -> Option<usize> {

@@ -19,8 +19,9 @@ pub mod walk;
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
+use crate::counters::{RayCounters, StreamCounters, milliseconds};
 use crate::facts::value_map;
 use supervol_format::container::ContainerError;
 use supervol_format::container::toc;
@@ -356,24 +357,18 @@ pub(crate) fn render_from_reference(
     let start = Instant::now();
     let picture = render_reference_counted(&volume, &reference::scene_of_level(container, lod, scene));
     let level = container.pyramid().level_at(lod);
-    let page_ins = level.brick_count();
     let stats = FrameStats {
         backend: "reference",
         converged: true,
         passes: 1,
         bands: 1,
         bricks_total: container.pyramid().brick_count(),
-        page_ins,
+        streaming: StreamCounters { page_ins: level.brick_count(), ..StreamCounters::default() },
         render_ms: milliseconds(start.elapsed()),
-        rays: u64::from(scene.camera.width) * u64::from(scene.camera.height),
+        casting: RayCounters { rays: scene.rays(), ..RayCounters::default() },
         reference_capped_pieces: picture.capped_pieces,
         error_bound: container.manifest().level_errors.get(lod.0 as usize).copied().unwrap_or(0.0),
         ..FrameStats::default()
     };
     Ok((picture.image, stats))
-}
-
-/// A time in milliseconds.
-pub(crate) fn milliseconds(time: Duration) -> f64 {
-    time.as_secs_f64() * 1e3
 }

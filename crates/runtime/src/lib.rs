@@ -17,7 +17,7 @@
 //! - [`frame`]: one frame: what it is made with, and its passes;
 //! - [`renderer`]: pictures one after the other, for whoever wants some; the only module that knows all the others;
 //! - [`stop`]: when work stops that can be given up;
-//! - [`stats`], [`process`]: what a frame cost;
+//! - [`counters`], [`stats`], [`process`]: what is counted, and what a frame cost;
 //! - [`image`]: what a ray caster returns, and its files.
 //!
 //! This crate's ray casters open no file, wait for nothing, and never change what is resident.
@@ -26,6 +26,7 @@ pub mod cache;
 pub mod camera;
 pub mod camera_path;
 pub mod clip;
+pub mod counters;
 pub mod facts;
 pub mod frame;
 pub mod gpu;

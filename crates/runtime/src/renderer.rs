@@ -28,11 +28,11 @@ use std::time::{Duration, Instant};
 use supervol_format::Container;
 
 use crate::camera::Camera;
+use crate::counters::milliseconds;
 use crate::frame::gpu::GpuBackend;
 use crate::frame::maps::Maps;
 use crate::frame::{
-    Backend, LevelChoice, RenderError, RenderOptions, caster_of, milliseconds, render_cpu, render_from_reference,
-    thread_pool,
+    Backend, LevelChoice, RenderError, RenderOptions, caster_of, render_cpu, render_from_reference, thread_pool,
 };
 use crate::image::Image;
 use crate::process;

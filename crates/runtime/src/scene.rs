@@ -335,6 +335,12 @@ impl ResolvedScene {
         self.image_size.map(u64::from).iter().product()
     }
 
+    /// Rays of the picture: several a pixel where it is made from a sub-grid.
+    #[must_use]
+    pub fn rays(&self) -> u64 {
+        u64::from(self.camera.width) * u64::from(self.camera.height)
+    }
+
     /// Whether there are surfaces inside the semi-transparent volume.
     #[must_use]
     pub fn has_inner_surfaces(&self) -> bool {

@@ -9,6 +9,8 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use supervol_format::{Lod, ValueRange};
 
+use crate::counters::{DeviceCounters, RayCounters, StreamCounters};
+use crate::frame::caster::CasterTotals;
 use crate::frame::check::ErrorMeasured;
 use crate::frame::predict::ErrorPredicted;
 use crate::frame::stated::ErrorStated;
@@ -51,42 +53,9 @@ pub struct FrameStats {
     pub bricks_by_state: BTreeMap<&'static str, u64>,
     /// The same by level, finest first.
     pub bricks_by_level: Vec<LevelStats>,
-    /// Bricks that a pass used, summed over passes.
-    pub uses: u64,
-    /// Bricks that a pass wanted in vain, summed over passes.
-    pub misses: u64,
-    /// Bricks that came into the host cache.
-    pub page_ins: u64,
-    /// Of these: bricks that had been there before.
-    pub repeated_page_ins: u64,
-    /// Bricks that left the host cache.
-    pub evictions: u64,
-    /// Wanted bricks that no ray wanted any more before they were read.
-    pub cancelled: u64,
-    /// Bricks whose state was forgotten because the table of states was full.
-    pub states_forgotten: u64,
-    /// Reads of brick records.
-    pub reads: u64,
-    /// Of these: reads that fetched several records.
-    pub merged_reads: u64,
-    /// Of these: reads that failed.
-    pub failed_reads: u64,
-    /// Bytes that these reads fetched, gaps between records included.
-    pub bytes_read: u64,
-    /// Bytes of voxels decoded, as stored.
-    pub bytes_decoded: u64,
-    /// Of these: reads that were tried again, because the failure might pass.
-    pub retried_reads: u64,
-    /// Time in reads, summed over the threads that read.
-    pub read_ms: f64,
-    /// Wall time of waiting for reads.
-    pub wait_ms: f64,
-    /// Wall time of decoding.
-    pub decode_ms: f64,
-    /// Wall time of deciding which bricks to read, and which to drop.
-    pub plan_ms: f64,
-    /// Wall time of copying bricks to the graphics device.
-    pub upload_ms: f64,
+    /// What streaming did and cost; of a picture of a living renderer, since its scene was set.
+    #[serde(flatten)]
+    pub streaming: StreamCounters,
     /// Wall time of casting rays.
     pub render_ms: f64,
     /// Wall time of the whole frame.
@@ -107,30 +76,16 @@ pub struct FrameStats {
     pub gpu_bytes: u64,
     /// Bytes that the frame may hold on the graphics device.
     pub gpu_budget_bytes: u64,
-    /// Bricks copied to the graphics device.
-    pub gpu_page_ins: u64,
-    /// Times a loop on the graphics device hit its limit: a ray is not exact there.
-    pub gpu_anomalies: u64,
+    /// What the graphics device did and cost.
+    #[serde(flatten)]
+    pub device: DeviceCounters,
     /// The slowest piece of work handed to the graphics device.
     pub gpu_dispatch_ms_max: f64,
     /// What the driver said when the graphics device was lost and another one drew the picture; null if none was lost.
     pub gpu_lost_because: Option<String>,
-    /// Rays of the picture.
-    pub rays: u64,
-    /// Rays that ended before they left the volume, because nothing behind could be seen.
-    pub rays_terminated_early: u64,
-    /// Values classified.
-    pub samples: u64,
-    /// Trilinear cells crossed.
-    pub cells: u64,
-    /// Cells of packets that one rule did not settle, and that were cut into parts.
-    pub cells_refined: u64,
-    /// Cells of packets that parts did not settle, and that were integrated by roots.
-    pub cells_exact: u64,
-    /// Macro cells walked cell by cell; rays in packets are not counted.
-    pub macro_cells: u64,
-    /// Macro cells skipped; leaps of rays in packets.
-    pub macro_cells_skipped: u64,
+    /// What the rays of the picture did.
+    #[serde(flatten)]
+    pub casting: RayCounters,
     /// Times a ray took a coarser brick than it wanted.
     pub fallbacks: u64,
     /// Bricks that rays waited for when the time was up.
@@ -216,7 +171,10 @@ impl FrameStats {
     #[must_use]
     pub fn has_nothing_but_failures(&self) -> bool {
         let are_there = |kind: StateKind| self.bricks_by_state.get(kind.name()).is_some_and(|&n| n > 0);
-        self.bricks_failed > 0 && self.page_ins == 0 && !are_there(StateKind::InHost) && !are_there(StateKind::Uniform)
+        self.bricks_failed > 0
+            && self.streaming.page_ins == 0
+            && !are_there(StateKind::InHost)
+            && !are_there(StateKind::Uniform)
     }
 
     /// The same without what streaming had cost before: bricks that came and left, and what was read and decoded.
@@ -226,28 +184,7 @@ impl FrameStats {
         if self.bricks_total == 0 {
             return self;
         }
-        let counts = [
-            (&mut self.uses, before.uses),
-            (&mut self.misses, before.misses),
-            (&mut self.page_ins, before.page_ins),
-            (&mut self.repeated_page_ins, before.repeated_page_ins),
-            (&mut self.evictions, before.evictions),
-            (&mut self.cancelled, before.cancelled),
-            (&mut self.states_forgotten, before.states_forgotten),
-            (&mut self.reads, before.reads),
-            (&mut self.merged_reads, before.merged_reads),
-            (&mut self.failed_reads, before.failed_reads),
-            (&mut self.retried_reads, before.retried_reads),
-            (&mut self.bytes_read, before.bytes_read),
-            (&mut self.bytes_decoded, before.bytes_decoded),
-        ];
-        for (count, before) in counts {
-            *count -= before;
-        }
-        self.read_ms -= before.read_ms;
-        self.wait_ms -= before.wait_ms;
-        self.decode_ms -= before.decode_ms;
-        self.plan_ms -= before.plan_ms;
+        self.streaming = self.streaming.since(&before.streaming);
         for (level, before) in self.bricks_by_level.iter_mut().zip(&before.bricks_by_level) {
             level.page_ins -= before.page_ins;
             level.bytes_read -= before.bytes_read;
@@ -257,7 +194,7 @@ impl FrameStats {
 
     /// Fills in all that the streamer knows.
     pub fn gather_streamer(&mut self, streamer: &Streamer) {
-        let (states, cache, counters) = (streamer.states(), streamer.cache(), streamer.counters());
+        let (states, cache) = (streamer.states(), streamer.cache());
         let pyramid = streamer.container().pyramid();
         self.bricks_total = pyramid.brick_count();
         let met = StateKind::ALL.into_iter().filter(|&kind| kind != StateKind::Unknown);
@@ -273,32 +210,72 @@ impl FrameStats {
                     too_coarse: states.count(lod, StateKind::TooCoarse),
                     failed: states.count(lod, StateKind::Failed),
                     page_ins: states.page_ins(lod),
-                    bytes_read: counters.record_bytes[level],
+                    bytes_read: streamer.record_bytes(lod),
                 }
             })
             .collect();
-        let host = cache.counters();
-        (self.uses, self.misses, self.evictions) = (host.hits, host.misses, host.evictions);
-        self.page_ins = self.bricks_by_level.iter().map(|l| l.page_ins).sum();
-        self.repeated_page_ins = states.repeated_page_ins();
-        self.cancelled = counters.cancelled;
-        self.states_forgotten = states.forgotten();
-        self.reads = counters.io.reads;
-        self.merged_reads = counters.io.merged_reads;
-        self.failed_reads = counters.io.failed_reads;
-        self.retried_reads = counters.io.retried_reads;
-        self.wait_ms = counters.wait_time.as_secs_f64() * 1e3;
-        self.bytes_read = counters.io.bytes_read;
-        self.bytes_decoded = counters.bytes_decoded;
-        self.read_ms = counters.io.time.as_secs_f64() * 1e3;
-        self.decode_ms = counters.decode_time.as_secs_f64() * 1e3;
-        self.plan_ms = counters.plan_time.as_secs_f64() * 1e3;
+        self.streaming = streamer.counters();
         self.host_cache_bytes = cache.bytes();
-        self.host_cache_peak_bytes = host.peak_bytes;
+        self.host_cache_peak_bytes = cache.peak_bytes();
         self.host_cache_budget_bytes = cache.budget_bytes();
         self.bricks_failed = states.total(StateKind::Failed);
         self.failures = states.failures().to_vec();
-        self.error_bound = counters.error_bound;
-        self.bricks_without_bound = counters.drawn_without_bound;
+        let drawn = streamer.drawn_errors();
+        (self.error_bound, self.bricks_without_bound) = (drawn.bound, drawn.without_bound);
+    }
+
+    /// Fills in all that the ray caster knows but its errors.
+    pub fn gather_caster(&mut self, totals: CasterTotals) {
+        (self.casting, self.instructions) = (totals.rays, totals.instructions);
+        if let Some(device) = totals.device {
+            self.device = device.counters;
+            self.gpu_bytes = device.planned_bytes;
+            self.gpu_dispatch_ms_max = device.dispatch_ms_max;
+            self.adapter = Some(device.adapter);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every key of a `--stats` file that somebody may read: none may be missing, none may hold something nested.
+    const KEYS: &str = "
+        image_width image_height backend no_gpu_because adapter_is_software instructions adapter threads
+        mode level converged passes bands bricks_total bricks_by_state bricks_by_level uses misses page_ins
+        repeated_page_ins evictions cancelled states_forgotten reads merged_reads failed_reads bytes_read
+        bytes_decoded retried_reads read_ms wait_ms decode_ms plan_ms upload_ms render_ms total_ms cpu_ms
+        peak_rss_bytes host_cache_bytes host_cache_peak_bytes host_cache_budget_bytes host_budget_bytes
+        gpu_bytes gpu_budget_bytes gpu_page_ins gpu_anomalies gpu_dispatch_ms_max gpu_lost_because rays
+        rays_terminated_early samples cells cells_refined cells_exact macro_cells macro_cells_skipped
+        fallbacks bricks_missing_at_deadline pixels_unfinished coarsest_pixel bricks_failed failures
+        max_error_requested error_bound bricks_without_bound reference_capped_pieces error_predicted
+        error_stated error_measured
+    ";
+
+    #[test]
+    fn no_key_of_the_statistics_is_lost_and_each_stands_alone() {
+        let json = serde_json::to_value(FrameStats::default()).unwrap();
+        let found: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
+        let mut expected: Vec<&str> = KEYS.split_whitespace().collect();
+        expected.sort_unstable();
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn counts_stand_in_the_keys_that_name_them() {
+        let stats = FrameStats {
+            streaming: StreamCounters { page_ins: 1, wait_ms: 0.5, ..StreamCounters::default() },
+            casting: RayCounters { samples: 2, rays_waiting: 3, ..RayCounters::default() },
+            device: DeviceCounters { page_ins: 4, anomalies: 5, upload_ms: 6.5, ..DeviceCounters::default() },
+            ..FrameStats::default()
+        };
+        let json = serde_json::to_value(&stats).unwrap();
+        assert_eq!((&json["page_ins"], &json["wait_ms"], &json["samples"]), (&1.into(), &0.5.into(), &2.into()));
+        assert_eq!(
+            (&json["gpu_page_ins"], &json["gpu_anomalies"], &json["upload_ms"]),
+            (&4.into(), &5.into(), &6.5.into())
+        );
     }
 }

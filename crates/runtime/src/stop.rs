@@ -1,33 +1,11 @@
 //! When work stops that can be given up: at a time, or when somebody says so.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+
+pub use supervol_format::canceller::Canceller;
 
 /// What is begun before the time is up goes on so long at least: however short the steps are, each comes some way.
 pub const LEAST_STEP: Duration = Duration::from_millis(1);
-
-/// Stops work from another thread. Clones stop the same work.
-#[derive(Debug, Clone, Default)]
-pub struct Canceller(Arc<AtomicBool>);
-
-impl Canceller {
-    /// The work in progress stops soon; where there is none, the next one does at once.
-    pub fn cancel(&self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-
-    /// Whether somebody wants the work to stop.
-    #[must_use]
-    pub fn is_cancelled(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
-    }
-
-    /// The work has stopped: whether somebody wanted that. The next one goes on.
-    pub(crate) fn take(&self) -> bool {
-        self.0.swap(false, Ordering::Relaxed)
-    }
-}
 
 /// When work stops.
 #[derive(Debug, Clone, Default)]

@@ -181,18 +181,15 @@ impl InUnits {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::Frame;
 
     fn facts(value: f64, spacing: f64, origin: f64) -> VolumeFacts {
         VolumeFacts {
-            frame: Frame::Unknown,
-            histogram: vec![],
-            dims: Dims([30, 20, 10]),
-            geometry: Geometry { spacing: [spacing; 3], origin: [origin; 3], ..Geometry::IDENTITY },
-            value_range: ValueRange { min: -0.5 * value, max: value },
-            percentiles: vec![],
-            kind: DataKind::Generic,
             has_zero_centre: true,
+            ..VolumeFacts::plain(
+                Dims([30, 20, 10]),
+                Geometry { spacing: [spacing; 3], origin: [origin; 3], ..Geometry::IDENTITY },
+                ValueRange { min: -0.5 * value, max: value },
+            )
         }
     }
 

@@ -77,7 +77,7 @@ fn without_any_time_it_is_a_sketch_of_the_whole() {
         assert_whole(&image, &stats);
         let pixels = u64::from(SIZE[0]) * u64::from(SIZE[1]);
         assert!(stats.pixels_unfinished == pixels && stats.coarsest_pixel == 4, "{stats:#?}");
-        assert_eq!(stats.page_ins, 1, "only the coarsest brick is read");
+        assert_eq!(stats.streaming.page_ins, 1, "only the coarsest brick is read");
         let black = Image { pixels: vec![[0.0; 4]; expected.pixels.len()], ..expected.clone() };
         let (sketch, nothing) = (mean_difference(&image, &expected), mean_difference(&black, &expected));
         assert!(sketch < 0.25 * nothing, "{mode}: off by {sketch} where black is off by {nothing}");

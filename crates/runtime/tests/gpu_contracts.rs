@@ -8,7 +8,7 @@ use std::time::Instant;
 use gpu_support::{F32, TestVolume, U8, brick, gpu, greatest_difference, marschner_lobb, pyramid};
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_runtime::clip::{IndexRay, clip_slab};
-use supervol_runtime::facts::{DataKind, Frame, VolumeFacts};
+use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::image::{Image, greatest};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, Skipping, cast_pass};
@@ -128,16 +128,7 @@ fn far_scene(camera: &str, mode: &str, length: usize, value_range: ValueRange, c
             "transfer_function": {{"points": [{{"value": 0, "color": [1, 1, 1], "alpha": 0}},
                                               {{"value": 1, "color": [1, 1, 1], "alpha": 1}}]}}}}"#
     );
-    let facts = VolumeFacts {
-        dims: Dims([length as u64, 64, 64]),
-        geometry: Geometry::IDENTITY,
-        value_range,
-        percentiles: Vec::new(),
-        frame: Frame::Unknown,
-        histogram: Vec::new(),
-        kind: DataKind::Generic,
-        has_zero_centre: false,
-    };
+    let facts = VolumeFacts::plain(Dims([length as u64, 64, 64]), Geometry::IDENTITY, value_range);
     Scene::from_json(&json).expect("a valid scene").resolve(&facts).expect("a scene for this volume")
 }
 
@@ -222,7 +213,8 @@ fn feedback_names_misses_uses_and_evictions() {
     };
     assert!(expected.contains(&evicted) && !renderer.is_resident(evicted) && renderer.is_resident(keys[2]));
     let stats = renderer.stats();
-    assert_eq!((stats.insertions, stats.evictions, stats.slots_used, stats.passes), (3, 1, 2, 2));
+    let did = &stats.counters;
+    assert_eq!((did.page_ins, did.evictions, stats.slots_used, did.passes), (3, 1, 2, 2));
 }
 
 /// Grey levels of 255: rays that waited for bricks began anew at faces of cells.
@@ -237,7 +229,7 @@ fn another_look_or_view_uploads_no_brick() {
     let first = volume.scene(SCENE);
     let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &first, FINEST, options).unwrap();
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
-    let bytes = renderer.stats().upload_bytes;
+    let bytes = renderer.stats().counters.upload_bytes;
     let view = SCENE.replace("[75, 55, 95]", "[-60, 70, 40]");
     let look = view.replace(r#""alpha": 0.01"#, r#""alpha": 0"#).replace("0.5, 0]", "0.2, 0.9]");
     let mode = look.replacen('{', r#"{"mode": "mip", "#, 1);
@@ -251,7 +243,7 @@ fn another_look_or_view_uploads_no_brick() {
             assert!(difference < ROUNDING, "{name}: {difference}");
         }
     }
-    assert_eq!(renderer.stats().upload_bytes, bytes);
+    assert_eq!(renderer.stats().counters.upload_bytes, bytes);
     let larger = volume.scene(&SCENE.replace(r#""width": 32"#, r#""width": 320"#));
     assert!(!renderer.set_scene(&volume.gpu_volume(), &larger, FINEST, true).unwrap(), "there is no room for its rays");
 }
@@ -320,7 +312,7 @@ fn memory_growth(gpu: &GpuDevice, frames: u64, passes: u64) -> Option<(u64, u64)
             before = resident_bytes()?;
         }
     }
-    Some((resident_bytes()?.saturating_sub(before), renderer.stats().dispatches))
+    Some((resident_bytes()?.saturating_sub(before), renderer.stats().counters.dispatches))
 }
 
 /// Memory that grows by more than this, whatever is drawn, is lost. A shader that is compiled at every dispatch takes 4 MiB.

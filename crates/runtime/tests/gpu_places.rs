@@ -15,7 +15,7 @@ use supervol_format::random::Random;
 use supervol_format::{BrickIndex, BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
 use supervol_runtime::camera::Projection;
 use supervol_runtime::clip::{IndexRay, Segment, clip_ray};
-use supervol_runtime::facts::{DataKind, Frame, VolumeFacts};
+use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::gpu::layout::{
     PAGE_FAILED, PAGE_MISSING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, STATUS_ACTIVE, Scene as GpuScene, SlotGrid,
 };
@@ -92,16 +92,7 @@ struct Setting {
 impl Setting {
     /// Levels are chosen so that voxels cover at most `voxel_pixels`: bricks of several levels are met.
     fn new(dims: [usize; 3], core: u32, geometry: Geometry, camera: &str, voxel_pixels: f64) -> Self {
-        let facts = VolumeFacts {
-            dims: Dims(dims.map(|n| n as u64)),
-            geometry,
-            value_range: RANGE,
-            percentiles: Vec::new(),
-            frame: Frame::Unknown,
-            histogram: Vec::new(),
-            kind: DataKind::Generic,
-            has_zero_centre: false,
-        };
+        let facts = VolumeFacts::plain(Dims(dims.map(|n| n as u64)), geometry, RANGE);
         let json = format!(
             r#"{{"camera": {{{camera}}}, "image": {{"width": 64, "height": 64}}, "transfer_function": "grey",
                 "shading": {{}}}}"#

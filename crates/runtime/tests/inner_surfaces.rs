@@ -11,6 +11,7 @@ mod containers;
 mod support;
 
 use containers::{container_bytes, open};
+use supervol_format::random::Random;
 use supervol_format::{Lod, VoxelType};
 use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions};
 use supervol_runtime::image::{GREY_LEVELS, Image};
@@ -19,7 +20,7 @@ use supervol_runtime::raycast::cpu::Skipping;
 use supervol_runtime::renderer::{PickedOn, Renderer, render, render_with_errors};
 use supervol_runtime::scene::{ResolvedScene, Scene};
 use supervol_runtime::volume::Volume as OpenVolume;
-use support::{Bricked, Random, Volume, difference, marschner_lobb, noise, points, reference, scene, stable};
+use support::{Bricked, Volume, difference, marschner_lobb, noise, points, reference, scene, stable};
 
 const SEED: u64 = 25;
 /// Grey levels off silhouettes.
@@ -97,10 +98,10 @@ fn random_scene(random: &mut Random, volume: &Volume, size: f64, rest: &str) -> 
     let centre = volume.dims.map(|n| n as f64 / 2.0);
     let direction = [0; 3].map(|_| random.unit() - 0.5);
     let length = direction.iter().map(|d| d * d).sum::<f64>().sqrt().max(0.01);
-    let far = [70.0, 45.0, 6.0][random.below(3)];
+    let far = [70.0, 45.0, 6.0][random.index(3)];
     let eye: [f64; 3] = std::array::from_fn(|a| centre[a] + far * direction[a] / length);
     let [eye, target] = [eye, centre].map(|p| world.transform_point3(p.into()).to_array());
-    let lens = if random.below(3) == 0 { r#""height": 40"# } else { r#""fov_y": 40"# };
+    let lens = if random.index(3) == 0 { r#""height": 40"# } else { r#""fov_y": 40"# };
     let alpha = random.between(0.02, 0.2);
     let tf = points(
         1.0,
@@ -108,12 +109,12 @@ fn random_scene(random: &mut Random, volume: &Volume, size: f64, rest: &str) -> 
     );
     let of = |random: &mut Random, alpha: f64| {
         let value = size * random.between(0.15, 0.9);
-        let value = if size > 1.0 && random.below(2) == 0 { value.round() } else { value };
+        let value = if size > 1.0 && random.index(2) == 0 { value.round() } else { value };
         format!(r#"{{"value": {value}, "color": [0.9, {alpha}, 0.4], "alpha": {alpha}}}"#)
     };
     let all: Vec<String> = [0.3, 0.6, 1.0].map(|alpha| of(random, alpha)).into();
-    let surfaces = all[..1 + random.below(3)].join(", ");
-    let shading = if random.below(2) == 0 { r#"{}"# } else { "null" };
+    let surfaces = all[..1 + random.index(3)].join(", ");
+    let shading = if random.index(2) == 0 { r#"{}"# } else { "null" };
     let json = format!(
         r#"{{"camera": {{"eye": {eye:?}, "target": {target:?}, "up": [0.1, 0.2, 1], {lens}}}, "mode": "dvr",
             "image": {{"width": 15, "height": 12}}, "transfer_function": {tf}, "iso": [{surfaces}], "shading": {shading}{rest}}}"#
@@ -122,12 +123,12 @@ fn random_scene(random: &mut Random, volume: &Volume, size: f64, rest: &str) -> 
 }
 
 fn random_volume(random: &mut Random, index: usize) -> (Volume, f64) {
-    let dims = [0; 3].map(|_| 18 + random.below(20));
+    let dims = [0; 3].map(|_| 18 + random.index(20));
     let voxel_type = [VoxelType::F32, VoxelType::U8, VoxelType::I16][index % 3];
     let size = if voxel_type == VoxelType::F32 { 1.0 } else { 120.0 };
     let frequency = random.between(0.2, 0.7);
     let wave = move |p: [f64; 3]| 0.5 + 0.5 * (frequency * (p[0] + 0.7 * p[1] + 1.3 * p[2])).sin();
-    let volume = match random.below(3) {
+    let volume = match random.index(3) {
         0 => Volume::new(dims, voxel_type, move |p| size * wave(p)),
         1 => Volume::new(dims, voxel_type, move |p| size * noise(p)),
         _ => Volume::new(dims, voxel_type, move |p| size * marschner_lobb(dims[0])(p)),
@@ -146,7 +147,7 @@ fn random_volume(random: &mut Random, index: usize) -> (Volume, f64) {
 
 #[test]
 fn random_scenes_agree_with_the_reference() {
-    let mut random = Random(SEED);
+    let mut random = Random::new(SEED);
     let (mut pixels, mut all) = (0, 0);
     for index in 0..12 {
         let (volume, size) = random_volume(&mut random, index);

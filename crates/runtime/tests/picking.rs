@@ -156,7 +156,7 @@ fn picking_reads_the_ray_and_changes_no_picture() {
     assert!(first.is_some());
     let mut stats = FrameStats::default();
     stats.gather_streamer(renderer.streamer().unwrap());
-    let read = stats.page_ins;
+    let read = stats.streaming.page_ins;
     assert!((1..=4).contains(&read), "{read} bricks for a ray along 2");
     assert!(renderer.advance(None).unwrap().is_converged);
     assert_eq!(renderer.picture().unwrap().pixels, expected.pixels);

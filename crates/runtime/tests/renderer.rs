@@ -147,13 +147,16 @@ fn nothing_that_is_loaded_is_read_again() {
     renderer.set_scene(scene_of(&volume, FIRST));
     renderer.advance(None).unwrap();
     let first = renderer.stats();
-    assert!(first.page_ins > 20 && first.repeated_page_ins == 0, "{first:#?}");
+    assert!(first.streaming.page_ins > 20 && first.streaming.repeated_page_ins == 0, "{first:#?}");
     for wanted in [FIRST, Wanted { eye: [180.0, -140.0, 110.0], ..FIRST }, Wanted { opacity: 0.8, ..FIRST }] {
         renderer.set_scene(scene_of(&volume, wanted));
         renderer.begin_anew();
         renderer.advance(None).unwrap();
         let stats = renderer.stats();
-        assert!(stats.page_ins <= 4 && stats.repeated_page_ins == 0 && stats.converged, "{stats:#?}");
+        assert!(
+            stats.streaming.page_ins <= 4 && stats.streaming.repeated_page_ins == 0 && stats.converged,
+            "{stats:#?}"
+        );
     }
     // A picture that has converged is not drawn again.
     renderer.set_scene(scene_of(&volume, Wanted { opacity: 0.8, ..FIRST }));
@@ -246,16 +249,16 @@ fn reading_goes_on_between_two_steps() {
     renderer.set_scene(scene.clone());
     // The first step waits for the coarsest level, whatever it takes. Later ones are too short for any read that they begin.
     renderer.advance(Some(Instant::now())).unwrap();
-    let coarse = renderer.stats().page_ins;
+    let coarse = renderer.stats().streaming.page_ins;
     let mut stats = renderer.stats();
     while !stats.converged {
         renderer.advance(Some(Instant::now() + delay / 3)).unwrap();
         stats = renderer.stats();
         std::thread::sleep(2 * delay);
     }
-    assert!(stats.page_ins > coarse && stats.fallbacks > 0, "{stats:#?}");
+    assert!(stats.streaming.page_ins > coarse && stats.fallbacks > 0, "{stats:#?}");
     assert!(*renderer.picture().unwrap() == expected(&open(&container_bytes(&volume, 16)), &scene, level));
-    assert_eq!(stats.repeated_page_ins, 0);
+    assert_eq!(stats.streaming.repeated_page_ins, 0);
 }
 
 /// A budget that is too small for one picture is an error of that picture, and of no other.
@@ -319,7 +322,7 @@ fn looking_ahead_reads_what_the_next_picture_wants() {
                 renderer.set_scene(scene.clone());
                 assert!(renderer.advance(None).unwrap().is_converged);
                 assert!(*renderer.picture().unwrap() == expected(&container, &scene, LevelChoice::Fixed(Lod::FINEST)));
-                of_frames += if i < 2 { 0 } else { renderer.stats().page_ins };
+                of_frames += if i < 2 { 0 } else { renderer.stats().streaming.page_ins };
                 if is_ahead {
                     let ahead = renderer.look_ahead(None).unwrap();
                     assert!(i > 0 || ahead.page_ins == 0, "the camera has not moved");
@@ -329,7 +332,10 @@ fn looking_ahead_reads_what_the_next_picture_wants() {
                     assert!(renderer.advance(None).unwrap().is_converged);
                     renderer.begin_anew();
                     renderer.advance(None).unwrap();
-                    assert!(renderer.stats().page_ins == 0 || cache_bytes == Some(60_000), "bricks of it have left");
+                    assert!(
+                        renderer.stats().streaming.page_ins == 0 || cache_bytes == Some(60_000),
+                        "bricks of it have left"
+                    );
                 }
                 let stats = renderer.stats();
                 assert!(stats.host_cache_peak_bytes <= stats.host_cache_budget_bytes);

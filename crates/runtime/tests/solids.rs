@@ -180,7 +180,7 @@ fn pictures_in_steps_are_those_in_one_go() {
         let expected = drawn(&container, &scene);
         let few = RenderOptions { cache_bytes: Some(64 << 10), ..options(LevelChoice::Auto) };
         let (picture, stats) = render(&container, &scene, &few).unwrap();
-        assert!(stats.evictions > 0, "the cache holds everything");
+        assert!(stats.streaming.evictions > 0, "the cache holds everything");
         assert_eq!(picture.pixels, expected.pixels, "{more}: small cache");
         let mut renderer = Renderer::new(Opened::of(container.clone()), options(LevelChoice::Auto)).unwrap();
         renderer.set_scene(scene);

@@ -4,7 +4,7 @@ mod support;
 
 use supervol_format::{Lod, VoxelType};
 use supervol_runtime::lod::LodChoice;
-use supervol_runtime::raycast::cpu::{Counters, Skipping};
+use supervol_runtime::raycast::cpu::{RayCounters, Skipping};
 use supervol_runtime::scene::ResolvedScene;
 use support::{Bricked, Volume, difference, marschner_lobb, noise, points, reference, scene};
 
@@ -22,7 +22,7 @@ fn everywhere() -> String {
 }
 
 /// Values classified per cell: two where cells are taken one by one.
-fn samples_per_cell(counters: &Counters) -> f64 {
+fn samples_per_cell(counters: &RayCounters) -> f64 {
     counters.samples as f64 / counters.cells as f64
 }
 

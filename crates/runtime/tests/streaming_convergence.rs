@@ -167,17 +167,20 @@ fn skipping_bands_and_slow_sources_change_nothing() {
     let (expected, whole) = render_planned(&container, &scene, &FINEST, plan, 2).unwrap();
     let no_skipping = RenderOptions { skipping: Skipping::Off, ..FINEST };
     let (image, stats) = render_planned(&container, &scene, &no_skipping, plan, 2).unwrap();
-    assert!(image == expected && stats.page_ins > whole.page_ins, "invisible bricks are read where nothing is skipped");
+    assert!(
+        image == expected && stats.streaming.page_ins > whole.streaming.page_ins,
+        "invisible bricks are read where nothing is skipped"
+    );
     for band_rows in [1, 7, 35] {
         let plan = supervol_runtime::streamer::budget::HostPlan { band_rows, ..plan };
         let (image, stats) = render_planned(&container, &scene, &FINEST, plan, 2).unwrap();
         assert!(image == expected);
-        assert_eq!((stats.bands, stats.rays), (36u64.div_ceil(u64::from(band_rows)), 4 * 40 * 36));
+        assert_eq!((stats.bands, stats.casting.rays), (36u64.div_ceil(u64::from(band_rows)), 4 * 40 * 36));
     }
     let slow = Faulty::slow(bytes, Duration::from_millis(2));
     let container = Arc::new(Container::from_source(slow).unwrap());
     let (image, stats) = render_planned(&container, &scene, &FINEST, plan, 2).unwrap();
-    assert!(image == expected && stats.read_ms >= 2.0 * stats.reads as f64);
+    assert!(image == expected && stats.streaming.read_ms >= 2.0 * stats.streaming.reads as f64);
 }
 
 /// Page-ins over distinct bricks, for a cache with this share of the working set.
@@ -191,19 +194,23 @@ fn repeats(
     let scene = scene(volume, scene_json);
     let options = RenderOptions { level, ..FINEST };
     let (expected, all) = render_planned(container, &scene, &options, plan(container, &scene, 10_000), 2).unwrap();
-    assert_eq!(all.repeated_page_ins, 0);
-    let bricks = ((all.page_ins as f64 * share) as u64).max(1);
+    assert_eq!(all.streaming.repeated_page_ins, 0);
+    let bricks = ((all.streaming.page_ins as f64 * share) as u64).max(1);
     let (image, stats) = render_planned(container, &scene, &options, plan(container, &scene, bricks), 2).unwrap();
     assert!(image == expected);
-    assert_eq!(stats.page_ins - stats.repeated_page_ins, all.page_ins, "the same bricks are wanted");
+    assert_eq!(
+        stats.streaming.page_ins - stats.streaming.repeated_page_ins,
+        all.streaming.page_ins,
+        "the same bricks are wanted"
+    );
     eprintln!(
         "{level:?}, cache {bricks} of {} bricks: {} passes instead of {}, {} page-ins repeated ({:.3}x), {} reads",
-        all.page_ins,
+        all.streaming.page_ins,
         stats.passes,
         all.passes,
-        stats.repeated_page_ins,
-        stats.page_ins as f64 / all.page_ins as f64,
-        stats.reads
+        stats.streaming.repeated_page_ins,
+        stats.streaming.page_ins as f64 / all.streaming.page_ins as f64,
+        stats.streaming.reads
     );
     stats
 }
@@ -226,10 +233,13 @@ fn each_brick_is_read_once_even_with_a_cache_far_smaller_than_the_working_set() 
         let json = format!(r#"{{"camera": {{{camera}}}, {image}, "transfer_function": {tf}}}"#);
         for share in [0.25, 0.05, 0.0] {
             let stats = repeats(&container, &json, &volume, LevelChoice::Fixed(Lod(0)), share);
-            assert_eq!(stats.repeated_page_ins, 0, "share {share}, camera {camera}");
+            assert_eq!(stats.streaming.repeated_page_ins, 0, "share {share}, camera {camera}");
         }
         let stats = repeats(&container, &json, &volume, LevelChoice::Auto, 0.25);
-        assert!(stats.page_ins as f64 <= 1.5 * (stats.page_ins - stats.repeated_page_ins) as f64);
+        assert!(
+            stats.streaming.page_ins as f64
+                <= 1.5 * (stats.streaming.page_ins - stats.streaming.repeated_page_ins) as f64
+        );
     }
 }
 
@@ -285,7 +295,7 @@ fn a_time_budget_of_nothing_gives_a_complete_coarse_picture() {
         let options = RenderOptions { time_budget_ms: Some(0), ..FINEST };
         let (image, stats) = render(&container, &scene, &options).unwrap();
         assert!(!stats.converged && stats.fallbacks > 0, "{stats:#?}");
-        assert_eq!((stats.passes, stats.page_ins), (1, 1), "only the coarsest brick is read");
+        assert_eq!((stats.passes, stats.streaming.page_ins), (1, 1), "only the coarsest brick is read");
         assert!(stats.error_bound > 0.9, "the coarsest level's bound");
         let coarsest = RenderOptions { level: LevelChoice::Fixed(Lod(2)), ..FINEST };
         let (expected, _) = render(&container, &scene, &coarsest).unwrap();
@@ -310,7 +320,7 @@ fn a_time_budget_in_the_middle_gives_a_complete_picture_that_gets_better() {
         result
     };
     let (early, stats) = error_after(40);
-    assert!(!stats.converged && stats.page_ins > 1 && stats.bricks_missing_at_deadline > 0, "{stats:#?}");
+    assert!(!stats.converged && stats.streaming.page_ins > 1 && stats.bricks_missing_at_deadline > 0, "{stats:#?}");
     assert!(early != expected);
     let (late, stats) = error_after(60_000);
     assert!(stats.converged && late == expected && stats.error_bound == 0.0, "{stats:#?}");
@@ -346,7 +356,10 @@ fn statistics_are_one_flat_object_with_the_promised_keys() {
         assert!(json[key].is_number(), "{key}");
     }
     assert!(stats.render_ms > 0.0 && stats.total_ms >= stats.render_ms);
-    assert!(stats.rays == 40 * 36 && stats.samples > 0 && stats.macro_cells_skipped > 0, "{stats:#?}");
-    assert_eq!(stats.page_ins, stats.bricks_by_level.iter().map(|l| l.page_ins).sum::<u64>());
+    assert!(
+        stats.casting.rays == 40 * 36 && stats.casting.samples > 0 && stats.casting.macro_cells_skipped > 0,
+        "{stats:#?}"
+    );
+    assert_eq!(stats.streaming.page_ins, stats.bricks_by_level.iter().map(|l| l.page_ins).sum::<u64>());
     assert!(stats.bricks_by_state["nothing"] > 0 && stats.bricks_by_level[0].nothing > 0, "{stats:#?}");
 }

@@ -80,7 +80,11 @@ fn a_brick_that_always_fails_is_drawn_from_its_parent_and_costs_no_other() {
         assert_eq!(stats.failures.len(), 1);
         assert!(stats.failures[0].brick.contains("(1, 0, 1)"), "{:?}", stats.failures);
         assert_eq!(stats.bricks_by_level[0].failed, 1);
-        assert_eq!(stats.page_ins - stats.repeated_page_ins, healthy.page_ins, "one brick less, its parent more");
+        assert_eq!(
+            stats.streaming.page_ins - stats.streaming.repeated_page_ins,
+            healthy.streaming.page_ins,
+            "one brick less, its parent more"
+        );
         assert!(stats.error_bound > 0.0 && healthy.error_bound == 0.0);
         assert!(image != expected && image.pixels.iter().flatten().all(|v| v.is_finite()));
         let changed = image.pixels.iter().zip(&expected.pixels).filter(|(a, b)| a != b).count();
@@ -155,7 +159,7 @@ fn a_chain_of_failures_up_to_the_coarsest_draws_nothing_there_and_says_so() {
     };
     let (image, stats) = render_faulty(&volume, &bytes, rule);
     assert!(image.pixels.iter().all(|p| *p == [0.0; 4]), "nothing can be drawn");
-    assert_eq!(stats.page_ins, 0);
+    assert_eq!(stats.streaming.page_ins, 0);
     assert_eq!(stats.failures.len(), 16, "the first sixteen are listed");
     assert!(stats.bricks_failed > 16 && stats.bricks_by_level[2].failed == 1, "{stats:#?}");
 }
@@ -169,7 +173,10 @@ fn a_table_of_contents_that_cannot_be_read_fails_its_bricks() {
     let (image, stats) =
         render_faulty(&volume, &bytes, move |_, read| if overlaps(&read, &toc) { Fault::Error } else { Fault::None });
     assert!(image.pixels.iter().all(|p| *p == [0.0; 4]));
-    assert!(stats.bricks_failed > 0 && stats.reads == 0 && stats.failures[0].reason.contains("TOC page"), "{stats:#?}");
+    assert!(
+        stats.bricks_failed > 0 && stats.streaming.reads == 0 && stats.failures[0].reason.contains("TOC page"),
+        "{stats:#?}"
+    );
 
     let mut damaged = bytes.clone();
     damaged[sections.toc_offset as usize + 100] ^= 4;
@@ -202,7 +209,7 @@ fn any_single_read_may_fail() {
             let (image, stats) = render_faulty(&volume, &bytes, move |n, _| if n == bad { fault } else { Fault::None });
             // A read of records that fails once is tried again; the TOC's page fails the bricks that were wanted then.
             if stats.bricks_failed == 0 {
-                assert!(image == expected && stats.failed_reads == 1, "read {bad}");
+                assert!(image == expected && stats.streaming.failed_reads == 1, "read {bad}");
             } else {
                 assert!(stats.failures[0].reason.contains("TOC page"), "read {bad}: {:?}", stats.failures);
             }

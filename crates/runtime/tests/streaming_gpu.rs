@@ -75,11 +75,14 @@ fn the_picture_is_the_cpu_s_for_every_budget() {
             let error = difference(&image, &expected);
             eprintln!(
                 "{mode}, {gpu_memory_bytes} bytes: {error:.4}/255, {} passes, {} uploads, {} page-ins",
-                stats.passes, stats.gpu_page_ins, stats.page_ins
+                stats.passes, stats.device.page_ins, stats.streaming.page_ins
             );
             assert!(error <= TOLERANCE, "{mode}: {error}/255");
             assert!(stats.converged && stats.backend == "gpu" && stats.adapter.is_some());
-            assert!(stats.gpu_bytes <= gpu_memory_bytes && stats.page_ins <= cpu.page_ins * 3 / 2, "{stats:#?}");
+            assert!(
+                stats.gpu_bytes <= gpu_memory_bytes && stats.streaming.page_ins <= cpu.streaming.page_ins * 3 / 2,
+                "{stats:#?}"
+            );
         }
     }
 }
@@ -106,12 +109,15 @@ fn a_host_cache_of_about_one_brick_feeds_the_gpu_too() {
     for gpu_memory_bytes in [least_gpu, least_gpu + 100_000] {
         let (image, stats) = small(budget.needed_bytes, gpu_memory_bytes).unwrap();
         assert!(difference(&image, &expected) <= TOLERANCE);
-        let page_ins = (stats.page_ins, stats.repeated_page_ins);
+        let page_ins = (stats.streaming.page_ins, stats.streaming.repeated_page_ins);
         eprintln!(
             "{} bytes of cache: {page_ins:?} page-ins, {} uploads",
-            stats.host_cache_budget_bytes, stats.gpu_page_ins
+            stats.host_cache_budget_bytes, stats.device.page_ins
         );
-        assert!(stats.host_cache_budget_bytes < 30_000 && stats.repeated_page_ins * 2 <= stats.page_ins, "{stats:#?}");
+        assert!(
+            stats.host_cache_budget_bytes < 30_000 && stats.streaming.repeated_page_ins * 2 <= stats.streaming.page_ins,
+            "{stats:#?}"
+        );
     }
 }
 
@@ -133,7 +139,7 @@ fn the_next_picture_reads_and_uploads_nothing() {
         let (expected, _) = render(&container, &scene, &options).unwrap();
         assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING, "picture {side}");
         let stats = renderer.stats();
-        assert_eq!((stats.gpu_page_ins > 0, stats.page_ins > 0), (side == 0, side == 0), "{stats:#?}");
+        assert_eq!((stats.device.page_ins > 0, stats.streaming.page_ins > 0), (side == 0, side == 0), "{stats:#?}");
     }
     // Another look: what is asked for anew is in the host's cache or on the device.
     let other = the_scene(&volume, r#""mip""#);

@@ -227,6 +227,10 @@ fn a_second_frame_of_a_still_camera_reads_nothing() {
     };
     let (first, cold) = run();
     let (second, warm) = run();
-    assert!(first == second && cold.page_ins > 0);
-    assert_eq!((warm.page_ins, warm.reads, warm.passes), (cold.page_ins, cold.reads, 1), "totals since the start");
+    assert!(first == second && cold.streaming.page_ins > 0);
+    assert_eq!(
+        (warm.streaming.page_ins, warm.streaming.reads, warm.passes),
+        (cold.streaming.page_ins, cold.streaming.reads, 1),
+        "totals since the start"
+    );
 }

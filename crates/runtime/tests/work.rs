@@ -72,10 +72,14 @@ fn pictures_stay_and_sums_are_those_of_the_statistics() {
         assert!(picture == plain && maps.errors.is_none(), "{mode}{more}: another picture");
         let map = maps.work.expect("it was asked for");
         let [cells, leaps] = [0, 1].map(|channel| sum(&map, channel));
-        assert_eq!((cells, leaps), (stats.cells as f64, stats.macro_cells_skipped as f64), "{mode}{more}");
+        assert_eq!(
+            (cells, leaps),
+            (stats.casting.cells as f64, stats.casting.macro_cells_skipped as f64),
+            "{mode}{more}"
+        );
         // In company rays learn at other times that they have ended.
-        let share = cells / packets.cells as f64;
-        assert!((0.98..=1.02).contains(&share), "{mode}{more}: {cells} cells, {} in packets", packets.cells);
+        let share = cells / packets.casting.cells as f64;
+        assert!((0.98..=1.02).contains(&share), "{mode}{more}: {cells} cells, {} in packets", packets.casting.cells);
         assert!(map.pixels.iter().all(|pixel| pixel[2..] == [0.0, 1.0]), "{mode}{more}");
     }
 }

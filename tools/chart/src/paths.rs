@@ -247,9 +247,9 @@ fn ride(
         frames.push(FrameCost {
             ms: frame.ms,
             cpu_ms,
-            page_ins: stats.page_ins,
-            repeated_page_ins: stats.repeated_page_ins,
-            bytes_read: stats.bytes_read + ahead.bytes_read,
+            page_ins: stats.streaming.page_ins,
+            repeated_page_ins: stats.streaming.repeated_page_ins,
+            bytes_read: stats.streaming.bytes_read + ahead.bytes_read,
             page_ins_ahead: ahead.page_ins,
             unfinished: stats.pixels_unfinished as f64 / frame.image.pixels.len() as f64,
             coarsest_pixel: stats.coarsest_pixel,

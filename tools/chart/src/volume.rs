@@ -142,7 +142,7 @@ impl Volume {
     pub fn render(&self, scene: &ResolvedScene, options: &RenderOptions) -> Result<(Image, FrameStats), ChartError> {
         let (image, stats) = render(&self.container, scene, options)?;
         // A NaN in a picture would pass for no difference in many a measure.
-        let is_whole = stats.converged && stats.bricks_failed == 0 && stats.gpu_anomalies == 0 && image.is_finite();
+        let is_whole = stats.converged && stats.bricks_failed == 0 && stats.device.anomalies == 0 && image.is_finite();
         if !is_whole || stats.reference_capped_pieces > 0 {
             return Err(ChartError::Broken(format!(
                 "a picture of {} did not converge to numbers: {stats:?}",

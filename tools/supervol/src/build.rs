@@ -303,7 +303,7 @@ impl OutputArguments {
             memory_bytes: self.memory,
             threads: self.threads.map_or(default.threads, NonZero::get),
             existing: self.existing(),
-            stopper: default.stopper,
+            canceller: default.canceller,
         }
     }
 

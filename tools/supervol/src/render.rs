@@ -599,8 +599,8 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
         stats.image_height,
         stats.backend,
         stats.total_ms,
-        counted(stats.page_ins, "brick"),
-        show_bytes(stats.bytes_read),
+        counted(stats.streaming.page_ins, "brick"),
+        show_bytes(stats.streaming.bytes_read),
         show_bytes(stats.peak_rss_bytes),
         if stats.converged { "" } else { ", not converged" },
     )?;
@@ -639,7 +639,7 @@ fn print(output: &Path, stats: &FrameStats) -> std::io::Result<()> {
         )?;
     }
     if stats.bricks_failed > 0 {
-        let share = 100.0 * (stats.fallbacks as f64 / stats.rays.max(1) as f64).min(1.0);
+        let share = 100.0 * (stats.fallbacks as f64 / stats.casting.rays.max(1) as f64).min(1.0);
         let affected = if share >= 1.0 { format!("up to {share:.0} %") } else { "less than 1 %".into() };
         writeln!(
             out,

@@ -6,6 +6,8 @@ mod support;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use supervol_format::random::Random;
+
 use support::Folder;
 
 /// Kills in all.
@@ -27,11 +29,10 @@ fn fifty_kills_change_no_byte() {
         command.args(BUILD).args(["--brick=16", "-o", "killed.svol"]).current_dir(folder.0.path());
         command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts")
     };
-    let (mut seed, mut finished, mut went_on) = (1u64, 0, 0);
+    let (mut random, mut finished, mut went_on) = (Random::new(1), 0, 0);
     for kill in 0..KILLS {
         let mut child = start();
-        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        std::thread::sleep(Duration::from_millis(5 + (seed >> 33) % 120));
+        std::thread::sleep(Duration::from_millis(5 + random.below(120)));
         child.kill().expect("it is a child");
         child.wait().expect("it ends");
         let is_whole = std::path::Path::new(&folder.path("killed.svol")).exists();

@@ -286,22 +286,16 @@ fn resize(solid: &mut SolidSpec, by: f64, least: f64) {
 #[cfg(test)]
 mod tests {
     use supervol_format::{Dims, Geometry, ValueRange};
-    use supervol_runtime::facts::{DataKind, Frame};
     use supervol_runtime::scene::Mode;
 
     use super::*;
 
     fn facts() -> VolumeFacts {
-        VolumeFacts {
-            dims: Dims([10, 20, 40]),
-            geometry: Geometry { spacing: [2.0, 1.0, 0.5], ..Geometry::IDENTITY },
-            frame: Frame::Unknown,
-            value_range: ValueRange { min: 0.0, max: 1.0 },
-            percentiles: Vec::new(),
-            histogram: Vec::new(),
-            kind: DataKind::Generic,
-            has_zero_centre: false,
-        }
+        VolumeFacts::plain(
+            Dims([10, 20, 40]),
+            Geometry { spacing: [2.0, 1.0, 0.5], ..Geometry::IDENTITY },
+            ValueRange { min: 0.0, max: 1.0 },
+        )
     }
 
     /// Looks along y: x is to the right, z up.

@@ -205,21 +205,11 @@ pub fn light_from(camera: &CameraSpec, [right, above]: [f64; 2]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use supervol_format::{Dims, Geometry, ValueRange};
-    use supervol_runtime::facts::Frame;
 
     use super::*;
 
     fn facts() -> VolumeFacts {
-        VolumeFacts {
-            dims: Dims([10, 20, 1]),
-            geometry: Geometry::IDENTITY,
-            frame: Frame::Unknown,
-            value_range: ValueRange { min: 0.0, max: 100.0 },
-            percentiles: Vec::new(),
-            histogram: Vec::new(),
-            kind: DataKind::Generic,
-            has_zero_centre: false,
-        }
+        VolumeFacts::plain(Dims([10, 20, 1]), Geometry::IDENTITY, ValueRange { min: 0.0, max: 100.0 })
     }
 
     fn point(value: f64, grey: f64) -> PointSpec {

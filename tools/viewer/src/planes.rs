@@ -165,22 +165,16 @@ pub fn carry(scene: &mut Scene, from: &Geometry, to: &Geometry) {
 #[cfg(test)]
 mod tests {
     use supervol_format::{Dims, ValueRange};
-    use supervol_runtime::facts::{DataKind, Frame};
     use supervol_runtime::scene::PlaneSpec;
 
     use super::*;
 
     fn facts(spacing: [f64; 3]) -> VolumeFacts {
-        VolumeFacts {
-            dims: Dims([10, 20, 31]),
-            geometry: Geometry { origin: [600_000.0, -5.0, 100.0], spacing, ..Geometry::IDENTITY },
-            frame: Frame::Unknown,
-            value_range: ValueRange { min: 0.0, max: 100.0 },
-            percentiles: Vec::new(),
-            histogram: Vec::new(),
-            kind: DataKind::Generic,
-            has_zero_centre: false,
-        }
+        VolumeFacts::plain(
+            Dims([10, 20, 31]),
+            Geometry { origin: [600_000.0, -5.0, 100.0], spacing, ..Geometry::IDENTITY },
+            ValueRange { min: 0.0, max: 100.0 },
+        )
     }
 
     #[test]

@@ -35,7 +35,6 @@ use supervol_format::Container;
 use supervol_preprocess::preview::Preview;
 use supervol_preprocess::report::Progress as BuildProgress;
 use supervol_preprocess::source::Survey;
-use supervol_preprocess::stop::Stopper;
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::frame::RenderError;
 use supervol_runtime::image::Image;
@@ -279,7 +278,7 @@ struct Wishes {
     /// Stops an export.
     export_canceller: Option<Canceller>,
     /// Stops a build.
-    build_stopper: Option<Stopper>,
+    build_canceller: Option<Canceller>,
     /// Of a build: what there is to look at until it has ended, and what has come of it. With the number of its wish.
     preview: Option<(u64, Box<Preview>)>,
     built: Option<(u64, Result<PathBuf, Message>)>,
@@ -289,9 +288,9 @@ impl Wishes {
     /// The volume that is to be opened, and what stops its build from now on.
     fn opening(&mut self) -> Option<Work> {
         let open = self.open.take()?;
-        let stopper = Stopper::default();
-        self.build_stopper = Some(stopper.clone());
-        Some(Work::Open(open, stopper))
+        let canceller = Canceller::default();
+        self.build_canceller = Some(canceller.clone());
+        Some(Work::Open(open, canceller))
     }
 
     /// The first section that is wanted.
@@ -348,7 +347,7 @@ impl Desk {
 /// What to do next.
 enum Work {
     Quit,
-    Open(Open, Stopper),
+    Open(Open, Canceller),
     Preview(u64, Box<Preview>),
     Built(u64, Result<PathBuf, Message>),
     Settings(Settings),
@@ -477,8 +476,8 @@ impl Worker {
     pub fn cancel_build(&self) {
         self.desk.wish(|wishes| {
             wishes.open = None;
-            if let Some(stopper) = wishes.build_stopper.take() {
-                stopper.stop();
+            if let Some(canceller) = wishes.build_canceller.take() {
+                canceller.cancel();
             }
         });
     }

@@ -40,7 +40,7 @@ fn a_view_that_goes_on_turning_finds_its_bricks_in_memory() {
         session.press(Modifiers::NONE, Key::ArrowRight);
         session.rest();
         if turn > 0 {
-            of_pictures += session.viewer().picture().expect("a picture").stats.page_ins;
+            of_pictures += session.viewer().picture().expect("a picture").stats.streaming.page_ins;
         }
         session.until("all that the next picture wants is there", |session| {
             session.viewer().looked_ahead().is_some_and(|ahead| ahead.is_complete)

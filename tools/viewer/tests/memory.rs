@@ -4,8 +4,9 @@
 mod support;
 
 use eframe::egui::{Key, Modifiers};
+use supervol_tests::counting::{self, Counting};
+
 use support::Session;
-use support::counting::{self, Counting};
 
 #[global_allocator]
 static COUNTING: Counting = Counting;

@@ -10,10 +10,11 @@ use std::time::{Duration, Instant};
 
 use eframe::egui::{Key, Modifiers, PointerButton, Vec2};
 use supervol_format::Container;
+use supervol_format::random::Random;
 use supervol_runtime::scene::Scene;
+use supervol_tests::counting::{self, Counting};
 use supervol_viewer::worker::Settings;
 
-use support::counting::{self, Counting};
 use support::{Fault, Session};
 
 #[global_allocator]
@@ -27,31 +28,25 @@ const SLACK: usize = 4 << 20;
 const ROUNDS: usize = 6;
 const SEED: u64 = 20_261_123;
 
-/// Numbers that look random and are not (Knuth's constants): the same session every time.
-struct Dice(u64);
-
-impl Dice {
-    fn roll(&mut self, sides: usize) -> usize {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) as usize % sides
-    }
-}
-
 /// One thing that somebody does.
-fn act(session: &mut Session, dice: &mut Dice) {
+fn act(session: &mut Session, dice: &mut Random) {
     const KEYS: [Key; 10] =
         [Key::ArrowRight, Key::ArrowUp, Key::Plus, Key::Minus, Key::P, Key::Num4, Key::Num0, Key::T, Key::B, Key::W];
-    match dice.roll(9) {
-        0..=2 => session.press(Modifiers::NONE, KEYS[dice.roll(KEYS.len())]),
+    match dice.index(9) {
+        0..=2 => session.press(Modifiers::NONE, KEYS[dice.index(KEYS.len())]),
         3 => {
             let middle = session.node("Picture").rect().center();
-            session.drag(middle, Vec2::new(dice.roll(120) as f32 - 60.0, dice.roll(60) as f32), PointerButton::Primary);
+            session.drag(
+                middle,
+                Vec2::new(dice.index(120) as f32 - 60.0, dice.index(60) as f32),
+                PointerButton::Primary,
+            );
         }
-        4 => session.click(["Max", "Volume", "Iso", "Mean"][dice.roll(4)]),
-        5 => session.set(["x, first voxel", "y, last voxel"][dice.roll(2)], dice.roll(40) as f64 + 4.0),
-        6 => session.press(Modifiers::COMMAND, [Key::Z, Key::Y][dice.roll(2)]),
+        4 => session.click(["Max", "Volume", "Iso", "Mean"][dice.index(4)]),
+        5 => session.set(["x, first voxel", "y, last voxel"][dice.index(2)], dice.index(40) as f64 + 4.0),
+        6 => session.press(Modifiers::COMMAND, [Key::Z, Key::Y][dice.index(2)]),
         7 => {
-            let level = dice.roll(10) as f64 / 20.0;
+            let level = dice.index(10) as f64 / 20.0;
             session.edit(|scene| scene.image.background = [level; 3]);
         }
         _ => {
@@ -64,7 +59,7 @@ fn act(session: &mut Session, dice: &mut Dice) {
             }
         }
     }
-    session.frames(dice.roll(6));
+    session.frames(dice.index(6));
 }
 
 /// Begins again: the picture that suits the volume, everything read.
@@ -88,7 +83,7 @@ fn use_it(is_over: impl Fn(usize) -> bool) {
     let others = [("marschner-lobb", 48), ("sphere", 40)]
         .map(|(name, edge)| support::container_in_bricks(&folder, name, [edge, 16]));
     let files: Vec<PathBuf> = [folder.join("vessels.svol")].into_iter().chain(others).collect();
-    let mut dice = Dice(SEED);
+    let mut dice = Random::new(SEED);
     let mut at_rest: Vec<Vec<usize>> = vec![Vec::new(); files.len()];
     let mut met = 0;
     for round in 0.. {
@@ -101,7 +96,7 @@ fn use_it(is_over: impl Fn(usize) -> bool) {
             counting::forget_peak();
         }
         let container = Container::open(file).expect("a container");
-        let fault = (round % 2 == 1).then(|| Fault::new(file, &container, dice.roll(1000)));
+        let fault = (round % 2 == 1).then(|| Fault::new(file, &container, dice.index(1000)));
         session.harness.state_mut().open(file);
         session.until("it is open", |s| s.viewer().opened().is_some_and(|opened| opened.source == *file));
         for _ in 0..8 {

@@ -12,6 +12,7 @@ pub mod results;
 use std::path::{Path, PathBuf};
 
 use supervol_format::Container;
+use supervol_format::canceller::Canceller;
 use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 
 use crate::error::BuildError;
@@ -20,7 +21,6 @@ use crate::pipeline::BuildOptions;
 use crate::provenance::take_file;
 use crate::source::open::split_array;
 use crate::source::{SourceError, VolumeSource};
-use crate::stop::Stopper;
 use results::{Record, Status};
 
 /// What there is of an input already.
@@ -53,13 +53,13 @@ pub fn checksum_of(input: &Path, others: &[PathBuf]) -> Result<String, BuildErro
     if file.is_dir() {
         inputs::for_each_file(&file, &mut |path| {
             hash.update(path.strip_prefix(&file).unwrap_or(path).as_os_str().as_encoded_bytes());
-            let bytes = take_file(path, &mut hash, &Stopper::default())?;
+            let bytes = take_file(path, &mut hash, &Canceller::default())?;
             hash.update(&bytes.to_le_bytes());
             Ok(())
         })?;
     } else {
         for path in std::iter::once(&file).chain(others) {
-            take_file(path, &mut hash, &Stopper::default())?;
+            take_file(path, &mut hash, &Canceller::default())?;
         }
     }
     Ok(format!("{:016x}", hash.digest()))
@@ -82,7 +82,7 @@ pub fn others_of(input: &Path, source: &dyn VolumeSource) -> Vec<PathBuf> {
 /// If it cannot be read.
 pub fn checksum_of_container(path: &Path) -> Result<(String, u64), BuildError> {
     let mut hash = Xxh3Default::new();
-    let bytes = take_file(path, &mut hash, &Stopper::default())?;
+    let bytes = take_file(path, &mut hash, &Canceller::default())?;
     Ok((format!("{:016x}", hash.digest()), bytes))
 }
 

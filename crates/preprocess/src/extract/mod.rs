@@ -17,13 +17,14 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use headers::{Format, Place, TIFF_SLICES_LIMIT};
 use supervol_format::container::header::Descriptor;
+use supervol_format::level_reader::LevelReader;
 use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::{Voxel, voxels_as_f64};
 use supervol_format::{Container, Geometry, Lod, VoxelBox, VoxelType};
 
 use crate::error::BuildError;
 use crate::file_order::boxes;
-use crate::level_reader::LevelReader;
+use crate::level_reader::by_all_threads;
 use crate::output::{Existing, OutputFile};
 
 /// Bytes buffered before the file is written to.
@@ -202,7 +203,7 @@ fn write_voxels(
     let plan = Plan::new(descriptor, written_type, what.memory_bytes)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(plan.threads).build();
     let pool = pool.map_err(|source| BuildError::Threads { threads: plan.threads, source })?;
-    let reader = LevelReader::new(container, what.lod, plan.cache_bytes);
+    let reader = by_all_threads(container, what.lod, plan.cache_bytes);
     pool.install(|| {
         for part in boxes(voxels, plan.box_voxels, container.pyramid().layout().core() as u64) {
             let mut bytes = vec![0; part.voxels() * size];

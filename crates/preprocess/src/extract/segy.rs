@@ -14,7 +14,7 @@ use supervol_format::{Container, VoxelBox, VoxelType};
 use super::headers::Place;
 use super::{Extraction, Plan, WRITE_BUFFER_BYTES, needs_scaling, scaled};
 use crate::error::BuildError;
-use crate::level_reader::LevelReader;
+use crate::level_reader::by_all_threads;
 use crate::output::OutputFile;
 use crate::source::segy::{TEXT_BYTES, encode_text};
 use crate::source::{LineNumbers, Survey};
@@ -247,7 +247,7 @@ pub(super) fn write(
     let plan = Plan::of_boxes(descriptor, place.voxel_type, what.memory_bytes, voxels.extent()[2] as u64)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(plan.threads).build();
     let pool = pool.map_err(|source| BuildError::Threads { threads: plan.threads, source })?;
-    let reader = LevelReader::new(container, what.lod, plan.cache_bytes);
+    let reader = by_all_threads(container, what.lod, plan.cache_bytes);
     pool.install(|| {
         for part in trace_boxes(voxels, plan.box_voxels, container.pyramid().layout().core() as u64) {
             let mut bytes = vec![0; part.voxels() * descriptor.voxel_type.bytes()];

@@ -7,12 +7,12 @@ use std::path::Path;
 
 use rayon::prelude::*;
 use serde_json::{Value, json};
+use supervol_format::level_reader::LevelReader;
 use supervol_format::{Container, VoxelBox, VoxelType};
 
 use super::headers::{Place, numpy_name};
 use super::{Extraction, Plan, scaled};
 use crate::error::BuildError;
-use crate::level_reader::LevelReader;
 use crate::output::unfinished::UnfinishedFolder;
 use crate::output::{Existing, folder_of};
 use crate::source::zarr::is_zarr;
@@ -44,7 +44,7 @@ pub(super) fn write(
     let plan = Plan::of_boxes(descriptor, place.voxel_type, what.memory_bytes, chunk_voxels)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(plan.threads).build();
     let pool = pool.map_err(|source| BuildError::Threads { threads: plan.threads, source })?;
-    let reader = LevelReader::new(container, what.lod, plan.cache_bytes).on_one_thread();
+    let reader = LevelReader::new(container, what.lod, plan.cache_bytes);
     let counts: [u64; 3] = std::array::from_fn(|a| extent[a].div_ceil(chunk[a]));
     let write_chunk = |number: u64| {
         let at = [number % counts[0], number / counts[0] % counts[1], number / counts[0] / counts[1]];

@@ -12,12 +12,12 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use glam::DVec3;
+use supervol_format::level_reader::LevelReader;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelBox};
 
 use crate::error::BuildError;
 use crate::extract::{checked_box, level_geometry};
-use crate::level_reader::LevelReader;
 use crate::output::{Existing, OutputFile, folder_of};
 use cells::{Values, bytes_of_box};
 use files::{Format, MeshFile};
@@ -71,7 +71,7 @@ pub fn mesh(container: &Container, output: &Path, options: &MeshOptions) -> Resu
 
     let file = OutputFile::begin(output, options.existing)?;
     let mut written = MeshFile::begin(output, format, is_double, folder_of(output))?;
-    let reader = LevelReader::new(container, options.lod, plan.cache_bytes).on_one_thread();
+    let reader = LevelReader::new(container, options.lod, plan.cache_bytes);
     let failed = |e| BuildError::container(container.path(), e);
     for part in boxes_of_cells(voxels, plan.cells) {
         if !is_crossed(container, options, part)? {

@@ -4,9 +4,9 @@
 //! are kept, the last used longest, since neighbouring boxes share them. So many threads as there are [`ChunkMemory::readers`]
 //! hold a chunk beside those that are kept; another that wants the same chunk waits for it.
 
-use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
+use supervol_format::recent::Recent;
 use supervol_format::{Dims, VoxelBox};
 
 use super::elements::{Elements, NumberGrid};
@@ -17,7 +17,7 @@ use super::{AccessOrder, Endian, SourceError, SourceInfo, VolumeSource};
 pub(super) const AXES_LIMIT: usize = 16;
 /// Copies of a chunk that a reader may hold at once: encoded, between two stages, decoded.
 const COPIES: u64 = 3;
-/// Most chunks that are kept: they are looked for one by one.
+/// Most chunks that are kept.
 const KEPT_LIMIT: u64 = 1024;
 /// Most bytes for chunks, as long as two of them fit.
 const SHARE_LIMIT_BYTES: u64 = 256 << 20;
@@ -114,8 +114,7 @@ type Decoded = Option<Arc<Vec<u8>>>;
 struct State {
     readers: u64,
     loading: Vec<[u64; 3]>,
-    /// The one used longest ago first.
-    kept: VecDeque<([u64; 3], Decoded)>,
+    kept: Recent<[u64; 3], Decoded>,
 }
 
 impl ChunkGrid {
@@ -151,11 +150,8 @@ impl ChunkGrid {
     fn chunk(&self, number: [u64; 3]) -> Result<Decoded, SourceError> {
         let mut state = self.state();
         loop {
-            if let Some(at) = state.kept.iter().position(|(kept, _)| *kept == number) {
-                let entry = state.kept.remove(at).expect("a place that was just found");
-                let found = entry.1.clone();
-                state.kept.push_back(entry);
-                return Ok(found);
+            if let Some(found) = state.kept.get(&number) {
+                return Ok(found.clone());
             }
             if !state.loading.contains(&number) {
                 break;
@@ -169,10 +165,7 @@ impl ChunkGrid {
         state.loading.retain(|loading| *loading != number);
         self.changed.notify_all();
         let chunk = decoded?.map(Arc::new);
-        if state.kept.len() as u64 >= self.memory.kept {
-            state.kept.pop_front();
-        }
-        state.kept.push_back((number, chunk.clone()));
+        state.kept.insert_within(self.memory.kept as usize, number, chunk.clone());
         Ok(chunk)
     }
 

@@ -24,6 +24,7 @@ pub mod npy;
 pub mod npz;
 pub mod nrrd;
 pub mod open;
+mod open_files;
 mod others;
 pub mod pictures;
 pub mod placed;

@@ -9,11 +9,12 @@ use std::io::{BufRead, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use flate2::bufread::{DeflateDecoder, MultiGzDecoder, ZlibDecoder};
+use supervol_format::canceller::Canceller;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{VoxelType, with_voxel};
 
 use super::SourceError;
-use crate::stop::Stopper;
+use crate::stop::check;
 
 /// Bytes held while copying.
 const BUFFER_BYTES: usize = 1 << 18;
@@ -28,7 +29,7 @@ const TOKEN_LIMIT: usize = 128;
 #[derive(Clone, Default, PartialEq, Eq)]
 pub struct SpoolFolder {
     folder: Option<PathBuf>,
-    stopper: Stopper,
+    canceller: Canceller,
 }
 
 /// The folder alone: options are told apart by how they are written.
@@ -53,8 +54,8 @@ impl SpoolFolder {
 
     /// The same; whoever decodes into it stops when this says so.
     #[must_use]
-    pub(crate) fn unless(self, stopper: Stopper) -> Self {
-        Self { stopper, ..self }
+    pub(crate) fn unless(self, canceller: Canceller) -> Self {
+        Self { canceller, ..self }
     }
 
     fn path(&self) -> PathBuf {
@@ -99,7 +100,7 @@ pub struct GzipShare<'a> {
 #[derive(Debug)]
 pub struct Spool {
     folder: PathBuf,
-    stopper: Stopper,
+    canceller: Canceller,
     file: BufWriter<File>,
 }
 
@@ -111,7 +112,7 @@ impl Spool {
     pub fn create(spool: &SpoolFolder) -> Result<Self, SourceError> {
         let folder = spool.path();
         let file = tempfile::tempfile_in(&folder).map_err(|e| SourceError::spool(&folder, e))?;
-        Ok(Self { file: BufWriter::with_capacity(BUFFER_BYTES, file), folder, stopper: spool.stopper.clone() })
+        Ok(Self { file: BufWriter::with_capacity(BUFFER_BYTES, file), folder, canceller: spool.canceller.clone() })
     }
 
     /// Appends the decoded bytes of a gzip stream.
@@ -150,7 +151,7 @@ impl Spool {
         let mut buffer = vec![0; BUFFER_BYTES];
         let mut done = 0;
         while done < wanted {
-            self.stopper.check()?;
+            check(&self.canceller)?;
             let room = buffer.len().min(usize::try_from(wanted - done).unwrap_or(usize::MAX));
             let count = decoder.read(&mut buffer[..room]).map_err(|e| damaged(kind, share.path, done, e))?;
             if count == 0 {
@@ -270,7 +271,7 @@ impl Spool {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), SourceError> {
-        self.stopper.check()?;
+        check(&self.canceller)?;
         self.file.write_all(bytes).map_err(|e| SourceError::spool(&self.folder, e))
     }
 }

@@ -10,6 +10,7 @@
 use supervol_format::BrickKey;
 
 use super::KeyMap;
+use crate::counters::StreamCounters;
 
 /// Bytes that a brick costs besides its voxels and ranges: table entry and allocations.
 pub const BRICK_OVERHEAD_BYTES: u64 = 256;
@@ -23,7 +24,8 @@ pub struct HostCache<T> {
     /// Bytes kept free for bricks on their way.
     reserved: u64,
     pass: u64,
-    counters: HostCounters,
+    counters: StreamCounters,
+    peak_bytes: u64,
 }
 
 #[derive(Debug)]
@@ -32,21 +34,6 @@ struct Held<T> {
     bytes: u64,
     /// Pass in which a ray last used it, or in which it came.
     last_used: u64,
-}
-
-/// What happened in the cache.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct HostCounters {
-    /// Bricks that a pass used and found, summed over passes.
-    pub hits: u64,
-    /// Wanted bricks that were not here, summed over passes.
-    pub misses: u64,
-    /// Bricks that came.
-    pub insertions: u64,
-    /// Bricks that left.
-    pub evictions: u64,
-    /// Most bytes held at once, or reserved.
-    pub peak_bytes: u64,
 }
 
 /// How readily a brick may leave.
@@ -96,7 +83,8 @@ impl<T> HostCache<T> {
             bytes: 0,
             reserved: 0,
             pass: 0,
-            counters: HostCounters::default(),
+            counters: StreamCounters::default(),
+            peak_bytes: 0,
         }
     }
 
@@ -123,7 +111,7 @@ impl<T> HostCache<T> {
         for key in used {
             if let Some(held) = self.bricks.get_mut(key) {
                 held.last_used = self.pass;
-                self.counters.hits += 1;
+                self.counters.uses += 1;
             }
         }
         self.counters.misses += missed;
@@ -202,7 +190,7 @@ impl<T> HostCache<T> {
             self.free_bytes()
         );
         self.reserved += bytes;
-        self.counters.peak_bytes = self.counters.peak_bytes.max(self.bytes + self.reserved);
+        self.peak_bytes = self.peak_bytes.max(self.bytes + self.reserved);
     }
 
     /// Bytes that are reserved.
@@ -225,8 +213,8 @@ impl<T> HostCache<T> {
         let before = self.bricks.insert(key, Held { brick, bytes, last_used: self.pass });
         assert!(before.is_none(), "{key} is in the cache already");
         self.bytes += bytes;
-        self.counters.insertions += 1;
-        self.counters.peak_bytes = self.counters.peak_bytes.max(self.bytes);
+        self.counters.page_ins += 1;
+        self.peak_bytes = self.peak_bytes.max(self.bytes);
     }
 
     /// Bytes held.
@@ -264,10 +252,16 @@ impl<T> HostCache<T> {
         self.bricks.is_empty()
     }
 
-    /// What happened so far.
+    /// Most bytes held at once, or reserved.
     #[must_use]
-    pub fn counters(&self) -> HostCounters {
-        self.counters
+    pub fn peak_bytes(&self) -> u64 {
+        self.peak_bytes
+    }
+
+    /// What happened so far: uses, misses, bricks that came and left.
+    #[must_use]
+    pub fn counters(&self) -> &StreamCounters {
+        &self.counters
     }
 }
 
@@ -297,7 +291,7 @@ mod tests {
         let mut victims = cache.victims(|_, _| Standing::Free);
         assert_eq!(cache.make_room(20, &mut victims), Ok(vec![key(1), key(2)]));
         assert_eq!((cache.get(key(0)), cache.get(key(1)), cache.bytes()), (Some(&0), None, 20));
-        assert_eq!((cache.counters().evictions, cache.counters().peak_bytes), (2, 40));
+        assert_eq!((cache.counters().evictions, cache.peak_bytes()), (2, 40));
     }
 
     #[test]
@@ -342,7 +336,7 @@ mod tests {
         assert_eq!(cache.make_room(16, &mut victims), Err(1), "what is reserved cannot leave");
         cache.release(10);
         cache.insert(key(1), 1, 10);
-        assert_eq!((cache.free_bytes(), cache.bytes(), cache.counters().peak_bytes), (5, 20, 35));
+        assert_eq!((cache.free_bytes(), cache.bytes(), cache.peak_bytes()), (5, 20, 35));
     }
 
     #[test]

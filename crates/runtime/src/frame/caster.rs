@@ -9,7 +9,6 @@
 //! A caster that reads the host cache directly ignores `update`; one with a memory of its own copies there.
 
 use std::ops::Range;
-use std::time::Duration;
 
 use supervol_format::BrickKey;
 
@@ -17,7 +16,8 @@ use super::RenderError;
 use crate::image::Image;
 use crate::raycast::cpu::levels::ErrorsByReason;
 use crate::raycast::cpu::simd::InstructionSet;
-use crate::raycast::cpu::{Counters, CpuFrame, Rays, cast_pass};
+use crate::raycast::cpu::{CpuFrame, RayCounters, Rays, cast_pass};
+use crate::raycast::gpu::GpuStats;
 use crate::stop::Stop;
 use crate::streamer::{Fetched, HostView};
 
@@ -36,41 +36,17 @@ pub struct PassReport {
     pub is_stopped: bool,
 }
 
-/// Sums over all passes and bands.
+/// What a caster has done and knows, over all passes and bands.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CasterTotals {
-    /// Rays of the picture.
-    pub rays: u64,
-    /// Rays that ended before they left the volume.
-    pub rays_terminated_early: u64,
-    /// Values classified.
-    pub samples: u64,
-    /// Trilinear cells crossed.
-    pub cells: u64,
-    /// Cells that were cut into parts.
-    pub cells_refined: u64,
-    /// Cells that were integrated by roots.
-    pub cells_exact: u64,
+    /// What its rays did.
+    pub rays: RayCounters,
     /// Instructions of packets.
     pub instructions: Option<&'static str>,
     /// What the picture may be off by, where the caster was asked to sum it up and can.
     pub errors: Option<CasterErrors>,
-    /// Macro cells walked cell by cell.
-    pub macro_cells: u64,
-    /// Macro cells skipped.
-    pub macro_cells_skipped: u64,
-    /// Bytes held on a graphics device.
-    pub gpu_bytes: u64,
-    /// Bricks copied to a graphics device.
-    pub gpu_page_ins: u64,
-    /// Times a loop on a graphics device hit its limit: a ray is not exact there.
-    pub gpu_anomalies: u64,
-    /// The slowest piece of work handed to a graphics device, milliseconds.
-    pub gpu_dispatch_ms_max: f64,
-    /// Name of the graphics adapter.
-    pub adapter: Option<String>,
-    /// Wall time of copying bricks to the graphics device.
-    pub upload_time: Duration,
+    /// What its graphics device did for this picture, if it has one.
+    pub device: Option<GpuStats>,
 }
 
 /// What a caster says of its own errors; 1 is white.
@@ -131,9 +107,7 @@ pub struct CpuCaster {
     frame: CpuFrame,
     band: CpuFrame,
     states: Rays,
-    counters: Counters,
-    rays: u64,
-    rays_terminated_early: u64,
+    counters: RayCounters,
     errors: ErrorsByReason,
 }
 
@@ -146,9 +120,7 @@ impl CpuCaster {
             frame,
             band,
             states: Rays::default(),
-            counters: Counters::default(),
-            rays: 0,
-            rays_terminated_early: 0,
+            counters: RayCounters::default(),
             errors: ErrorsByReason::default(),
         }
     }
@@ -186,7 +158,7 @@ impl CpuCaster {
 
     /// Sums up what the rays of a band say at its end.
     fn note_band(&mut self) {
-        self.rays_terminated_early += self.states.terminated_early();
+        self.counters.rays_terminated_early += self.states.terminated_early();
         self.errors = self.errors.or(self.states.errors());
     }
 }
@@ -201,7 +173,7 @@ impl RayCaster for CpuCaster {
         self.states = Rays::default();
         self.band = self.frame.band(pixel_rows);
         self.states = self.band.begin();
-        self.rays += self.band.ray_count();
+        self.counters.rays += self.band.ray_count();
         Ok(())
     }
 
@@ -228,17 +200,10 @@ impl RayCaster for CpuCaster {
 
     fn totals(&self) -> CasterTotals {
         CasterTotals {
-            rays: self.rays,
-            rays_terminated_early: self.rays_terminated_early,
-            samples: self.counters.samples,
-            cells: self.counters.cells,
-            cells_refined: self.counters.cells_refined,
-            cells_exact: self.counters.cells_exact,
+            rays: self.counters,
             instructions: self.frame.instructions().map(InstructionSet::name),
             errors: self.frame.errors(self.errors),
-            macro_cells: self.counters.macro_cells,
-            macro_cells_skipped: self.counters.macro_cells_skipped,
-            ..CasterTotals::default()
+            device: None,
         }
     }
 }

@@ -12,6 +12,7 @@ use supervol_format::{Container, Lod};
 
 use super::reference::{load_level, reference_bytes, scene_of_level};
 use super::{LevelChoice, RenderError, RenderOptions};
+use crate::counters::milliseconds;
 use crate::image::{GREY_LEVELS, Image, greatest};
 use crate::raycast::reference::ReferenceCaster;
 use crate::scene::ResolvedScene;
@@ -132,7 +133,7 @@ pub fn measure_error(
         mean_grey_levels: differences.iter().sum::<f64>() / differences.len() as f64,
         capped_pieces,
         seed: SEED,
-        check_ms: super::milliseconds(start.elapsed()),
+        check_ms: milliseconds(start.elapsed()),
     })
 }
 

@@ -11,10 +11,10 @@ use supervol_format::{BrickKey, Container, Pyramid, VoxelType};
 
 use super::caster::{CasterTotals, PassReport, RayCaster};
 use super::{FrameWalk, RenderError, RenderOptions, lod_choice, plan_host_for, streamer_for};
+use crate::counters::{DeviceCounters, RayCounters};
 use crate::facts::value_map;
 use crate::image::Image;
 use crate::lod::LodChoice;
-use crate::raycast::cpu::Counters;
 use crate::raycast::gpu::{
     GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, Insertion, PageEntry, VoxelStorage,
 };
@@ -38,14 +38,13 @@ pub(crate) struct GpuBackend {
 struct GpuCaster {
     renderer: GpuRenderer,
     pyramid: Pyramid,
-    rays: u64,
-    counters: Counters,
+    counters: RayCounters,
     stop: Stop,
     is_paused_when_due: bool,
     /// Rows whose rays have begun; those of a picture that goes on.
     rows: Range<u32>,
     /// What the device had done before this picture.
-    before: GpuStats,
+    before: DeviceCounters,
 }
 
 /// What a picture is made from.
@@ -169,11 +168,10 @@ impl GpuBackend {
             keys.into_iter().for_each(|key| renderer.set_state(key, PageEntry::TooCoarse));
         }
         Ok(GpuCaster {
-            before: renderer.stats(),
+            before: renderer.stats().counters,
             renderer,
             pyramid: descriptor.pyramid.clone(),
-            rays: u64::from(scene.camera.width) * u64::from(scene.camera.height),
-            counters: Counters::default(),
+            counters: RayCounters { rays: scene.rays(), ..RayCounters::default() },
             stop: stop.clone(),
             is_paused_when_due: picture.is_paused_when_due,
             rows: 0..0,
@@ -319,22 +317,9 @@ impl RayCaster for GpuCaster {
     }
 
     fn totals(&self) -> CasterTotals {
-        let (stats, before) = (self.renderer.stats(), &self.before);
-        CasterTotals {
-            rays: self.rays,
-            // The GPU does not tell which of its finished rays ended early.
-            rays_terminated_early: 0,
-            samples: self.counters.samples,
-            cells: self.counters.cells,
-            macro_cells: self.counters.macro_cells,
-            macro_cells_skipped: self.counters.macro_cells_skipped,
-            gpu_bytes: stats.planned_bytes,
-            gpu_page_ins: stats.insertions - before.insertions,
-            gpu_anomalies: stats.anomalies - before.anomalies,
-            gpu_dispatch_ms_max: stats.dispatch_ms_max,
-            adapter: Some(stats.adapter),
-            upload_time: Duration::from_secs_f64((stats.upload_ms - before.upload_ms) / 1e3),
-            ..CasterTotals::default()
-        }
+        let stats = self.renderer.stats();
+        let counters = stats.counters.since(&self.before);
+        // The GPU does not tell which of its finished rays ended early.
+        CasterTotals { rays: self.counters, device: Some(GpuStats { counters, ..stats }), ..CasterTotals::default() }
     }
 }

@@ -72,7 +72,7 @@ impl Term {
 #[must_use]
 pub fn predict(errors: &CasterErrors, stats: &FrameStats, options: &RenderOptions, level: Lod) -> ErrorPredicted {
     let cells = Term::estimate(errors.cells);
-    let ray_ends = Term::bound(if stats.rays_terminated_early > 0 { errors.ray_ends } else { 0.0 });
+    let ray_ends = Term::bound(if stats.casting.rays_terminated_early > 0 { errors.ray_ends } else { 0.0 });
     let transfer_function = Term::estimate(errors.transfer_function);
     let rounding = Term::estimate(errors.rounding);
     let levels = levels(errors, stats, options);
@@ -92,6 +92,7 @@ fn levels(errors: &CasterErrors, stats: &FrameStats, options: &RenderOptions) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::counters::RayCounters;
     const ERRORS: CasterErrors =
         CasterErrors { cells: 0.004, levels: 0.003, ray_ends: 0.001, transfer_function: 0.002, rounding: 1e-5 };
 
@@ -105,7 +106,8 @@ mod tests {
 
     #[test]
     fn the_total_is_the_sum_and_a_bound_only_if_all_terms_are() {
-        let stats = FrameStats { rays_terminated_early: 3, ..stats() };
+        let stats =
+            FrameStats { casting: RayCounters { rays_terminated_early: 3, ..RayCounters::default() }, ..stats() };
         let found = prediction(&stats, LevelChoice::Auto);
         let sum = 255.0 * (0.004 + 0.003 + 0.001 + 0.002 + 1e-5);
         assert!((found.total.grey_levels.unwrap() - sum).abs() < 1e-9 && !found.total.is_bound, "{found:?}");

@@ -4,10 +4,9 @@
 //! would be none.
 
 use glam::DVec3;
-use supervol_format::container::ContainerError;
+use supervol_format::level_reader::LevelReader;
 use supervol_format::space::HALF_VOXEL;
-use supervol_format::voxel_type::Voxel;
-use supervol_format::{Container, Geometry, Level, Lod, ValueRange, VoxelBox, with_voxel};
+use supervol_format::{Container, Geometry, Level, Lod, ValueRange};
 
 use super::RenderError;
 use crate::clip::Clip;
@@ -23,11 +22,10 @@ const VOXEL_BYTES: u64 = 8;
 #[must_use]
 pub fn reference_bytes(container: &Container, lod: Lod, scene: &ResolvedScene) -> u64 {
     let voxels = container.pyramid().level_at(lod).dims.voxels().unwrap_or(u64::MAX);
-    let rays = u64::from(scene.camera.width) * u64::from(scene.camera.height);
     let brick = BrickBytes::of(container);
     voxels
         .saturating_mul(VOXEL_BYTES)
-        .saturating_add(2 * rays * 16 + brick.decoding + brick.record + scene.clip.bytes())
+        .saturating_add(2 * scene.rays() * 16 + brick.decoding + brick.record + scene.clip.bytes())
 }
 
 /// One level of a container, wholly in memory.
@@ -45,61 +43,12 @@ pub fn load_level(
         return Err(RenderError::ReferenceTooLarge { level: lod.0, needed_bytes, budget_bytes: host_memory_bytes });
     }
     let in_units = InUnits::of(container);
-    let (dims, values) = level_values(container, lod, |stored| in_units.value(stored))?;
+    let reader = LevelReader::new(container, lod, 0);
+    let values = reader.values(reader.whole(), |stored| in_units.value(stored))?;
     let mut value_range = ValueRange::EMPTY;
     values.iter().filter(|v| !v.is_nan()).for_each(|&v| value_range.include(v));
     let geometry = level_geometry(&in_units.geometry, container.pyramid().level_at(lod));
-    Ok(ReferenceVolume { dims, geometry, values, value_range })
-}
-
-/// Voxels along each axis and values of a level, x fastest, NaN where absent: 8 bytes for each voxel. `value` makes a value of
-/// what is stored.
-///
-/// # Errors
-/// If a brick cannot be read.
-pub fn level_values(
-    container: &Container,
-    lod: Lod,
-    value: impl Fn(f64) -> f64,
-) -> Result<([usize; 3], Vec<f64>), ContainerError> {
-    let dims = container.pyramid().level_at(lod).dims.full_box().extent();
-    let mut values = vec![f64::NAN; dims.iter().product()];
-    for key in container.pyramid().keys_of(lod) {
-        let entry = container.entry(key)?;
-        let voxels = container.read_brick(key, &entry)?;
-        let extent = container.shape(key).extent;
-        let core = container.pyramid().core_box(key);
-        copy_core(container, (&voxels, extent), core, (dims, &mut values), &value);
-    }
-    Ok((dims, values))
-}
-
-/// Copies a brick's core into the level's values; absent voxels become NaN.
-fn copy_core(
-    container: &Container,
-    (voxels, extent): (&[u8], [usize; 3]),
-    core: VoxelBox,
-    (dims, values): ([usize; 3], &mut [f64]),
-    value_of: &impl Fn(f64) -> f64,
-) {
-    const APRON: usize = supervol_format::brick::APRON;
-    let descriptor = container.descriptor();
-    let core_extent = core.extent();
-    let start = core.start.map(|s| s as usize);
-    for z in 0..core_extent[2] {
-        for y in 0..core_extent[1] {
-            let from = APRON + extent[0] * (y + APRON + extent[1] * (z + APRON));
-            let to = start[0] + dims[0] * (start[1] + y + dims[1] * (start[2] + z));
-            let row = &mut values[to..to + core_extent[0]];
-            with_voxel!(descriptor.voxel_type, V => {
-                let bytes = size_of::<V>();
-                for (value, voxel) in row.iter_mut().zip(voxels[from * bytes..].chunks_exact(bytes)) {
-                    let stored = V::read_le(voxel).to_f64();
-                    *value = if descriptor.absence.is_absent(stored) { f64::NAN } else { value_of(stored) };
-                }
-            });
-        }
-    }
+    Ok(ReferenceVolume { dims: reader.whole().extent(), geometry, values, value_range })
 }
 
 /// Place of a level's grid in the world: its voxel 0 lies in the middle of the level-0 voxels that it covers.

@@ -7,7 +7,8 @@ use supervol_format::{BrickKey, Lod};
 
 use super::caster::{CpuCaster, PassReport, RayCaster};
 use super::maps::Maps;
-use super::{LevelChoice, Progress, RenderError, RenderOptions, check, milliseconds, predict};
+use super::{LevelChoice, Progress, RenderError, RenderOptions, check, predict};
+use crate::counters::milliseconds;
 use crate::image::Image;
 use crate::stats::FrameStats;
 use crate::stop::{LEAST_STEP, Stop};
@@ -205,7 +206,7 @@ impl<'a> FrameWalk<'a> {
                 rows_finished: self.rows_finished,
                 rows: self.rows,
                 rays_waiting: report.unfinished_rays,
-                bytes_read: self.streamer.counters().io.bytes_read,
+                bytes_read: self.streamer.counters().bytes_read,
             });
         }
         Ok(report)
@@ -261,24 +262,11 @@ impl<'a> FrameWalk<'a> {
     fn gather_stats(&mut self, caster: &dyn RayCaster) {
         self.stats.gather_streamer(self.streamer);
         let totals = caster.totals();
-        self.stats.rays = totals.rays;
-        self.stats.rays_terminated_early = totals.rays_terminated_early;
-        self.stats.samples = totals.samples;
-        self.stats.cells = totals.cells;
-        self.stats.cells_refined = totals.cells_refined;
-        self.stats.cells_exact = totals.cells_exact;
-        self.stats.instructions = totals.instructions;
-        self.stats.macro_cells = totals.macro_cells;
-        self.stats.macro_cells_skipped = totals.macro_cells_skipped;
-        self.stats.gpu_bytes = totals.gpu_bytes;
-        self.stats.gpu_page_ins = totals.gpu_page_ins;
-        self.stats.gpu_anomalies = totals.gpu_anomalies;
-        self.stats.gpu_dispatch_ms_max = totals.gpu_dispatch_ms_max;
-        self.stats.adapter = totals.adapter;
-        self.stats.upload_ms = milliseconds(totals.upload_time);
+        let errors = totals.errors;
+        self.stats.gather_caster(totals);
         let level = check::level_to_check(self.streamer.container(), self.options.level);
         let predict = |errors| predict::predict(&errors, &self.stats, self.options, level);
-        self.stats.error_predicted = totals.errors.map(predict);
+        self.stats.error_predicted = errors.map(predict);
     }
 }
 

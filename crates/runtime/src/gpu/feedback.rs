@@ -9,7 +9,8 @@ use supervol_format::BrickKey;
 
 use super::layout::GpuCounters;
 use super::slots::SlotIndex;
-use crate::raycast::cpu::{Counters, Miss};
+use crate::counters::{DeviceCounters, RayCounters};
+use crate::raycast::cpu::Miss;
 
 /// Most misses listed in one pass.
 pub const MISS_LIMIT: u32 = 1 << 16;
@@ -25,8 +26,6 @@ pub const MISS_COUNT_WORD: usize = size_of::<GpuCounters>() / 4;
 pub struct PassFeedback {
     /// Bricks that rays wait for, each once, nearest first.
     pub misses: Vec<Miss>,
-    /// Misses that the list had no room for; they come again in the next pass.
-    pub misses_not_listed: u64,
     /// Resident bricks that rays sampled, each once, in the order of their slots.
     pub uses: Vec<BrickKey>,
     /// Rays that are not finished: all of them wait for one of the misses.
@@ -34,22 +33,9 @@ pub struct PassFeedback {
     /// Whether it was time to stop before all rays were finished or waited.
     pub is_stopped: bool,
     /// What the rays did.
-    pub counters: Counters,
+    pub counters: RayCounters,
     /// What only this backend counts.
-    pub gpu: GpuPassCounters,
-}
-
-/// Sums over one pass that only the GPU backend has.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct GpuPassCounters {
-    /// Bricks left out because they and all their ancestors have failed.
-    pub bricks_lost: u64,
-    /// Times a loop hit its limit: the ray is not exact there.
-    pub anomalies: u64,
-    /// Times a ray reached the work limit of a dispatch and went on in the next.
-    pub interruptions: u64,
-    /// Dispatches.
-    pub dispatches: u64,
+    pub device: DeviceCounters,
 }
 
 impl PassFeedback {
@@ -70,10 +56,10 @@ impl PassFeedback {
         sums.parent_bricks += u64::from(counters.fallbacks);
         sums.rays_finished += u64::from(counters.finished);
         sums.rays_waiting += u64::from(counters.waiting);
-        self.gpu.bricks_lost += u64::from(counters.lost);
-        self.gpu.anomalies += u64::from(counters.anomalies);
-        self.gpu.interruptions += u64::from(counters.interrupted);
-        self.gpu.dispatches += 1;
+        self.device.bricks_lost += u64::from(counters.lost);
+        self.device.anomalies += u64::from(counters.anomalies);
+        self.device.interruptions += u64::from(counters.interrupted);
+        self.device.dispatches += 1;
     }
 }
 

@@ -187,6 +187,7 @@ pub fn twist_of(corners: &[f32; 8]) -> f32 {
 mod tests {
     use super::*;
     use crate::transfer_function::{ControlPoint, TransferFunction};
+    use supervol_format::random::Random;
 
     fn cubic(k: [f64; 4], u: f64) -> f64 {
         k[0] + u * (k[1] + u * (k[2] + u * k[3]))
@@ -209,11 +210,8 @@ mod tests {
     /// The error that a part states is never far below the one that it has, whatever bends lie in it.
     #[test]
     fn stated_errors_are_errors() {
-        let mut seed = 17u64;
-        let mut random = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 11) as f64 / (1u64 << 53) as f64
-        };
+        let mut numbers = Random::new(17);
+        let mut random = || numbers.unit();
         let (mut worst, mut looked_at) = (0.0f64, 0);
         for _ in 0..3000 {
             let mut values: Vec<f64> = (0..2 + (random() * 4.0) as usize).map(|_| 100.0 + 20.0 * random()).collect();

@@ -307,7 +307,7 @@ fn longest_chord(geometry: &Geometry, dims: Dims, clip_box: Option<[[f64; 3]; 2]
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::{DataKind, Frame, VolumeFacts};
+    use crate::facts::VolumeFacts;
     use crate::lod::LodChoice;
     use crate::scene::Scene;
     use proptest::prelude::*;
@@ -318,16 +318,7 @@ mod tests {
     /// Rules for a volume of 32 x 32 x 16 voxels, whose longest ray is 48 long.
     fn rules(json: &str, max_error: f64) -> LevelsByError {
         let pyramid = Pyramid::new(Dims([32, 32, 16]), BrickLayout::new(16).unwrap(), &[[2, 2, 2]]).unwrap();
-        let facts = VolumeFacts {
-            dims: Dims([32, 32, 16]),
-            geometry: Geometry::IDENTITY,
-            value_range: VALUES,
-            percentiles: vec![],
-            frame: Frame::Unknown,
-            histogram: Vec::new(),
-            kind: DataKind::Generic,
-            has_zero_centre: false,
-        };
+        let facts = VolumeFacts::plain(Dims([32, 32, 16]), Geometry::IDENTITY, VALUES);
         let scene = Scene::from_json(json).unwrap().resolve(&facts).unwrap();
         let data = DataScale {
             pyramid: &pyramid,

@@ -352,7 +352,7 @@ impl Deviations {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::{DataKind, Frame, VolumeFacts};
+    use crate::facts::VolumeFacts;
     use crate::scene::Scene;
     use proptest::prelude::*;
     use supervol_format::codec::Codec;
@@ -367,16 +367,7 @@ mod tests {
     /// Of a volume whose voxels have been moved by up to `voxel_error`.
     fn deviations_of(json: &str, voxel_error: f64) -> Deviations {
         let pyramid = Pyramid::new(Dims([32; 3]), BrickLayout::new(16).unwrap(), &[[2, 2, 2]]).unwrap();
-        let facts = VolumeFacts {
-            dims: Dims([32; 3]),
-            geometry: Geometry::IDENTITY,
-            value_range: VALUES,
-            percentiles: vec![],
-            frame: Frame::Unknown,
-            histogram: Vec::new(),
-            kind: DataKind::Generic,
-            has_zero_centre: false,
-        };
+        let facts = VolumeFacts::plain(Dims([32; 3]), Geometry::IDENTITY, VALUES);
         let scene = Scene::from_json(json).unwrap().resolve(&facts).unwrap();
         let geometry = &Geometry::IDENTITY;
         Deviations::new(

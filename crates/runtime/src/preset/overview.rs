@@ -5,13 +5,13 @@
 
 use glam::DVec3;
 use supervol_format::container::ContainerError;
+use supervol_format::level_reader::LevelReader;
 use supervol_format::space::HALF_VOXEL;
 use supervol_format::{Container, Level, Lod};
 
 use super::view::Framed;
 use crate::facts::VolumeFacts;
 use crate::facts::histogram::Histogram;
-use crate::frame::reference::level_values;
 use crate::scene::Mode;
 use crate::transfer_function::TransferFunction;
 
@@ -42,8 +42,9 @@ impl Overview {
         let fits = |level: &Level| level.dims.voxels().is_some_and(|n| n <= VOXEL_LIMIT);
         let Some(number) = levels.iter().position(fits) else { return Ok(None) };
         let (scale, offset) = (container.descriptor().scale, container.descriptor().offset);
-        let (dims, values) = level_values(container, Lod(number as u8), |stored| stored * scale + offset)?;
-        Ok(Some(Self { dims, level: levels[number], values }))
+        let reader = LevelReader::new(container, Lod(number as u8), 0);
+        let values = reader.values(reader.whole(), |stored| stored * scale + offset)?;
+        Ok(Some(Self { dims: reader.whole().extent(), level: levels[number], values }))
     }
 
     /// The voxels of this level for which `is_visible` holds and whose middle lies in `kept`, index coordinates of level 0;

@@ -313,20 +313,10 @@ pub fn of_slice(facts: &VolumeFacts) -> Vec<ControlPoint> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::Frame;
     use supervol_format::{Dims, Geometry, ValueRange};
 
     fn facts(kind: DataKind, min: f64, max: f64) -> VolumeFacts {
-        VolumeFacts {
-            dims: Dims([8; 3]),
-            geometry: Geometry::IDENTITY,
-            frame: Frame::Unknown,
-            value_range: ValueRange { min, max },
-            percentiles: Vec::new(),
-            histogram: Vec::new(),
-            kind,
-            has_zero_centre: false,
-        }
+        VolumeFacts { kind, ..VolumeFacts::plain(Dims([8; 3]), Geometry::IDENTITY, ValueRange { min, max }) }
     }
 
     #[test]

@@ -13,7 +13,6 @@ use crate::frame::{LevelChoice, RenderError, RenderOptions, cpu_frame_of};
 use crate::image::Image;
 use crate::lod::LodChoice;
 use crate::scene::ResolvedScene;
-use crate::stats::FrameStats;
 use crate::stop::Stop;
 use crate::streamer::StreamError;
 
@@ -58,8 +57,7 @@ pub(super) fn look_ahead(
     let mut caster = CpuCaster::new(cpu_frame_of(resident.container(), &scene, &options, (lod, &plan)));
     let mut image = Image::unknown(scene.image_size);
     let streamer = resident.streamer();
-    let mut before = FrameStats::default();
-    before.gather_streamer(streamer);
+    let before = streamer.counters();
     streamer.keep_last_frame(true);
     let mut walk = FrameWalk::new(streamer, plan, &options, Instant::now()).until(stop.clone());
     let result = walk.run_over(&mut caster, (&mut image, None), &mut Bands::default());
@@ -71,8 +69,6 @@ pub(super) fn look_ahead(
         Err(RenderError::Stream(StreamError::NoRoom { .. })) => false,
         Err(error) => return Err(error),
     };
-    let mut after = FrameStats::default();
-    after.gather_streamer(streamer);
-    let cost = after.since(&before);
+    let cost = streamer.counters().since(&before);
     Ok(Ahead { page_ins: cost.page_ins, bytes_read: cost.bytes_read, is_complete })
 }

@@ -198,7 +198,7 @@ impl Drawing {
             }
             if written == picture.pixels.len() as u64 {
                 (self.behind, self.took) = (Some(stage.pixel), stage.spent);
-                self.was_all_there = self.stats.page_ins == stage.page_ins_before;
+                self.was_all_there = self.stats.streaming.page_ins == stage.page_ins_before;
             } else {
                 self.stage = Some(stage);
             }
@@ -238,7 +238,7 @@ impl Drawing {
             true => next_pixel(self.pixel, self.took, left),
             false => (self.pixel / 2).max(1),
         });
-        let page_ins_before = self.stats.page_ins;
+        let page_ins_before = self.stats.streaming.page_ins;
         let stage = Stage { page_ins_before, ..Stage::new(&self.scene, pixel, resident, options) };
         let picture = match self.picture.take() {
             Some(picture) => picture.enlarged(self.pixel / pixel, stage.scene.image_size),

@@ -334,33 +334,24 @@ impl Layers {
 
     fn gather_stats(&mut self, resident: &Resident) {
         let of_regions: Vec<FrameStats> = self.regions.iter().map(|region| region.drawing.stats()).collect();
-        let mut stats = FrameStats {
-            backend: "cpu",
-            converged: self.is_finished(),
-            rays: self.cut.rays_size().map(u64::from).iter().product(),
-            ..FrameStats::default()
-        };
+        let mut stats = FrameStats { backend: "cpu", converged: self.is_finished(), ..FrameStats::default() };
         for region in &of_regions {
             stats.instructions = stats.instructions.or(region.instructions);
             stats.coarsest_pixel = stats.coarsest_pixel.max(region.coarsest_pixel);
             stats.render_ms += region.render_ms;
+            stats.casting.add(&region.casting);
             let sums = [
                 (&mut stats.passes, region.passes),
                 (&mut stats.bands, region.bands),
                 (&mut stats.fallbacks, region.fallbacks),
                 (&mut stats.bricks_missing_at_deadline, region.bricks_missing_at_deadline),
-                (&mut stats.rays_terminated_early, region.rays_terminated_early),
-                (&mut stats.samples, region.samples),
-                (&mut stats.cells, region.cells),
-                (&mut stats.cells_refined, region.cells_refined),
-                (&mut stats.cells_exact, region.cells_exact),
-                (&mut stats.macro_cells, region.macro_cells),
-                (&mut stats.macro_cells_skipped, region.macro_cells_skipped),
             ];
             for (sum, count) in sums {
                 *sum += count;
             }
         }
+        // A ray of the picture is cast once in each region.
+        stats.casting.rays = self.cut.rays_size().map(u64::from).iter().product();
         // Rays of a pixel are finished one by one.
         let per_pixel = u64::from(self.cut.scene.subgrid).pow(2);
         let unfinished = of_regions.iter().map(|region| region.pixels_unfinished).max().unwrap_or(0);

@@ -21,14 +21,12 @@ const FULL: &str = r#"{
 
 fn facts() -> VolumeFacts {
     VolumeFacts {
-        dims: Dims([100, 80, 60]),
-        geometry: Geometry { spacing: [2.0, 1.0, 0.5], ..Geometry::IDENTITY },
-        value_range: ValueRange { min: -5.0, max: 7.0 },
         percentiles: vec![(1.0, -4.0), (50.0, 0.0), (99.0, 4.5)],
-        frame: Frame::Unknown,
-        histogram: Vec::new(),
-        kind: DataKind::Generic,
-        has_zero_centre: false,
+        ..VolumeFacts::plain(
+            Dims([100, 80, 60]),
+            Geometry { spacing: [2.0, 1.0, 0.5], ..Geometry::IDENTITY },
+            ValueRange { min: -5.0, max: 7.0 },
+        )
     }
 }
 

@@ -155,7 +155,7 @@ impl Classifier {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::{DataKind, Frame, VolumeFacts};
+    use crate::facts::VolumeFacts;
     use crate::lod::by_error::DataScale;
     use crate::lod::{LodChoice, LodRule};
     use crate::scene::Scene;
@@ -165,16 +165,7 @@ mod tests {
     const VALUES: ValueRange = ValueRange { min: 0.0, max: 255.0 };
 
     fn scene(json: &str) -> ResolvedScene {
-        let facts = VolumeFacts {
-            dims: Dims([16; 3]),
-            geometry: Geometry::IDENTITY,
-            value_range: VALUES,
-            percentiles: vec![],
-            frame: Frame::Unknown,
-            histogram: Vec::new(),
-            kind: DataKind::Generic,
-            has_zero_centre: false,
-        };
+        let facts = VolumeFacts::plain(Dims([16; 3]), Geometry::IDENTITY, VALUES);
         Scene::from_json(json).unwrap().resolve(&facts).unwrap()
     }
 

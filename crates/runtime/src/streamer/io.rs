@@ -14,6 +14,8 @@ use supervol_format::BrickKey;
 use supervol_format::byte_source::ReadShape;
 use supervol_format::container::ContainerError;
 
+use crate::counters::{StreamCounters, milliseconds};
+
 /// How long to wait before a read is tried again whose failure may pass by itself; as often as there are entries.
 pub const RETRY_AFTER: [Duration; 2] = [Duration::from_millis(20), Duration::from_millis(80)];
 
@@ -43,35 +45,6 @@ impl Record {
     }
 }
 
-/// What reading cost.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct IoCounters {
-    /// Reads made, failed ones included.
-    pub reads: u64,
-    /// Reads that fetched more than one record.
-    pub merged_reads: u64,
-    /// Bytes fetched, gaps between records included.
-    pub bytes_read: u64,
-    /// Reads that failed, those that were tried again included.
-    pub failed_reads: u64,
-    /// Reads that were tried again because the failure might pass.
-    pub retried_reads: u64,
-    /// Time spent in reads, summed over the threads that read.
-    pub time: Duration,
-}
-
-impl IoCounters {
-    /// Adds those of other reads.
-    pub fn add(&mut self, other: &Self) {
-        self.reads += other.reads;
-        self.merged_reads += other.merged_reads;
-        self.bytes_read += other.bytes_read;
-        self.failed_reads += other.failed_reads;
-        self.retried_reads += other.retried_reads;
-        self.time += other.time;
-    }
-}
-
 /// Records that are read at once.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MergedRead {
@@ -96,7 +69,7 @@ pub type ReadAt<'a> = dyn Fn(u64, &mut [u8]) -> Result<(), ContainerError> + 'a;
 pub type Answer = (BrickKey, Result<Record, ContainerError>);
 
 /// Reads what is read at once.
-pub fn read_merged(read_at: &ReadAt<'_>, merged: &MergedRead, counters: &mut IoCounters) -> Vec<Answer> {
+pub fn read_merged(read_at: &ReadAt<'_>, merged: &MergedRead, counters: &mut StreamCounters) -> Vec<Answer> {
     counters.merged_reads += u64::from(merged.records.len() > 1);
     let part = |buffer: &Arc<Vec<u8>>, r: &RecordRequest| {
         let start = (r.offset - merged.bytes.start) as usize;
@@ -129,7 +102,7 @@ fn may_pass(error: &ContainerError) -> bool {
 fn read_range(
     read_at: &ReadAt<'_>,
     range: Range<u64>,
-    counters: &mut IoCounters,
+    counters: &mut StreamCounters,
 ) -> Result<Arc<Vec<u8>>, ContainerError> {
     let bytes = range.end - range.start;
     let mut buffer = vec![0; usize::try_from(bytes).expect("a read is bounded by the host budget")];
@@ -137,7 +110,7 @@ fn read_range(
     loop {
         let start = Instant::now();
         let result = read_at(range.start, &mut buffer);
-        counters.time += start.elapsed();
+        counters.read_ms += milliseconds(start.elapsed());
         counters.reads += 1;
         let Err(error) = result else {
             counters.bytes_read += bytes;
@@ -185,7 +158,7 @@ mod tests {
     const GAP_BYTES: u64 = SHAPE.gap_bytes;
     const READ_BYTES: u64 = SHAPE.read_bytes;
 
-    fn read_records(read_at: &ReadAt<'_>, requests: Vec<RecordRequest>, counters: &mut IoCounters) -> Vec<Answer> {
+    fn read_records(read_at: &ReadAt<'_>, requests: Vec<RecordRequest>, counters: &mut StreamCounters) -> Vec<Answer> {
         merge(requests, SHAPE, u64::MAX).iter().flat_map(|read| read_merged(read_at, read, counters)).collect()
     }
 
@@ -219,7 +192,7 @@ mod tests {
     fn neighbours_are_merged_and_distant_records_are_not() {
         let far = 100 + 200 + GAP_BYTES + 1;
         let requests = vec![request(2, far, 50), request(1, 100, 200), request(0, 0, 100), request(3, far + 60, 5)];
-        let mut counters = IoCounters::default();
+        let mut counters = StreamCounters::default();
         let answers = read_records(&file(0..0), requests.clone(), &mut counters);
         assert_eq!(counters.reads, 2);
         assert_eq!((counters.merged_reads, counters.bytes_read, counters.failed_reads), (2, 300 + 65, 0));
@@ -244,7 +217,7 @@ mod tests {
     #[test]
     fn overlapping_and_equal_records_of_a_damaged_table_are_served() {
         let requests = vec![request(0, 10, 100), request(1, 10, 100), request(2, 20, 5), request(3, 50, 100)];
-        let answers = read_records(&file(0..0), requests.clone(), &mut IoCounters::default());
+        let answers = read_records(&file(0..0), requests.clone(), &mut StreamCounters::default());
         for ((_, record), request) in answers.iter().zip(&requests) {
             assert!(is_right(request, record.as_ref().expect("readable")));
         }
@@ -253,7 +226,7 @@ mod tests {
     #[test]
     fn a_failed_merged_read_costs_only_the_record_on_the_bad_place() {
         let requests: Vec<_> = (0..4).map(|i| request(i, u64::from(i) * 100, 100)).collect();
-        let mut counters = IoCounters::default();
+        let mut counters = StreamCounters::default();
         let answers = read_records(&file(210..220), requests.clone(), &mut counters);
         let good: Vec<bool> = answers.iter().map(|(_, r)| r.is_ok()).collect();
         assert_eq!(good, [true, true, false, true]);
@@ -275,7 +248,7 @@ mod tests {
                 }
                 file(0..0)(offset, buffer)
             };
-            let mut counters = IoCounters::default();
+            let mut counters = StreamCounters::default();
             let answers = read_records(&stumbling, vec![request(0, 10, 100)], &mut counters);
             assert!(answers[0].1.is_ok(), "a second attempt at least");
             assert_eq!((counters.retried_reads, counters.failed_reads), (retried, failures as u64));

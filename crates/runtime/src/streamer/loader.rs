@@ -8,7 +8,8 @@ use std::time::Instant;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use supervol_format::Container;
 
-use super::io::{Answer, IoCounters, MergedRead, read_merged};
+use super::io::{Answer, MergedRead, read_merged};
+use crate::counters::StreamCounters;
 
 /// Threads that read: enough to keep a disk or a network busy while one of them waits.
 pub const READERS: usize = 4;
@@ -25,7 +26,7 @@ pub struct Finished {
     /// Its records.
     pub answers: Vec<Answer>,
     /// What that cost.
-    pub counters: IoCounters,
+    pub counters: StreamCounters,
 }
 
 /// Reads in the background.
@@ -51,7 +52,7 @@ impl Loader {
             let (container, waiting, done) = (container.clone(), waiting.clone(), done.clone());
             let read_all = move || {
                 for read in waiting {
-                    let mut counters = IoCounters::default();
+                    let mut counters = StreamCounters::default();
                     let read_at = |offset, buffer: &mut [u8]| container.read_at(offset, buffer);
                     let answers = read_merged(&read_at, &read, &mut counters);
                     if done.send(Finished { read, answers, counters }).is_err() {

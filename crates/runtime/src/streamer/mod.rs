@@ -34,16 +34,16 @@ use std::time::{Duration, Instant};
 
 use supervol_format::container::toc::{BrickEntry, ENTRIES_PER_PAGE};
 use supervol_format::readable::Mib;
-use supervol_format::{BrickKey, Container};
+use supervol_format::{BrickKey, Container, Lod};
 
 use crate::cache::KeyMap;
 use crate::cache::host::{HostCache, Standing, Victims};
+use crate::counters::{StreamCounters, milliseconds};
 use crate::raycast::volume::{DecodedBrick, ValueMap};
 use crate::stop::Stop;
 use budget::{HostPlan, decoded_bytes};
 use capacity::{Candidate, Supply, admit};
 use classify::{Class, Classifier, may_have_holes};
-use io::IoCounters;
 use loader::{Finished, Loader};
 use priority::{FrontToBack, Rank, Ranked};
 use state::{BrickState, StateTable};
@@ -99,27 +99,13 @@ impl Fetched {
     }
 }
 
-/// What streaming cost, since the streamer was made.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct StreamCounters {
-    /// Reading.
-    pub io: IoCounters,
-    /// Bytes of records read, by level.
-    pub record_bytes: Vec<u64>,
-    /// Bytes of voxels decoded, as stored.
-    pub bytes_decoded: u64,
-    /// Wall time of decoding.
-    pub decode_time: Duration,
-    /// Wall time of deciding which bricks to read, and which to drop.
-    pub plan_time: Duration,
-    /// Wall time of waiting for reads.
-    pub wait_time: Duration,
-    /// Wanted bricks that no ray wanted any more before they were begun.
-    pub cancelled: u64,
-    /// Largest error bound of all bricks that rays drew in this frame, data units.
-    pub error_bound: f64,
-    /// Bricks that rays drew in this frame although nothing bounds what that does to the picture.
-    pub drawn_without_bound: u64,
+/// What rays drew of the bricks' errors in one frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct DrawnErrors {
+    /// Largest error bound of all bricks that rays drew, data units.
+    pub bound: f64,
+    /// Bricks that rays drew although nothing bounds what that does to the picture.
+    pub without_bound: u64,
 }
 
 /// Makes wanted bricks resident in host memory.
@@ -163,6 +149,9 @@ pub struct Streamer {
     /// The pass since which bricks that were used stay, where only spare room is to be taken.
     kept_since: Option<u64>,
     counters: StreamCounters,
+    /// Bytes of records read, by level.
+    record_bytes: Vec<u64>,
+    drawn_errors: DrawnErrors,
 }
 
 /// Why bricks are fetched.
@@ -215,7 +204,9 @@ impl Streamer {
             classified_pages: HashSet::new(),
             first_pass: 0,
             kept_since: None,
-            counters: StreamCounters { record_bytes: vec![0; levels], ..StreamCounters::default() },
+            counters: StreamCounters::default(),
+            record_bytes: vec![0; levels],
+            drawn_errors: DrawnErrors::default(),
             container,
         }
     }
@@ -238,7 +229,7 @@ impl Streamer {
     pub fn begin_frame(&mut self) {
         self.attempts.extend(self.states.begin_frame());
         self.drawn.clear();
-        (self.counters.error_bound, self.counters.drawn_without_bound) = (0.0, 0);
+        self.drawn_errors = DrawnErrors::default();
         self.begin_band();
     }
 
@@ -300,14 +291,14 @@ impl Streamer {
                 self.count_error(key, &entry);
             }
         }
-        self.counters.plan_time += start.elapsed();
+        self.counters.plan_ms += milliseconds(start.elapsed());
     }
 
     fn count_error(&mut self, key: BrickKey, entry: &BrickEntry) {
         let has_bound = self.classifier.has_bound(key, entry, || may_have_holes(&self.container, key, entry));
-        self.counters.drawn_without_bound += u64::from(!has_bound);
+        self.drawn_errors.without_bound += u64::from(!has_bound);
         let data_error = entry.error * self.container.descriptor().scale.abs();
-        self.counters.error_bound = self.counters.error_bound.max(data_error);
+        self.drawn_errors.bound = self.drawn_errors.bound.max(data_error);
     }
 
     /// Fetches bricks that stay in the cache until the streamer is dropped: the fallback of all others.
@@ -346,7 +337,7 @@ impl Streamer {
     fn request_for(&mut self, purpose: Purpose, wanted: &[BrickKey], bricks: usize) -> Result<Fetched, StreamError> {
         let start = Instant::now();
         let fetched = self.plan_requests(purpose, wanted, bricks);
-        self.counters.plan_time += start.elapsed();
+        self.counters.plan_ms += milliseconds(start.elapsed());
         fetched
     }
 
@@ -538,10 +529,25 @@ impl Streamer {
         &self.cache
     }
 
-    /// What streaming cost.
+    /// What streaming did and cost since the streamer was made.
     #[must_use]
-    pub fn counters(&self) -> &StreamCounters {
-        &self.counters
+    pub fn counters(&self) -> StreamCounters {
+        let mut sum = self.counters;
+        sum.add(self.cache.counters());
+        sum.add(self.states.counters());
+        sum
+    }
+
+    /// Bytes of a level's records that were read since the streamer was made.
+    #[must_use]
+    pub fn record_bytes(&self, lod: Lod) -> u64 {
+        self.record_bytes[lod.0 as usize]
+    }
+
+    /// What rays drew of the bricks' errors in this frame.
+    #[must_use]
+    pub fn drawn_errors(&self) -> DrawnErrors {
+        self.drawn_errors
     }
 
     /// The container that is streamed from.

@@ -13,6 +13,7 @@ use super::loader::{Loader, QUEUE_LIMIT};
 use super::state::BrickState;
 use super::{Fetched, Load, Room, StreamError, Streamer};
 use crate::cache::KeyMap;
+use crate::counters::milliseconds;
 use crate::raycast::volume::DecodedBrick;
 
 /// Bricks that each thread decodes before the time is looked at.
@@ -76,7 +77,7 @@ impl Streamer {
             let start = Instant::now();
             let patience = start + PATIENCE;
             let finished = loader.wait(until.map_or(patience, |until| until.min(patience)));
-            self.counters.wait_time += start.elapsed();
+            self.counters.wait_ms += milliseconds(start.elapsed());
             self.arrived.extend(finished);
         }
         self.take_some(fetched);
@@ -104,7 +105,7 @@ impl Streamer {
             && let Some(read) = self.arrived.front_mut()
         {
             let Some((key, record)) = read.answers.pop() else {
-                self.counters.io.add(&read.counters);
+                self.counters.add(&read.counters);
                 self.in_flight_bytes -= read.read.in_flight_bytes();
                 self.arrived.pop_front();
                 continue;
@@ -112,7 +113,7 @@ impl Streamer {
             match record {
                 Ok(record) => {
                     self.states.start_decoding(key);
-                    self.counters.record_bytes[key.lod().0 as usize] += record.bytes().len() as u64;
+                    self.record_bytes[key.lod().0 as usize] += record.bytes().len() as u64;
                     encoded.push(Encoded { key, entry: self.loading[&key].entry, record });
                 }
                 Err(error) => self.settle(key, Err(error), fetched),
@@ -120,7 +121,7 @@ impl Streamer {
         }
         let start = Instant::now();
         let bricks = decode::decode_bricks(&self.container, &self.map, encoded);
-        self.counters.decode_time += start.elapsed();
+        self.counters.decode_ms += milliseconds(start.elapsed());
         bricks.into_iter().for_each(|(key, brick)| self.settle(key, brick, fetched));
     }
 

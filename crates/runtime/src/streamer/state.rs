@@ -20,6 +20,7 @@ use serde::Serialize;
 use supervol_format::{BrickKey, Lod};
 
 use crate::cache::KeyMap;
+use crate::counters::StreamCounters;
 
 /// Bytes that one remembered brick takes in the table where the table is least full, right after it has grown.
 pub const RECORD_BYTES: u64 = 3 * (size_of::<(BrickKey, Record)>() as u64 + 1);
@@ -199,9 +200,8 @@ pub struct StateTable {
     /// Transitions, `[from][to]`.
     transitions: [[u64; KINDS]; KINDS],
     page_ins: Vec<u64>,
-    repeated_page_ins: u64,
+    counters: StreamCounters,
     failures: Vec<Failure>,
-    forgotten: u64,
 }
 
 impl StateTable {
@@ -213,9 +213,8 @@ impl StateTable {
             counts: vec![[0; KINDS]; levels],
             transitions: [[0; KINDS]; KINDS],
             page_ins: vec![0; levels],
-            repeated_page_ins: 0,
+            counters: StreamCounters::default(),
             failures: Vec::new(),
-            forgotten: 0,
         }
     }
 
@@ -268,7 +267,7 @@ impl StateTable {
         self.page_ins[level(key)] += 1;
         let record = self.records.get_mut(&key).expect("a brick in the host cache has a record");
         record.page_ins += 1;
-        self.repeated_page_ins += u64::from(record.page_ins > 1);
+        self.counters.repeated_page_ins += u64::from(record.page_ins > 1);
     }
 
     /// The host cache dropped the brick.
@@ -337,7 +336,7 @@ impl StateTable {
         for &key in &keys {
             self.enter(key, BrickState::Unknown);
         }
-        self.forgotten += keys.len() as u64;
+        self.counters.states_forgotten += keys.len() as u64;
         keys.len() as u64
     }
 
@@ -382,22 +381,16 @@ impl StateTable {
         self.page_ins[lod.0 as usize]
     }
 
-    /// Times that a brick came into the host cache which had been there before.
+    /// What happened so far: bricks that came again, and states that were forgotten.
     #[must_use]
-    pub fn repeated_page_ins(&self) -> u64 {
-        self.repeated_page_ins
+    pub fn counters(&self) -> &StreamCounters {
+        &self.counters
     }
 
     /// The first failures, at most [`FAILURES_KEPT`].
     #[must_use]
     pub fn failures(&self) -> &[Failure] {
         &self.failures
-    }
-
-    /// Bricks whose state was dropped because the table was full.
-    #[must_use]
-    pub fn forgotten(&self) -> u64 {
-        self.forgotten
     }
 }
 
@@ -498,7 +491,7 @@ mod tests {
         t.start_reading(key(0));
         t.start_decoding(key(0));
         t.in_host(key(0));
-        assert_eq!((t.page_ins(Lod(0)), t.page_ins(Lod(1)), t.repeated_page_ins()), (2, 0, 1));
+        assert_eq!((t.page_ins(Lod(0)), t.page_ins(Lod(1)), t.counters().repeated_page_ins), (2, 0, 1));
         t.queue(key(2));
         t.cancel(key(2));
         assert_eq!(t.state(key(2)), BrickState::Unknown);
@@ -533,7 +526,7 @@ mod tests {
         t.reclassify();
         assert_eq!(t.len(), 2);
         t.nothing(key(1), Emptiness::Absent);
-        assert_eq!((t.forget(1), t.forgotten(), t.len()), (1, 1, 2));
+        assert_eq!((t.forget(1), t.counters().states_forgotten, t.len()), (1, 1, 2));
         assert_eq!(t.state(key(0)), BrickState::InHost);
         assert_eq!(t.state(key(3)).kind(), K::Failed);
     }

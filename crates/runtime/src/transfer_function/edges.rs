@@ -88,6 +88,7 @@ fn of_rank(rank: i64) -> f32 {
 mod tests {
     use super::*;
     use crate::transfer_function::{ControlPoint, TransferFunction};
+    use supervol_format::random::Random;
 
     const FUNCTIONS: usize = 4000;
 
@@ -108,30 +109,17 @@ mod tests {
             || function.visible_points_up_to(high) > function.visible_points_up_to(low)
     }
 
-    struct Random(u64);
-
-    impl Random {
-        fn below(&mut self, limit: usize) -> usize {
-            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (self.0 >> 33) as usize % limit
-        }
-
-        fn of<T: Copy>(&mut self, choices: &[T]) -> T {
-            choices[self.below(choices.len())]
-        }
-    }
-
     /// Steps, spikes without width and one ulp wide, points that `f32` cannot tell apart, opacities that it takes for 0.
     fn function(random: &mut Random) -> RenderTransferFunction {
         let start = random.of(&[0.0, -0.0, -3.0, 1e9, -2e38, 1e-40, -1e300]);
         let scale = random.of(&[1.0, 1.0, 1e-9, 1e-44, 3e37, 1e299]);
         let mut value: f64 = start;
-        let points = (0..=random.below(12)).map(|_| {
-            value = match random.below(6) {
+        let points = (0..=random.index(12)).map(|_| {
+            value = match random.index(6) {
                 0 | 1 => value,
                 2 => value.next_up(),
                 3 => f64::from((value as f32).next_up()).max(value),
-                _ => value + scale * (random.below(8) as f64),
+                _ => value + scale * (random.index(8) as f64),
             };
             let alpha = random.of(&[0.0, 0.0, 0.0, 1e-60, 1e-45, 1e-9, 0.3, 0.3 + 1e-12, 0.99995, 1.0]);
             ControlPoint { value: value.clamp(f64::MIN, f64::MAX), color: [0.5; 3], alpha }
@@ -146,7 +134,7 @@ mod tests {
         for (i, p) in function.points.iter().enumerate() {
             let next = function.points.get(i + 1).map_or(p.value + 1.0, |next| next.value);
             let inside = p.value.midpoint(next);
-            let third = p.value + (next - p.value) * (random.below(1000) as f32 / 1000.0);
+            let third = p.value + (next - p.value) * (random.index(1000) as f32 / 1000.0);
             values.extend([
                 p.value,
                 p.value.next_up(),
@@ -162,7 +150,7 @@ mod tests {
 
     #[test]
     fn answers_are_those_of_the_points_bit_for_bit() {
-        let mut random = Random(7);
+        let mut random = Random::new(7);
         let (mut asked, mut visible, mut spikes) = (0u64, 0u64, 0u64);
         for _ in 0..FUNCTIONS {
             let function = function(&mut random);

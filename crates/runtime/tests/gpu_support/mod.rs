@@ -10,7 +10,7 @@ use supervol_format::brick::{APRON, MACRO_CELL};
 use supervol_format::random::Random;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
-use supervol_runtime::facts::{DataKind, Frame, VolumeFacts};
+use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{self, CpuFrame, CpuQuality, Skipping};
@@ -115,16 +115,7 @@ impl TestVolume {
     }
 
     pub fn scene(&self, json: &str) -> ResolvedScene {
-        let facts = VolumeFacts {
-            dims: Dims(self.reference.dims.map(|n| n as u64)),
-            geometry: self.geometry,
-            value_range: self.range,
-            percentiles: Vec::new(),
-            frame: Frame::Unknown,
-            histogram: Vec::new(),
-            kind: DataKind::Generic,
-            has_zero_centre: false,
-        };
+        let facts = VolumeFacts::plain(Dims(self.reference.dims.map(|n| n as u64)), self.geometry, self.range);
         Scene::from_json(json).expect("a valid scene").resolve(&facts).expect("a scene for this volume")
     }
 
@@ -169,7 +160,7 @@ impl TestVolume {
         let pass_limit = 200 + 64 * self.bricks.len();
         for _ in 0..pass_limit {
             let feedback = renderer.cast_pass().expect("a pass");
-            assert_eq!(feedback.gpu.anomalies, 0, "anomalies");
+            assert_eq!(feedback.device.anomalies, 0, "anomalies");
             if feedback.is_converged() {
                 assert!(feedback.misses.is_empty());
                 return (renderer.image().expect("an image"), renderer.stats());

@@ -7,10 +7,10 @@ use std::sync::Mutex;
 
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
-use supervol_runtime::facts::{DataKind, Frame, VolumeFacts};
+use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::image::Image;
 use supervol_runtime::lod::LodChoice;
-use supervol_runtime::raycast::cpu::{Counters, CpuFrame, CpuQuality, Skipping, cast_pass};
+use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, RayCounters, Skipping, cast_pass};
 use supervol_runtime::raycast::reference::{ReferenceVolume, render_reference_counted};
 use supervol_runtime::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap};
 use supervol_runtime::scene::{ResolvedScene, Scene};
@@ -65,16 +65,7 @@ impl Volume {
     }
 
     pub fn facts(&self) -> VolumeFacts {
-        VolumeFacts {
-            dims: Dims(self.dims.map(|n| n as u64)),
-            geometry: self.geometry,
-            value_range: self.range(),
-            percentiles: vec![],
-            frame: Frame::Unknown,
-            histogram: Vec::new(),
-            kind: DataKind::Generic,
-            has_zero_centre: false,
-        }
+        VolumeFacts::plain(Dims(self.dims.map(|n| n as u64)), self.geometry, self.range())
     }
 
     pub fn reference(&self) -> ReferenceVolume {
@@ -166,11 +157,11 @@ impl Bricked {
         CpuFrame::new(scene, &self.pyramid, &self.geometry, self.map, self.range, quality)
     }
 
-    pub fn render_with(&self, scene: &ResolvedScene, lod: LodChoice, skipping: Skipping) -> (Image, Counters) {
+    pub fn render_with(&self, scene: &ResolvedScene, lod: LodChoice, skipping: Skipping) -> (Image, RayCounters) {
         self.render_of(scene, CpuQuality { lod, skipping, ..CpuQuality::default() })
     }
 
-    pub fn render_of(&self, scene: &ResolvedScene, quality: CpuQuality) -> (Image, Counters) {
+    pub fn render_of(&self, scene: &ResolvedScene, quality: CpuQuality) -> (Image, RayCounters) {
         let frame = self.frame_of(scene, quality);
         let mut states = frame.begin();
         let feedback = cast_pass(self, &frame, &mut states);
@@ -289,27 +280,6 @@ pub fn stable(volume: &Volume, scene: &ResolvedScene, exact: &Image) -> Vec<bool
     });
     let agree = |i: usize, other: &Image| (0..4).all(|c| (other.pixels[i][c] - exact.pixels[i][c]).abs() < 0.01);
     (0..exact.pixels.len()).map(|i| moved.iter().all(|m| agree(i, m))).collect()
-}
-
-/// Numbers that look random, the same on every run.
-pub struct Random(pub u64);
-
-impl Random {
-    /// In [0, 1).
-    pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// In 0..n.
-    pub fn below(&mut self, n: usize) -> usize {
-        (self.unit() * n as f64) as usize
-    }
-
-    /// In [low, high).
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
 }
 
 /// Noise in [0, 1), the same on every run.

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use supervol_format::Geometry;
 use supervol_runtime::clip::Segment;
-use supervol_runtime::raycast::cpu::{Counters, RayState};
+use supervol_runtime::raycast::cpu::{RayCounters, RayState};
 use supervol_runtime::raycast::scalar::modes::ShadeSetup;
 use supervol_runtime::raycast::scalar::shade::shade;
 use supervol_runtime::raycast::scalar::{BrickVisit, Integration, Integrator, LevelVisit, StoredVoxel};
@@ -117,7 +117,7 @@ impl<'a> SampledRay<'a> {
         visit: &LevelVisit<'_>,
         [t, exit]: [f64; 2],
         state: &mut RayState,
-        counters: &mut Counters,
+        counters: &mut RayCounters,
     ) {
         let mut j = self.first(t, |j| self.sample_at(self.interval(j)));
         loop {
@@ -158,7 +158,7 @@ impl<'a> SampledRay<'a> {
         visit: &LevelVisit<'_>,
         [t, exit]: [f64; 2],
         state: &mut RayState,
-        counters: &mut Counters,
+        counters: &mut RayCounters,
     ) {
         let (table, attenuation) =
             self.tables.preintegration.as_ref().expect("these rules come with a table of their own");
@@ -194,7 +194,7 @@ impl<'a> SampledRay<'a> {
         visit: &LevelVisit<'_>,
         t: [f64; 2],
         state: &mut RayState,
-        counters: &mut Counters,
+        counters: &mut RayCounters,
     ) {
         if self.tables.preintegration.is_some() {
             self.gather_intervals(probe, visit, t, state, counters);
@@ -253,7 +253,7 @@ impl Tables {
         (voxels, index): (&[T], [i64; 3]),
         t: [f64; 2],
         state: &mut RayState,
-        counters: &mut Counters,
+        counters: &mut RayCounters,
     ) {
         let probe = BrickProbe::new(visit, voxels, index, &self.sampling);
         SampledRay::new(self, visit.level()).gather(&probe, visit.level(), t, state, counters);
@@ -267,7 +267,7 @@ impl Integrator for Tables {
         index: [i64; 3],
         t: [f64; 2],
         state: &mut RayState,
-        counters: &mut Counters,
+        counters: &mut RayCounters,
     ) {
         match visit.voxels() {
             Voxels::U8(voxels) => self.gather_brick(visit, (voxels, index), t, state, counters),
@@ -282,7 +282,7 @@ impl Integrator for Tables {
         value: f32,
         t: [f64; 2],
         state: &mut RayState,
-        counters: &mut Counters,
+        counters: &mut RayCounters,
     ) {
         let probe = UniformProbe { value, rgba: visit.transfer_function().classify(value) };
         SampledRay::new(self, visit).gather(&probe, visit, t, state, counters);

@@ -34,7 +34,7 @@ pub(super) fn rows(context: &Context<'_>) -> Result<Vec<OrderRow>, ChartError> {
         let mut curve = Vec::new();
         for pairs in [1, 2, 4] {
             let (image, stats) = volume.render(&scene, &fixed_pairs(pairs))?;
-            curve.push((stats.samples as f64 / voxels, distance(&image, &exact).rmse));
+            curve.push((stats.casting.samples as f64 / voxels, distance(&image, &exact).rmse));
         }
         rows.push(OrderRow::new(["trilinear 40^3", name, RULE], curve, 0.0, (None, None))?);
     }

@@ -145,7 +145,11 @@ fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
     let [cache, budget] = [stats.host_cache_bytes, stats.host_budget_bytes].map(mebibytes);
     number(ui, format!("{cache} of {budget} MiB"), "Bricks in memory, and the memory for bricks, rays and pictures");
     let seconds = picture.spent_ms.max(1.0) / 1e3;
-    let words = format!("{} MiB read, {:.0} reads/s", mebibytes(stats.bytes_read), stats.reads as f64 / seconds);
+    let words = format!(
+        "{} MiB read, {:.0} reads/s",
+        mebibytes(stats.streaming.bytes_read),
+        stats.streaming.reads as f64 / seconds
+    );
     number(ui, words, "Read from the file for this picture, and how many reads a second of drawing it");
     if let Some(stated) = &stats.error_stated {
         let words = format!("off by at most {:.2} of 255", stated.largest_grey_levels);

@@ -10,11 +10,11 @@ use supervol_format::Container;
 use supervol_preprocess::kept::{Cache, Reading, Told, advice};
 use supervol_preprocess::preview::Preview;
 use supervol_preprocess::source::Survey;
-use supervol_preprocess::stop::Stopper;
 use supervol_preprocess::{BuildError, BuildOptions};
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::preset::overview::Overview;
 use supervol_runtime::preset::placing::placed;
+use supervol_runtime::stop::Canceller;
 
 use super::{Busy, Desk, Message, Open, Opened, Settings, lock};
 
@@ -63,14 +63,14 @@ fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64
 pub(super) fn begin_build(
     desk: &Arc<Desk>,
     (source, number): (PathBuf, u64),
-    (settings, stopper): (&Settings, Stopper),
+    (settings, canceller): (&Settings, Canceller),
     before: Option<JoinHandle<()>>,
 ) -> std::io::Result<JoinHandle<()>> {
     let (desk, settings) = (desk.clone(), *settings);
     std::thread::Builder::new().name("supervol-build".into()).spawn(move || {
         // What it panicked with is on standard error already.
         let _ = before.map(JoinHandle::join);
-        let build = || built(&desk, (&source, number), &settings, stopper);
+        let build = || built(&desk, (&source, number), &settings, canceller);
         let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(build)).unwrap_or_else(|_| {
             Err(Message::Failure("a mistake of supervol ended the build; what it said is on standard error".into()))
         });
@@ -97,11 +97,11 @@ fn built(
     desk: &Desk,
     (source, number): (&Path, u64),
     settings: &Settings,
-    stopper: Stopper,
+    canceller: Canceller,
 ) -> Result<PathBuf, Message> {
     let folders = &desk.folders;
     let options = BuildOptions::default();
-    let options = BuildOptions { threads: settings.threads.unwrap_or(options.threads), stopper, ..options };
+    let options = BuildOptions { threads: settings.threads.unwrap_or(options.threads), canceller, ..options };
     let last = std::sync::Mutex::new(None::<Instant>);
     let told = |told: Told<'_>| match told {
         Told::Building(_) => {}

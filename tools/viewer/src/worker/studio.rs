@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use supervol_preprocess::kept::is_container;
 use supervol_preprocess::preview::Preview;
-use supervol_preprocess::stop::Stopper;
+use supervol_runtime::stop::Canceller;
 
 use super::easel::Easel;
 use super::{Busy, Desk, Message, Open, Opened, Settings, Work, lock, open};
@@ -59,7 +59,7 @@ impl Studio {
     fn run(&mut self, work: Work) {
         match work {
             Work::Quit => return,
-            Work::Open(wish, stopper) => return self.open(wish, stopper),
+            Work::Open(wish, canceller) => return self.open(wish, canceller),
             Work::Preview(number, preview) => return self.show_preview(number, preview),
             Work::Built(number, built) => return self.end_build(number, built),
             Work::Settings(settings) => self.settings = settings,
@@ -109,7 +109,7 @@ impl Studio {
     }
 
     /// Opens a container, or begins to build one.
-    fn open(&mut self, wish: Open, stopper: Stopper) {
+    fn open(&mut self, wish: Open, canceller: Canceller) {
         self.volumes += 1;
         let number = self.volumes;
         let is_built = !is_container(&wish.path);
@@ -124,7 +124,7 @@ impl Studio {
         }
         let source = (wish.path.clone(), number);
         self.building = Some((number, wish));
-        match open::begin_build(&self.desk, source, (&self.settings, stopper), self.builder.take()) {
+        match open::begin_build(&self.desk, source, (&self.settings, canceller), self.builder.take()) {
             Ok(thread) => self.builder = Some(thread),
             Err(error) => self.end_opening(Err(Message::Failure(format!("no thread can be started: {error}")))),
         }
@@ -158,7 +158,7 @@ impl Studio {
             }
             Err(message) => Some(message),
         };
-        lock(&self.desk.wishes).build_stopper = None;
+        lock(&self.desk.wishes).build_canceller = None;
         self.desk.tell(|news| {
             self.desk.building.store(0, Ordering::Relaxed);
             news.busy = None;

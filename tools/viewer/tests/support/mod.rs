@@ -2,8 +2,6 @@
 
 #![allow(dead_code, reason = "each file of tests uses a part of it")]
 
-pub mod counting;
-
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

@@ -291,15 +291,12 @@ pub fn undo_difference(samples: &mut [i32], extent: [usize; 3]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
     use proptest::prelude::*;
 
     fn noise(n: usize, spread: u64) -> Vec<i32> {
-        let mut state = 99u64;
-        let mut next = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            ((state >> 33) % spread) as i32
-        };
-        (0..n).map(|_| next()).collect()
+        let mut random = Random::new(99);
+        (0..n).map(|_| random.below(spread) as i32).collect()
     }
 
     const EXTENTS: [[usize; 3]; 8] =

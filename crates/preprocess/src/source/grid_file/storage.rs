@@ -1,25 +1,20 @@
 //! The bytes of a grid: one file from an offset on, or several files with an equal share each.
 //!
-//! Many part files are opened when needed and at most [`OPEN_FILES`] stay open: a stack of 5,000 slices must not run
-//! into the system's limit. Lengths are checked once, on opening.
+//! Part files are opened when needed, and few stay open ([`OpenFiles`]). Lengths are checked once, on opening.
 
-use std::collections::VecDeque;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
 
 use supervol_format::ByteSource;
 
 use super::{Part, SourceError};
-
-/// Part files kept open at once.
-const OPEN_FILES: usize = 32;
+use crate::source::open_files::OpenFiles;
 
 /// See the module's head.
 #[derive(Debug)]
 pub(super) enum Storage {
     Single { path: PathBuf, file: File, offset: u64 },
-    Parts { parts: Vec<Part>, part_bytes: u64, open: Mutex<VecDeque<(usize, Arc<File>)>> },
+    Parts { parts: Vec<Part>, part_bytes: u64, open: OpenFiles },
 }
 
 impl Storage {
@@ -39,7 +34,7 @@ impl Storage {
             let file = File::open(&part.path).map_err(|e| SourceError::io(&part.path, e))?;
             check_length(&part.path, &file, part.offset, part_bytes)?;
         }
-        Ok(Self::Parts { parts, part_bytes, open: Mutex::new(VecDeque::new()) })
+        Ok(Self::Parts { parts, part_bytes, open: OpenFiles::default() })
     }
 
     /// Fills `out` with the bytes of the grid from `position` on.
@@ -57,7 +52,7 @@ impl Storage {
                     let length = (part_bytes - inside).min(out.len() as u64) as usize;
                     let (now, later) = out.split_at_mut(length);
                     let part = &parts[index];
-                    let file = opened(open, index, part)?;
+                    let file = open.get(index, &part.path).map_err(|e| SourceError::io(&part.path, e))?;
                     file.read_exact_at(part.offset + inside, now).map_err(|e| SourceError::io(&part.path, e))?;
                     (position, out) = (position + length as u64, later);
                 }
@@ -65,21 +60,6 @@ impl Storage {
             }
         }
     }
-}
-
-/// The handle of a part, opened now if it is not open; the handle opened longest ago makes room.
-fn opened(open: &Mutex<VecDeque<(usize, Arc<File>)>>, index: usize, part: &Part) -> Result<Arc<File>, SourceError> {
-    // A thread that panicked left the list whole: every change to it is one push or pop.
-    let mut open = open.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some((_, file)) = open.iter().find(|(i, _)| *i == index) {
-        return Ok(Arc::clone(file));
-    }
-    let file = Arc::new(File::open(&part.path).map_err(|e| SourceError::io(&part.path, e))?);
-    if open.len() == OPEN_FILES {
-        open.pop_front();
-    }
-    open.push_back((index, Arc::clone(&file)));
-    Ok(file)
 }
 
 fn check_length(path: &Path, file: &File, offset: u64, bytes: u64) -> Result<(), SourceError> {

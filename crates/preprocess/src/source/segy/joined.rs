@@ -1,13 +1,11 @@
 //! Several files as one: the headers of the first, and behind them the traces of all of them, in natural order of their names.
 //!
 //! Surveys are often kept as one file per inline. The files must agree in byte order, sample format, samples and header lengths;
-//! which trace stands where is found out as in one file. At most [`OPEN_FILES`] are open at once.
+//! which trace stands where is found out as in one file. Few are open at once ([`OpenFiles`]).
 
-use std::collections::VecDeque;
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
 
 use supervol_format::ByteSource;
 
@@ -15,10 +13,8 @@ use super::binary_header::FILE_HEADER_BYTES;
 use super::input::Input;
 use super::layout::Layout;
 use super::{SegyOptions, read_file_header};
+use crate::source::open_files::OpenFiles;
 use crate::source::{Endian, SourceError};
-
-/// Files kept open at once.
-const OPEN_FILES: usize = 32;
 
 /// Part of a file: its traces.
 #[derive(Debug)]
@@ -35,13 +31,13 @@ pub(super) struct Joined {
     headers: Vec<u8>,
     parts: Vec<Part>,
     bytes: u64,
-    open: Mutex<VecDeque<(usize, Arc<File>)>>,
+    open: OpenFiles,
 }
 
 impl Joined {
     /// Joins files, of which there is at least one; each is looked at here.
     pub(super) fn new(paths: &[PathBuf], options: &SegyOptions) -> Result<Self, SourceError> {
-        let mut joined = Self { headers: Vec::new(), parts: Vec::new(), bytes: 0, open: Mutex::default() };
+        let mut joined = Self { headers: Vec::new(), parts: Vec::new(), bytes: 0, open: OpenFiles::default() };
         let mut first: Option<Layout> = None;
         for path in paths {
             let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
@@ -68,21 +64,6 @@ impl Joined {
             joined.bytes = end.ok_or_else(|| input.invalid("traces", "less than 2^64 bytes in all files", "more"))?;
         }
         Ok(joined)
-    }
-
-    /// The file of a part, opened now if it is not open; the one opened longest ago makes room.
-    fn file(&self, index: usize) -> io::Result<Arc<File>> {
-        // Whoever panicked has changed the list whole.
-        let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, file)) = open.iter().find(|(i, _)| *i == index) {
-            return Ok(Arc::clone(file));
-        }
-        let file = Arc::new(File::open(&self.parts[index].path)?);
-        if open.len() == OPEN_FILES {
-            open.pop_front();
-        }
-        open.push_back((index, Arc::clone(&file)));
-        Ok(file)
     }
 }
 
@@ -129,7 +110,7 @@ impl ByteSource for Joined {
             let end = self.parts.get(index + 1).map_or(self.bytes, |next| next.position);
             let count = (end - at).min(rest.len() as u64) as usize;
             let (now, later) = rest.split_at_mut(count);
-            self.file(index)?.read_exact_at(part.start + (at - part.position), now)?;
+            self.open.get(index, &part.path)?.read_exact_at(part.start + (at - part.position), now)?;
             (at, rest) = (at + count as u64, later);
         }
         Ok(())

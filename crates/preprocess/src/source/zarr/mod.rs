@@ -17,13 +17,13 @@ pub(super) mod ome;
 pub(super) mod placement;
 mod store;
 
-use std::collections::VecDeque;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use supervol_format::Dims;
 use supervol_format::readable::Mib;
+use supervol_format::recent::Recent;
 
 use super::chunked::{ChunkGrid, ChunkMemory, ChunkedSource, Chunks, widened};
 use super::elements::{Channels, Elements, Frames};
@@ -331,7 +331,7 @@ struct ArrayChunks {
     /// Of a decoded chunk.
     bytes: usize,
     /// Where the chunks of some shards lie, the last used last.
-    tables: Mutex<VecDeque<(PathBuf, Table)>>,
+    tables: Mutex<Recent<PathBuf, Table>>,
 }
 
 impl Chunks for ArrayChunks {
@@ -415,8 +415,8 @@ impl ArrayChunks {
         let length = file.length();
         {
             // Whoever panicked has changed the list whole.
-            let tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
-            if let Some((_, table)) = tables.iter().find(|(kept, _)| kept == path) {
+            let mut tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(table) = tables.get(path) {
                 return Ok(Arc::clone(table));
             }
         }
@@ -435,10 +435,7 @@ impl ArrayChunks {
         let numbers = data.as_chunks::<8>().0.as_chunks::<2>().0;
         let table = Arc::new(numbers.iter().map(|pair| pair.map(u64::from_le_bytes)).collect::<Vec<_>>());
         let mut tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
-        if tables.len() >= TABLES_KEPT {
-            tables.pop_front();
-        }
-        tables.push_back((path.into(), Arc::clone(&table)));
+        tables.insert_within(TABLES_KEPT, path.into(), Arc::clone(&table));
         Ok(table)
     }
 }

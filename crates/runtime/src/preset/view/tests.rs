@@ -5,14 +5,12 @@ use supervol_format::{Dims, Geometry, ValueRange};
 
 fn facts(frame: Frame, dims: [u64; 3], direction: [f64; 9]) -> VolumeFacts {
     VolumeFacts {
-        dims: Dims(dims),
-        geometry: Geometry { spacing: [2.0, 1.0, 0.5], origin: [10.0, -20.0, 5.0], direction },
         frame,
-        value_range: ValueRange { min: 0.0, max: 1.0 },
-        percentiles: Vec::new(),
-        histogram: Vec::new(),
-        kind: DataKind::Generic,
-        has_zero_centre: false,
+        ..VolumeFacts::plain(
+            Dims(dims),
+            Geometry { spacing: [2.0, 1.0, 0.5], origin: [10.0, -20.0, 5.0], direction },
+            ValueRange { min: 0.0, max: 1.0 },
+        )
     }
 }
 

@@ -356,6 +356,7 @@ mod tests {
     use super::*;
     use crate::transfer_function::pieces::TransferPieces;
     use crate::transfer_function::{ControlPoint, TransferFunction};
+    use supervol_format::random::Random;
 
     /// A cubic by its coefficients, and the world length it goes over.
     type Cubic = ([f64; 4], f64);
@@ -413,11 +414,8 @@ mod tests {
     /// which the field bends, and whose lengths differ.
     #[test]
     fn stated_errors_are_errors() {
-        let mut seed = 11u64;
-        let mut random = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 11) as f64 / (1u64 << 53) as f64
-        };
+        let mut numbers = Random::new(11);
+        let mut random = || numbers.unit();
         let (mut worst, mut looked_at) = (0.0f64, 0);
         for _ in 0..6000 {
             let mut values: Vec<f64> = (0..2 + (random() * 4.0) as usize).map(|_| 100.0 + 20.0 * random()).collect();

@@ -244,6 +244,7 @@ fn lower(framed: &mut [u8], vector: usize, neighbours: &[isize]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use supervol_format::random::Random;
 
     #[test]
     fn cubes_that_are_leapt_over_have_one_side() {
@@ -265,11 +266,8 @@ mod tests {
 
     #[test]
     fn distances_are_those_of_brute_force() {
-        let mut seed = 3u32;
-        let mut random = || {
-            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            seed >> 24
-        };
+        let mut numbers = Random::new(3);
+        let mut random = || numbers.below(256);
         let ways = [Ahead::Up, Ahead::Down, Ahead::Both];
         // Rows shorter than a vector, as long, and longer.
         for cells in [[5, 3, 4], [16, 2, 3], [17, 3, 2], [33, 1, 3], [1, 7, 1]] {

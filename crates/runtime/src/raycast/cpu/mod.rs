@@ -69,6 +69,7 @@ use super::scalar::{self, Integrator};
 use super::volume::{BrickView, KnownEntry, Resident, ValueMap};
 use crate::camera::{Camera, Ray};
 use crate::clip::{Clip, IndexRay, Segment, clip_parts, clip_ray};
+pub use crate::counters::RayCounters;
 use crate::frame::caster::CasterErrors;
 use crate::image::Image;
 use crate::lod::deviation::Deviations;
@@ -307,31 +308,6 @@ impl Rays {
     }
 }
 
-/// What one pass did; sums over its rays.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Bricks entered by rays.
-    pub bricks: u64,
-    /// Macro cells walked cell by cell.
-    pub macro_cells: u64,
-    /// Macro cells skipped.
-    pub macro_cells_skipped: u64,
-    /// Trilinear cells crossed.
-    pub cells: u64,
-    /// Values classified along chords (`dvr`).
-    pub samples: u64,
-    /// Times a failed brick's parent stood in.
-    pub parent_bricks: u64,
-    /// Cells that one rule did not settle.
-    pub cells_refined: u64,
-    /// Cells that were integrated by roots in `f64`.
-    pub cells_exact: u64,
-    /// Rays that this pass finished.
-    pub rays_finished: u64,
-    /// Times a ray stopped at a brick that is not resident; in one pass: rays that wait.
-    pub rays_waiting: u64,
-}
-
 /// A brick that rays wait for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Miss {
@@ -351,7 +327,7 @@ pub struct PassFeedback {
     /// Bricks that rays read, in key order.
     pub uses: Vec<BrickKey>,
     /// Sums over the pass.
-    pub counters: Counters,
+    pub counters: RayCounters,
     /// Whether it ended before some tile was finished, or waits, because it was time to stop.
     pub is_stopped: bool,
 }
@@ -632,7 +608,7 @@ impl CpuFrame {
 pub(crate) struct BlockFeedback {
     pub(crate) misses: BTreeMap<BrickKey, (u64, f64)>,
     pub(crate) uses: BTreeSet<BrickKey>,
-    pub(crate) counters: Counters,
+    pub(crate) counters: RayCounters,
     pub(crate) is_stopped: bool,
 }
 
@@ -687,7 +663,7 @@ fn cast_block<V: BrickView + ?Sized>(
 fn merge(blocks: Vec<BlockFeedback>) -> PassFeedback {
     let mut misses: BTreeMap<BrickKey, (u64, f64)> = BTreeMap::new();
     let mut uses = BTreeSet::new();
-    let mut counters = Counters::default();
+    let mut counters = RayCounters::default();
     let mut is_stopped = false;
     for block in blocks {
         is_stopped |= block.is_stopped;
@@ -701,20 +677,4 @@ fn merge(blocks: Vec<BlockFeedback>) -> PassFeedback {
     let mut misses: Vec<Miss> = misses.into_iter().map(|(key, (rays, nearest))| Miss { key, rays, nearest }).collect();
     misses.sort_by(|a, b| a.nearest.total_cmp(&b.nearest).then(a.key.cmp(&b.key)));
     PassFeedback { misses, uses: uses.into_iter().collect(), counters, is_stopped }
-}
-
-impl Counters {
-    /// Adds another pass or block.
-    pub fn add(&mut self, other: &Self) {
-        self.bricks += other.bricks;
-        self.macro_cells += other.macro_cells;
-        self.macro_cells_skipped += other.macro_cells_skipped;
-        self.cells += other.cells;
-        self.samples += other.samples;
-        self.parent_bricks += other.parent_bricks;
-        self.cells_refined += other.cells_refined;
-        self.cells_exact += other.cells_exact;
-        self.rays_finished += other.rays_finished;
-        self.rays_waiting += other.rays_waiting;
-    }
 }

@@ -9,6 +9,7 @@
 //!
 //! The cells of a round go through each stage together: stages are short, so that the processor overlaps several cells.
 
+use super::RayCounters;
 use super::fetch::{Cell, Raw, Rows};
 use super::integrate::{Chord, Line, Located, Part, integrate_at, locate};
 use super::lookup::Lookup;
@@ -60,32 +61,6 @@ pub struct Precision {
     pub has_steps: bool,
     /// Whether the errors of cells are summed up along rays: 1 to 2 % of the time.
     pub sums_errors: bool,
-}
-
-/// What was done, over all lanes.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Work {
-    /// Cells crossed.
-    pub cells: u64,
-    /// Values classified.
-    pub samples: u64,
-    /// Leaps.
-    pub leaps: u64,
-    /// Cells that one rule did not settle.
-    pub refined: u64,
-    /// Cells that were left to roots in `f64`.
-    pub exact: u64,
-}
-
-impl Work {
-    /// Adds another packet's.
-    pub fn add(&mut self, other: &Self) {
-        self.cells += other.cells;
-        self.samples += other.samples;
-        self.leaps += other.leaps;
-        self.refined += other.refined;
-        self.exact += other.exact;
-    }
 }
 
 /// Where rays come from and go to, and who knows them better than `f32`.
@@ -154,9 +129,9 @@ pub unsafe fn cast<S: Simd, L: Lookup>(
     precision: Precision,
     queues: &mut Queues,
     host: &mut dyn Host,
-) -> Work {
+) -> RayCounters {
     let mut packet = Packet::default();
-    let mut work = Work::default();
+    let mut work = RayCounters::default();
     let mut stages = Stages::<S>::new();
     loop {
         let lent = (0..S::LANES).take_while(|&lane| host.lend(lane, &mut packet)).count();
@@ -183,7 +158,7 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
     precision: Precision,
     (packet, stages, queues): (&mut Packet, &mut Stages<S>, &mut Queues),
     host: &mut dyn Host,
-) -> Work {
+) -> RayCounters {
     let last = S::splat(precision.last_transmittance);
     let front = S::load(&packet.front);
     let mut walker = Walker::<S>::new(packet, brick);
@@ -191,11 +166,11 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
     let round = Round { brick, classifier, precision, weight: front };
     let lanes = round.lanes(packet, &walker);
     let mut parts = RoundParts::new();
-    let mut work = Work::default();
+    let mut work = RayCounters::default();
     loop {
         walker.finish(light.ended(last));
         if let Some(cloud) = brick.cloud {
-            work.leaps += u64::from(walker.leap(cloud, brick));
+            work.macro_cells_skipped += u64::from(walker.leap(cloud, brick));
         }
         let is_done = S::bits(walker.active()) == 0;
         if queues.pending.cells.len() > 0 && (is_done || queues.pending.is_enough()) {
@@ -264,7 +239,7 @@ struct LaterStages<'a, S: Simd> {
     stages: &'a mut Stages<S>,
     parts: &'a mut RoundParts,
     queues: &'a mut Queues,
-    work: &'a mut Work,
+    work: &'a mut RayCounters,
 }
 
 /// What is the same for all cells of a round.
@@ -307,7 +282,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         stages: &mut Stages<S>,
         parts: &mut RoundParts,
         queues: &mut Queues,
-        work: &mut Work,
+        work: &mut RayCounters,
     ) {
         let steps = walker.round();
         // One stage after the other for all cells: each is short, so that the processor overlaps several cells.
@@ -365,7 +340,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
 
     /// Integrates a cell once.
     #[inline(always)]
-    fn integrate_cell(&self, step: &Step<S>, located: &Located<S>, work: &mut Work) -> Part<S> {
+    fn integrate_cell(&self, step: &Step<S>, located: &Located<S>, work: &mut RayCounters) -> Part<S> {
         work.samples += u64::from(2 * S::bits(step.crosses()).count_ones());
         integrate_at::<S, L>(self.classifier.table, S::splat(self.classifier.narrow), located)
     }

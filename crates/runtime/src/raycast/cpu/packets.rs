@@ -20,7 +20,7 @@ use super::leap::{Ahead, BLOCK, ProximityCloud};
 use super::levels::{LevelErrors, TileErrors, errors_of};
 use super::lookup::{FewPieces, Lookup, ManyPieces};
 use super::order::{View, push_children, region_of, ways_through};
-use super::packet::{Classifier, ClassifyTask, Host, Precision, Queues, Work, cast};
+use super::packet::{Classifier, ClassifyTask, Host, Precision, Queues, cast};
 use super::parts::{begin_next_part, has_ended, rays_in_picture};
 use super::per_brick::{PerBrick, bytes_kept};
 use super::pixels::{FinishedTile, Tile};
@@ -31,7 +31,7 @@ use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays,
 use super::value_tiles::{BrickSummaries, BrickSummary};
 use super::walk::{Packet, PacketBrick};
 use super::work::{NO_WORK, TileWork};
-use super::{BlockFeedback, Counters, CpuFrame, MAX_ERROR_LIMITS, PacketRule, Skipping};
+use super::{BlockFeedback, CpuFrame, MAX_ERROR_LIMITS, PacketRule, RayCounters, Skipping};
 use crate::camera::{PixelRays, Projection};
 use crate::clip::{IndexRay, Segment, ToIndex};
 use crate::lod::deviation::Deviation;
@@ -601,7 +601,7 @@ impl CastTile<'_> {
         let packet_brick = PacketBrick { cloud, span: plan.span, lighting, ..packet_brick };
         let host = TileHost { frame, tables, key, brick, grid, corner: self.corner, rays: self.rays, next: 0 };
         let work = tables.dispatch(CastBrick { packet_brick, host, queues: self.queues });
-        self.feedback.counters.add_work(&work);
+        self.feedback.counters.add(&work);
     }
 }
 
@@ -660,17 +660,6 @@ pub(super) fn packet_brick<'a>(
     (packet_brick, grid)
 }
 
-impl Counters {
-    /// Adds what packets did in a brick.
-    pub(super) fn add_work(&mut self, work: &Work) {
-        self.cells += work.cells;
-        self.samples += work.samples;
-        self.macro_cells_skipped += work.leaps;
-        self.cells_refined += work.refined;
-        self.cells_exact += work.exact;
-    }
-}
-
 /// Which rays of a tile meet a region.
 struct Enter<'a> {
     rays: &'a mut TileRays,
@@ -694,10 +683,10 @@ struct CastBrick<'a> {
 }
 
 impl ClassifyTask for CastBrick<'_> {
-    type Output = Work;
+    type Output = RayCounters;
 
     #[inline(always)]
-    fn run<S: Simd, L: Lookup>(mut self, classifier: &Classifier<'_, L>) -> Work {
+    fn run<S: Simd, L: Lookup>(mut self, classifier: &Classifier<'_, L>) -> RayCounters {
         let precision = self.host.tables.precision;
         // SAFETY: `packet_brick` compared strides, core and length of the voxels.
         unsafe { cast::<S, L>(&self.packet_brick, classifier, precision, self.queues, &mut self.host) }

@@ -320,6 +320,7 @@ mod tests {
     use super::super::queue::QueuedCell;
     use super::super::simd::{Portable, Task};
     use super::*;
+    use supervol_format::random::Random;
 
     /// Rays of random parts, one for `SPAN` cells, or of each of the cells where they wait; largest difference of colour and
     /// transmittance from the plain sum.
@@ -336,11 +337,9 @@ mod tests {
         type Output = f64;
 
         #[inline(always)]
-        fn run<S: Simd>(mut self) -> f64 {
-            let mut random = || {
-                self.seed = self.seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                (self.seed >> 11) as f64 / (1u64 << 53) as f64
-            };
+        fn run<S: Simd>(self) -> f64 {
+            let mut numbers = Random::new(self.seed);
+            let mut random = || numbers.unit();
             let zero = S::splat(0.0);
             let chord = Chord::nothing();
             let mut pending = Pending::new();

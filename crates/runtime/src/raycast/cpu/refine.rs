@@ -7,9 +7,10 @@
 //! grazes a step for example, goes to roots in `f64` ([`Host::integrate_exactly`]). A lane's parts depend on its own error
 //! alone, so that pictures do not depend on how lanes are packed.
 
+use super::RayCounters;
 use super::integrate::{Chord, Part, cubic_at, cubic_through, integrate};
 use super::lookup::Lookup;
-use super::packet::{Classifier, Host, Lanes, Work};
+use super::packet::{Classifier, Host, Lanes};
 use super::pending::{PART_NUMBERS, PENDING_LIMIT, Pending};
 use super::queue::{CELL_NUMBERS, QueuedCell};
 use super::shade::{LightAt, PacketLighting};
@@ -169,12 +170,12 @@ impl<S: Simd> Cuts<S> {
 }
 
 impl<L: Lookup> Task for Refine<'_, L> {
-    type Output = Work;
+    type Output = RayCounters;
 
     #[inline(always)]
-    fn run<S: Simd>(mut self) -> Work {
+    fn run<S: Simd>(mut self) -> RayCounters {
         let count = self.pending.cells.len();
-        let mut work = Work { refined: count as u64, ..Work::default() };
+        let mut work = RayCounters { cells_refined: count as u64, ..RayCounters::default() };
         let mut cuts = Cuts::<S>::new();
         let mut taken = 0;
         loop {
@@ -237,7 +238,7 @@ impl<L: Lookup> Refine<'_, L> {
 
     /// Writes the parts of the cells that are at their end.
     #[inline(always)]
-    fn hand_over<S: Simd>(&mut self, cuts: &Cuts<S>, work: &mut Work) {
+    fn hand_over<S: Simd>(&mut self, cuts: &Cuts<S>, work: &mut RayCounters) {
         let done = cuts.used & !cuts.going();
         let sum = &cuts.sum;
         let [r, g, b] = sum.color;
@@ -251,7 +252,7 @@ impl<L: Lookup> Refine<'_, L> {
         // Also NaN, beside a hole; and what was never at its end.
         let is_settled = S::le(sum.error * cuts.per_error, S::splat(EXACT_FROM)) & !S::lt(cuts.at, S::splat(1.0));
         let exact = S::bits(!is_settled & done);
-        work.exact += u64::from(exact.count_ones());
+        work.cells_exact += u64::from(exact.count_ones());
         for lane in lanes(S::bits(done)) {
             let (number, ray) = (slots[lane] as usize / LANES_LIMIT, slots[lane] as usize % LANES_LIMIT);
             let mut part = numbers.map(|values| values[lane]);

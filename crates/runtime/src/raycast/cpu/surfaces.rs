@@ -111,7 +111,7 @@ impl<S: Simd> Gather<S> for Surfaces<'_, S> {
             if S::bits(leaping) == 0 {
                 return;
             }
-            rays.work.leaps += u64::from(S::bits(leaping).count_ones());
+            rays.work.macro_cells_skipped += u64::from(S::bits(leaping).count_ones());
             let reach = S::max(S::to_float(distance), S::splat(1.0));
             rays.walker.leave::<MACRO_CELL>(macro_cell, reach, leaping, rays.brick);
             let changes = leaping & ((unknown & !is_empty) | (is_empty & !unknown));

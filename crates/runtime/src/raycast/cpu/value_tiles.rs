@@ -7,9 +7,9 @@
 use supervol_format::BrickKey;
 use supervol_format::brick::{APRON, MACRO_CELL};
 
+use super::RayCounters;
 use super::fetch::Stored;
 use super::leap::{Ahead, MacroRanges, ProximityCloud, macro_cells_of};
-use super::packet::Work;
 use super::packets::{CastTile, PacketTables, cast_ray, packet_brick};
 use super::per_brick::PerBrick;
 use super::simd::{Simd, Task, dispatch};
@@ -247,7 +247,7 @@ impl CastTile<'_> {
         let corner = self.corner;
         let host = TileHost { frame, tables, key, brick, summary: &summary, grid, corner, rays: self.rays, next: 0 };
         let work = dispatch(tables.set, GatherBrick { packet_brick, host });
-        self.feedback.counters.add_work(&work);
+        self.feedback.counters.add(&work);
     }
 
     /// Whether a brick may change what the rays have that meet it; leaves out rays for which it cannot, and notes on which
@@ -309,10 +309,10 @@ struct GatherBrick<'a> {
 }
 
 impl Task for GatherBrick<'_> {
-    type Output = Work;
+    type Output = RayCounters;
 
     #[inline(always)]
-    fn run<S: Simd>(mut self) -> Work {
+    fn run<S: Simd>(mut self) -> RayCounters {
         let (brick, summary) = (&self.packet_brick, self.host.summary);
         let leaps = self.host.frame.skipping == Skipping::On;
         let is_turned = summary.numbers.is_turned;
@@ -336,7 +336,7 @@ impl Task for GatherBrick<'_> {
                 let mut surfaces = Surfaces::<S>::new(is_turned, may_have_holes, offset_size, quiet);
                 unsafe { cast::<S, _>(brick, &mut surfaces, &mut self.host) }
             }
-            Mode::Dvr | Mode::Slice => Work::default(),
+            Mode::Dvr | Mode::Slice => RayCounters::default(),
         }
     }
 }

@@ -11,9 +11,9 @@
 
 use supervol_format::brick::MACRO_CELL;
 
+use super::RayCounters;
 use super::fetch::{Cell, Corners};
 use super::leap::{MacroRanges, ProximityCloud};
-use super::packet::Work;
 use super::simd::{LANES_LIMIT, Simd, lanes};
 use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, Walker};
 
@@ -68,7 +68,7 @@ pub struct Rays<'a, S: Simd> {
     /// Who knows them.
     pub host: &'a mut dyn Host,
     /// What was done.
-    pub work: Work,
+    pub work: RayCounters,
 }
 
 impl<S: Simd> Rays<'_, S> {
@@ -77,7 +77,7 @@ impl<S: Simd> Rays<'_, S> {
     pub fn settle(&mut self, mask: u32, base: S::I) {
         let mut bases = [0; LANES_LIMIT];
         S::store_int(base, &mut bases);
-        self.work.exact += u64::from(mask.count_ones());
+        self.work.cells_exact += u64::from(mask.count_ones());
         for lane in lanes(mask) {
             self.host.settle(self.numbers[lane], bases[lane]);
         }
@@ -136,9 +136,9 @@ pub trait Gather<S: Simd> {
 /// # Safety
 /// As for [`super::packet::cast`]; macro ranges and clouds that `gather` leaps by are the brick's.
 #[inline(always)]
-pub unsafe fn cast<S: Simd, G: Gather<S>>(brick: &PacketBrick<'_>, gather: &mut G, host: &mut dyn Host) -> Work {
+pub unsafe fn cast<S: Simd, G: Gather<S>>(brick: &PacketBrick<'_>, gather: &mut G, host: &mut dyn Host) -> RayCounters {
     let mut packet = ValuePacket::default();
-    let mut work = Work::default();
+    let mut work = RayCounters::default();
     loop {
         let lent = (0..S::LANES).take_while(|&lane| host.lend(lane, &mut packet)).count();
         if lent == 0 {
@@ -315,7 +315,7 @@ impl<S: Simd> Gather<S> for Extreme<'_, S> {
             if S::bits(leaping) == 0 {
                 return;
             }
-            rays.work.leaps += u64::from(S::bits(leaping).count_ones());
+            rays.work.macro_cells_skipped += u64::from(S::bits(leaping).count_ones());
             rays.walker.leave::<MACRO_CELL>(macro_cell, S::splat(1.0), leaping, rays.brick);
         }
     }
@@ -378,7 +378,7 @@ impl<S: Simd> Gather<S> for Mean<'_, S> {
     fn leap(&mut self, rays: &mut Rays<'_, S>) {
         if let Some(cloud) = self.cloud {
             let before = rays.walker.t;
-            rays.work.leaps += u64::from(rays.walker.leap(cloud, rays.brick));
+            rays.work.macro_cells_skipped += u64::from(rays.walker.leap(cloud, rays.brick));
             self.absent = self.absent + (rays.walker.t - before);
         }
     }

@@ -7,7 +7,7 @@
 
 use supervol_format::BrickKey;
 
-use super::Counters;
+use super::RayCounters;
 use super::packets::CastTile;
 use super::tile::TILE_RAYS;
 use crate::raycast::volume::Resident;
@@ -37,6 +37,6 @@ impl CastTile<'_> {
 }
 
 /// What a ray's work is counted by.
-fn counted(counters: &Counters) -> [u64; 2] {
+fn counted(counters: &RayCounters) -> [u64; 2] {
     [counters.cells, counters.macro_cells_skipped]
 }

@@ -24,11 +24,12 @@ use supervol_format::{BrickKey, Lod, Pyramid};
 
 pub use crate::gpu::cache::VoxelStorage;
 pub use crate::gpu::device::{GpuDevice, GpuError, may_have_hardware};
-pub use crate::gpu::feedback::{GpuPassCounters, PassFeedback};
+pub use crate::gpu::feedback::PassFeedback;
 pub use crate::gpu::scene_tables::GpuVolume;
 
 use super::cpu::{FIT_SHARE, MAX_ERROR_LIMITS, PacketRule, Skipping};
 use super::volume::{DecodedBrick, Voxels};
+use crate::counters::{DeviceCounters, milliseconds};
 use crate::gpu::cache::{CacheShape, EMPTY_RANGE, GpuCache};
 use crate::gpu::layout::{
     PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, RayState, Scene,
@@ -91,7 +92,7 @@ pub enum Insertion {
     NoRoom,
 }
 
-/// Statistics since the renderer was made.
+/// What the device holds, and what it did since the renderer was made.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GpuStats {
     /// Name and kind of the adapter.
@@ -102,30 +103,10 @@ pub struct GpuStats {
     pub slots: u64,
     /// Slots that hold a brick.
     pub slots_used: u64,
-    /// Bricks inserted.
-    pub insertions: u64,
-    /// Bricks evicted to make room.
-    pub evictions: u64,
-    /// Voxel bytes handed to the GPU.
-    pub upload_bytes: u64,
-    /// Time spent handing them over.
-    pub upload_ms: f64,
-    /// Passes cast.
-    pub passes: u64,
-    /// Time spent in passes, read-back included.
-    pub pass_ms: f64,
-    /// Dispatches.
-    pub dispatches: u64,
-    /// The slowest dispatch.
+    /// The slowest dispatch of the picture.
     pub dispatch_ms_max: f64,
-    /// Times a ray went on in another dispatch.
-    pub interruptions: u64,
-    /// Misses for which the list had no room.
-    pub misses_not_listed: u64,
-    /// Bricks left out because they and all their ancestors have failed, counted per ray.
-    pub bricks_lost: u64,
-    /// Times a shader's loop hit its limit.
-    pub anomalies: u64,
+    /// What it did.
+    pub counters: DeviceCounters,
 }
 
 /// See the module.
@@ -363,13 +344,13 @@ impl GpuRenderer {
         let Some((slot, evicted)) = self.slots.insert(brick.key) else { return Ok(Insertion::NoRoom) };
         if let Some(old) = evicted {
             self.set_page(entry_u32(self.pyramid.entry(old)), PAGE_MISSING, 0);
-            self.stats.evictions += 1;
+            self.stats.counters.evictions += 1;
         }
         let begin = Instant::now();
-        self.stats.upload_bytes += self.cache.write_voxels(slot, brick.extent.map(|n| n as usize), voxels)?;
+        self.stats.counters.upload_bytes += self.cache.write_voxels(slot, brick.extent.map(|n| n as usize), voxels)?;
         self.cache.write_ranges(slot, &ranges)?;
-        self.stats.upload_ms += begin.elapsed().as_secs_f64() * 1e3;
-        self.stats.insertions += 1;
+        self.stats.counters.upload_ms += milliseconds(begin.elapsed());
+        self.stats.counters.page_ins += 1;
         self.unclassified.push(slot);
         self.set_page(entry_u32(self.pyramid.entry(brick.key)), PAGE_RESIDENT, slot.0);
         Ok(Insertion::Placed { evicted })
@@ -435,14 +416,10 @@ impl GpuRenderer {
             })
             .collect();
         feedback.misses.sort_by(|a, b| a.nearest.total_cmp(&b.nearest).then(a.key.cmp(&b.key)));
-        self.stats.passes += 1;
-        self.stats.pass_ms += begin.elapsed().as_secs_f64() * 1e3;
-        self.stats.dispatches += feedback.gpu.dispatches;
+        feedback.device.passes = 1;
+        feedback.device.pass_ms = milliseconds(begin.elapsed());
+        self.stats.counters.add(&feedback.device);
         self.stats.dispatch_ms_max = self.stats.dispatch_ms_max.max(raw.dispatch_ms_max);
-        self.stats.interruptions += feedback.gpu.interruptions;
-        self.stats.misses_not_listed += feedback.misses_not_listed;
-        self.stats.bricks_lost += feedback.gpu.bricks_lost;
-        self.stats.anomalies += feedback.gpu.anomalies;
         Ok(feedback)
     }
 

@@ -12,6 +12,7 @@ use std::time::Instant;
 
 use bytemuck::Zeroable;
 
+use crate::counters::milliseconds;
 use crate::gpu::cache::GpuCache;
 use crate::gpu::device::{GpuDevice, GpuError};
 use crate::gpu::feedback::{MISS_LIMIT, PassFeedback, buffer_words, read_misses, read_uses, read_words};
@@ -409,7 +410,7 @@ impl Caster {
         raw.feedback.add(&counters);
         raw.feedback.unfinished_rays += u64::from(counters.waiting);
         // It began when it was submitted, or when the one before it had ended.
-        let ms = run.begin.max(*last_end).elapsed().as_secs_f64() * 1e3;
+        let ms = milliseconds(run.begin.max(*last_end).elapsed());
         *last_end = Instant::now();
         raw.dispatch_ms_max = raw.dispatch_ms_max.max(ms);
         self.adapt_run(ms);
@@ -441,7 +442,7 @@ impl Caster {
             let words: Vec<u32> = bytemuck::pod_collect_to_vec(bytes);
             let (misses, not_listed) = read_misses(&words);
             raw.misses = misses;
-            raw.feedback.misses_not_listed = not_listed;
+            raw.feedback.device.misses_not_listed = not_listed;
             raw.uses = read_uses(&words).collect();
         })
     }

@@ -8,7 +8,7 @@ use super::modes::{Chord, gather_crossings, gather_dvr, gather_iso, gather_mean,
 use super::shade::ChordGradient;
 use super::visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};
 use super::walk::GridWalk;
-use crate::raycast::cpu::{Counters, RayState, TERMINATION_OPACITY};
+use crate::raycast::cpu::{RayCounters, RayState, TERMINATION_OPACITY};
 use crate::raycast::volume::{DecodedBrick, Voxels};
 use crate::scene::Mode;
 
@@ -59,7 +59,7 @@ impl Integrator for CellByCell {
         index: [i64; 3],
         t: [f64; 2],
         state: &mut RayState,
-        counters: &mut Counters,
+        counters: &mut RayCounters,
     ) {
         match visit.voxels() {
             Voxels::U8(voxels) => self.march(visit, (voxels, index), t, state, counters),
@@ -74,7 +74,7 @@ impl Integrator for CellByCell {
         value: f32,
         t: [f64; 2],
         state: &mut RayState,
-        counters: &mut Counters,
+        counters: &mut RayCounters,
     ) {
         counters.cells += 1;
         self.gather(visit, &Chord::uniform(value, t[1] - t[0]), state, counters);
@@ -110,7 +110,7 @@ pub(crate) fn gather_exact_cell(
     let t = visit.cell_planes.chord(visit.level.axis_ray, index, t);
     if t[0] < t[1] {
         state.t = t[0];
-        let counters = &mut Counters::default();
+        let counters = &mut RayCounters::default();
         let cells = CellByCell { pairs: CellRule::DEFAULT.pairs };
         match visit.voxels() {
             Voxels::U8(voxels) => cells.gather_cell(&visit, (voxels, index), t, state, counters),
@@ -128,7 +128,7 @@ impl CellByCell {
         (voxels, index): (&[T], [i64; 3]),
         [mut t, exit]: [f64; 2],
         state: &mut RayState,
-        counters: &mut Counters,
+        counters: &mut RayCounters,
     ) {
         let ray = visit.level.axis_ray;
         let mut walk = GridWalk::new(ray, visit.cell_planes, cells_of_macro_cell(index), t);
@@ -153,7 +153,7 @@ impl CellByCell {
         (voxels, index): (&[T], [i64; 3]),
         [t0, t1]: [f64; 2],
         state: &mut RayState,
-        counters: &mut Counters,
+        counters: &mut RayCounters,
     ) {
         let level = &visit.level;
         let a = visit.cell_planes.fractions(level.axis_ray, t0, index);
@@ -175,7 +175,7 @@ impl CellByCell {
     }
 
     #[inline]
-    fn gather(&self, level: &LevelVisit<'_>, chord: &Chord, state: &mut RayState, counters: &mut Counters) {
+    fn gather(&self, level: &LevelVisit<'_>, chord: &Chord, state: &mut RayState, counters: &mut RayCounters) {
         let (frame, setup) = (level.frame, &level.setup);
         match frame.mode {
             Mode::Dvr => gather_dvr(frame, setup, self.pairs, chord, state, counters),

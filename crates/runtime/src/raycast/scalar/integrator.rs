@@ -10,7 +10,7 @@ use std::sync::Arc;
 use supervol_format::Geometry;
 
 use super::visit::{BrickVisit, LevelVisit};
-use crate::raycast::cpu::{Counters, RayState};
+use crate::raycast::cpu::{RayCounters, RayState};
 use crate::scene::ResolvedScene;
 
 /// How frames integrate along rays.
@@ -37,7 +37,7 @@ pub trait Integrator: Debug + Send + Sync {
         index: [i64; 3],
         t: [f64; 2],
         state: &mut RayState,
-        counters: &mut Counters,
+        counters: &mut RayCounters,
     );
 
     /// Gathers over `t`, where every voxel has the render value `value`.
@@ -47,6 +47,6 @@ pub trait Integrator: Debug + Send + Sync {
         value: f32,
         t: [f64; 2],
         state: &mut RayState,
-        counters: &mut Counters,
+        counters: &mut RayCounters,
     );
 }

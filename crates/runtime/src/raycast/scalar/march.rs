@@ -5,7 +5,7 @@ use supervol_format::{BrickIndex, BrickKey, Lod};
 use super::visit::{BrickVisit, CastRay, LevelVisit};
 use super::walk::{AxisRay, CellBox, GridWalk, Planes};
 use crate::clip::IndexRay;
-use crate::raycast::cpu::{BlockFeedback, Counters, CpuFrame, RayState};
+use crate::raycast::cpu::{BlockFeedback, CpuFrame, RayCounters, RayState};
 use crate::raycast::volume::{BrickView, Resident};
 
 /// Casts one ray by the frame's integrator until it is finished or waits; `pixel` counts rays, not pixels of a
@@ -90,7 +90,7 @@ fn resident_at<'v, V: BrickView + ?Sized>(
     frame: &CpuFrame,
     ray: &AxisRay,
     t: f64,
-    counters: &mut Counters,
+    counters: &mut RayCounters,
 ) -> (BrickKey, Resident<'v>, f64) {
     let mut lod = frame.first_lod;
     loop {
@@ -124,7 +124,7 @@ fn resident_or_parent<'v, V: BrickView + ?Sized>(
     view: &'v V,
     frame: &CpuFrame,
     mut key: BrickKey,
-    counters: &mut Counters,
+    counters: &mut RayCounters,
 ) -> (BrickKey, Resident<'v>) {
     let mut resident = view.lookup(key);
     loop {

@@ -10,7 +10,7 @@ use super::quadrature::{
     GAUSS_OFFSET, KNOT_LIMIT, PAIR_LIMIT, integrate_pair, opacity_of, pairs_between, shaded_pair_count, splits_of_chord,
 };
 use super::shade::{ChordGradient, Lighting, shade};
-use crate::raycast::cpu::{Counters, CpuFrame, RayState, SurfaceCrossing};
+use crate::raycast::cpu::{CpuFrame, RayCounters, RayState, SurfaceCrossing};
 use crate::scene::ISO_LIMIT;
 use crate::transfer_function::RenderTransferFunction;
 
@@ -85,7 +85,7 @@ pub fn gather_dvr(
     pairs: Pairs,
     chord: &Chord,
     state: &mut RayState,
-    counters: &mut Counters,
+    counters: &mut RayCounters,
 ) {
     let tf = &frame.transfer_function;
     let h = chord.h;

@@ -11,7 +11,7 @@ use super::integrator::Integrator;
 use super::modes::ShadeSetup;
 use super::walk::{AxisRay, CellBox, GridWalk, Planes};
 use crate::clip::Segment;
-use crate::raycast::cpu::{Counters, CpuFrame, RayState, Skipping};
+use crate::raycast::cpu::{CpuFrame, RayCounters, RayState, Skipping};
 use crate::raycast::volume::{DecodedBrick, ValueMap, Voxels};
 use crate::scene::Mode;
 use crate::transfer_function::RenderTransferFunction;
@@ -163,7 +163,13 @@ impl<'a> BrickVisit<'a> {
     }
 
     /// Gathers from `state.t` to `exit`; leaves `state.t` alone.
-    pub(crate) fn march(&self, exit: f64, integrator: &dyn Integrator, state: &mut RayState, counters: &mut Counters) {
+    pub(crate) fn march(
+        &self,
+        exit: f64,
+        integrator: &dyn Integrator,
+        state: &mut RayState,
+        counters: &mut RayCounters,
+    ) {
         let (frame, ray) = (self.level.frame, self.level.axis_ray);
         let mut t = state.t;
         let mut walk = GridWalk::new(ray, self.macro_planes, self.macro_cells, t);

@@ -211,6 +211,7 @@ fn locate(ray: &AxisRay, planes: &Planes, cells: &CellBox, axis: usize, t: f64) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use supervol_format::random::Random;
     use supervol_format::{BrickLayout, Dims, Pyramid};
 
     /// S26: walked intervals tile the chord, whatever the ray.
@@ -218,11 +219,8 @@ mod tests {
     fn cells_tile_every_chord() {
         let layout = BrickLayout::new(16).unwrap();
         let pyramid = Pyramid::new(Dims([31, 9, 50]), layout, &[[2, 1, 2], [2, 1, 2]]).unwrap();
-        let mut seed = 7u64;
-        let mut random = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-        };
+        let mut numbers = Random::new(7);
+        let mut random = || numbers.unit() - 0.5;
         for round in 0..2000 {
             let mut direction = [random(), random(), random()];
             if round % 5 < 3 {

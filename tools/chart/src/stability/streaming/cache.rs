@@ -75,13 +75,13 @@ fn small_cache(context: &Context<'_>) -> Result<Outcome, ChartError> {
             worst_linf = worst_linf.max(linf(&frame.image, &whole.image));
             idle += frame.idle_passes;
             open += u64::from(!frame.stats.converged);
-            let ratio = frame.stats.page_ins as f64 / whole.stats.page_ins as f64;
+            let ratio = frame.stats.streaming.page_ins as f64 / whole.stats.streaming.page_ins as f64;
             worst_ratio = worst_ratio.max(ratio);
             if i == 1 && percent == 100 {
-                again_when_all_fits = frame.stats.page_ins;
+                again_when_all_fits = frame.stats.streaming.page_ins;
             }
             if series == "orbit" {
-                total = (total.0 + frame.stats.page_ins, total.1 + whole.stats.page_ins);
+                total = (total.0 + frame.stats.streaming.page_ins, total.1 + whole.stats.streaming.page_ins);
             } else {
                 // A frame's first look at a brick must page it in; what was kept from the last frame need not be.
                 let least = if i == 0 { 1.0 } else { 1.0 - percent as f64 / 100.0 };
@@ -102,7 +102,7 @@ fn small_cache(context: &Context<'_>) -> Result<Outcome, ChartError> {
          the last frame evicted is one page-in of this frame, one that this frame evicts and reads again is two. A cache \
          costs passes, not quality: each picture is the picture. The expected line of the second frame is the least that \
          any replacement can do: all that the cache cannot hold.",
-        ample[0].stats.page_ins
+        ample[0].stats.streaming.page_ins
     );
     Ok(Outcome { curve, gates, note })
 }
@@ -118,7 +118,8 @@ struct Starved {
 
 impl Starved {
     fn add(&mut self, frame: &Frame, whole: &Frame) {
-        self.worst_ratio = self.worst_ratio.max(frame.stats.page_ins as f64 / whole.stats.page_ins as f64);
+        self.worst_ratio =
+            self.worst_ratio.max(frame.stats.streaming.page_ins as f64 / whole.stats.streaming.page_ins as f64);
         self.worst_linf = self.worst_linf.max(linf(&frame.image, &whole.image));
         self.idle_passes += frame.idle_passes;
     }
@@ -165,8 +166,9 @@ fn two_views(context: &Context<'_>, starved: &mut Starved) -> Result<String, Cha
     let views = [corner(60.0)?, corner(1987.0)?];
     let whole = [fresh(&volume, &views[0], Settings::default())?, fresh(&volume, &views[1], Settings::default())?];
     let mut both = Session::new(&volume.container, Settings::default())?;
-    let together = both.frame(&views[0], None)?.stats.page_ins + both.frame(&views[1], None)?.stats.page_ins;
-    let shared = whole[0].stats.page_ins + whole[1].stats.page_ins - together;
+    let together =
+        both.frame(&views[0], None)?.stats.streaming.page_ins + both.frame(&views[1], None)?.stats.streaming.page_ins;
+    let shared = whole[0].stats.streaming.page_ins + whole[1].stats.streaming.page_ins - together;
 
     let brick = BrickBytes::of(&volume.container).decoded;
     let cache_bytes = (whole[0].stats.host_cache_bytes / 2).max(2 * brick);
@@ -180,7 +182,7 @@ fn two_views(context: &Context<'_>, starved: &mut Starved) -> Result<String, Cha
         let frame = session.frame(&views[turn % 2], None)?;
         starved.add(&frame, &whole[turn % 2]);
     }
-    Ok(format!("{shared} of {}", whole[0].stats.page_ins))
+    Ok(format!("{shared} of {}", whole[0].stats.streaming.page_ins))
 }
 
 /// A frame that wants a hundred times as many bricks as the cache holds. Returns how many.
@@ -191,7 +193,7 @@ fn overflow(context: &Context<'_>, starved: &mut Starved) -> Result<u64, ChartEr
     let cache_bytes = (whole.stats.host_cache_bytes / 100).max(BrickBytes::of(&volume.container).decoded);
     let frame = fresh(&volume, view, Settings { cache_bytes: Some(cache_bytes), ..Settings::default() })?;
     starved.add(&frame, &whole);
-    Ok(whole.stats.page_ins)
+    Ok(whole.stats.streaming.page_ins)
 }
 
 /// What one brick that always fails did to 32 frames.

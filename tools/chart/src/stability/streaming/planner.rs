@@ -73,7 +73,7 @@ fn planning_ms(session: &mut Session, scene: &ResolvedScene, source: &Watched) -
     let before = source.time();
     let stats = session.frame(scene, None)?.stats;
     // What is read while planning: pages of the table of contents.
-    Ok(stats.plan_ms - (source.time() - before).as_secs_f64() * 1e3)
+    Ok(stats.streaming.plan_ms - (source.time() - before).as_secs_f64() * 1e3)
 }
 
 /// Planning of frames of one view: cold, warm, and the bricks that the frame uses.
@@ -173,16 +173,16 @@ fn fly_through(context: &Context<'_>) -> Result<Outcome, ChartError> {
     for i in 0..places * STEPS {
         let view = zoom(&volume, i / STEPS, i % STEPS, size)?;
         let frame = session.frame(&view, Some(budget_ms))?;
-        let streaming = frame.stats.wait_ms + frame.stats.decode_ms;
+        let streaming = frame.stats.streaming.wait_ms + frame.stats.streaming.decode_ms;
         curve.push(CurvePoint::new("frame", i as f64, frame.ms, Some(budget_ms as f64)));
         curve.push(CurvePoint::new("waiting for reads and decoding", i as f64, streaming, Some(budget_ms as f64)));
         times.push(frame.ms);
         worst_streaming = worst_streaming.max(streaming);
-        cancelled += frame.stats.cancelled;
+        cancelled += frame.stats.streaming.cancelled;
         if i % STEPS == STEPS / 2 {
             let whole = fresh(&undelayed, &view, Settings::default())?;
             lost += pixels_lost(&frame.image, &whole.image);
-            most_wanted = most_wanted.max(whole.stats.page_ins);
+            most_wanted = most_wanted.max(whole.stats.streaming.page_ins);
         }
     }
     let last = session.frame(&zoom(&volume, places - 1, STEPS - 1, size)?, None)?;
@@ -193,7 +193,7 @@ fn fly_through(context: &Context<'_>) -> Result<Outcome, ChartError> {
         Gate::at_most("waiting for reads and decoding in any frame (ms)", worst_streaming, budget_ms as f64).speed(),
         Gate::at_least(
             "requests cancelled because no view wants them any more",
-            (cancelled + last.stats.cancelled) as f64,
+            (cancelled + last.stats.streaming.cancelled) as f64,
             1.0,
         )
         .speed(),
@@ -204,7 +204,7 @@ fn fly_through(context: &Context<'_>) -> Result<Outcome, ChartError> {
         "{budget_ms} ms per frame; up to {most_wanted} bricks wanted in one. {} requests were cancelled. A frame ends at \
          most one pass or one batch of reads late, and the pass that completes the picture from parents comes after the \
          budget.",
-        cancelled + last.stats.cancelled
+        cancelled + last.stats.streaming.cancelled
     );
     Ok(Outcome { curve, gates, note })
 }

@@ -1,6 +1,7 @@
 //! Every set that this processor has does what plain arithmetic does, lane by lane.
 
 use super::*;
+use supervol_format::random::Random;
 
 /// Numbers of all kinds in every lane.
 struct Inputs {
@@ -13,11 +14,8 @@ struct Inputs {
 }
 
 fn inputs(round: u32) -> Inputs {
-    let mut seed = u64::from(round).wrapping_mul(0x9e37_79b9_7f4a_7c15) + 1;
-    let mut random = move || {
-        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (seed >> 40) as u32
-    };
+    let mut numbers = Random::new(u64::from(round));
+    let mut random = move || (numbers.next_u64() >> 40) as u32;
     let mut number = |_| {
         let value = (random() as f32 / (1 << 24) as f32 - 0.5) * 200.0;
         match random() % 8 {

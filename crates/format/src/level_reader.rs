@@ -1,0 +1,225 @@
+//! Boxes of voxels of any level, read back from a container's bricks: how a finer level feeds the next coarser one, how `verify`
+//! looks at several bricks at once, how `extract` and `mesh` read, and where the reference integrator has its voxels from.
+//!
+//! Decoded bricks are kept up to a number of bytes, least recently used first out, because neighbouring boxes share bricks. Bricks
+//! are decoded one after the other on the thread that asks, unless the owner lends threads ([`Decoding`]).
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::brick::APRON;
+use crate::container::ContainerError;
+use crate::container::header::Descriptor;
+use crate::recent::Recent;
+use crate::voxel_type::Voxel;
+use crate::{BrickIndex, BrickKey, Container, Lod, VoxelBox, with_voxel};
+
+/// Whatever hands out decoded bricks: a finished container, or one that is being written.
+pub trait BrickStore: Sync {
+    /// What the container holds.
+    fn descriptor(&self) -> &Descriptor;
+
+    /// Stored voxels of a brick, little endian, x fastest.
+    ///
+    /// # Errors
+    /// If the brick cannot be read or decoded.
+    fn read_brick(&self, key: BrickKey) -> Result<Vec<u8>, ContainerError>;
+}
+
+impl BrickStore for Container {
+    fn descriptor(&self) -> &Descriptor {
+        Container::descriptor(self)
+    }
+
+    fn read_brick(&self, key: BrickKey) -> Result<Vec<u8>, ContainerError> {
+        Container::read_brick(self, key, &self.entry(key)?)
+    }
+}
+
+/// Stored voxels of a brick, little endian, x fastest.
+pub type StoredBrick = Arc<Vec<u8>>;
+
+/// Decodes a brick, for any thread that calls it.
+pub type DecodeBrick<'a> = dyn Fn(BrickKey) -> Result<StoredBrick, ContainerError> + Sync + 'a;
+
+/// How the bricks of a box are decoded side by side.
+#[derive(Clone, Copy)]
+pub struct Decoding {
+    /// How many at once, at least: the threads there are when a box is read.
+    pub at_once: fn() -> usize,
+    /// Decodes bricks by the function that it is handed, in their order.
+    pub decode: fn(&[BrickKey], &DecodeBrick<'_>) -> Result<Vec<StoredBrick>, ContainerError>,
+}
+
+/// Reads boxes of one level.
+pub struct LevelReader<'a> {
+    store: &'a dyn BrickStore,
+    lod: Lod,
+    budget_bytes: usize,
+    decoding: Option<Decoding>,
+    kept: Mutex<Kept>,
+}
+
+/// Bytes that a kept brick takes beside its voxels: entries of two maps, allocations.
+const ENTRY_BYTES: usize = 200;
+
+#[derive(Default)]
+struct Kept {
+    bricks: Recent<BrickKey, StoredBrick>,
+    bytes: usize,
+}
+
+impl Kept {
+    fn put(&mut self, key: BrickKey, brick: StoredBrick, budget_bytes: usize) {
+        let bytes = brick.len() + ENTRY_BYTES;
+        while self.bytes + bytes > budget_bytes {
+            let Some((_, oldest)) = self.bricks.remove_oldest() else { return };
+            self.bytes -= oldest.len() + ENTRY_BYTES;
+        }
+        self.bytes += bytes;
+        if let Some(before) = self.bricks.insert(key, brick) {
+            self.bytes -= before.len() + ENTRY_BYTES;
+        }
+    }
+}
+
+impl<'a> LevelReader<'a> {
+    /// A reader of level `lod` that keeps decoded bricks of at most `budget_bytes` between calls, and decodes on the thread that
+    /// asks.
+    #[must_use]
+    pub fn new(store: &'a dyn BrickStore, lod: Lod, budget_bytes: usize) -> Self {
+        Self { store, lod, budget_bytes, decoding: None, kept: Mutex::default() }
+    }
+
+    /// The same, decoding several bricks at once.
+    #[must_use]
+    pub fn decoding(self, decoding: Decoding) -> Self {
+        Self { decoding: Some(decoding), ..self }
+    }
+
+    /// All voxels of the level.
+    #[must_use]
+    pub fn whole(&self) -> VoxelBox {
+        self.store.descriptor().pyramid.level_at(self.lod).dims.full_box()
+    }
+
+    /// Fills `out` with the voxels of a box of the level, little endian, packed, x fastest.
+    ///
+    /// # Errors
+    /// If a brick cannot be read or decoded.
+    ///
+    /// # Panics
+    /// If the box leaves the level's grid, or `out` has another length than the box.
+    pub fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), ContainerError> {
+        let size = self.store.descriptor().voxel_type.bytes();
+        assert_eq!(out.len(), voxels.voxels() * size, "box {voxels:?}");
+        self.for_each_run(voxels, |at, run| out[at * size..][..run.len()].copy_from_slice(run))
+    }
+
+    /// Values of a box of the level, x fastest, 8 bytes each: `value` makes one of what is stored; NaN where absent.
+    ///
+    /// # Errors
+    /// If a brick cannot be read or decoded.
+    ///
+    /// # Panics
+    /// If the box leaves the level's grid.
+    pub fn values(&self, voxels: VoxelBox, value: impl Fn(f64) -> f64) -> Result<Vec<f64>, ContainerError> {
+        let descriptor = self.store.descriptor();
+        let (voxel_type, absence) = (descriptor.voxel_type, descriptor.absence);
+        let mut values = vec![f64::NAN; voxels.voxels()];
+        self.for_each_run(voxels, |at, run| {
+            with_voxel!(voxel_type, V => {
+                for (here, voxel) in values[at..].iter_mut().zip(run.chunks_exact(size_of::<V>())) {
+                    let stored = V::read_le(voxel).to_f64();
+                    *here = if absence.is_absent(stored) { f64::NAN } else { value(stored) };
+                }
+            });
+        })?;
+        Ok(values)
+    }
+
+    /// Hands out the voxels of a box of the level in runs along x: the number of a run's first voxel in the box, x fastest, and the
+    /// bytes of its voxels, little endian. Each voxel is in one run; runs come brick by brick.
+    ///
+    /// # Errors
+    /// If a brick cannot be read or decoded.
+    ///
+    /// # Panics
+    /// If the box leaves the level's grid.
+    pub fn for_each_run(&self, voxels: VoxelBox, mut take: impl FnMut(usize, &[u8])) -> Result<(), ContainerError> {
+        let descriptor = self.store.descriptor();
+        let pyramid = &descriptor.pyramid;
+        let dims = pyramid.level_at(self.lod).dims;
+        assert!((0..3).all(|a| voxels.end[a] <= dims.0[a]), "box {voxels:?} leaves the grid of {dims}");
+        let core = pyramid.layout().core() as u64;
+        let first = voxels.start.map(|v| v / core);
+        let end: [u64; 3] =
+            std::array::from_fn(
+                |a| if voxels.end[a] > voxels.start[a] { voxels.end[a].div_ceil(core) } else { first[a] },
+            );
+        // A few bricks at a time: what is decoded and not yet taken stays small beside the box.
+        let at_once = self.bricks_at_once(pyramid.largest_brick_bytes(descriptor.voxel_type));
+        for z in first[2]..end[2] {
+            for y in first[1]..end[1] {
+                let row: Vec<u64> = (first[0]..end[0]).collect();
+                for part in row.chunks(at_once) {
+                    let key = |x: u64| BrickKey::new(self.lod, BrickIndex([x as u32, y as u32, z as u32]));
+                    let keys: Vec<BrickKey> = part.iter().map(|&x| key(x)).collect();
+                    for (key, brick) in keys.iter().zip(&self.bricks(&keys)?) {
+                        self.runs_of(*key, brick, voxels, &mut take);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Bytes that reading takes on this many threads beside the caller's buffer and what is kept.
+    #[must_use]
+    pub fn working_bytes(descriptor: &Descriptor, threads: usize) -> u64 {
+        // Each thread reads a record, decompresses it and takes it apart; what others have decoded waits to be taken.
+        4 * threads as u64 * descriptor.pyramid.largest_brick_bytes(descriptor.voxel_type)
+    }
+
+    /// Bricks to decode at once: half of what is kept, where they cost nothing, but one for every thread.
+    fn bricks_at_once(&self, brick_bytes: u64) -> usize {
+        let Some(decoding) = self.decoding else { return 1 };
+        (self.budget_bytes / 2 / (brick_bytes as usize + ENTRY_BYTES)).max((decoding.at_once)())
+    }
+
+    fn bricks(&self, keys: &[BrickKey]) -> Result<Vec<StoredBrick>, ContainerError> {
+        match self.decoding {
+            Some(decoding) => (decoding.decode)(keys, &|key| self.brick(key)),
+            None => keys.iter().map(|&key| self.brick(key)).collect(),
+        }
+    }
+
+    fn brick(&self, key: BrickKey) -> Result<StoredBrick, ContainerError> {
+        let lock = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(brick) = lock().bricks.get(&key) {
+            return Ok(brick.clone());
+        }
+        let brick = Arc::new(self.store.read_brick(key)?);
+        lock().put(key, brick.clone(), self.budget_bytes);
+        Ok(brick)
+    }
+
+    /// The part of the brick's core that lies in the box.
+    fn runs_of(&self, key: BrickKey, brick: &[u8], voxels: VoxelBox, take: &mut impl FnMut(usize, &[u8])) {
+        let descriptor = self.store.descriptor();
+        let size = descriptor.voxel_type.bytes();
+        let core = descriptor.pyramid.core_box(key);
+        let stored = descriptor.pyramid.stored_extent(key);
+        let part = core.intersect(voxels);
+        let [nx, ny, nz] = part.extent();
+        let extent = voxels.extent();
+        let from: [usize; 3] = std::array::from_fn(|a| (part.start[a] - core.start[a]) as usize + APRON);
+        let to: [usize; 3] = std::array::from_fn(|a| (part.start[a] - voxels.start[a]) as usize);
+        for z in 0..nz {
+            for y in 0..ny {
+                let source = (((from[2] + z) * stored[1] + from[1] + y) * stored[0] + from[0]) * size;
+                let target = ((to[2] + z) * extent[1] + to[1] + y) * extent[0] + to[0];
+                take(target, &brick[source..source + nx * size]);
+            }
+        }
+    }
+}
