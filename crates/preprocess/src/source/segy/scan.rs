@@ -100,6 +100,8 @@ pub(super) struct Scan {
     pub(super) padding: u64,
     /// Traces with another offset than the one that is wanted.
     pub(super) other_offsets: u64,
+    /// Their offsets.
+    offsets_left_out: Option<Extent<i32>>,
     /// Sample intervals in the trace headers (bytes 117-118), zeros left out, microseconds.
     pub(super) interval_us: Option<Extent<i16>>,
     /// Delay recording time (bytes 109-110, scaled by 215-216), ms, of live traces.
@@ -128,9 +130,11 @@ impl Scan {
             scan.check_samples(input, layout, header, trace, fields)?;
             let position =
                 [usize::from(options.inline_byte), usize::from(options.crossline_byte)].map(|b| fields.i32(b));
+            let offset = fields.i32(options.offset_byte.into());
             let kind = match (fields.i16(29), position) {
                 (DEAD, [0, 0]) => TraceKind::Padding,
-                _ if matches!(options.offsets, Offsets::One(wanted) if wanted != fields.i32(options.offset_byte.into())) => {
+                _ if matches!(options.offsets, Offsets::One(wanted) if wanted != offset) => {
+                    Extent::add(&mut scan.offsets_left_out, offset, trace);
                     TraceKind::OtherOffset
                 }
                 (DEAD, _) => TraceKind::Dead,
@@ -141,7 +145,20 @@ impl Scan {
             scan.summarise(trace, position, kind, fields);
             Ok(())
         })?;
+        scan.check_offsets(input, layout, options)?;
         Ok(scan.finish())
+    }
+
+    /// Refuses to leave out all traces.
+    fn check_offsets(&self, input: Input<'_>, layout: &Layout, options: &SegyOptions) -> Result<(), SourceError> {
+        let (Some(found), Offsets::One(wanted)) = (self.offsets_left_out, options.offsets) else { return Ok(()) };
+        if self.other_offsets + self.padding < layout.traces {
+            return Ok(());
+        }
+        let (byte, [least, most]) = (options.offset_byte, [found.min.0, found.max.0]);
+        let there = if least == most { format!("all have {least}") } else { format!("they have {least} to {most}") };
+        let advice = "choose another --offset, or say with --offset-byte where offsets stand";
+        Err(input.unsupported(format!("no trace has offset {wanted} (byte {byte}): {there}"), advice))
     }
 
     /// Refuses a trace that says it has another length.
