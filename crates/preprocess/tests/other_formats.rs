@@ -30,7 +30,7 @@ fn files_are_known_by_their_first_bytes_or_their_names() {
         ("l.tar.gz", b"\x1f\x8b\x08".to_vec(), "an archive of files"),
         ("m", b"SIMPLE  =                    T".to_vec(), "astropy"),
         ("n.xdmf", b"<?xml version=\"1.0\"?><Xdmf/>".to_vec(), "FILE.h5:/PATH"),
-        ("o", b"ENVI\nsamples = 3".to_vec(), "gdal_translate"),
+        ("o.hdr", b"ENVI\nsamples = 3".to_vec(), "gdal_translate"),
         ("p", b"#INRIMAGE-4#{\n".to_vec(), "--offset 256"),
         ("q", b"# === DATA DESCRIPTION FILE ===".to_vec(), "parrec2nii"),
         ("r", b"PVM\n4 4 4\n".to_vec(), "pvm2raw"),

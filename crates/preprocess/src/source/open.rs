@@ -14,7 +14,7 @@ use super::nifti::NiftiSource;
 use super::npy::NpySource;
 use super::npz::NpzSource;
 use super::nrrd::NrrdSource;
-use super::others::{HEAD_BYTES, refusal_of_file, refusal_of_folder, refusal_of_member};
+use super::others::{ENVI_START, HEAD_BYTES, refusal_of_file, refusal_of_folder, refusal_of_member};
 use super::pictures::{Kind, PicturesSource};
 use super::raw::{RawOptions, RawSource};
 use super::segy::{self, SegyOptions};
@@ -195,7 +195,7 @@ fn format_of(start: &[u8], name: &str) -> Option<Format> {
     // A NIfTI header begins with its own size in either byte order.
     let nifti_sizes = [348i32, 540].map(|n| [n.to_le_bytes(), n.to_be_bytes()]);
     if nifti_sizes.as_flattened().iter().any(|size| start.starts_with(size))
-        || named(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"])
+        || named(&[".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"]) && !start.starts_with(ENVI_START)
     {
         return Some(Format::Nifti);
     }

@@ -15,6 +15,8 @@ struct Other {
     way_out: &'static str,
 }
 
+/// What the header of an ENVI image begins with; its name ends as NIfTI's may.
+pub(super) const ENVI_START: &[u8] = b"ENVI";
 /// Bytes of a file that are looked at.
 pub(super) const HEAD_BYTES: u64 = 512;
 /// Entries of a folder that are looked at.
@@ -104,8 +106,7 @@ const STARTS: &[(usize, &[u8], &Other)] = &[
     (0, b"\x1f\x8b", &COMPRESSED),
     (0, b"MATLAB 5.0", &MATLAB),
     (0, b"SIMPLE  =", &FITS),
-    (0, b"ENVI\n", &ENVI),
-    (0, b"ENVI\r\n", &ENVI),
+    (0, ENVI_START, &ENVI),
     (0, b"#INRIMAGE-4#{", &INRIMAGE),
     (0, b"# === DATA DESCRIPTION FILE", &PHILIPS),
     (0, b"PVM\n", &PVM),

@@ -81,6 +81,9 @@ pub enum Words {
     Hidden,
 }
 
+/// Makes a voxel of a word; false where it is none.
+type ParseVoxel = fn(&str, VoxelType, &mut [u8]) -> bool;
+
 /// A compressed stream and what to take from it.
 #[derive(Debug)]
 pub struct GzipShare<'a> {
@@ -225,7 +228,7 @@ impl Spool {
         &mut self,
         path: &Path,
         reader: impl BufRead,
-        (voxel_type, parse): (VoxelType, fn(&str, VoxelType, &mut [u8]) -> bool),
+        (voxel_type, parse): (VoxelType, ParseVoxel),
         voxels: u64,
         (words, excess): (Words, Excess),
     ) -> Result<(), SourceError> {
