@@ -96,8 +96,9 @@ fn one_offset_or_the_mean_of_all() {
                 if offsets == Offsets::Stack { "the mean of 2 offsets, 1 to 2" } else { "12 traces of other offsets" };
             assert!(notes.contains(expected), "{notes}");
         }
-        let nothing = opened(&path, |options| options.offsets = Offsets::One(7)).unwrap();
-        assert_eq!(nothing.info().survey.as_ref().unwrap().missing_traces, 12);
+        // Nobody is to get a volume of which nothing is there.
+        let nothing = opened(&path, |options| options.offsets = Offsets::One(7)).map(|_| ());
+        assert_refused(nothing, &["no trace has offset 7 (byte 37): they have 1 to 2", "--offset-byte"]);
     }
 }
 

@@ -8,8 +8,7 @@ use std::path::Path;
 use support::{Folder, json};
 
 /// Options that no test gives, and why.
-const NOT_TRIED: [(&str, &str); 2] =
-    [("help", "clap's own"), ("same-sampling", "of `bench --peers`, which installs another program")];
+const NOT_TRIED: [(&str, &str); 1] = [("same-sampling", "of `bench --peers`, which installs another program")];
 
 /// The commands, and the long options that the help of each names.
 fn options_of_commands(folder: &Folder) -> Vec<(String, BTreeSet<String>)> {

@@ -62,7 +62,10 @@ impl Selection {
         if self.series.is_none() {
             return Ok(());
         }
-        Err(SourceError::Options(format!("--series: {} has none; only DICOM and OME-TIFF have series", path.display())))
+        Err(SourceError::Options(format!(
+            "--series: {} is no DICOM or OME-TIFF; only DICOM and OME-TIFF have series",
+            path.display()
+        )))
     }
 
     /// Refuses the name of an array for what holds one volume.
