@@ -31,9 +31,7 @@ use crate::camera::Camera;
 use crate::counters::milliseconds;
 use crate::frame::gpu::GpuBackend;
 use crate::frame::maps::Maps;
-use crate::frame::{
-    Backend, LevelChoice, RenderError, RenderOptions, caster_of, render_cpu, render_from_reference, thread_pool,
-};
+use crate::frame::{Backend, LevelChoice, RenderError, RenderOptions, render_cpu, render_from_reference};
 use crate::image::Image;
 use crate::process;
 use crate::raycast::gpu::{GpuDevice, may_have_hardware};
@@ -60,7 +58,7 @@ pub struct Renderer {
     options: RenderOptions,
     pool: rayon::ThreadPool,
     canceller: Canceller,
-    engine: Engine,
+    drawer: Drawer,
     /// Whether a deadline was ever set: from then on there is memory for what it takes.
     has_deadline: bool,
     resident: Option<Resident>,
@@ -75,7 +73,7 @@ pub struct Renderer {
 }
 
 /// Who casts the rays, once that is decided.
-enum Engine {
+enum Drawer {
     Undecided,
     Cpu { no_gpu_because: Option<String> },
     Gpu { backend: Box<GpuBackend>, or_cpu: bool },
@@ -125,13 +123,13 @@ impl Renderer {
     /// # Errors
     /// If threads cannot be started.
     pub fn new(volume: Volume, options: RenderOptions) -> Result<Self, RenderError> {
-        let pool = thread_pool(options.threads)?;
+        let pool = options.thread_pool()?;
         Ok(Self {
             volume,
             options,
             pool,
             canceller: Canceller::default(),
-            engine: Engine::Undecided,
+            drawer: Drawer::Undecided,
             has_deadline: false,
             resident: None,
             scene: None,
@@ -159,7 +157,7 @@ impl Renderer {
     /// number of threads stays what it was.
     pub fn set_options(&mut self, options: RenderOptions) {
         if options.backend != self.options.backend {
-            self.engine = Engine::Undecided;
+            self.drawer = Drawer::Undecided;
         }
         self.options = RenderOptions { threads: self.options.threads, ..options };
         self.begin_anew();
@@ -182,12 +180,12 @@ impl Renderer {
     /// # Errors
     /// If threads cannot be started.
     pub fn look_ahead(&mut self, deadline: Option<Instant>) -> Result<Ahead, RenderError> {
-        let Self { options, pool, engine, resident, scene, came_from, work, .. } = self;
+        let Self { options, pool, drawer, resident, scene, came_from, work, .. } = self;
         let (Some(scene), Some(before), Some(resident)) = (scene, came_from, resident) else {
             return Ok(Ahead::default());
         };
         let is_possible =
-            matches!((engine, &*work), (Engine::Cpu { .. }, Work::InSteps(drawing)) if drawing.is_finished());
+            matches!((drawer, &*work), (Drawer::Cpu { .. }, Work::InSteps(drawing)) if drawing.is_finished());
         if !is_possible {
             return Ok(Ahead::default());
         }
@@ -217,7 +215,7 @@ impl Renderer {
         let container = volume.container();
         let stop = Stop::NEVER.or_by(self.canceller.clone());
         let result = pool.install(|| {
-            let caster = caster_of(options).bytes(container.pyramid().layout().core());
+            let caster = options.ray_caster().bytes(container.pyramid().layout().core());
             let resident = match resident {
                 Some(resident) => resident,
                 None => fitting(resident, container, (scene, options), caster, *has_deadline)?,
@@ -286,20 +284,20 @@ impl Renderer {
         if backend == Backend::Gpu && scene.has_inner_surfaces() {
             return Err(RenderError::SurfacesOnGpu);
         }
-        if matches!(self.engine, Engine::Undecided) {
-            self.engine = self.choose_engine()?;
+        if matches!(self.drawer, Drawer::Undecided) {
+            self.drawer = self.choose_drawer()?;
         }
         if !scene.slices.is_empty() {
-            match self.engine {
-                Engine::Gpu { or_cpu: false, .. } => return Err(RenderError::SlicesOnGpu),
-                Engine::Reference => {}
+            match self.drawer {
+                Drawer::Gpu { or_cpu: false, .. } => return Err(RenderError::SlicesOnGpu),
+                Drawer::Reference => {}
                 _ => return self.draw_in_layers(scene, stop),
             }
         }
-        let or_cpu = matches!(self.engine, Engine::Gpu { or_cpu: true, .. });
+        let or_cpu = matches!(self.drawer, Drawer::Gpu { or_cpu: true, .. });
         match self.draw_by_engine(scene, stop) {
             Err(error @ (RenderError::Gpu(_) | RenderError::Budget(_))) if or_cpu => {
-                self.engine = Engine::Cpu { no_gpu_because: Some(error.to_string()) };
+                self.drawer = Drawer::Cpu { no_gpu_because: Some(error.to_string()) };
                 self.draw_by_engine(scene, stop)
             }
             other => other,
@@ -307,13 +305,13 @@ impl Renderer {
     }
 
     /// A hardware GPU where the backend may be chosen, or the CPU and the reason why not the GPU.
-    fn choose_engine(&self) -> Result<Engine, RenderError> {
-        let no_gpu = |why: String| Engine::Cpu { no_gpu_because: Some(why) };
-        let gpu = |device, or_cpu| Engine::Gpu { backend: Box::new(GpuBackend::new(device)), or_cpu };
+    fn choose_drawer(&self) -> Result<Drawer, RenderError> {
+        let no_gpu = |why: String| Drawer::Cpu { no_gpu_because: Some(why) };
+        let gpu = |device, or_cpu| Drawer::Gpu { backend: Box::new(GpuBackend::new(device)), or_cpu };
         Ok(match self.options.backend {
-            Backend::Cpu => Engine::Cpu { no_gpu_because: None },
+            Backend::Cpu => Drawer::Cpu { no_gpu_because: None },
             Backend::Gpu => gpu(self.pool.install(GpuDevice::open)?, false),
-            Backend::Reference => Engine::Reference,
+            Backend::Reference => Drawer::Reference,
             Backend::Auto if !may_have_hardware() => no_gpu(NO_DEVICE.into()),
             Backend::Auto => match GpuDevice::open() {
                 Ok(device) if device.is_software() => no_gpu(format!("{} is a processor", device.name())),
@@ -335,23 +333,23 @@ impl Renderer {
                 *work = Work::InLayers(Box::new(Layers::new(scene, container)));
             }
             let Work::InLayers(layers) = work else { unreachable!("it has just been made so") };
-            let caster_bytes = layers.bytes(caster_of(options).bytes(container.pyramid().layout().core()));
+            let caster_bytes = layers.bytes(options.ray_caster().bytes(container.pyramid().layout().core()));
             let resident = fitting(resident, container, (&layers.ray_scene(), options), caster_bytes, *has_deadline)?;
             layers.advance(resident, options, stop)
         })
     }
 
     fn draw_by_engine(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
-        let Self { volume, options, pool, engine, has_deadline, resident, work, .. } = self;
+        let Self { volume, options, pool, drawer, has_deadline, resident, work, .. } = self;
         let container = volume.container();
         // What devices keep stays for the next picture.
-        let is_by_device = matches!(engine, Engine::Gpu { .. }) && is_drawn_by_devices(scene);
-        let caster_bytes = match engine {
-            Engine::Gpu { .. } if is_by_device => CasterBytes::ON_DEVICE,
-            _ => caster_of(options).bytes(container.pyramid().layout().core()),
+        let is_by_device = matches!(drawer, Drawer::Gpu { .. }) && is_drawn_by_devices(scene);
+        let caster_bytes = match drawer {
+            Drawer::Gpu { .. } if is_by_device => CasterBytes::ON_DEVICE,
+            _ => options.ray_caster().bytes(container.pyramid().layout().core()),
         };
         pool.install(|| {
-            if let Engine::Reference = engine {
+            if let Drawer::Reference = drawer {
                 let (image, stats) = render_from_reference(container, scene, options)?;
                 *work = Work::AtOnce(image, Box::new(stats));
                 return Ok(());
@@ -364,7 +362,7 @@ impl Renderer {
                 let Work::InSteps(drawing) = work else { unreachable!("it has just been made so") };
                 return drawing.advance(resident, options, stop);
             }
-            if let Engine::Gpu { backend, .. } = engine {
+            if let Drawer::Gpu { backend, .. } = drawer {
                 let best = match std::mem::replace(work, Work::Nothing) {
                     Work::InStages(best) if best.stats.converged => {
                         *work = Work::InStages(best);
@@ -462,10 +460,10 @@ impl Renderer {
             [stats.image_width, stats.image_height] = scene.image_size;
             stats.mode = mode_name(scene.mode);
         }
-        if let Engine::Cpu { no_gpu_because } = &self.engine {
+        if let Drawer::Cpu { no_gpu_because } = &self.drawer {
             stats.no_gpu_because.clone_from(no_gpu_because);
         }
-        if let Engine::Gpu { backend, .. } = &self.engine {
+        if let Drawer::Gpu { backend, .. } = &self.drawer {
             match self.work {
                 Work::InLayers(_) => stats.no_gpu_because = Some("slices are drawn by the processor".into()),
                 Work::InSteps(_) => {

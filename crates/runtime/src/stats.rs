@@ -10,8 +10,8 @@ use serde::Serialize;
 use supervol_format::{Lod, ValueRange};
 
 use crate::counters::{DeviceCounters, RayCounters, StreamCounters};
-use crate::frame::caster::CasterTotals;
 use crate::frame::check::ErrorMeasured;
+use crate::frame::engine::EngineTotals;
 use crate::frame::predict::ErrorPredicted;
 use crate::frame::stated::ErrorStated;
 use crate::scene::Mode;
@@ -224,8 +224,8 @@ impl FrameStats {
         (self.error_bound, self.bricks_without_bound) = (drawn.bound, drawn.without_bound);
     }
 
-    /// Fills in all that the ray caster knows but its errors.
-    pub fn gather_caster(&mut self, totals: CasterTotals) {
+    /// Fills in all that the engine knows but its errors.
+    pub fn gather_engine(&mut self, totals: EngineTotals) {
         (self.casting, self.instructions) = (totals.rays, totals.instructions);
         if let Some(device) = totals.device {
             self.device = device.counters;

@@ -14,7 +14,8 @@ use containers::{Fault, Faulty, container_bytes, open, plan};
 use supervol_format::random::Random;
 use supervol_format::{BrickKey, Container, Lod, VoxelType};
 use supervol_runtime::facts::value_map;
-use supervol_runtime::frame::caster::{CpuCaster, RayCaster};
+use supervol_runtime::frame::cpu::CpuCaster;
+use supervol_runtime::frame::engine::{Engine, InSteps};
 use supervol_runtime::frame::{FrameWalk, LevelChoice, RenderOptions, classifier_for, cpu_frame, streamer_for};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::{CpuFrame, CpuQuality, Skipping};
@@ -23,7 +24,7 @@ use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stop::Stop;
 use supervol_runtime::streamer::budget::HostPlan;
 use supervol_runtime::streamer::classify::Classifier;
-use supervol_runtime::streamer::priority::FrontToBack;
+use supervol_runtime::streamer::priority::BrickOrder;
 use supervol_runtime::streamer::state::{ALLOWED, StateKind};
 use supervol_runtime::streamer::{Fetched, OnMissing, Room, Streamer};
 use support::{Volume, noise, points, scene};
@@ -144,7 +145,7 @@ fn states_and_cache_agree_under_random_wishes_and_faults() {
                     let scene = &scenes[random.below(4) as usize];
                     streamer.set_classifier(classifier(scene, random.below(2) == 0));
                 }
-                2 => streamer.set_order(FrontToBack::new(&scenes[0].camera, &descriptor.geometry)),
+                2 => streamer.set_order(BrickOrder::front_to_back(&scenes[0].camera, &descriptor.geometry)),
                 3 => streamer
                     .set_plan(HostPlan { state_limit, ..self::plan(&container, &scenes[0], 1 + random.below(7)) }),
                 _ => {
@@ -192,14 +193,14 @@ fn a_pass_that_begins_late_comes_some_way() {
         passes += 1;
         assert!(passes < 2_000, "{:?}", streamer.counters());
         streamer.begin_pass();
-        let report = caster.cast_pass(&streamer.view(OnMissing::Wait)).unwrap();
-        if report.unfinished_rays == 0 && !report.is_stopped {
+        let report = caster.advance(&streamer.view(OnMissing::Wait)).unwrap();
+        if report.remaining == 0 && !report.is_stopped {
             break;
         }
-        assert!(!report.misses.is_empty() || !report.uses.is_empty(), "pass {passes}");
-        streamer.note_uses(&report.uses, report.misses.len() as u64);
+        assert!(!report.wanted.is_empty() || !report.used.is_empty(), "pass {passes}");
+        streamer.note_uses(&report.used, report.wanted.len() as u64);
         let room = Room { bricks: usize::MAX, stop: late.clone(), patience: Some(Duration::ZERO) };
-        streamer.fetch(&report.misses, room).unwrap();
+        streamer.fetch(&report.wanted, room).unwrap();
         std::thread::sleep(Duration::from_millis(1));
     }
     let mut at_once = streamer_for(&container, &scene, &options, plan);

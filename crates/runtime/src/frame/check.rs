@@ -103,7 +103,7 @@ pub fn measure_error(
     let lod = level_to_check(container, options.level);
     let rays_per_pixel = u64::from(scene.subgrid) * u64::from(scene.subgrid);
     let pixels = spread_pixels([image.width, image.height], rays.div_ceil(rays_per_pixel), SEED);
-    let pool = super::thread_pool(options.threads)?;
+    let pool = options.thread_pool()?;
     let (exact, capped_pieces) = pool.install(|| {
         let volume = load_level(container, lod, scene, options.host_memory_bytes)?;
         let scene = scene_of_level(container, lod, scene);

@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use supervol_format::{BrickKey, Container, Pyramid, VoxelType};
 
-use super::caster::{CasterTotals, PassReport, RayCaster};
-use super::{FrameWalk, RenderError, RenderOptions, lod_choice, plan_host_for, streamer_for};
+use super::engine::{Advance, Engine, EngineTotals};
+use super::{FrameWalk, RenderError, RenderOptions, plan_host_for, streamer_for};
 use crate::counters::{DeviceCounters, RayCounters};
 use crate::facts::value_map;
 use crate::image::Image;
@@ -104,7 +104,7 @@ impl GpuBackend {
         // Where something goes wrong, nothing half done is kept.
         let (caster, paused) = (self.caster.take(), self.paused.take());
         let GpuPicture { scene, options, plan, stop, .. } = *picture;
-        let this = (scene.clone(), lod_choice(options));
+        let this = (scene.clone(), options.lod());
         let mut caster = match caster {
             Some(caster) if paused.as_ref() == Some(&this) => caster.resumed(picture),
             caster => self.begin(caster, streamer, picture)?,
@@ -145,7 +145,7 @@ impl GpuBackend {
             value_range,
             storage: storage(descriptor.voxel_type),
         };
-        let lod = lod_choice(options);
+        let lod = options.lod();
         let kept = match caster {
             Some(mut kept) => {
                 kept.renderer.set_max_error(options.max_error);
@@ -264,7 +264,7 @@ impl GpuCaster {
     }
 }
 
-impl RayCaster for GpuCaster {
+impl Engine for GpuCaster {
     fn room(&self) -> usize {
         // One slot stays free for the coarsest brick, should the time run out.
         self.renderer.slot_capacity().saturating_sub(1).max(1)
@@ -283,7 +283,7 @@ impl RayCaster for GpuCaster {
         Ok(())
     }
 
-    fn cast_pass(&mut self, view: &HostView<'_>) -> Result<PassReport, RenderError> {
+    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, RenderError> {
         let is_late = view.on_missing() == OnMissing::UseParent;
         if is_late && self.is_paused_when_due {
             return Err(RenderError::Cancelled);
@@ -298,11 +298,11 @@ impl RayCaster for GpuCaster {
             return Err(RenderError::Cancelled);
         }
         self.counters.add(&feedback.counters);
-        Ok(PassReport {
-            misses: feedback.misses.into_iter().map(|miss| miss.key).collect(),
-            uses: feedback.uses,
-            unfinished_rays: feedback.unfinished_rays,
-            fallbacks: feedback.counters.parent_bricks,
+        Ok(Advance {
+            wanted: feedback.misses.into_iter().map(|miss| miss.key).collect(),
+            used: feedback.uses,
+            remaining: feedback.unfinished_rays,
+            stood_in: feedback.counters.parent_bricks,
             is_stopped: false,
         })
     }
@@ -316,10 +316,10 @@ impl RayCaster for GpuCaster {
         Ok(self.renderer.image()?)
     }
 
-    fn totals(&self) -> CasterTotals {
+    fn totals(&self) -> EngineTotals {
         let stats = self.renderer.stats();
         let counters = stats.counters.since(&self.before);
         // The GPU does not tell which of its finished rays ended early.
-        CasterTotals { rays: self.counters, device: Some(GpuStats { counters, ..stats }), ..CasterTotals::default() }
+        EngineTotals { rays: self.counters, device: Some(GpuStats { counters, ..stats }), ..EngineTotals::default() }
     }
 }

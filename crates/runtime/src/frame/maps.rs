@@ -1,7 +1,6 @@
 //! What is known of each pixel beside its colour, where somebody asks: how far it may be off, and what its rays cost.
 
 use crate::frame::RenderOptions;
-use crate::frame::caster::CpuCaster;
 use crate::image::Image;
 
 /// Pictures of as many pixels as the one they belong to.
@@ -26,14 +25,14 @@ impl Maps {
     }
 
     /// Writes what is known of the finished pixels of a band over what was known.
-    pub fn write_over(&mut self, first_row: u32, caster: &CpuCaster) {
+    pub fn write_over(&mut self, first_row: u32, band: Self) {
         let write = |map: &mut Option<Image>, band: Option<Image>| {
             if let (Some(map), Some(band)) = (map, band) {
                 map.write_over(first_row, &band);
             }
         };
-        write(&mut self.errors, caster.error_pixels());
-        write(&mut self.work, caster.work_pixels());
+        write(&mut self.errors, band.errors);
+        write(&mut self.work, band.work);
     }
 }
 

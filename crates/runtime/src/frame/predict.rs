@@ -18,7 +18,7 @@ use serde::Serialize;
 
 use supervol_format::Lod;
 
-use super::caster::CasterErrors;
+use super::engine::EngineErrors;
 use super::{LevelChoice, RenderOptions};
 use crate::image::GREY_LEVELS;
 use crate::stats::FrameStats;
@@ -70,7 +70,7 @@ impl Term {
 
 /// The prediction for a frame with these statistics, from what its caster says; `level` is the one that it is held against.
 #[must_use]
-pub fn predict(errors: &CasterErrors, stats: &FrameStats, options: &RenderOptions, level: Lod) -> ErrorPredicted {
+pub fn predict(errors: &EngineErrors, stats: &FrameStats, options: &RenderOptions, level: Lod) -> ErrorPredicted {
     let cells = Term::estimate(errors.cells);
     let ray_ends = Term::bound(if stats.casting.rays_terminated_early > 0 { errors.ray_ends } else { 0.0 });
     let transfer_function = Term::estimate(errors.transfer_function);
@@ -80,7 +80,7 @@ pub fn predict(errors: &CasterErrors, stats: &FrameStats, options: &RenderOption
     ErrorPredicted { level: level.0, total, cells, ray_ends, transfer_function, levels, rounding }
 }
 
-fn levels(errors: &CasterErrors, stats: &FrameStats, options: &RenderOptions) -> Term {
+fn levels(errors: &EngineErrors, stats: &FrameStats, options: &RenderOptions) -> Term {
     match options.level {
         LevelChoice::Auto => Term::bound(errors.levels),
         // Nobody sums up how far a level that stands in is from the one that was asked for.
@@ -93,8 +93,8 @@ fn levels(errors: &CasterErrors, stats: &FrameStats, options: &RenderOptions) ->
 mod tests {
     use super::*;
     use crate::counters::RayCounters;
-    const ERRORS: CasterErrors =
-        CasterErrors { cells: 0.004, levels: 0.003, ray_ends: 0.001, transfer_function: 0.002, rounding: 1e-5 };
+    const ERRORS: EngineErrors =
+        EngineErrors { cells: 0.004, levels: 0.003, ray_ends: 0.001, transfer_function: 0.002, rounding: 1e-5 };
 
     fn stats() -> FrameStats {
         FrameStats { converged: true, ..FrameStats::default() }

@@ -1,11 +1,11 @@
-//! The passes of one frame: streamer and ray caster in turn.
+//! The passes of one frame: streamer and engine in turn.
 
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use supervol_format::{BrickKey, Lod};
 
-use super::caster::{CpuCaster, PassReport, RayCaster};
+use super::engine::{Advance, Engine, InSteps};
 use super::maps::Maps;
 use super::{LevelChoice, Progress, RenderError, RenderOptions, check, predict};
 use crate::counters::milliseconds;
@@ -25,7 +25,7 @@ const KEPT_TIME_SHARE: u32 = 4;
 /// Least time that a pass waits for bricks, once it could begin.
 const LEAST_PATIENCE: Duration = Duration::from_millis(10);
 
-/// Takes one ray caster through the passes of one frame.
+/// Takes one engine through the passes of one frame.
 ///
 /// The streamer outlives the walk: what it holds serves the next frame.
 pub struct FrameWalk<'a> {
@@ -79,57 +79,58 @@ impl<'a> FrameWalk<'a> {
     ///
     /// # Errors
     /// If a device fails, memory does not suffice, there is no progress, or the walk is cancelled.
-    pub fn run(&mut self, caster: &mut dyn RayCaster, image_size: [u32; 2]) -> Result<Image, RenderError> {
+    pub fn run(&mut self, engine: &mut dyn Engine, image_size: [u32; 2]) -> Result<Image, RenderError> {
         let [width, height] = image_size;
         self.rows = height;
-        self.streamer.begin_frame();
+        self.begin_frame(engine);
         if self.stop.deadline().is_some() {
-            self.keep_coarse_levels(caster)?;
+            self.keep_coarse_levels(engine)?;
         }
         let mut image = Image { width, height, pixels: Vec::with_capacity(width as usize * height as usize) };
-        let rows = self.plan.band_rows.min(caster.band_rows());
+        let rows = self.plan.band_rows.min(engine.band_rows());
         for first in (0..height).step_by(rows as usize) {
             self.streamer.begin_band();
-            caster.begin(first..first.saturating_add(rows).min(height))?;
-            self.complete_band(caster)?;
-            image.pixels.extend(caster.image()?.pixels);
+            engine.begin(first..first.saturating_add(rows).min(height))?;
+            self.complete_band(engine)?;
+            image.pixels.extend(engine.image()?.pixels);
             self.stats.bands += 1;
             self.rows_finished = first.saturating_add(rows).min(height);
         }
-        self.gather_stats(caster);
+        self.gather_stats(engine);
         Ok(image)
     }
 
     /// Casts until the picture is finished or the walk is to stop, and writes the pixels that are finished over those of
-    /// `picture`, and what else is known of them over those of `maps`; how many those are by now. `bands` says where an earlier walk with the same caster has stopped.
+    /// `picture`, and what else is known of them over those of `maps`; how many those are by now. `bands` says where an earlier walk with the same engine has stopped.
     ///
     /// # Errors
     /// If memory does not suffice, or there is no progress.
     pub fn run_over(
         &mut self,
-        caster: &mut CpuCaster,
+        engine: &mut dyn InSteps,
         (picture, mut maps): (&mut Image, Option<&mut Maps>),
         bands: &mut Bands,
     ) -> Result<u64, RenderError> {
         self.rows = picture.height;
         self.stop = self.stop.not_before(Instant::now() + LEAST_STEP);
-        caster.stop_at(&self.stop);
+        engine.stop_at(&self.stop);
         if bands.rows == (0..0) {
-            self.streamer.begin_frame();
+            self.begin_frame(engine);
         }
         let mut written = bands.written_before;
         while bands.rows.start < picture.height {
             self.rows_finished = bands.rows.start;
             if bands.rows.is_empty() {
-                bands.rows.end = (bands.rows.start + self.plan.band_rows).min(picture.height);
+                let rows = self.plan.band_rows.min(engine.band_rows());
+                bands.rows.end = bands.rows.start.saturating_add(rows).min(picture.height);
                 self.streamer.begin_band();
-                caster.begin(bands.rows.clone())?;
+                engine.begin(bands.rows.clone())?;
                 self.stats.bands += 1;
             }
-            let is_finished = self.cast_band(caster)?;
-            written = bands.written_before + picture.write_over(bands.rows.start, &caster.finished_pixels());
+            let is_finished = self.cast_band(engine)?;
+            written = bands.written_before + picture.write_over(bands.rows.start, &engine.finished_pixels());
             if let Some(maps) = &mut maps {
-                maps.write_over(bands.rows.start, caster);
+                maps.write_over(bands.rows.start, engine.pixel_maps());
             }
             if !is_finished {
                 self.stats.converged = false;
@@ -137,75 +138,82 @@ impl<'a> FrameWalk<'a> {
             }
             *bands = Bands { rows: bands.rows.end..bands.rows.end, written_before: written };
         }
-        self.gather_stats(caster);
+        self.gather_stats(engine);
         Ok(written)
     }
 
-    /// The passes of a band until none of its rays waits.
-    fn complete_band(&mut self, caster: &mut dyn RayCaster) -> Result<(), RenderError> {
-        let mut waiting = 0;
+    fn begin_frame(&mut self, engine: &dyn Engine) {
+        if let Some(order) = engine.order() {
+            self.streamer.set_order(order);
+        }
+        self.streamer.begin_frame();
+    }
+
+    /// The passes of a band until nothing of it waits.
+    fn complete_band(&mut self, engine: &mut dyn Engine) -> Result<(), RenderError> {
+        let (mut waiting, mut remaining) = (0, 0);
         for pass in 1..=PASS_LIMIT {
             if self.stop.is_cancelled() {
                 return Err(RenderError::Cancelled);
             }
             let is_late = self.stop.is_late();
             let on_missing = if is_late { OnMissing::UseParent } else { OnMissing::Wait };
-            let report = self.cast_pass(caster, on_missing)?;
+            let report = self.pass(engine, on_missing)?;
             if is_late {
-                self.stats.converged &= report.fallbacks == 0;
+                self.stats.converged &= report.stood_in == 0;
                 self.stats.bricks_missing_at_deadline += waiting;
             }
-            if report.unfinished_rays == 0 {
+            if report.remaining == 0 {
                 return Ok(());
             }
             if is_late {
                 return Err(no_progress(pass, &report));
             }
-            waiting = report.misses.len() as u64;
+            (waiting, remaining) = (report.wanted.len() as u64, report.remaining);
             // When the time is up nothing more is fetched: the next pass waits for nothing.
             if !self.stop.is_late() {
-                self.fetch(pass, &report, caster, None)?;
+                self.fetch(pass, &report, engine, None)?;
             }
         }
-        Err(RenderError::TooManyPasses { unfinished_rays: waiting })
+        Err(RenderError::TooManyPasses { remaining })
     }
 
     /// The passes of a band until it is finished or the walk is to stop: whether it is finished. Bricks are read while rays
     /// are cast; a pass waits for more of them as long as the last one took.
-    fn cast_band(&mut self, caster: &mut CpuCaster) -> Result<bool, RenderError> {
-        let mut unfinished_rays = 0;
+    fn cast_band(&mut self, engine: &mut dyn InSteps) -> Result<bool, RenderError> {
+        let mut remaining = 0;
         for pass in 1..=PASS_LIMIT {
             let start = Instant::now();
-            let report = self.cast_pass(caster, OnMissing::Wait)?;
+            let report = self.pass(engine, OnMissing::Wait)?;
             let patience = start.elapsed().max(LEAST_PATIENCE);
-            if !report.is_stopped && report.unfinished_rays == 0 {
+            if !report.is_stopped && report.remaining == 0 {
                 return Ok(true);
             }
-            unfinished_rays = report.unfinished_rays;
+            remaining = report.remaining;
             // Also when the time is up, so that what rays wait for is there in the next step, however short steps are; then nobody
             // waits for it.
-            self.fetch(pass, &report, caster, Some(patience))?;
+            self.fetch(pass, &report, engine, Some(patience))?;
             if self.stop.is_due() {
                 return Ok(false);
             }
         }
-        Err(RenderError::TooManyPasses { unfinished_rays })
+        Err(RenderError::TooManyPasses { remaining })
     }
 
-    fn cast_pass(&mut self, caster: &mut dyn RayCaster, on_missing: OnMissing) -> Result<PassReport, RenderError> {
+    fn pass(&mut self, engine: &mut dyn Engine, on_missing: OnMissing) -> Result<Advance, RenderError> {
         self.streamer.begin_pass();
         let start = Instant::now();
-        let report = caster.cast_pass(&self.streamer.view(on_missing))?;
+        let report = engine.advance(&self.streamer.view(on_missing))?;
         self.stats.render_ms += milliseconds(start.elapsed());
         self.stats.passes += 1;
-        self.stats.fallbacks += report.fallbacks;
-        self.streamer.note_uses(&report.uses, report.misses.len() as u64);
+        self.stats.fallbacks += report.stood_in;
+        self.streamer.note_uses(&report.used, report.wanted.len() as u64);
         if let Some(progress) = &self.options.progress {
             progress(Progress {
                 passes: self.stats.passes,
                 rows_finished: self.rows_finished,
                 rows: self.rows,
-                rays_waiting: report.unfinished_rays,
+                rays_waiting: report.remaining,
                 bytes_read: self.streamer.counters().bytes_read,
             });
         }
@@ -216,25 +224,25 @@ impl<'a> FrameWalk<'a> {
     fn fetch(
         &mut self,
         pass: u64,
-        report: &PassReport,
-        caster: &mut dyn RayCaster,
+        report: &Advance,
+        engine: &mut dyn Engine,
         patience: Option<Duration>,
     ) -> Result<(), RenderError> {
-        let room = Room { bricks: caster.room(), stop: self.stop.clone(), patience };
-        let fetched = self.streamer.fetch(&report.misses, room)?;
+        let room = Room { bricks: engine.room(), stop: self.stop.clone(), patience };
+        let fetched = self.streamer.fetch(&report.wanted, room)?;
         if !fetched.is_progress() && !self.stop.is_due() {
             return Err(no_progress(pass, report));
         }
-        caster.update(&self.streamer.view(OnMissing::Wait), &fetched)
+        engine.update(&self.streamer.view(OnMissing::Wait), &fetched)
     }
 
     /// Fetches the coarsest level, whatever it takes, and finer ones while they are small and the time allows: what rays
     /// fall back to when the time is up.
-    fn keep_coarse_levels(&mut self, caster: &mut dyn RayCaster) -> Result<(), RenderError> {
+    fn keep_coarse_levels(&mut self, engine: &mut dyn Engine) -> Result<(), RenderError> {
         let container = self.streamer.container().clone();
         let pyramid = container.pyramid();
         let brick_bytes = BrickBytes::of(&container).decoded;
-        let most = (self.plan.cache_bytes / KEPT_SHARE / brick_bytes).min(caster.room() as u64 / KEPT_SHARE);
+        let most = (self.plan.cache_bytes / KEPT_SHARE / brick_bytes).min(engine.room() as u64 / KEPT_SHARE);
         let time = self.stop.deadline().map_or(Duration::ZERO, |d| d.saturating_duration_since(self.start));
         let time = time / KEPT_TIME_SHARE;
         let finest = match self.options.level {
@@ -252,26 +260,26 @@ impl<'a> FrameWalk<'a> {
             let keys: Vec<BrickKey> = pyramid.keys_of(lod).collect();
             // A level that there is no time for is kept as far as it came.
             let stop = self.stop.instead_at(is_optional.then(|| self.start + time));
-            let room = Room { bricks: caster.room(), stop, patience: None };
+            let room = Room { bricks: engine.room(), stop, patience: None };
             let fetched = self.streamer.fetch_to_keep(&keys, room)?;
-            caster.update(&self.streamer.view(OnMissing::Wait), &fetched)?;
+            engine.update(&self.streamer.view(OnMissing::Wait), &fetched)?;
         }
         Ok(())
     }
 
-    fn gather_stats(&mut self, caster: &dyn RayCaster) {
+    fn gather_stats(&mut self, engine: &dyn Engine) {
         self.stats.gather_streamer(self.streamer);
-        let totals = caster.totals();
+        let totals = engine.totals();
         let errors = totals.errors;
-        self.stats.gather_caster(totals);
+        self.stats.gather_engine(totals);
         let level = check::level_to_check(self.streamer.container(), self.options.level);
         let predict = |errors| predict::predict(&errors, &self.stats, self.options, level);
         self.stats.error_predicted = errors.map(predict);
     }
 }
 
-/// A mistake of ours: rays wait, and nothing could be done for them.
-fn no_progress(pass: u64, report: &PassReport) -> RenderError {
-    let first = report.misses.first().map_or("none".into(), ToString::to_string);
-    RenderError::NoProgress { pass, unfinished_rays: report.unfinished_rays, misses: report.misses.len(), first }
+/// A mistake of ours: the engine waits, and nothing could be done for it.
+fn no_progress(pass: u64, report: &Advance) -> RenderError {
+    let first = report.wanted.first().map_or("none".into(), ToString::to_string);
+    RenderError::NoProgress { pass, remaining: report.remaining, wanted: report.wanted.len(), first }
 }

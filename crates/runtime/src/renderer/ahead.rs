@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use super::drawing::{sketch_pixel, with_pixels};
 use super::resident::Resident;
-use crate::frame::caster::CpuCaster;
+use crate::frame::cpu::CpuCaster;
 use crate::frame::walk::{Bands, FrameWalk};
 use crate::frame::{LevelChoice, RenderError, RenderOptions, cpu_frame_of};
 use crate::image::Image;

@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use supervol_format::{Container, Lod};
 
 use super::resident::Resident;
-use crate::frame::caster::CpuCaster;
+use crate::frame::cpu::CpuCaster;
 use crate::frame::maps::{Maps, of_work};
 use crate::frame::stated::{ErrorStated, complete};
 use crate::frame::walk::{Bands, FrameWalk};

@@ -11,7 +11,7 @@ use crate::raycast::volume::{BrickView, Resident as Brick};
 use crate::scene::{Mode, ResolvedScene};
 use crate::stop::Stop;
 use crate::streamer::budget::{CasterBytes, HostPlan};
-use crate::streamer::priority::FrontToBack;
+use crate::streamer::priority::BrickOrder;
 use crate::streamer::{OnMissing, Room, Streamer};
 use crate::transfer_function::TransferFunction;
 use crate::units::{InUnits, edges};
@@ -87,7 +87,7 @@ impl Resident {
     /// From now on bricks are fetched for this scene; whether the table of contents still decides the same about them.
     pub fn aim(&mut self, scene: &ResolvedScene, options: &RenderOptions) -> bool {
         let geometry = InUnits::of(self.streamer.container()).geometry;
-        self.streamer.set_order(FrontToBack::new(&scene.camera, &geometry));
+        self.streamer.set_order(BrickOrder::front_to_back(&scene.camera, &geometry));
         let aim = Aim::new(scene, options);
         let is_same = self.aimed.classifies_as(&aim);
         if !is_same {

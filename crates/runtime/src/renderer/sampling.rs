@@ -141,7 +141,7 @@ impl<'a> Sampler<'a> {
             return Ok(());
         }
         let first = misses.first().map_or("none".into(), ToString::to_string);
-        Err(RenderError::NoProgress { pass: self.passes, unfinished_rays: waiting as u64, misses: misses.len(), first })
+        Err(RenderError::NoProgress { pass: self.passes, remaining: waiting as u64, wanted: misses.len(), first })
     }
 }
 

@@ -45,7 +45,7 @@ use budget::{HostPlan, decoded_bytes};
 use capacity::{Candidate, Supply, admit};
 use classify::{Class, Classifier, may_have_holes};
 use loader::{Finished, Loader};
-use priority::{FrontToBack, Rank, Ranked};
+use priority::{BrickOrder, Rank, Ranked};
 use state::{BrickState, StateTable};
 pub use view::{HostView, OnMissing};
 
@@ -114,7 +114,7 @@ pub struct Streamer {
     container: Arc<Container>,
     map: ValueMap,
     classifier: Classifier,
-    order: FrontToBack,
+    order: BrickOrder,
     plan: HostPlan,
     states: StateTable,
     cache: HostCache<DecodedBrick>,
@@ -178,7 +178,7 @@ impl Streamer {
         container: Arc<Container>,
         map: ValueMap,
         classifier: Classifier,
-        order: FrontToBack,
+        order: BrickOrder,
         plan: HostPlan,
     ) -> Self {
         let levels = container.pyramid().levels().len();
@@ -246,7 +246,7 @@ impl Streamer {
     }
 
     /// Another camera looks at the volume. Where levels are chosen by brick, it needs another classifier, too.
-    pub fn set_order(&mut self, order: FrontToBack) {
+    pub fn set_order(&mut self, order: BrickOrder) {
         self.order = order;
     }
 

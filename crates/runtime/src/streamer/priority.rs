@@ -1,4 +1,4 @@
-//! In which order wanted bricks are fetched: front to back, as the rays meet them.
+//! In which order wanted bricks are fetched: front to back, as the rays meet them; or slab by slab, for an engine that goes so.
 //!
 //! Why this order: a ray goes on only when the brick it waits for is there, and never comes back to a brick. Let the rank
 //! of a brick grow strictly along every ray. Then a ray that needs the wanted brick of least rank is not yet beyond it,
@@ -26,9 +26,9 @@ pub type Rank = i64;
 /// Eyes farther away than this many voxels of level 0 give the same order as an eye at this distance.
 const EYE_LIMIT: f64 = (1u64 << 40) as f64;
 
-/// The front-to-back order of one camera.
+/// The order in which an engine goes through bricks.
 #[derive(Debug, Clone)]
-pub struct FrontToBack {
+pub struct BrickOrder {
     view: View,
 }
 
@@ -49,10 +49,10 @@ pub struct Ranked {
     pub key: BrickKey,
 }
 
-impl FrontToBack {
+impl BrickOrder {
     /// The order of bricks as this camera's rays meet them.
     #[must_use]
-    pub fn new(camera: &Camera, geometry: &Geometry) -> Self {
+    pub fn front_to_back(camera: &Camera, geometry: &Geometry) -> Self {
         let index_from_world = geometry.index_from_world();
         let view = match camera.projection {
             Projection::Perspective { .. } => {
@@ -65,6 +65,17 @@ impl FrontToBack {
             }
         };
         Self { view }
+    }
+
+    /// The order of an engine that goes through slabs of bricks along the index axes: sign of its way along each, -1, 0 or 1; axes
+    /// with 0 do not count.
+    ///
+    /// # Panics
+    /// If a sign is none of these.
+    #[must_use]
+    pub fn along(signs: [Rank; 3]) -> Self {
+        assert!(signs.iter().all(|sign| (-1..=1).contains(sign)), "signs {signs:?}");
+        Self { view: View::Direction(signs) }
     }
 
     /// Rank of a brick.
@@ -91,7 +102,7 @@ impl FrontToBack {
             .sum()
     }
 
-    /// Wanted bricks, front to back.
+    /// Wanted bricks, in this order.
     #[must_use]
     pub fn ranked(&self, pyramid: &Pyramid, wanted: impl IntoIterator<Item = BrickKey>) -> Vec<Ranked> {
         let mut ranked: Vec<Ranked> =
@@ -153,7 +164,7 @@ mod tests {
             } else {
                 Projection::Perspective { fov_y: 40.0 }
             };
-            let order = FrontToBack::new(&camera(eye, d, projection), &Geometry::IDENTITY);
+            let order = BrickOrder::front_to_back(&camera(eye, d, projection), &Geometry::IDENTITY);
             let ranks: Vec<Rank> = bricks_along(eye, d).iter().map(|&k| order.rank(&pyramid(), k)).collect();
             prop_assert!(ranks.windows(2).all(|w| w[0] < w[1]), "{ranks:?}");
         }
@@ -164,7 +175,7 @@ mod tests {
         ) {
             let p = pyramid();
             let camera = camera(DVec3::from_array(eye), DVec3::X, Projection::Perspective { fov_y: 40.0 });
-            let order = FrontToBack::new(&camera, &Geometry::IDENTITY);
+            let order = BrickOrder::front_to_back(&camera, &Geometry::IDENTITY);
             let fine = BrickKey::new(Lod(0), BrickIndex([brick[0], brick[1], brick[2] % 4]));
             // Behind: the next fine brick away from the eye along the axis, replaced by its parent.
             let away = (f64::from(fine.brick().0[axis]) + 0.5) * EDGE - HALF_VOXEL > eye[axis];
@@ -186,11 +197,24 @@ mod tests {
     #[test]
     fn ties_are_broken_by_the_key_and_doubles_are_dropped() {
         let camera = camera(DVec3::splat(-50.0), DVec3::ONE, Projection::Perspective { fov_y: 40.0 });
-        let order = FrontToBack::new(&camera, &Geometry::IDENTITY);
+        let order = BrickOrder::front_to_back(&camera, &Geometry::IDENTITY);
         let key = |b| BrickKey::new(Lod(0), BrickIndex(b));
         let wanted = [[0, 0, 1], [1, 0, 0], [3, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 0]].map(key);
         let keys: Vec<BrickKey> = order.ranked(&pyramid(), wanted).iter().map(|r| r.key).collect();
         assert_eq!(keys, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [3, 0, 0]].map(key));
+    }
+
+    #[test]
+    fn slabs_come_one_after_the_other() {
+        let ranks = |order: &BrickOrder, axis: usize| {
+            let place = |n: u32| std::array::from_fn(|a| if a == axis { n } else { 1 });
+            [0, 1, 2, 3].map(|n| order.rank(&pyramid(), BrickKey::new(Lod(0), BrickIndex(place(n)))))
+        };
+        let order = BrickOrder::along([0, 0, -1]);
+        assert!(
+            ranks(&order, 2).windows(2).all(|w| w[0] > w[1]) && ranks(&BrickOrder::along([0, 0, 1]), 2).is_sorted()
+        );
+        assert!(ranks(&order, 0).windows(2).all(|w| w[0] == w[1]), "other axes do not count");
     }
 
     #[test]
@@ -200,7 +224,7 @@ mod tests {
             let camera = Camera { eye, ..near };
             let perspective = Camera { projection: Projection::Perspective { fov_y: 30.0 }, ..camera };
             for camera in [camera, perspective] {
-                let order = FrontToBack::new(&camera, &Geometry::IDENTITY);
+                let order = BrickOrder::front_to_back(&camera, &Geometry::IDENTITY);
                 let all: Vec<BrickKey> = (0..pyramid().brick_count()).filter_map(|e| pyramid().key(e)).collect();
                 assert_eq!(order.ranked(&pyramid(), all.iter().copied()).len(), all.len());
             }

@@ -70,7 +70,7 @@ use super::volume::{BrickView, KnownEntry, Resident, ValueMap};
 use crate::camera::{Camera, Ray};
 use crate::clip::{Clip, IndexRay, Segment, clip_parts, clip_ray};
 pub use crate::counters::RayCounters;
-use crate::frame::caster::CasterErrors;
+use crate::frame::engine::EngineErrors;
 use crate::image::Image;
 use crate::lod::deviation::Deviations;
 use crate::lod::{LodChoice, LodRule};
@@ -469,9 +469,9 @@ impl CpuFrame {
 
     /// What a picture may be off by whose rays are off by so much: where packets sum that up, in mode `dvr`.
     #[must_use]
-    pub fn errors(&self, rays: ErrorsByReason) -> Option<CasterErrors> {
+    pub fn errors(&self, rays: ErrorsByReason) -> Option<EngineErrors> {
         let tables = self.packets.as_ref().filter(|tables| self.mode == Mode::Dvr && tables.sums_errors())?;
-        Some(CasterErrors {
+        Some(EngineErrors {
             cells: rays.cells,
             levels: rays.levels,
             ray_ends: tables.end_error(),

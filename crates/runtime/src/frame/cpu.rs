@@ -1,0 +1,158 @@
+//! The ray caster in Rust as an engine: reads bricks where the host cache holds them.
+
+use std::ops::Range;
+use std::time::Instant;
+
+use supervol_format::Container;
+
+use super::FrameWalk;
+use super::engine::{Advance, Engine, EngineTotals, InSteps};
+use super::maps::Maps;
+use super::setting::with_data_scale;
+use crate::counters::RayCounters;
+use crate::error::RenderError;
+use crate::facts::value_map;
+use crate::image::Image;
+use crate::lod::LodChoice;
+use crate::lod::deviation::Deviations;
+use crate::options::RenderOptions;
+use crate::raycast::cpu::levels::ErrorsByReason;
+use crate::raycast::cpu::simd::InstructionSet;
+use crate::raycast::cpu::{CpuFrame, CpuQuality, Rays, cast_pass};
+use crate::scene::ResolvedScene;
+use crate::stats::FrameStats;
+use crate::stop::Stop;
+use crate::streamer::budget::HostPlan;
+use crate::streamer::{HostView, Streamer};
+use crate::units::InUnits;
+
+/// What all rays of the CPU ray caster share in a frame.
+#[must_use]
+pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderOptions, plan: &HostPlan) -> CpuFrame {
+    cpu_frame_of(container, scene, options, (options.lod(), plan))
+}
+
+/// The same with levels of its own.
+pub(crate) fn cpu_frame_of(
+    container: &Container,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+    (lod, plan): (LodChoice, &HostPlan),
+) -> CpuFrame {
+    let InUnits { geometry, value_range, .. } = InUnits::of(container);
+    let quality =
+        CpuQuality { lod, skipping: options.skipping, caster: options.ray_caster(), made_bytes: plan.made_bytes };
+    let frame = CpuFrame::new(scene, container.pyramid(), &geometry, value_map(container), value_range, quality);
+    let frame = frame.counting(options.rays_finished.clone());
+    if !options.predict_error {
+        return frame;
+    }
+    frame.with_deviations(with_data_scale(container, |data| Deviations::new(scene, data)))
+}
+
+/// Makes the picture on the CPU in one go, on the calling thread's pool, from what the streamer has and fetches. What a
+/// [`Renderer`](crate::renderer::Renderer) adds to the statistics is missing.
+///
+/// # Errors
+/// As [`crate::renderer::render`].
+pub fn render_cpu(
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+    streamer: &mut Streamer,
+    plan: HostPlan,
+    stop: &Stop,
+) -> Result<(Image, FrameStats), RenderError> {
+    let mut caster = CpuCaster::new(cpu_frame(streamer.container(), scene, options, &plan));
+    let mut walk = FrameWalk::new(streamer, plan, options, Instant::now()).until(stop.clone());
+    let image = walk.run(&mut caster, scene.image_size)?;
+    Ok((image, FrameStats { backend: "cpu", ..walk.into_stats() }))
+}
+
+/// The ray caster in Rust: reads bricks where the host cache holds them.
+pub struct CpuCaster {
+    frame: CpuFrame,
+    band: CpuFrame,
+    states: Rays,
+    counters: RayCounters,
+    errors: ErrorsByReason,
+}
+
+impl CpuCaster {
+    /// A caster for this frame.
+    #[must_use]
+    pub fn new(frame: CpuFrame) -> Self {
+        let band = frame.clone();
+        Self {
+            frame,
+            band,
+            states: Rays::default(),
+            counters: RayCounters::default(),
+            errors: ErrorsByReason::default(),
+        }
+    }
+
+    /// What rays may be off by at most, reason by reason.
+    #[must_use]
+    pub fn errors_by_reason(&self) -> ErrorsByReason {
+        self.errors
+    }
+
+    /// Sums up what the rays of a band say at its end.
+    fn note_band(&mut self) {
+        self.counters.rays_terminated_early += self.states.terminated_early();
+        self.errors = self.errors.or(self.states.errors());
+    }
+}
+
+impl Engine for CpuCaster {
+    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError> {
+        // Two bands' rays never exist at once: the budget has room for one.
+        self.states = Rays::default();
+        self.band = self.frame.band(pixel_rows);
+        self.states = self.band.begin();
+        self.counters.rays += self.band.ray_count();
+        Ok(())
+    }
+
+    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, RenderError> {
+        let feedback = cast_pass(view, &self.band, &mut self.states);
+        self.counters.add(&feedback.counters);
+        Ok(Advance {
+            remaining: feedback.misses.iter().map(|miss| miss.rays).sum(),
+            wanted: feedback.misses.into_iter().map(|miss| miss.key).collect(),
+            used: feedback.uses,
+            stood_in: feedback.counters.parent_bricks,
+            is_stopped: feedback.is_stopped,
+        })
+    }
+
+    fn image(&mut self) -> Result<Image, RenderError> {
+        self.note_band();
+        Ok(self.band.image(&self.states))
+    }
+
+    fn totals(&self) -> EngineTotals {
+        EngineTotals {
+            rays: self.counters,
+            instructions: self.frame.instructions().map(InstructionSet::name),
+            errors: self.frame.errors(self.errors),
+            device: None,
+        }
+    }
+}
+
+impl InSteps for CpuCaster {
+    fn stop_at(&mut self, stop: &Stop) {
+        self.frame.set_stop(stop.clone());
+        self.band.set_stop(stop.clone());
+    }
+
+    fn finished_pixels(&mut self) -> Image {
+        self.note_band();
+        self.band.finished_pixels(&self.states)
+    }
+
+    fn pixel_maps(&self) -> Maps {
+        Maps { errors: self.band.error_pixels(&self.states), work: self.band.work_pixels(&self.states) }
+    }
+}

@@ -1,0 +1,127 @@
+//! What a frame asks of an engine: of whatever makes a picture of bricks that come one after the other.
+//!
+//! Protocol, for each band of pixel rows:
+//! 1. [`Engine::begin`].
+//! 2. [`Engine::advance`]: it goes as far as the bricks of the view allow, and says which it used, which it wants, and how much remains.
+//! 3. [`Engine::update`] with what was fetched for it; again from 2 until nothing remains.
+//! 4. [`Engine::image`].
+//!
+//! Nothing here knows rays. A ray caster wants the bricks that its rays have come to; an engine that goes through the volume slice by
+//! slice, or that knows its working set beforehand, wants these at once and gets as many as there is room for, in its own order
+//! ([`Engine::order`]): what it used and does not want again leaves first. An engine that reads the host cache directly ignores
+//! `update`; one with a memory of its own copies there.
+
+use std::ops::Range;
+
+use supervol_format::BrickKey;
+
+use super::RenderError;
+use super::maps::Maps;
+use crate::counters::RayCounters;
+use crate::image::Image;
+use crate::raycast::gpu::GpuStats;
+use crate::stop::Stop;
+use crate::streamer::priority::BrickOrder;
+use crate::streamer::{Fetched, HostView};
+
+/// How far an engine came.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Advance {
+    /// Bricks that it waits for, each once.
+    pub wanted: Vec<BrickKey>,
+    /// Resident bricks that it used, each once.
+    pub used: Vec<BrickKey>,
+    /// What is not finished, in units of the engine's own (rays, slices); 0 where the band is done.
+    pub remaining: u64,
+    /// Times a coarser brick stood in for one that was wanted.
+    pub stood_in: u64,
+    /// Whether it was time to stop before all was finished or waited.
+    pub is_stopped: bool,
+}
+
+/// What an engine has done and knows, over all passes and bands.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct EngineTotals {
+    /// What was counted; an engine without rays counts none, and samples and cells all the same.
+    pub rays: RayCounters,
+    /// Instructions of packets.
+    pub instructions: Option<&'static str>,
+    /// What the picture may be off by, where the engine was asked to sum it up and can.
+    pub errors: Option<EngineErrors>,
+    /// What its graphics device did for this picture, if it has one.
+    pub device: Option<GpuStats>,
+}
+
+/// What an engine says of its own errors; 1 is white.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EngineErrors {
+    /// The greatest sum, over all rays, of what cells may be off by.
+    pub cells: f64,
+    /// Most that coarser levels may do to a ray, against the finest.
+    pub levels: f64,
+    /// Most that is left out behind the end of a ray that ends early.
+    pub ray_ends: f64,
+    /// What the fit of the transfer function may do to a ray.
+    pub transfer_function: f64,
+    /// What sums of `f32` over the cells of a brick may do to a ray.
+    pub rounding: f64,
+}
+
+/// Makes a picture from resident bricks.
+pub trait Engine {
+    /// Bricks that can be handed over between two passes; at least 1.
+    fn room(&self) -> usize {
+        usize::MAX
+    }
+
+    /// Most rows of pixels that are begun at once.
+    fn band_rows(&self) -> u32 {
+        u32::MAX
+    }
+
+    /// The order in which it goes through bricks; `None`: front to back from the camera that the streamer was made for.
+    fn order(&self) -> Option<BrickOrder> {
+        None
+    }
+
+    /// Begins these rows of pixels, numbered from the top.
+    ///
+    /// # Errors
+    /// If a device fails.
+    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError>;
+
+    /// Goes as far as the bricks allow.
+    ///
+    /// # Errors
+    /// If a device fails.
+    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, RenderError>;
+
+    /// Takes note of what was fetched; the view holds the bricks and the answers.
+    ///
+    /// # Errors
+    /// If a device fails.
+    fn update(&mut self, _view: &HostView<'_>, _fetched: &Fetched) -> Result<(), RenderError> {
+        Ok(())
+    }
+
+    /// The picture of the band.
+    ///
+    /// # Errors
+    /// If a device fails.
+    fn image(&mut self) -> Result<Image, RenderError>;
+
+    /// Sums so far.
+    fn totals(&self) -> EngineTotals;
+}
+
+/// An engine that stops when it is time to, and goes on from there.
+pub trait InSteps: Engine {
+    /// It stops where it is when this is due, instead of when it was to stop before.
+    fn stop_at(&mut self, stop: &Stop);
+
+    /// The pixels of the band that are finished; NaN elsewhere.
+    fn finished_pixels(&mut self) -> Image;
+
+    /// What is known of these pixels besides, where that was asked for.
+    fn pixel_maps(&self) -> Maps;
+}
