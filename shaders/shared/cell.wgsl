@@ -60,6 +60,9 @@ fn gather_cell(slot: Slot, cell: vec3<i32>, chord: Chord, ray: LocalRay, state: 
             gather_surfaces(view, ray, state);
         }
         default: {
+            if (is_rounding(chord.b - chord.a)) {
+                return;
+            }
             let extremes = view.pivot + cubic_extremes(view.cubic, view.intervals);
             let mean = view.pivot + cubic_mean(view.cubic);
             gather_value(clamp(extremes, view.range.xx, view.range.yy), mean, chord.extent, state);

@@ -99,6 +99,17 @@ fn gather_uniform(value: f32, extent: f32, state: ptr<function, RayState>) {
     }
 }
 
+// Modes in which a value counts whatever the length of its chord.
+fn counts_by_value() -> bool {
+    return mode() == MODE_MIP || mode() == MODE_MINIP || mode() == MODE_MEAN;
+}
+
+// Whether a way, in cells, may be the rounding of its ends: what is left of a cell beside a clip plane. Modes that count by value do not look
+// at it.
+fn is_rounding(way: vec3<f32>) -> bool {
+    return all(abs(way) <= vec3<f32>(POSITION_ERROR));
+}
+
 // Modes mip, minip and mean: adds a stretch with this (least, greatest) value and this mean.
 fn gather_value(extremes: vec2<f32>, mean: f32, extent: f32, state: ptr<function, RayState>) {
     switch mode() {

@@ -52,11 +52,12 @@ const FLAG_SKIPPING: u32 = 8u;
 const FLAG_HOLES: u32 = 16u;
 // Flag: antiderivatives of the transfer function are used (light_walk.wgsl): mode dvr, without steps.
 const FLAG_LIGHT: u32 = 32u;
-// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, scene.rs.
+// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs.
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
 const KNOT_LIMIT: u32 = 8u;
 const PAIR_LIMIT: u32 = 64u;
+const POSITION_ERROR: f32 = 2e-5;
 const GAUSS_OFFSET: f32 = 0.21132487;
 const GAUSS_DISTANCE: f32 = 0.5773503;
 const PAIR_VARIATION: f32 = 0.006;

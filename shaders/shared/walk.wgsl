@@ -51,7 +51,10 @@ fn cast_page(page: Page, base: LevelRay, leave: f32, state: ptr<function, RaySta
             }
         }
         case PAGE_UNIFORM: {
-            gather_uniform(bitcast<f32>(page.payload), (leave - (*state).t) * base.length, state);
+            let way = leave - (*state).t;
+            if (!counts_by_value() || !is_rounding(way * base.direction)) {
+                gather_uniform(bitcast<f32>(page.payload), way * base.length, state);
+            }
             (*state).t = leave;
         }
         default: {

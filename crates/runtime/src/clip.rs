@@ -16,6 +16,10 @@ use supervol_format::{Dims, Geometry};
 use self::solids::{Shape, Solid};
 use crate::camera::Ray;
 
+/// A part of a ray that is no longer, in voxels of level 0 along any axis, may be the rounding of its ends: modes in which a value counts
+/// whatever the length of its chord (`mip`, `minip`, `mean`) do not look at it.
+pub const ROUNDED_LENGTH: f64 = 1e-7;
+
 /// A half-space of world points: those with `normal . x >= offset`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClipPlane {

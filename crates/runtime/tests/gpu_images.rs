@@ -146,6 +146,28 @@ fn holes_uniform_absent_and_failed_bricks() {
     }
 }
 
+/// Clipped on a plane of voxels behind which all is absent: what rounding leaves of the cells before it is not seen.
+#[test]
+fn nothing_is_seen_of_what_is_cut_off_beside_holes() {
+    let Some(gpu) = gpu() else { return };
+    for axis in 0..3 {
+        let volume = TestVolume::new([41; 3], 16, Geometry::IDENTITY, F32, |voxel| {
+            if voxel[axis] >= 12 { f64::NAN } else { noise(voxel) }
+        });
+        let mut low = [-1.0; 3];
+        low[axis] = 11.0;
+        for mode in ["mip", "minip", "mean"] {
+            let tf = r#""transfer_function": {"points": [{"value": 0, "color": [1, 1, 1], "alpha": 1}]}"#;
+            let rest = format!(r#""mode": "{mode}", "clip": {{"box": [{low:?}, [99, 99, 99]]}}"#);
+            let scene = format!(r#"{{{CAMERA}, "image": {{"width": 64, "height": 48}}, {tf}, {rest}}}"#);
+            let scene = volume.scene(&scene);
+            let (image, _) = volume.gpu_image(&gpu, &scene, FINEST, 64, Skipping::On);
+            let seen = image.pixels.iter().filter(|p| p[3] > 0.0).count();
+            assert_eq!(seen, 0, "axis {axis}, {mode}: pixels with something");
+        }
+    }
+}
+
 #[test]
 fn levels_of_detail_geometry_clipping_and_subgrid() {
     let Some(gpu) = gpu() else { return };

@@ -6,7 +6,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::raycast::cpu::shade;
+use crate::raycast::cpu::{shade, walk};
 use crate::raycast::scalar::quadrature;
 
 /// A Rust type with a WGSL name.
@@ -493,13 +493,14 @@ shared_struct! {
 }
 
 /// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 21] {
+fn borrowed_constants() -> [(&'static str, &'static str, String); 22] {
     let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
     [
         ("APRON", "i32", apron.to_string()),
         ("MACRO_CELL", "i32", macro_cell.to_string()),
         ("KNOT_LIMIT", "u32", format!("{}u", quadrature::KNOT_LIMIT)),
         ("PAIR_LIMIT", "u32", format!("{}u", quadrature::PAIR_LIMIT)),
+        ("POSITION_ERROR", "f32", format!("{:?}", walk::POSITION_ERROR)),
         ("GAUSS_OFFSET", "f32", format!("{:?}", quadrature::GAUSS_OFFSET as f32)),
         ("GAUSS_DISTANCE", "f32", format!("{:?}", quadrature::GAUSS_DISTANCE)),
         ("PAIR_VARIATION", "f32", format!("{:?}", quadrature::PAIR_VARIATION)),
@@ -547,7 +548,7 @@ pub fn structs() -> Vec<StructLayout> {
 pub fn wgsl() -> String {
     let mut text = "// Constants and structs shared with Rust. Written by gpu/layout.rs; do not edit.\n\n".to_owned();
     text.push_str(&constants_wgsl());
-    text.push_str("// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, scene.rs.\n");
+    text.push_str("// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs.\n");
     for (name, ty, value) in borrowed_constants() {
         text.push_str(&format!("const {name}: {ty} = {value};\n"));
     }

@@ -13,7 +13,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use supervol_format::{Dims, Geometry, ValueRange};
 
-use crate::clip::{IndexRay, Segment, ToIndex, clip_parts, clip_ray};
+use crate::clip::{IndexRay, ROUNDED_LENGTH, Segment, ToIndex, clip_parts, clip_ray};
 use crate::image::Image;
 use crate::scene::{Mode, ResolvedScene, Shading};
 use crate::slices::filter::{FilteredSlice, TexelGrid};
@@ -27,7 +27,7 @@ const TOLERANCE: f64 = 4e-6;
 /// Most halvings of an interval; reaching it is counted.
 const DEPTH_LIMIT: u32 = 30;
 /// Relative distance from a piece's ends at which they are sampled: on the ends themselves rounding could choose the
-/// neighbouring cell, which may be absent.
+/// neighbouring cell, which may be absent. Also the distance, voxels, within which an end lies on a plane of voxels.
 const END_INSET: f64 = 1e-9;
 /// Samples of a piece between which extremes and crossings are sought.
 const SEARCH_SAMPLES: usize = 32;
@@ -169,6 +169,15 @@ struct Pieces {
     pieces: Vec<[f64; 2]>,
 }
 
+impl Pieces {
+    /// Those that are more than the rounding of their ends.
+    fn longer_than_rounding(&self) -> impl Iterator<Item = &[f64; 2]> {
+        let is_long =
+            |end: &[f64; 2]| self.ray.direction.iter().any(|d| (d * (end[1] - end[0])).abs() > ROUNDED_LENGTH);
+        self.pieces.iter().filter(move |end| is_long(end))
+    }
+}
+
 impl<'a> Frame<'a> {
     fn new(volume: &'a ReferenceVolume, scene: &'a ResolvedScene) -> Self {
         let range = volume.value_range;
@@ -279,13 +288,13 @@ impl<'a> Frame<'a> {
         let mut cuts = vec![t0, t1];
         let value = |t: f64| self.volume.sample(pieces.ray.at(t)).unwrap_or(f64::NAN);
         let points = self.scene.transfer_function.points();
-        add_crossings([t0, t1], value, points.iter().map(|point| point.value), &mut cuts);
+        add_crossings(inset([t0, t1]), value, points.iter().map(|point| point.value), &mut cuts);
         if self.scene.shading.is_some() {
             let steepness = |t: f64| match self.volume.gradient(pieces.ray.at(t)) {
                 Some(gradient) => (self.world_from_index_gradient * gradient).length(),
                 None => f64::INFINITY,
             };
-            add_crossings([t0, t1], steepness, [self.gradient_floor], &mut cuts);
+            add_crossings(inset([t0, t1]), steepness, [self.gradient_floor], &mut cuts);
         }
         cuts.sort_by(f64::total_cmp);
         cuts
@@ -340,8 +349,8 @@ impl<'a> Frame<'a> {
     /// Greatest value (sign 1) or least value (sign -1) over the present part.
     fn extreme(&self, pieces: &Pieces, sign: f64) -> Option<f64> {
         let mut best: Option<f64> = None;
-        for end in &pieces.pieces {
-            let (t, step) = search_grid(end[0], end[1]);
+        for end in pieces.longer_than_rounding() {
+            let (t, step) = search_grid(inset(*end));
             let at = |t: f64| self.volume.sample(pieces.ray.at(t)).map(|v| v * sign);
             let Some(values) = t.iter().map(|&t| at(t)).collect::<Option<Vec<f64>>>() else { continue };
             let best_at = (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b])).unwrap_or(0);
@@ -357,7 +366,7 @@ impl<'a> Frame<'a> {
     /// Integral of s over the present length divided by the present length. Simpson's rule is exact for a cubic.
     fn mean(&self, pieces: &Pieces) -> Option<f64> {
         let (mut integral, mut length) = (0.0, 0.0);
-        for end in &pieces.pieces {
+        for end in pieces.longer_than_rounding() {
             let h = end[1] - end[0];
             let at = |x: f64| self.volume.sample(pieces.ray.at(end[0] + x * h));
             if let (Some(a), Some(m), Some(b)) = (at(END_INSET), at(0.5), at(1.0 - END_INSET)) {
@@ -372,9 +381,8 @@ impl<'a> Frame<'a> {
     fn iso(&self, pieces: &Pieces) -> [f64; 4] {
         let mut hits: Vec<(f64, usize)> = Vec::new();
         for (index, surface) in self.scene.iso.iter().enumerate() {
-            if let Some(t) = self.first_crossing(pieces, surface.value) {
-                hits.push((t, index));
-            }
+            let in_piece = |&ends: &[f64; 2]| self.crossings_in(pieces, ends, surface.value).first().copied();
+            hits.extend(pieces.pieces.iter().find_map(in_piece).map(|t| (t, index)));
         }
         hits.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut color = DVec3::ZERO;
@@ -395,54 +403,31 @@ impl<'a> Frame<'a> {
     /// Every crossing of every surface's value, in order along the ray. A value on the surface counts as above it.
     fn all_crossings(&self, pieces: &Pieces) -> Vec<(f64, usize)> {
         let mut found = Vec::new();
-        let value = |t: f64| self.volume.sample(pieces.ray.at(t));
         for (index, surface) in self.scene.iso.iter().enumerate() {
-            let mut places = Vec::new();
-            let mut before: Option<(f64, bool)> = None;
-            let mut left = f64::NAN;
-            for end in &pieces.pieces {
-                // What lies on both sides of something cut away, or of something absent, is not compared.
-                before = before.filter(|_| left == end[0]);
-                left = end[1];
-                let inset = END_INSET * (end[1] - end[0]);
-                let [first, last] = [end[0] + inset, end[1] - inset];
-                let (Some(begins), Some(ends)) = (value(first), value(last)) else {
-                    before = None;
-                    continue;
-                };
-                if let Some((t, side)) = before.filter(|(_, side)| *side != (begins >= surface.value)) {
-                    places.push(bisect(t, first, |t| value(t).is_some_and(|s| s >= surface.value) == side));
-                }
-                let at = |t: f64| value(t).unwrap_or(f64::NAN);
-                add_crossings([end[0], end[1]], at, [surface.value], &mut places);
-                before = Some((last, ends >= surface.value));
+            for &ends in &pieces.pieces {
+                found.extend(self.crossings_in(pieces, ends, surface.value).into_iter().map(|t| (t, index)));
             }
-            found.extend(places.into_iter().map(|t| (t, index)));
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         found
     }
 
-    fn first_crossing(&self, pieces: &Pieces, value: f64) -> Option<f64> {
-        let above = |t: f64| self.volume.sample(pieces.ray.at(t)).map(|s| s >= value);
-        let mut previous: Option<(f64, bool)> = None;
-        let mut left = f64::NAN;
-        for end in &pieces.pieces {
-            // What lies on both sides of something cut away is not compared.
-            previous = previous.filter(|_| left == end[0]);
-            left = end[1];
-            for t in search_grid(end[0], end[1]).0 {
-                let Some(here) = above(t) else {
-                    previous = None;
-                    continue;
-                };
-                if let Some((t_before, before)) = previous.filter(|&(_, before)| before != here) {
-                    return Some(bisect(t_before, t, |t| above(t) == Some(before)));
-                }
-                previous = Some((t, here));
-            }
+    /// Where a present piece crosses a surface, in order. Its ends belong to it: a ray that comes up to the surface just where a cell
+    /// ends, beside one that is absent, has crossed it. What lies on both sides of something cut away, or of something absent, is
+    /// never compared.
+    fn crossings_in(&self, pieces: &Pieces, ends: [f64; 2], surface: f64) -> Vec<f64> {
+        let mut places = Vec::new();
+        if self.volume.sample(pieces.ray.at(0.5 * (ends[0] + ends[1]))).is_some() {
+            let at = |t: f64| {
+                let p = pieces.ray.at(t);
+                let p = if ends.contains(&t) { p.map(on_plane) } else { p };
+                self.volume.sample(p).unwrap_or(f64::NAN)
+            };
+            // Equal voxels that have the surface's value are on it, however their weights round.
+            add_crossings(ends, at, [surface - ROUNDING * surface.abs()], &mut places);
         }
-        None
+        places.sort_by(f64::total_cmp);
+        places
     }
 }
 
@@ -462,15 +447,21 @@ fn filtered(
     Some((made, colors))
 }
 
+/// A coordinate of a piece's end: the plane of voxels that it lies on but for rounding, or where it is.
+fn on_plane(x: f64) -> f64 {
+    let plane = x.round();
+    if (x - plane).abs() <= END_INSET.max(8.0 * f64::EPSILON * x.abs()) { plane } else { x }
+}
+
 /// Adds the places at which a function crosses some levels. Its extremes are searched first: between them it is monotone, so
 /// that no crossing is missed where it only grazes a level.
 fn add_crossings(
-    [t0, t1]: [f64; 2],
+    ends: [f64; 2],
     at: impl Fn(f64) -> f64,
     levels: impl IntoIterator<Item = f64>,
     crossings: &mut Vec<f64>,
 ) {
-    let mut grid: Vec<(f64, f64)> = search_grid(t0, t1).0.into_iter().map(|t| (t, at(t))).collect();
+    let mut grid: Vec<(f64, f64)> = search_grid(ends).0.into_iter().map(|t| (t, at(t))).collect();
     for i in 1..SEARCH_SAMPLES {
         let (before, after) = (grid[i].1 - grid[i - 1].1, grid[i + 1].1 - grid[i].1);
         if before * after < 0.0 {
@@ -543,9 +534,13 @@ fn pieces_of(ray: &IndexRay, segment: Segment) -> Vec<[f64; 2]> {
     ends.windows(2).map(|end| [end[0], end[1]]).collect()
 }
 
-/// Positions in a piece from end to end, and the distance between them.
-fn search_grid(t0: f64, t1: f64) -> (Vec<f64>, f64) {
-    let (first, last) = (t0 + END_INSET * (t1 - t0), t1 - END_INSET * (t1 - t0));
+/// A piece without its ends, on which rounding could choose the neighbouring cell.
+fn inset([t0, t1]: [f64; 2]) -> [f64; 2] {
+    [t0 + END_INSET * (t1 - t0), t1 - END_INSET * (t1 - t0)]
+}
+
+/// Positions from end to end, and the distance between them.
+fn search_grid([first, last]: [f64; 2]) -> (Vec<f64>, f64) {
     let step = (last - first) / SEARCH_SAMPLES as f64;
     ((0..=SEARCH_SAMPLES).map(|i| if i == SEARCH_SAMPLES { last } else { first + i as f64 * step }).collect(), step)
 }

@@ -53,7 +53,7 @@ mod value_tiles;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod values;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
-mod walk;
+pub(crate) mod walk;
 pub mod work;
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -322,12 +322,13 @@ impl<S: Simd> Gather<S> for Extreme<'_, S> {
 
     #[inline(always)]
     fn gather(&mut self, rays: &mut Rays<'_, S>, corners: &Corners<S>, step: &Step<S>, crosses: S::M) {
-        let beside_holes = S::bits(rays.beside_holes(corners) & crosses);
-        if beside_holes != 0 {
-            rays.settle(beside_holes, step.base);
-        }
         let top = if self.is_turned { S::splat(0.0) - least::<S>(corners) } else { greatest::<S>(corners) };
-        let may_better = S::lt(self.best, top) & crosses;
+        let surely = step.crosses_surely(&rays.walker.direction);
+        let unsure = S::bits((rays.beside_holes(corners) | (S::lt(self.best, top) & !surely)) & crosses);
+        if unsure != 0 {
+            rays.settle(unsure, step.base);
+        }
+        let may_better = S::lt(self.best, top) & surely;
         if S::bits(may_better) == 0 {
             return;
         }
@@ -386,9 +387,10 @@ impl<S: Simd> Gather<S> for Mean<'_, S> {
     #[inline(always)]
     fn gather(&mut self, rays: &mut Rays<'_, S>, corners: &Corners<S>, step: &Step<S>, crosses: S::M) {
         let zero = S::splat(0.0);
-        let beside_holes = S::bits(rays.beside_holes(corners) & crosses);
-        if beside_holes != 0 {
-            rays.settle(beside_holes, step.base);
+        let surely = step.crosses_surely(&rays.walker.direction);
+        let unsure = S::bits((rays.beside_holes(corners) | !surely) & crosses);
+        if unsure != 0 {
+            rays.settle(unsure, step.base);
         }
         let cell = Cell::<S>::new(corners);
         let weight = step.length * S::splat(0.5 * self.scale);
@@ -403,6 +405,7 @@ impl<S: Simd> Gather<S> for Mean<'_, S> {
             is_hole = S::is_nan(value);
             integral = S::mul_add(value, weight, integral);
         }
+        is_hole = is_hole | !surely;
         self.integral = S::select(is_hole, self.integral, integral);
         self.present = self.present + S::select(is_hole, zero, step.length);
         self.absent = self.absent + S::select(is_hole, step.length, zero);

@@ -137,6 +137,14 @@ impl<S: Simd> Step<S> {
     pub fn crosses(&self) -> S::M {
         S::lt(S::splat(0.0), self.length)
     }
+
+    /// Those of them that go further than positions are rounded. What is left of a cell beside a clip plane or a brick's face may be
+    /// rounding alone: a mode in which a value counts whatever the length of its chord has to look there in `f64`.
+    #[inline(always)]
+    pub fn crosses_surely(&self, direction: &[S::F; 3]) -> S::M {
+        let way = |a: usize| S::abs(self.length * direction[a]);
+        S::lt(S::splat(POSITION_ERROR), S::max(way(0), S::max(way(1), way(2))))
+    }
 }
 
 impl<S: Simd> Walker<S> {

@@ -77,6 +77,9 @@ impl Integrator for CellByCell {
         counters: &mut RayCounters,
     ) {
         counters.cells += 1;
+        if counts_by_value(visit.frame.mode) && visit.axis_ray.is_rounding(t) {
+            return;
+        }
         self.gather(visit, &Chord::uniform(value, t[1] - t[0]), state, counters);
     }
 }
@@ -156,6 +159,9 @@ impl CellByCell {
         counters: &mut RayCounters,
     ) {
         let level = &visit.level;
+        if counts_by_value(level.frame.mode) && level.axis_ray.is_rounding([t0, t1]) {
+            return;
+        }
         let a = visit.cell_planes.fractions(level.axis_ray, t0, index);
         let b = visit.cell_planes.fractions(level.axis_ray, t1, index);
         let base = visit.base(index);
@@ -187,6 +193,11 @@ impl CellByCell {
             Mode::Slice => {}
         }
     }
+}
+
+/// Whether what a chord holds shows however short it is.
+fn counts_by_value(mode: Mode) -> bool {
+    matches!(mode, Mode::Mip | Mode::Minip | Mode::Mean)
 }
 
 fn meets_surface(level: &LevelVisit<'_>, cell: &Cell, state: &RayState) -> bool {

@@ -10,7 +10,7 @@ use supervol_format::Level;
 use supervol_format::brick::MACRO_CELL;
 use supervol_format::space::HALF_VOXEL;
 
-use crate::clip::IndexRay;
+use crate::clip::{IndexRay, ROUNDED_LENGTH};
 
 /// Index offsets per world length below this count as parallel: their crossings would overflow.
 pub(crate) const PARALLEL: f64 = 1e-200;
@@ -36,6 +36,13 @@ impl AxisRay {
     #[must_use]
     pub fn coordinate(&self, axis: usize, t: f64) -> f64 {
         self.origin[axis] + t * self.direction[axis]
+    }
+
+    /// Whether a part of the ray may be the rounding of its ends.
+    #[inline]
+    #[must_use]
+    pub fn is_rounding(&self, [t0, t1]: [f64; 2]) -> bool {
+        self.direction.iter().all(|d| (d * (t1 - t0)).abs() <= ROUNDED_LENGTH)
     }
 
     /// t at which the ray crosses a plane; not for parallel axes.
