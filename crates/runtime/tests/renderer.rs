@@ -301,6 +301,25 @@ fn rays_are_counted_while_they_are_cast() {
     }
 }
 
+/// Rays that end before the volume does are counted once, however often the picture is interrupted.
+#[test]
+fn rays_that_end_early_are_counted_once() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let tf = points(1.0, &[(0.0, [1.0; 3], 1.0)]);
+    let camera = r#""camera": {"eye": [190, -130, 120], "target": [31, 29, 24], "up": [0, 0, 1], "fov_y": 25}"#;
+    let image = r#""image": {"width": 80, "height": 80}"#;
+    let scene = scene(&volume, &format!(r#"{{{camera}, {image}, "mode": "dvr", "transfer_function": {tf}}}"#));
+    let level = LevelChoice::Fixed(Lod::FINEST);
+    let (_, cold) = render(&container, &scene, &options(level)).unwrap();
+    let mut renderer = renderer(&container, RenderOptions { cache_bytes: Some(30_000), ..options(level) });
+    renderer.set_scene(scene);
+    let steps = converge(&mut renderer, Duration::ZERO);
+    let found = renderer.stats().casting.rays_terminated_early;
+    assert!(steps > 3 && found > 1000, "{steps} steps, {found} rays");
+    assert_eq!(found, cold.casting.rays_terminated_early);
+}
+
 /// What was read ahead is not read by the picture that wants it; the picture is the same, and no brick of the last one has left.
 #[test]
 fn looking_ahead_reads_what_the_next_picture_wants() {

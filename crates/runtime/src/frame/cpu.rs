@@ -74,6 +74,8 @@ pub struct CpuCaster {
     band: CpuFrame,
     states: Rays,
     counters: RayCounters,
+    /// How many of `counters.rays_terminated_early` are the present band's: it is noted whenever it is interrupted.
+    terminated_in_band: u64,
     errors: ErrorsByReason,
 }
 
@@ -87,6 +89,7 @@ impl CpuCaster {
             band,
             states: Rays::default(),
             counters: RayCounters::default(),
+            terminated_in_band: 0,
             errors: ErrorsByReason::default(),
         }
     }
@@ -97,9 +100,11 @@ impl CpuCaster {
         self.errors
     }
 
-    /// Sums up what the rays of a band say at its end.
+    /// Sums up what the rays of a band say so far.
     fn note_band(&mut self) {
-        self.counters.rays_terminated_early += self.states.terminated_early();
+        let terminated = self.states.terminated_early();
+        self.counters.rays_terminated_early += terminated - self.terminated_in_band;
+        self.terminated_in_band = terminated;
         self.errors = self.errors.or(self.states.errors());
     }
 }
@@ -110,6 +115,7 @@ impl Engine for CpuCaster {
         self.states = Rays::default();
         self.band = self.frame.band(pixel_rows);
         self.states = self.band.begin();
+        self.terminated_in_band = 0;
         self.counters.rays += self.band.ray_count();
         Ok(())
     }
