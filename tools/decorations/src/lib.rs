@@ -31,8 +31,14 @@ const SCALE_SHARE: f64 = 0.25;
 /// Cosine between a direction of the world and one of the picture from which on the one is written at the other's border.
 const ALIGNED: f64 = 0.7;
 
-/// Draws all decorations over a finished picture.
-pub fn decorate(image: &mut Image, container: &Container, facts: &VolumeFacts, scene: &ResolvedScene) {
+/// Draws all decorations over a finished picture. `name` is that of one picture among several; it stands below the volume's.
+pub fn decorate(
+    image: &mut Image,
+    container: &Container,
+    facts: &VolumeFacts,
+    scene: &ResolvedScene,
+    name: Option<&str>,
+) {
     let camera = Camera {
         width: scene.image_size[0],
         height: scene.image_size[1],
@@ -56,11 +62,9 @@ pub fn decorate(image: &mut Image, container: &Container, facts: &VolumeFacts, s
     }
     let source = &container.manifest().source;
     canvas.text(&format!("{}  ({})", source.name, facts.kind.name()), [MARGIN, MARGIN], Anchor::TopLeft);
-}
-
-/// Writes a name below the one that [`decorate`] writes: of one picture among several.
-pub fn name(image: &mut Image, name: &str, background: [f64; 3]) {
-    Canvas::new(image, background).text(name, [MARGIN, MARGIN + canvas::LETTER[1]], Anchor::TopLeft);
+    if let Some(name) = name {
+        canvas.text(name, [MARGIN, MARGIN + canvas::LETTER[1]], Anchor::TopLeft);
+    }
 }
 
 /// Where a world point lies in the picture, pixels; `None` behind the camera.
@@ -255,7 +259,10 @@ fn draw_colors(canvas: &mut Canvas<'_>, container: &Container, scene: &ResolvedS
         let y = top + (share * f64::from(rows - 1)).round() as i32;
         canvas.text(&short(value * value_unit), [left - 4, y], Anchor::MiddleRight);
     }
-    canvas.text(unit, [left + BAR_WIDTH, top - 4], Anchor::BottomRight);
+    // A long unit would lie across a small picture; `info` says it.
+    if 2 * canvas::LETTER[0] * unit.chars().count() as i32 <= width {
+        canvas.text(unit, [left + BAR_WIDTH, top - 4], Anchor::BottomRight);
+    }
 }
 
 /// A number in few digits.

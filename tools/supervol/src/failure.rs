@@ -107,6 +107,12 @@ pub fn with_container(path: &std::path::Path, error: ContainerError) -> Failure 
     if is_missing && !path.exists() {
         return Failure::Command(format!("{}: there is no such file", path.display()));
     }
+    if path.is_dir() {
+        return Failure::Command(format!(
+            "{}: expected a container, found a folder; `supervol build` makes one of a folder of slices or images",
+            path.display()
+        ));
+    }
     BuildError::Container { path: path.into(), source: error }.into()
 }
 

@@ -44,7 +44,7 @@ pub struct LookArguments {
     #[arg(long, value_name = "DIRECTION|AZ,EL[,DIST]", value_parser = parse::camera, allow_hyphen_values = true)]
     camera: Option<CameraWish>,
     /// How many times as large as it would fit
-    #[arg(long, value_name = "FACTOR", value_parser = parse::positive)]
+    #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     zoom: Option<f64>,
     /// Colours and opacities: VALUE:COLOUR:OPACITY,... with colours as in --background, or a file: JSON with `points` and
     /// `unit_distance` as in a scene, a colour map of ParaView with opacities (.json), or a table of ImageVis3D (.1dt)
@@ -58,10 +58,10 @@ pub struct LookArguments {
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse::window, allow_hyphen_values = true)]
     window: Option<[f64; 2]>,
     /// The same, leaving out this percentage of the voxels at each end
-    #[arg(long, value_name = "PERCENT", value_parser = parse::percent, conflicts_with = "window")]
+    #[arg(long, value_name = "PERCENT", value_parser = parse::percent, allow_negative_numbers = true, conflicts_with = "window")]
     clip_percent: Option<f64>,
     /// How many times as dense (mode dvr)
-    #[arg(long, value_name = "FACTOR", value_parser = parse::positive)]
+    #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     opacity: Option<f64>,
     /// Surfaces at these values: all but the last are clear
     #[arg(long, value_name = "V[,V..]", value_delimiter = ',', allow_hyphen_values = true)]
@@ -86,7 +86,7 @@ pub struct LookArguments {
     #[arg(long)]
     unlit: bool,
     /// Draw heights or depths this many times as large
-    #[arg(long, value_name = "FACTOR", value_parser = parse::positive)]
+    #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
     vertical_exaggeration: Option<f64>,
     /// Colour behind the volume: black, white, grey, another name, #rrggbb, or R,G,B from 0 to 1
     #[arg(long, value_name = "COLOUR", value_parser = parse::color)]
@@ -171,6 +171,11 @@ impl LookArguments {
     /// Whether slices are shown face on.
     pub fn shows_panels(&self) -> bool {
         self.slices.are_panels()
+    }
+
+    /// Whether a colour behind the volume is asked for.
+    pub fn has_background(&self) -> bool {
+        self.background.is_some()
     }
 
     /// The slice that the picture shows, in words.

@@ -61,7 +61,7 @@ enum Command {
     Histogram(Box<histogram::Arguments>),
     /// Check every rule of containers
     Verify(Box<verify::Arguments>),
-    /// Write voxels of a container to a plain file: .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .tif, .vti
+    /// Write voxels of a container to a plain file: .npy, .raw, .nrrd, .nii, .nii.gz, .mha, .tif, .vti, .sgy, .zarr
     Extract(extract::Arguments),
     /// Write the surface where a container has one value as a mesh: .ply, .stl, .obj
     Mesh(mesh::Arguments),

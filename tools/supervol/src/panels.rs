@@ -12,7 +12,6 @@ use supervol_runtime::renderer::render;
 use supervol_runtime::scene::Scene;
 
 use crate::failure::Failure;
-use crate::look::LookArguments;
 use crate::output::PictureFile;
 use crate::render::{check_all_read, check_any_read, warn_of_nothing, with_render};
 
@@ -60,10 +59,8 @@ pub struct Panels<'a> {
     /// The volume, and what is known of it.
     pub container: &'a Arc<Container>,
     pub facts: &'a VolumeFacts,
-    /// What options change.
-    pub scene: &'a Scene,
-    /// One for each panel.
-    pub looks: &'a [LookArguments],
+    /// Name and scene of each panel.
+    pub panels: &'a [(String, Scene)],
     pub grid: Grid,
     pub decorate: bool,
     pub allow_failed: bool,
@@ -80,22 +77,20 @@ impl Panels<'_> {
         let [width, height] = self.grid.picture();
         let mut picture = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
         let (mut background, mut failed) = ([0.0; 3], 0);
-        for (number, look) in self.looks.iter().enumerate() {
-            let scene = look.scene(self.scene, self.container, self.facts, None)?;
+        for (number, (name, scene)) in self.panels.iter().enumerate() {
             let resolved = scene.resolve(self.facts).map_err(Failure::command)?;
             let (mut panel, stats) = render(self.container, &resolved, options).map_err(with_render)?;
             check_any_read(&stats)?;
             warn_of_nothing(&panel, &resolved, self.facts)?;
             if self.decorate {
-                supervol_decorations::decorate(&mut panel, self.container, self.facts, &resolved);
-                supervol_decorations::name(&mut panel, &look.name(), resolved.background);
+                supervol_decorations::decorate(&mut panel, self.container, self.facts, &resolved, Some(name));
             }
             self.grid.put(&mut picture, number, &panel);
             background = resolved.background;
             failed += stats.bricks_failed;
         }
         file.write(&picture, background)?;
-        let slices = counted(self.looks.len() as u64, "slice");
+        let slices = counted(self.panels.len() as u64, "slice");
         writeln!(crate::output::remarks_on(output), "{}: {width} x {height}, {slices}", output.display())
             .map_err(crate::failure::with_output)?;
         check_all_read(container, failed, self.allow_failed)

@@ -93,9 +93,9 @@ pub struct Arguments {
     /// picture converges
     #[arg(long, value_name = "MS", value_parser = quantity::milliseconds)]
     time_budget: Option<u64>,
-    /// Most graphics memory to use
-    #[arg(long, default_value = "256MiB", value_parser = quantity::bytes)]
-    gpu_memory: u64,
+    /// Most graphics memory to use [default: 256MiB]
+    #[arg(long, value_name = "BYTES", value_parser = quantity::bytes)]
+    gpu_memory: Option<u64>,
     /// Most host memory to use for bricks, rays and the picture
     #[arg(long, visible_alias = "memory", default_value = "512MiB", value_parser = quantity::bytes)]
     host_memory: u64,
@@ -237,7 +237,7 @@ impl Arguments {
             host_memory_bytes: self.host_memory,
             process_bytes: process_bytes(self.threads),
             cache_bytes: None,
-            gpu_memory_bytes: self.gpu_memory,
+            gpu_memory_bytes: self.gpu_memory.unwrap_or(RenderOptions::default().gpu_memory_bytes),
             threads: self.threads.map(NonZero::get),
             skipping: match self.skipping {
                 SkippingName::On => Skipping::On,
@@ -298,6 +298,27 @@ impl Arguments {
         Err(Failure::Command(wrong.into()))
     }
 
+    /// Says which options change nothing, because of others.
+    fn warn_of_unused(&self) -> Result<(), Failure> {
+        let is_not_gpu = matches!(self.backend, Some(BackendName::Cpu | BackendName::Reference));
+        let format = match self.frame_format {
+            Some(format) => Some(format.into()),
+            None => self.output.as_deref().and_then(|output| ImageFormat::from_path(output).ok()),
+        };
+        let is_bare = format.is_some_and(|format| format != ImageFormat::Png);
+        let unused = [
+            (self.gpu_memory.is_some() && is_not_gpu, "--gpu-memory changes nothing with this --backend"),
+            (
+                self.look.has_background() && is_bare,
+                "--background changes nothing in .exr and .npy, which hold the picture without what lies behind it",
+            ),
+        ];
+        for (_, message) in unused.iter().filter(|(is_unused, _)| *is_unused) {
+            writeln!(terminal::stderr(), "supervol: warning: {message}").map_err(with_output)?;
+        }
+        Ok(())
+    }
+
     /// Where several slices go; what is said of one picture is refused.
     fn output_of_panels(&self) -> Result<&Path, Failure> {
         let of_one = [
@@ -355,6 +376,7 @@ impl Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = Instant::now();
     arguments.check()?;
+    arguments.warn_of_unused()?;
     let path = &arguments.container()?;
     let container = Container::open(path).map_err(|e| with_container(path, e))?;
     let scene = match &arguments.scene {
@@ -374,10 +396,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
     if let Some((looks, grid)) = arguments.look.panels(&scene)? {
         let output = arguments.output_of_panels()?;
+        let named = |look: &LookArguments| Ok((look.name(), look.scene(&scene, &container, &facts, None)?));
+        let panels: Vec<(String, Scene)> = looks.iter().map(named).collect::<Result<_, Failure>>()?;
+        let inputs: Vec<&Path> = inputs.into_iter().chain(panels.iter().flat_map(|(_, scene)| scene.files())).collect();
         let file = RenderOutputs::begin(output, [None; 3], &inputs, arguments.force)?.picture;
         let (decorate, allow_failed) = (arguments.decorates(output), arguments.allow_failed);
-        let panels =
-            Panels { container: &container, facts: &facts, scene: &scene, looks: &looks, grid, decorate, allow_failed };
+        let panels = Panels { container: &container, facts: &facts, panels: &panels, grid, decorate, allow_failed };
         return panels.run(file, (path, output), &arguments.options(start));
     }
     let (scene, motion) = arguments.shown(scene, &container, &facts)?;
@@ -538,7 +562,7 @@ pub fn write_picture(
         return output.write(image, resolved.background);
     }
     let mut decorated = image.clone();
-    supervol_decorations::decorate(&mut decorated, subject.container, subject.facts, resolved);
+    supervol_decorations::decorate(&mut decorated, subject.container, subject.facts, resolved, None);
     output.write(&decorated, resolved.background)
 }
 

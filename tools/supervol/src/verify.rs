@@ -11,7 +11,7 @@ use supervol_preprocess::compare::{Compared, compare};
 use supervol_preprocess::kept::Reading;
 
 use crate::build::SourceArguments;
-use crate::failure::{Failure, with_output};
+use crate::failure::{Failure, with_container, with_output};
 use crate::input::{Input, for_each};
 use crate::progress::Reporter;
 use crate::quantity::{self, show_bytes};
@@ -91,7 +91,10 @@ fn verify(path: &Path, memory_bytes: u64) -> Result<Container, Failure> {
         bar.set_position(done);
     });
     bar.finish_and_clear();
-    let container = result?;
+    let container = result.map_err(|error| match error {
+        BuildError::Container { path, source } => with_container(&path, source),
+        other => other.into(),
+    })?;
     writeln!(
         crate::terminal::remarks(),
         "{}: whole; {}, {}, every rule holds",

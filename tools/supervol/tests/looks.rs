@@ -325,6 +325,37 @@ fn decorations_are_drawn_beside_what_is_measured() {
     assert!(checked.contains("largest 0."), "{checked}");
 }
 
+/// Nothing is lost without a word.
+#[test]
+fn options_that_change_nothing_are_said() {
+    let folder = Folder::with_sphere();
+    let warned = |options: &[&str]| {
+        let run =
+            folder.run(&[&["render", "v.svol", "--force", "--backend", "cpu", "--size", "48x36"], options].concat());
+        assert!(run.status.success());
+        String::from_utf8_lossy(&run.stderr).into_owned()
+    };
+    assert!(warned(&["-o", "a.exr", "--background", "red"]).contains("--background changes nothing"));
+    assert!(warned(&["-o", "a.npy", "--background", "red"]).contains("--background changes nothing"));
+    assert!(!warned(&["-o", "a.png", "--background", "red"]).contains("changes nothing"));
+    let with_gpu_memory = ["-o", "a.png", "--gpu-memory", "100MiB"];
+    assert!(warned(&with_gpu_memory).contains("--gpu-memory changes nothing"));
+    for option in ["--zoom", "--opacity", "--vertical-exaggeration"] {
+        let refused = folder.expect(2, &["render", "v.svol", "-o", "a.png", option, "-1"]);
+        assert!(refused.contains("'-1': expected a positive number"), "{refused}");
+    }
+}
+
+#[test]
+fn folders_are_no_containers() {
+    let folder = Folder::new();
+    std::fs::create_dir(folder.path("slices")).expect("a temporary folder has room");
+    for command in [&["verify", "slices"][..], &["extract", "slices", "-o", "a.npy"]] {
+        let refused = folder.expect(2, command);
+        assert!(refused.contains("found a folder") && refused.contains("supervol build"), "{refused}");
+    }
+}
+
 #[test]
 fn standard_output_takes_a_png_and_nothing_else() {
     let folder = Folder::with_sphere();
@@ -346,8 +377,14 @@ fn a_place_given_by_hand_is_kept_with_its_unit() {
     let info = json(&folder.expect(0, &["info", "v.svol", "--json"]));
     assert_eq!((info["spacing"][2].as_f64(), info["axes"][2]["unit"].as_str()), (Some(2000.0), Some("um")));
     assert_eq!((info["origin"][0].as_f64(), info["left_handed"].as_bool()), (Some(-1.0), Some(true)));
+    for name in ["v.nrrd", "v.nii", "v.mha", "v.tif", "v.zarr"] {
+        folder.expect(0, &["extract", "v.svol", "-o", name]);
+        folder.expect(0, &["build", name, "-o", "again.svol", "--force"]);
+        let again = json(&folder.expect(0, &["info", "again.svol", "--json"]));
+        let unit = again["axes"][2]["unit"].as_str();
+        assert_eq!((again["spacing"][2].as_f64(), unit), (Some(2000.0), Some("um")), "{name}");
+    }
     // What a file says of itself can be overruled, with a note.
-    folder.expect(0, &["extract", "v.svol", "-o", "v.nrrd"]);
     folder.expect(0, &["build", "v.nrrd", "--spacing", "3,3,3", "-o", "w.svol"]);
     assert!(folder.expect(0, &["info", "w.svol"]).contains("note       the spacing was given by hand"));
     assert!(folder.expect(2, &["build", "v.nrrd", "--spacing", "3,3,-3", "-o", "x.svol"]).contains("spacing"));

@@ -47,6 +47,21 @@ fn solids_are_in_the_scene_that_is_printed() {
     folder.expect(0, &["render", "v.svol", "--backend", "cpu", "--scene", "sub/beside.json", "-o", "c.npy"]);
 }
 
+/// Also where several slices are drawn, each with a scene of its own.
+#[cfg(unix)]
+#[test]
+fn meshes_that_cut_are_not_written_over() {
+    let folder = Folder::with_ramp();
+    std::fs::write(folder.path("s.obj"), PYRAMID).expect("a temporary folder has room");
+    std::os::unix::fs::symlink("s.obj", folder.path("s.png")).expect("a link");
+    let cut = ["--clip", "mesh:s.obj", "-o", "s.png"];
+    for slices in [&[][..], &["--slice", "z=4"], &["--slice", "z=4", "--slice", "x=8"]] {
+        let refused = folder.expect(2, &[&["render", "v.svol", "--backend", "cpu", "--force"], slices, &cut].concat());
+        assert!(refused.contains("s.png"), "{refused}");
+        assert_eq!(std::fs::read(folder.path("s.obj")).expect("the mesh"), PYRAMID.as_bytes());
+    }
+}
+
 #[test]
 fn what_cannot_be_cut_with_is_refused_with_a_reason() {
     let folder = Folder::with_ramp();

@@ -416,6 +416,7 @@ fn decorations_are_those_of_render() {
         &opened.container,
         &opened.facts,
         &viewer.scene().resolve(&opened.facts).expect("a scene"),
+        None,
     );
     let expected = image.to_rgb8(background);
     let shown: Vec<u8> = session.pixels().iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();

@@ -140,10 +140,14 @@ impl Place<'_> {
             name => format!("space: {name}"),
         };
         let endian = if self.voxel_type.bytes() > 1 { "endian: little\n" } else { "" };
+        let units = match self.unit {
+            "" => String::new(),
+            unit => format!("space units: \"{unit}\" \"{unit}\" \"{unit}\"\n"),
+        };
         let [x, y, z] = self.sizes;
         format!(
             "NRRD0004\ntype: {kind}\ndimension: 3\n{space}\nsizes: {x} {y} {z}\nspace directions: {}\nspace origin: {}\n\
-             {endian}encoding: raw\n\n",
+             {units}{endian}encoding: raw\n\n",
             directions.join(" "),
             vector(*origin)
         )

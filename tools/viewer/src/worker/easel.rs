@@ -267,7 +267,7 @@ impl Easel {
             return picture;
         }
         let mut picture = picture.into_owned();
-        supervol_decorations::decorate(&mut picture, &self.opened.container, &self.opened.facts, scene);
+        supervol_decorations::decorate(&mut picture, &self.opened.container, &self.opened.facts, scene, None);
         Cow::Owned(picture)
     }
 

@@ -22,13 +22,20 @@ pub struct Ints([i32; LANES]);
 #[derive(Debug, Clone, Copy)]
 pub struct Mask([u32; LANES]);
 
+/// Something of each lane's number. Written out: a loop for every operation takes the compiler half of its time for this crate to undo.
 #[inline(always)]
-fn each<A: Copy, B: Copy, R: Copy + Default>(a: [A; LANES], b: [B; LANES], f: impl Fn(A, B) -> R) -> [R; LANES] {
-    let mut out = [R::default(); LANES];
-    for i in 0..LANES {
-        out[i] = f(a[i], b[i]);
-    }
-    out
+fn lanes<R>(f: impl Fn(usize) -> R) -> [R; LANES] {
+    [f(0), f(1), f(2), f(3)]
+}
+
+#[inline(always)]
+fn map<A: Copy, R>(a: [A; LANES], f: impl Fn(A) -> R) -> [R; LANES] {
+    lanes(|lane| f(a[lane]))
+}
+
+#[inline(always)]
+fn each<A: Copy, B: Copy, R>(a: [A; LANES], b: [B; LANES], f: impl Fn(A, B) -> R) -> [R; LANES] {
+    lanes(|lane| f(a[lane], b[lane]))
 }
 
 #[inline(always)]
@@ -104,7 +111,7 @@ impl Not for Mask {
     type Output = Self;
     #[inline(always)]
     fn not(self) -> Self {
-        Self(self.0.map(|a| !a))
+        Self(map(self.0, |a| !a))
     }
 }
 
@@ -126,16 +133,12 @@ impl Simd for Portable {
 
     #[inline(always)]
     fn load(values: &[f32; LANES_LIMIT]) -> Floats {
-        let mut out = [0.0; LANES];
-        out.copy_from_slice(&values[..LANES]);
-        Floats(out)
+        Floats(lanes(|lane| values[lane]))
     }
 
     #[inline(always)]
     fn load_int(values: &[i32; LANES_LIMIT]) -> Ints {
-        let mut out = [0; LANES];
-        out.copy_from_slice(&values[..LANES]);
-        Ints(out)
+        Ints(lanes(|lane| values[lane]))
     }
 
     #[inline(always)]
@@ -187,43 +190,44 @@ impl Simd for Portable {
 
     #[inline(always)]
     fn abs(a: Floats) -> Floats {
-        Floats(a.0.map(f32::abs))
+        Floats(map(a.0, f32::abs))
     }
 
     #[inline(always)]
     fn sum(a: Floats) -> f32 {
-        a.0.iter().sum()
+        let [a, b, c, d] = a.0;
+        a + b + c + d
     }
 
     #[inline(always)]
     fn sqrt(a: Floats) -> Floats {
-        Floats(a.0.map(f32::sqrt))
+        Floats(map(a.0, f32::sqrt))
     }
 
     #[inline(always)]
     fn floor(a: Floats) -> Floats {
-        Floats(a.0.map(f32::floor))
+        Floats(map(a.0, f32::floor))
     }
 
     #[inline(always)]
     fn exp2_whole(n: Floats) -> Floats {
         // n + 127 is the exponent's field.
-        Floats(n.0.map(|n| f32::from_bits(((n as i32 + 127) as u32) << 23)))
+        Floats(map(n.0, |n| f32::from_bits(((n as i32 + 127) as u32) << 23)))
     }
 
     #[inline(always)]
     fn to_int(a: Floats) -> Ints {
-        Ints(a.0.map(|a| a as i32))
+        Ints(map(a.0, |a| a as i32))
     }
 
     #[inline(always)]
     fn to_float(a: Ints) -> Floats {
-        Floats(a.0.map(|a| a as f32))
+        Floats(map(a.0, |a| a as f32))
     }
 
     #[inline(always)]
     fn shift_right<const SHIFT: u32>(a: Ints) -> Ints {
-        Ints(a.0.map(|a| a >> SHIFT))
+        Ints(map(a.0, |a| a >> SHIFT))
     }
 
     #[inline(always)]
@@ -243,7 +247,7 @@ impl Simd for Portable {
 
     #[inline(always)]
     fn is_nan(a: Floats) -> Mask {
-        Mask(a.0.map(|a| truth(a.is_nan())))
+        Mask(map(a.0, |a| truth(a.is_nan())))
     }
 
     #[inline(always)]
@@ -270,53 +274,44 @@ impl Simd for Portable {
 
     #[inline(always)]
     fn mask_from_bits(bits: u32) -> Mask {
-        let mut out = [0; LANES];
-        for (lane, truth_of_lane) in out.iter_mut().enumerate() {
-            *truth_of_lane = truth(bits >> lane & 1 == 1);
-        }
-        Mask(out)
+        Mask(lanes(|lane| truth(bits >> lane & 1 == 1)))
     }
 
     #[inline(always)]
     fn bits(mask: Mask) -> u32 {
-        let mut bits = 0;
-        for (lane, truth_of_lane) in mask.0.into_iter().enumerate() {
-            bits |= (truth_of_lane & 1) << lane;
-        }
-        bits
+        let [a, b, c, d] = lanes(|lane| (mask.0[lane] & 1) << lane);
+        a | b | c | d
     }
 
     #[inline(always)]
     fn lookup16(table: &[f32; 16], index: Ints) -> Floats {
-        Floats(index.0.map(|i| table[i as usize & 15]))
+        Floats(map(index.0, |i| table[i as usize & 15]))
     }
 
     #[inline(always)]
     fn lookup32(table: &[f32; 32], index: Ints) -> Floats {
-        Floats(index.0.map(|i| table[i as usize & 31]))
+        Floats(map(index.0, |i| table[i as usize & 31]))
     }
 
     #[inline(always)]
     unsafe fn gather(base: *const u8, offsets: Ints, mask: Mask) -> Ints {
-        let mut out = [0; LANES];
-        for (lane, value) in out.iter_mut().enumerate() {
-            if mask.0[lane] != 0 {
-                // SAFETY: the caller's promise.
-                let bytes = unsafe { base.offset(offsets.0[lane] as isize).cast::<[u8; 4]>().read() };
-                *value = i32::from_le_bytes(bytes);
+        Ints(lanes(|lane| {
+            if mask.0[lane] == 0 {
+                return 0;
             }
-        }
-        Ints(out)
+            // SAFETY: the caller's promise.
+            i32::from_le_bytes(unsafe { base.offset(offsets.0[lane] as isize).cast::<[u8; 4]>().read() })
+        }))
     }
 
     #[inline(always)]
     fn float_from_bits(a: Ints) -> Floats {
-        Floats(a.0.map(|a| f32::from_bits(a as u32)))
+        Floats(map(a.0, |a| f32::from_bits(a as u32)))
     }
 
     #[inline(always)]
     fn bits_from_float(a: Floats) -> Ints {
-        Ints(a.0.map(|a| a.to_bits() as i32))
+        Ints(map(a.0, |a| a.to_bits() as i32))
     }
 
     #[inline(never)]
