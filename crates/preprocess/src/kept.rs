@@ -24,7 +24,7 @@ use crate::preview::Preview;
 use crate::provenance::identify_source_unless;
 use crate::report::Progress;
 use crate::source::folder::Listing;
-use crate::source::open::{OpenOptions, open, split_array};
+use crate::source::open::{Found, OpenOptions, look_at, open, split_array};
 use crate::source::placed::{PlacedSource, Placing};
 use crate::source::spool::SpoolFolder;
 use crate::source::{SourceError, VolumeSource};
@@ -177,8 +177,15 @@ impl Cache {
         made.map_err(|e| BuildError::write(&self.folder, e))?;
         let path = self.path_of(source, reading)?;
         if !is_kept(&path) {
-            told(Told::Building(&path));
+            // What no reader takes is refused before anybody is told that it is built; opening the rest may take a while.
+            let is_known = reading.options.raw.is_some() || !source.is_file() || look_at(source)? != Found::Other;
+            if is_known {
+                told(Told::Building(&path));
+            }
             let opened = reading.open_unless(source, &self.folder, &options.canceller)?;
+            if !is_known {
+                told(Told::Building(&path));
+            }
             if self.has_previews {
                 match Preview::of(opened.as_ref(), &self.folder, &options.canceller) {
                     Ok(Some(preview)) => told(Told::Preview(Box::new(preview))),

@@ -109,7 +109,7 @@ pub fn with_container(path: &std::path::Path, error: ContainerError) -> Failure 
     }
     if path.is_dir() {
         return Failure::Command(format!(
-            "{}: expected a container, found a folder; `supervol build` makes one of a folder of slices or images",
+            "{}: expected a file, found a folder; `supervol build` makes a container of a folder of slices or images",
             path.display()
         ));
     }

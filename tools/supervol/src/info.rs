@@ -140,10 +140,10 @@ fn describe_folder(folder: &Path, arguments: &Arguments) -> Result<(), Failure> 
         return print_text_header(folder, None);
     }
     // Most folders are no volume, and are not asked to be one.
-    let described = source::Described::of(folder, &source.reading(source::MEMORY_BYTES)?).ok();
+    let described = source::Described::of(folder, &source.reading(source::MEMORY_BYTES)?);
     list_unfinished(folder, *json, described.as_ref())?;
     match described {
-        Some(described) if !json => described.print(false),
+        Ok(described) if !json => described.print(false),
         _ => Ok(()),
     }
 }
@@ -158,7 +158,7 @@ fn print_text_header(path: &Path, survey: Option<&Survey>) -> Result<(), Failure
 }
 
 /// Names what builds and other commands have not finished, or never will.
-fn list_unfinished(folder: &Path, json: bool, volume: Option<&source::Described>) -> Result<(), Failure> {
+fn list_unfinished(folder: &Path, json: bool, volume: Result<&source::Described, &Failure>) -> Result<(), Failure> {
     let found =
         unfinished::list(folder).map_err(|e| Failure::Machine(format!("cannot read {}: {e}", folder.display())))?;
     let mut out = crate::terminal::stdout();
@@ -169,13 +169,17 @@ fn list_unfinished(folder: &Path, json: bool, volume: Option<&source::Described>
         };
         let entries: Vec<_> = found.iter().map(entry).collect();
         let mut object = serde_json::json!({ "unfinished": entries });
-        if let Some(volume) = volume {
+        if let Ok(volume) = volume {
             object["volume"] = volume.to_json();
         }
         return writeln!(out, "{object:#}").map_err(with_output);
     }
-    if found.is_empty() && volume.is_none() {
-        return writeln!(out, "{}: a folder without unfinished files", folder.display()).map_err(with_output);
+    if let (true, Err(failure)) = (found.is_empty(), volume) {
+        let why = match failure {
+            Failure::Data(why) | Failure::Command(why) => format!(", and no volume: {why}"),
+            _ => String::new(),
+        };
+        return writeln!(out, "{}: a folder without unfinished files{why}", folder.display()).map_err(with_output);
     }
     found
         .iter()

@@ -67,6 +67,16 @@ fn a_volume_file_is_built_once_and_drawn_as_its_container_is() {
 }
 
 #[test]
+fn what_no_reader_takes_is_refused_before_a_build_is_announced() {
+    let folder = Folder::new();
+    std::fs::write(folder.path("letter.txt"), "Dear reader").expect("a temporary folder has room");
+    let run = folder.run(&["render", "letter.txt", "-o", "a.png", "--cache", "cache"]);
+    let said = String::from_utf8_lossy(&run.stderr);
+    assert!(!run.status.success() && said.contains("letter.txt: neither its first bytes"), "{said}");
+    assert!(!said.contains("is built first"), "{said}");
+}
+
+#[test]
 fn the_cache_folder_holds_as_many_bytes_as_it_may() {
     let folder = Folder::new();
     for (name, step) in [("a.raw", 3), ("b.raw", 5), ("c.raw", 7)] {

@@ -94,7 +94,8 @@ fn volume_files_say_what_they_are_before_they_are_built() {
     assert!(folder.expect(2, &["info", "v.nrrd", "--text-header"]).contains("expected a SEG-Y file"));
     // A folder may be a volume, too.
     std::fs::create_dir(folder.path("stack")).expect("a folder");
-    assert!(folder.expect(0, &["info", "stack"]).contains("a folder without unfinished files"));
+    let said = folder.expect(0, &["info", "stack"]);
+    assert!(said.contains("a folder without unfinished files, and no volume: "), "{said}");
 }
 
 #[test]

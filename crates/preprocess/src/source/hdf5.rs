@@ -169,7 +169,8 @@ fn choose(path: &Path, file: &Hdf5File, wanted: Option<&str>) -> Result<String, 
             Err(SourceError::unsupported(path, format!("this HDF5 file holds no dataset of numbers{list}"), advice))
         }
         (None, [first, ..]) => {
-            let advice = format!("name one, for example {}:/{}", path.display(), shortened(&first.name));
+            let plain = found.iter().find(|c| c.shape.len() == 3).unwrap_or(first);
+            let advice = format!("name one, for example {}:/{}", path.display(), shortened(&plain.name));
             Err(SourceError::unsupported(path, format!("{} datasets: {list}", found.len()), advice))
         }
     }
