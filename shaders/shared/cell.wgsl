@@ -172,5 +172,11 @@ fn first_change(view: CellView, value: f32, before: bool) -> f32 {
             return u;
         }
     }
+    // Where the cubic begins or ends just short of the value, rounding may have reached it: at the end that is nearer to it.
+    if ((value_at(view, 1.0) >= value) != before) {
+        let begin = abs(view.pivot + cubic_at(view.cubic, 0.0) - value);
+        let end = abs(view.pivot + cubic_at(view.cubic, 1.0) - value);
+        return select(1.0, 0.0, begin < end);
+    }
     return NEVER;
 }

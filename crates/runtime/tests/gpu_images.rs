@@ -168,6 +168,25 @@ fn nothing_is_seen_of_what_is_cut_off_beside_holes() {
     }
 }
 
+/// Where a surface lies on a plane of voxels, it is met there and nowhere else on the chords on either side, whichever way they round.
+#[test]
+fn surfaces_in_planes_of_voxels_are_lit_where_they_are() {
+    let Some(gpu) = gpu() else { return };
+    let field = |[x, y, z]: [usize; 3]| {
+        let [x, y, z] = [x, y, z].map(|n| n as f64);
+        72.0 + (14.0 - z) * (4.0 + 2.0 * (1.3 * y + 0.4 * x).sin())
+    };
+    let volume = TestVolume::new([30, 40, 28], 16, Geometry::IDENTITY, F32, field);
+    let iso = r#", "mode": "iso", "shading": {}, "iso": [{"value": 72, "color": [1, 1, 1]}]"#;
+    let camera = r#""camera": {"eye": [5, 30, -60], "target": [15, 20, 14], "up": [0, 1, 0], "fov_y": 12}"#;
+    let scene = volume.scene(&scene(camera, iso));
+    let expected = volume.reference_image(&scene);
+    assert!(expected.pixels.iter().all(|p| p[3] == 1.0), "every ray sees the surface");
+    let (image, _) = volume.gpu_image(&gpu, &scene, FINEST, 64, Skipping::On);
+    let error = greatest_difference(&image, &expected);
+    assert!(error <= TOLERANCE, "{error}/255");
+}
+
 #[test]
 fn levels_of_detail_geometry_clipping_and_subgrid() {
     let Some(gpu) = gpu() else { return };

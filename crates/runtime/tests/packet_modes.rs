@@ -328,6 +328,32 @@ fn planes_that_have_the_iso_value_are_above_it() {
     }
 }
 
+/// Where a surface lies on a plane of voxels, it is met there and nowhere else on the chords on either side, whichever way they round.
+#[test]
+fn surfaces_in_planes_of_voxels_are_lit_where_they_are() {
+    let tf = points(1.0, &[(0.0, [1.0; 3], 1.0)]);
+    let iso = r#""mode": "iso", "shading": {}, "iso": [{"value": 72, "color": [1, 1, 1]}]"#;
+    for (eye, voxel_type) in [([3.0, 50.0, -40.0], VoxelType::F32), ([20.0, 71.0, 70.0], VoxelType::U8)] {
+        let field =
+            |p: [f64; 3]| (72.0 + (14.0 - p[2]) * (4.0 + 2.0 * (1.3 * p[1] + 0.4 * p[0]).sin())).clamp(0.0, 255.0);
+        let volume = Volume::new([30, 40, 28], voxel_type, field);
+        let camera = format!(r#""camera": {{"eye": {eye:?}, "target": [15, 20, 14], "up": [0, 1, 0], "fov_y": 30}}"#);
+        let image = r#""image": {"width": 60, "height": 60}"#;
+        let scene = scene(&volume, &format!(r#"{{{camera}, {image}, {iso}, "transfer_function": {tf}}}"#));
+        let exact = reference(&volume, &scene);
+        let is_stable = stable(&volume, &scene, &exact);
+        let seen = (0..exact.pixels.len()).filter(|&i| is_stable[i] && exact.pixels[i][3] > 0.0).count();
+        assert!(seen > 500, "{voxel_type:?}: {seen} pixels see the surface");
+        for core in [16, 64] {
+            for quality in [packets(FINEST, Skipping::On, None), cells(FINEST)] {
+                let found = Bricked::new(&volume, core).render_of(&scene, quality).0;
+                let error = found.distance_where(&exact, |i| is_stable[i]);
+                assert!(error <= 0.1, "{voxel_type:?}, bricks of {core}: {error}/255 from the reference");
+            }
+        }
+    }
+}
+
 /// The second brick along x has one value.
 struct SecondIsUniform<'a> {
     all: &'a Bricked,

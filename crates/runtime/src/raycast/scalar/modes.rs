@@ -203,8 +203,8 @@ pub fn gather_iso(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord, state
         let crossing = if jumped {
             Some(0.0)
         } else {
-            // Where the cubic ends just short of the value, its `f32` may have reached it.
-            first_crossing(chord, surface.value).or((begins_above != ends_above).then_some(1.0))
+            let rounded = || (begins_above != ends_above).then(|| end_near(chord, [0.0, 1.0], surface.value));
+            first_crossing(chord, surface.value).or_else(rounded)
         };
         state.iso.above = if ends_above { state.iso.above | bit } else { state.iso.above & !bit };
         if let Some(u) = crossing {
@@ -240,9 +240,8 @@ pub fn gather_crossings(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord,
                 found.push((ends[0], index));
             }
             if begins != is_end_above {
-                // Where the cubic ends just short of the value, its `f32` may have reached it.
                 let root = monotone_root(&chord.cubic, ends[0], ends[1], Real::from(surface.value));
-                found.push((root.unwrap_or(ends[1]), index));
+                found.push((root.unwrap_or_else(|| end_near(chord, [ends[0], ends[1]], surface.value)), index));
             }
             side = is_end_above;
         }
@@ -257,6 +256,12 @@ pub fn gather_crossings(frame: &CpuFrame, setup: &ShadeSetup<'_>, chord: &Chord,
             state.crossings.push(SurfaceCrossing { t: state.t + u * chord.h, color, alpha: surface.alpha });
         }
     }
+}
+
+/// Where the cubic begins or ends just short of a value, its `f32` may have reached it: which of two ends that is.
+fn end_near(chord: &Chord, [begin, end]: [Real; 2], value: f32) -> Real {
+    let distance = |u: Real| (cubic_at(&chord.cubic, u) - Real::from(value)).abs();
+    if distance(begin) < distance(end) { begin } else { end }
 }
 
 fn first_crossing(chord: &Chord, value: f32) -> Option<Real> {
