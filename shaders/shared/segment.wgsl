@@ -1,4 +1,5 @@
-// The one segment of a ray that is drawn: in the volume's domain, the clip box and above all clip planes.
+// The one segment of a ray that is drawn: in the volume's domain, the clip box and above all clip planes. Where solids leave several, the
+// host finds them all (gpu/ray_parts.rs), and says one after the other.
 //
 // It is found twice: roughly, in strides from the ray's origin, and then from a base point nearby, to the last bit.
 
@@ -61,7 +62,7 @@ fn begin_ray(pixel: vec2<u32>) -> RayState {
     state.color.x = scene.view.first_value;
     state.transmittance = 1.0;
     state.status = STATUS_DONE;
-    if (pixel.x >= scene.view.width || pixel.y >= scene.view.height) {
+    if (pixel.x >= scene.view.width || pixel.y >= scene.view.height || scene.view.in_parts != 0u) {
         return state;
     }
     let ray = ray_of_pixel(pixel);
@@ -82,6 +83,20 @@ fn begin_ray(pixel: vec2<u32>) -> RayState {
         state.status = STATUS_ACTIVE;
     }
     return state;
+}
+
+// Sets a ray on its way through another part, unless nothing behind what it has gathered can be seen.
+fn begin_part(part: RayPart, state: ptr<function, RayState>) {
+    if (is_settled(state)) {
+        return;
+    }
+    // What lies in front of a gap has no side behind it.
+    gather_absent(state);
+    (*state).t = part.t;
+    (*state).strides = part.strides;
+    (*state).end_strides = part.end_strides;
+    (*state).end_rest = part.end_rest;
+    (*state).status = STATUS_ACTIVE;
 }
 
 // Parameter from the base point to the end of the ray's segment.

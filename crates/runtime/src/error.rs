@@ -36,13 +36,9 @@ pub enum RenderError {
     #[error("methods of comparison are for the cpu backend and mode dvr; found backend {backend:?} and mode {mode}")]
     Method { backend: Backend, mode: &'static str },
     #[error(
-        "slices within the picture are drawn by the backends cpu and reference (and auto, which takes cpu then); found gpu"
+        "sections (mode slice) are drawn by the backends cpu and reference (and auto, which takes cpu then); found gpu"
     )]
     SlicesOnGpu,
-    #[error(
-        "volumes clipped by solids are drawn by the backends cpu and reference (and auto, which takes cpu then); found gpu"
-    )]
-    SolidsOnGpu,
     #[error("surfaces inside the volume (mode dvr with iso) are drawn by --backend cpu or reference only")]
     SurfacesOnGpu,
     #[error("mode mean shows no place that could be picked: all points of a ray count alike")]

@@ -15,6 +15,7 @@ mod ahead;
 mod drawing;
 mod layers;
 mod pick;
+mod region;
 mod resident;
 mod sampling;
 mod sheet;
@@ -278,29 +279,30 @@ impl Renderer {
         {
             return Err(RenderError::Method { backend, mode: mode_name(scene.mode) });
         }
-        if backend == Backend::Gpu && !scene.clip.solids.is_empty() {
-            return Err(RenderError::SolidsOnGpu);
-        }
         if backend == Backend::Gpu && scene.has_inner_surfaces() {
             return Err(RenderError::SurfacesOnGpu);
+        }
+        if backend == Backend::Gpu && scene.mode == Mode::Slice {
+            return Err(RenderError::SlicesOnGpu);
         }
         if matches!(self.drawer, Drawer::Undecided) {
             self.drawer = self.choose_drawer()?;
         }
-        if !scene.slices.is_empty() {
-            match self.drawer {
-                Drawer::Gpu { or_cpu: false, .. } => return Err(RenderError::SlicesOnGpu),
-                Drawer::Reference => {}
-                _ => return self.draw_in_layers(scene, stop),
-            }
-        }
         let or_cpu = matches!(self.drawer, Drawer::Gpu { or_cpu: true, .. });
-        match self.draw_by_engine(scene, stop) {
+        match self.draw_by_drawer(scene, stop) {
             Err(error @ (RenderError::Gpu(_) | RenderError::Budget(_))) if or_cpu => {
                 self.drawer = Drawer::Cpu { no_gpu_because: Some(error.to_string()) };
-                self.draw_by_engine(scene, stop)
+                self.work = Work::Nothing;
+                self.draw_by_drawer(scene, stop)
             }
             other => other,
+        }
+    }
+
+    fn draw_by_drawer(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
+        match self.drawer {
+            Drawer::Cpu { .. } | Drawer::Gpu { .. } if !scene.slices.is_empty() => self.draw_in_layers(scene, stop),
+            _ => self.draw_by_engine(scene, stop),
         }
     }
 
@@ -321,21 +323,29 @@ impl Renderer {
         })
     }
 
-    /// A picture with slices, on the CPU.
+    /// A picture with slices: the volume between them as any volume, their colours by the processor.
     fn draw_in_layers(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
-        let Self { volume, options, pool, has_deadline, resident, work, .. } = self;
+        let Self { volume, options, pool, drawer, has_deadline, resident, work, .. } = self;
         if !options.caster.is_default() {
             return Err(RenderError::Method { backend: options.backend, mode: "slices" });
         }
         let container = volume.container();
+        let device = match drawer {
+            Drawer::Gpu { backend, .. } if is_drawn_by_devices(scene) => Some(&mut **backend),
+            _ => None,
+        };
         pool.install(|| {
             if !matches!(work, Work::InLayers(_)) {
-                *work = Work::InLayers(Box::new(Layers::new(scene, container)));
+                *work = Work::InLayers(Box::new(Layers::new(scene, container, device.is_some())));
             }
             let Work::InLayers(layers) = work else { unreachable!("it has just been made so") };
-            let caster_bytes = layers.bytes(options.ray_caster().bytes(container.pyramid().layout().core()));
+            let caster_bytes = match device {
+                Some(_) => CasterBytes::ON_DEVICE,
+                None => options.ray_caster().bytes(container.pyramid().layout().core()),
+            };
+            let caster_bytes = layers.bytes(caster_bytes);
             let resident = fitting(resident, container, (&layers.ray_scene(), options), caster_bytes, *has_deadline)?;
-            layers.advance(resident, options, stop)
+            layers.advance(device, resident, options, stop)
         })
     }
 
@@ -464,14 +474,12 @@ impl Renderer {
             stats.no_gpu_because.clone_from(no_gpu_because);
         }
         if let Drawer::Gpu { backend, .. } = &self.drawer {
-            match self.work {
-                Work::InLayers(_) => stats.no_gpu_because = Some("slices are drawn by the processor".into()),
-                Work::InSteps(_) => {
-                    let has_surfaces = self.scene.as_ref().is_some_and(ResolvedScene::has_inner_surfaces);
-                    let what = if has_surfaces { "surfaces inside the volume are drawn" } else { "solids are cut" };
-                    stats.no_gpu_because = Some(format!("{what} by the processor"));
-                }
-                _ => stats.adapter_is_software = backend.is_software(),
+            if stats.backend == "cpu" {
+                let has_surfaces = self.scene.as_ref().is_some_and(ResolvedScene::has_inner_surfaces);
+                let what = if has_surfaces { "surfaces inside the volume" } else { "sections (mode slice)" };
+                stats.no_gpu_because = Some(format!("{what} are drawn by the processor"));
+            } else {
+                stats.adapter_is_software = backend.is_software();
             }
         }
         stats.threads = self.pool.current_num_threads();
@@ -557,7 +565,7 @@ pub fn render_with_maps(
     Ok((picture, maps, stats))
 }
 
-/// Whether a device draws the volume of this scene: with rays in one part, and no surfaces inside the volume.
+/// Whether a device draws the volume of this scene: with no surfaces inside, and not only its sections.
 fn is_drawn_by_devices(scene: &ResolvedScene) -> bool {
-    scene.clip.solids.is_empty() && !scene.has_inner_surfaces()
+    !scene.has_inner_surfaces() && scene.mode != Mode::Slice
 }

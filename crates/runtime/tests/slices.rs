@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
 mod containers;
+mod gpu_support;
 mod support;
 
 use std::sync::Arc;
@@ -12,7 +13,7 @@ use std::time::{Duration, Instant};
 use containers::{container_bytes, open};
 use supervol_format::{Container, Lod, VoxelType};
 use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions};
-use supervol_runtime::image::GREY_LEVELS;
+use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::renderer::{Renderer, render, render_with_errors};
 use supervol_runtime::scene::{ResolvedScene, Scene};
 use supervol_runtime::volume::Volume as Opened;
@@ -48,7 +49,7 @@ fn options(level: LevelChoice) -> RenderOptions {
     RenderOptions { backend: Backend::Cpu, level, threads: Some(2), ..RenderOptions::default() }
 }
 
-fn drawn(container: &Arc<Container>, scene: &ResolvedScene) -> supervol_runtime::image::Image {
+fn drawn(container: &Arc<Container>, scene: &ResolvedScene) -> Image {
     render(container, scene, &options(LevelChoice::Auto)).unwrap().0
 }
 
@@ -62,14 +63,12 @@ fn three(more: &str) -> String {
     .join(",")
 }
 
-#[test]
-fn pictures_with_slices_are_those_of_the_reference() {
-    let volume = volume();
-    let container = open(&container_bytes(&volume, 16));
+/// Slices, and what more there is in the scene.
+fn cases() -> Vec<(String, &'static str)> {
     let lit = r#", "shading": {}"#;
     let iso = r#", "mode": "iso", "iso": [{"value": 130, "color": [1, 0.5, 0.2], "alpha": 0.5}]"#;
     let parallel = r#", "camera": {"eye": [80, 60, -40], "target": [22, 19, 18], "up": [0, 0, 1], "height": 50}"#;
-    let cases = [
+    vec![
         (three(""), ""),
         (three(r#", "interpolation": "cubic""#), lit),
         (three(r#", "interpolation": "nearest""#), parallel),
@@ -91,24 +90,59 @@ fn pictures_with_slices_are_those_of_the_reference() {
             plane([1.0, 0.0, 0.0], 20.0, ""),
             r#", "camera": {"eye": [20, -70, 18], "target": [20, 0, 18], "up": [0, 0, 1], "height": 50}"#,
         ),
-    ];
-    for (slices, more) in cases {
+    ]
+}
+
+fn assert_agree(exact: &Image, picture: &Image, slices: &str, more: &str) {
+    // The nearest voxel changes at once: a ray may fall to either side of the face between two.
+    let off = exact
+        .pixels
+        .iter()
+        .zip(&picture.pixels)
+        .filter(|(a, b)| (0..4).any(|c| f64::from((a[c] - b[c]).abs()) * GREY_LEVELS > 0.6));
+    let allowed = if slices.contains("nearest") { 3 } else { 0 };
+    assert!(off.count() <= allowed, "{more}: {} levels off", difference(exact, picture));
+}
+
+#[test]
+fn pictures_with_slices_are_those_of_the_reference() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    for (slices, more) in cases() {
         let scene = scene(&volume, &wanted(&slices, more));
         let (exact, picture) = (reference(&volume, &scene), drawn(&container, &scene));
-        // The nearest voxel changes at once: a ray may fall to either side of the face between two.
-        let off = exact
-            .pixels
-            .iter()
-            .zip(&picture.pixels)
-            .filter(|(a, b)| (0..4).any(|c| f64::from((a[c] - b[c]).abs()) * GREY_LEVELS > 0.6));
-        let allowed = if slices.contains("nearest") { 3 } else { 0 };
-        assert!(off.count() <= allowed, "{more}: {} levels off", difference(&exact, &picture));
+        assert_agree(&exact, &picture, &slices, more);
         // Along its plane, a slice has no width.
         if more.contains("[20, -70, 18]") {
             continue;
         }
         let without = support::scene(&volume, &wanted("", &more.replace("slice", "dvr")));
         assert!(difference(&picture, &reference(&volume, &without)) > 20.0, "{more}: the slices cannot be seen");
+    }
+}
+
+/// The volume between slices by a device, their colours by the processor; at once and in steps.
+#[test]
+fn graphics_devices_draw_the_volume_between_slices() {
+    if gpu_support::gpu().is_none() {
+        return;
+    }
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let device = RenderOptions { backend: Backend::Gpu, ..options(LevelChoice::Auto) };
+    for (slices, more) in cases().into_iter().filter(|(_, more)| !more.contains(r#""slice""#)) {
+        let scene = scene(&volume, &wanted(&slices, more));
+        let (picture, stats) = render(&container, &scene, &device).unwrap();
+        assert!(stats.converged && stats.backend == "gpu", "{more}: {stats:?}");
+        assert_agree(&reference(&volume, &scene), &picture, &slices, more);
+        let mut renderer = Renderer::new(Opened::of(container.clone()), device.clone()).unwrap();
+        renderer.set_scene(scene);
+        let converged = (0..10_000).any(|n| {
+            let step = renderer.advance(Some(Instant::now() + Duration::from_millis(n % 8))).unwrap();
+            assert!(renderer.picture().unwrap().is_finite());
+            step.is_converged
+        });
+        assert!(converged && *renderer.picture().unwrap() == picture, "{more}: in steps");
     }
 }
 
@@ -198,7 +232,7 @@ fn slices_that_cannot_be_drawn_are_refused_by_name() {
         let message = json(&slices, more).unwrap_err();
         assert!(message.contains(word), "{message}");
     }
-    let scene = scene(&volume, &wanted(&three(""), ""));
+    let scene = scene(&volume, &wanted(&three(""), r#", "mode": "slice""#));
     let gpu = RenderOptions { backend: Backend::Gpu, ..options(LevelChoice::Auto) };
     // A machine without any graphics device says that instead.
     let refused = render(&container, &scene, &gpu);

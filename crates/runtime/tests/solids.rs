@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests are tests")]
 
 mod containers;
+mod gpu_support;
 mod support;
 
 use std::fmt::Write as _;
@@ -14,7 +15,7 @@ use std::time::{Duration, Instant};
 use containers::{container_bytes, open};
 use glam::DVec3;
 use supervol_format::{Container, Lod, VoxelType};
-use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions};
+use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::raycast::cpu::Caster;
 use supervol_runtime::raycast::scalar::CellRule;
@@ -58,6 +59,10 @@ fn drawn(container: &Arc<Container>, scene: &ResolvedScene) -> Image {
 const BALL_AND_BOX: &str = r#"{"keep": "outside", "sphere": {"center": [24, 18, 17], "radius": 9}},
     {"box": {"center": [22, 19, 18], "edges": [30, 34, 22], "axes": [[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]]}}"#;
 
+const DRUM: &str = r#"{"keep": "outside", "cylinder": {"from": [5, -5, 10], "to": [40, 45, 24], "radius": 6}}"#;
+const PARALLEL: &str = r#", "camera": {"eye": [80, 60, -40], "target": [22, 19, 18], "up": [0, 0, 1], "height": 50}"#;
+const INSIDE: &str = r#", "camera": {"eye": [24, 18, 17], "target": [30, 30, 20], "up": [0, 0, 1], "fov_y": 70}"#;
+
 /// A ring around an axis, as a mesh.
 fn write_ring(path: &Path, center: DVec3, [outer, inner]: [f64; 2]) {
     let (along, around) = (24, 12);
@@ -91,19 +96,16 @@ fn pictures_clipped_by_solids_are_those_of_the_reference() {
     let path = folder.path().join("ring.obj");
     write_ring(&path, DVec3::new(24.0, 19.0, 17.0), [9.0, 4.0]);
     let ring = |keep: &str| format!(r#"{{"keep": "{keep}", "mesh": {:?}}}"#, path.to_str().unwrap());
-    let drum = r#"{"keep": "outside", "cylinder": {"from": [5, -5, 10], "to": [40, 45, 24], "radius": 6}}"#;
-    let parallel = r#", "camera": {"eye": [80, 60, -40], "target": [22, 19, 18], "up": [0, 0, 1], "height": 50}"#;
-    let inside = r#", "camera": {"eye": [24, 18, 17], "target": [30, 30, 20], "up": [0, 0, 1], "fov_y": 70}"#;
     for more in ["", r#", "shading": {}"#, r#", "mode": "mip""#, r#", "mode": "minip""#, r#", "mode": "mean""#, ISO] {
         let whole = reference(&volume, &scene(&volume, &wanted("", more)));
-        for solids in [BALL_AND_BOX.to_owned(), ring("inside"), format!("{},{drum}", ring("outside"))] {
+        for solids in [BALL_AND_BOX.to_owned(), ring("inside"), format!("{},{DRUM}", ring("outside"))] {
             let scene = scene(&volume, &wanted(&solids, more));
             let (exact, picture) = (reference(&volume, &scene), drawn(&container, &scene));
             assert_agree(&exact, &picture, 0, &format!("{more} {solids}"));
             assert!(difference(&exact, &whole) > 20.0, "{more} {solids}: nothing is cut away");
         }
     }
-    for more in [parallel, inside, r#", "samples_per_pixel": 4"#] {
+    for more in [PARALLEL, INSIDE, r#", "samples_per_pixel": 4"#] {
         let scene = scene(&volume, &wanted(BALL_AND_BOX, more));
         assert_agree(&reference(&volume, &scene), &drawn(&container, &scene), 0, more);
     }
@@ -217,15 +219,47 @@ fn the_stated_error_holds() {
     }
 }
 
+/// By the host's list of parts, mode by mode; rays wait for bricks in each part where there are few slots.
 #[test]
-fn graphics_devices_refuse_solids() {
+fn graphics_devices_cut_by_solids_as_the_reference_does() {
+    if gpu_support::gpu().is_none() {
+        return;
+    }
     let volume = volume();
     let container = open(&container_bytes(&volume, 16));
-    let scene = scene(&volume, &wanted(BALL_AND_BOX, ""));
-    let refused = render(&container, &scene, &RenderOptions { backend: Backend::Gpu, ..options(LevelChoice::Auto) });
-    assert!(matches!(refused, Err(RenderError::SolidsOnGpu)), "{refused:?}");
-    let (_, stats) =
-        render(&container, &scene, &RenderOptions { backend: Backend::Auto, ..options(LevelChoice::Auto) }).unwrap();
-    assert_eq!(stats.backend, "cpu");
-    assert!(stats.no_gpu_because.is_some());
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ring.obj");
+    write_ring(&path, DVec3::new(24.0, 19.0, 17.0), [9.0, 4.0]);
+    let ring = format!(r#"{{"keep": "outside", "mesh": {:?}}},{DRUM}"#, path.to_str().unwrap());
+    let device = RenderOptions { backend: Backend::Gpu, ..options(LevelChoice::Auto) };
+    for more in [
+        "",
+        r#", "shading": {}"#,
+        r#", "mode": "mip""#,
+        r#", "mode": "minip""#,
+        r#", "mode": "mean""#,
+        ISO,
+        PARALLEL,
+        INSIDE,
+    ] {
+        for solids in [BALL_AND_BOX, &ring] {
+            let scene = scene(&volume, &wanted(solids, more));
+            let (picture, stats) = render(&container, &scene, &device).unwrap();
+            assert!(stats.converged && stats.backend == "gpu", "{stats:?}");
+            assert_agree(&reference(&volume, &scene), &picture, 0, &format!("{more} {solids}"));
+        }
+    }
+    let scene = scene(&volume, &wanted(&format!("{BALL_AND_BOX},{ring}"), r#", "samples_per_pixel": 4"#));
+    let (expected, _) = render(&container, &scene, &device).unwrap();
+    assert_agree(&reference(&volume, &scene), &expected, 0, "several rays a pixel");
+    let few = RenderOptions { cache_bytes: Some(64 << 10), ..device };
+    assert_eq!(render(&container, &scene, &few).unwrap().0, expected, "small cache");
+    let mut renderer = Renderer::new(Opened::of(container), few).unwrap();
+    renderer.set_scene(scene);
+    let mut steps = 0;
+    while !renderer.advance(Some(Instant::now() + Duration::from_millis(2))).unwrap().is_converged {
+        steps += 1;
+        assert!(steps < 10_000, "no end");
+    }
+    assert_eq!(*renderer.picture().unwrap(), expected, "after {steps} steps");
 }

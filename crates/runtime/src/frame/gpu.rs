@@ -30,6 +30,8 @@ use crate::units::InUnits;
 pub(crate) struct GpuBackend {
     device: GpuDevice,
     caster: Option<GpuCaster>,
+    /// Which of the streamer's answers its page table holds: [`Streamer::answers`].
+    answers: Option<u64>,
     /// The picture whose rays stopped where they were, and how it is made.
     paused: Option<(ResolvedScene, LodChoice)>,
 }
@@ -53,8 +55,6 @@ pub(crate) struct GpuPicture<'a> {
     pub(crate) options: &'a RenderOptions,
     pub(crate) plan: HostPlan,
     pub(crate) stop: &'a Stop,
-    /// Whether the table of contents decides about bricks as for the picture before.
-    pub(crate) keeps_answers: bool,
     /// Whether rays stop where they are when it is time to ([`RenderError::Cancelled`]), to go on when the same picture is drawn
     /// next; if not, it is completed from the bricks that are there.
     pub(crate) is_paused_when_due: bool,
@@ -65,7 +65,7 @@ pub(crate) struct GpuPicture<'a> {
 impl GpuBackend {
     /// Nothing is there yet.
     pub(crate) fn new(device: GpuDevice) -> Self {
-        Self { device, caster: None, paused: None }
+        Self { device, caster: None, answers: None, paused: None }
     }
 
     /// Whether the device is a processor in disguise.
@@ -107,7 +107,11 @@ impl GpuBackend {
         let this = (scene.clone(), options.lod());
         let mut caster = match caster {
             Some(caster) if paused.as_ref() == Some(&this) => caster.resumed(picture),
-            caster => self.begin(caster, streamer, picture)?,
+            caster => {
+                let keeps_answers = self.answers == Some(streamer.answers());
+                self.answers = Some(streamer.answers());
+                self.begin(caster, streamer, picture, keeps_answers)?
+            }
         };
         let mut walk =
             FrameWalk::new(streamer, plan, options, Instant::now()).until(stop.clone()).after(picture.before.clone());
@@ -132,8 +136,9 @@ impl GpuBackend {
         caster: Option<GpuCaster>,
         streamer: &Streamer,
         picture: &GpuPicture<'_>,
+        keeps_answers: bool,
     ) -> Result<GpuCaster, RenderError> {
-        let GpuPicture { scene, options, stop, keeps_answers, .. } = *picture;
+        let GpuPicture { scene, options, stop, .. } = *picture;
         let container = streamer.container();
         let descriptor = container.descriptor();
         let map = value_map(container);
@@ -190,18 +195,14 @@ pub fn render_gpu_surviving(
     scene: &ResolvedScene,
     options: &RenderOptions,
 ) -> Result<(Image, FrameStats), RenderError> {
-    if !scene.clip.solids.is_empty() {
-        return Err(RenderError::SolidsOnGpu);
-    }
     if scene.has_inner_surfaces() {
         return Err(RenderError::SurfacesOnGpu);
     }
     let plan = plan_host_for(CasterBytes::ON_DEVICE, container, scene, options, options.time_budget_ms.is_some())?;
     let stop = Stop::at(options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms)));
     let mut streamer = streamer_for(container, scene, options, plan);
-    let (keeps_answers, is_paused_when_due) = (false, false);
     let before = FrameStats::default();
-    let picture = GpuPicture { scene, options, plan, stop: &stop, keeps_answers, is_paused_when_due, before };
+    let picture = GpuPicture { scene, options, plan, stop: &stop, is_paused_when_due: false, before };
     GpuBackend::new(device).draw(&mut streamer, &picture, reopen)
 }
 

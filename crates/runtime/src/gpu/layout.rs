@@ -401,8 +401,8 @@ shared_struct! {
         plane_count: u32,
         /// First value of every ray's accumulator, modes mip and minip.
         first_value: f32,
-        /// Zero.
-        padding_0: u32,
+        /// 1 where the host says which parts of rays are kept (`RayPart`), else 0.
+        in_parts: u32,
         /// Where rays begin: a plane in front of the volume, or the eye.
         origin: [Affine; 3],
         /// Index offset of one stride.
@@ -449,6 +449,22 @@ shared_struct! {
         sides: u32,
         /// Mode iso: one bit for each surface that was crossed already: only first crossings count.
         crossed: u32,
+    }
+}
+
+shared_struct! {
+    /// A part of a ray, of several that solids leave; `RayState` says what the numbers are.
+    RayPart {
+        /// Place of the ray; none where it lies beyond the band's places.
+        place: u32,
+        /// Parameter beyond the strides to the base point.
+        t: f32,
+        /// Strides to the base point of its begin.
+        strides: u32,
+        /// Strides to the last base point.
+        end_strides: u32,
+        /// Parameter from there to its end.
+        end_rest: f32,
     }
 }
 
@@ -538,6 +554,7 @@ pub fn structs() -> Vec<StructLayout> {
         View::layout(),
         Scene::layout(),
         RayState::layout(),
+        RayPart::layout(),
         Dispatch::layout(),
         GpuCounters::layout(),
     ]

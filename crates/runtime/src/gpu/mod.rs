@@ -6,6 +6,7 @@
 //! - [`light_table`], [`light`]: the transfer function as rays integrate it, and the twins of the shader that does so;
 //! - [`memory`]: bytes of everything, computed before anything is allocated;
 //! - [`pipelines`]: the compute pipelines and what they bind;
+//! - [`ray_parts`]: what solids leave of rays, found by the host;
 //! - [`rays`]: pixels to rays that hold no large number in an `f32`;
 //! - [`scene_tables`]: a scene as the shaders read it;
 //! - [`slots`]: which brick sits in which slot, and who must leave;
@@ -23,6 +24,7 @@ pub mod light;
 pub mod light_table;
 pub mod memory;
 pub mod pipelines;
+pub mod ray_parts;
 pub mod rays;
 pub mod scene_tables;
 pub mod shaders;

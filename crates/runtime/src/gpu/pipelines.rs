@@ -3,7 +3,7 @@
 use super::device::{GpuDevice, GpuError};
 use super::layout::Dispatch;
 use super::memory::TEXTURE_LIMIT;
-use super::shaders::{BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, RAYCAST, ShaderModule};
+use super::shaders::{BEGIN_PARTS, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, RAYCAST, ShaderModule};
 
 /// What pipelines are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -23,6 +23,8 @@ pub struct Pipelines {
     pub classify_cells: Pipeline,
     /// `begin_rays.wgsl`
     pub begin_rays: Pipeline,
+    /// `begin_parts.wgsl`
+    pub begin_parts: Pipeline,
     /// `raycast.wgsl`
     pub raycast: Pipeline,
     /// `gather_misses.wgsl`
@@ -97,6 +99,7 @@ impl Pipelines {
             Self {
                 classify_cells: make(&CLASSIFY_CELLS, &[Access::Read]),
                 begin_rays: make(&BEGIN_RAYS, &[Access::ReadWrite]),
+                begin_parts: make(&BEGIN_PARTS, &[Access::ReadWrite, Access::Read]),
                 raycast: make(&RAYCAST, &[Access::ReadWrite, Access::Job]),
                 gather_misses: make(&GATHER_MISSES, &[]),
                 scene_layout,

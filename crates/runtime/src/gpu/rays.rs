@@ -16,7 +16,7 @@ use supervol_format::{Dims, Geometry};
 
 use super::device::GpuError;
 use super::layout::{Affine, Fixed, PlaneLine, View, WORKGROUP_RAYS};
-use crate::camera::{Camera, Projection};
+use crate::camera::{Camera, Projection, Ray};
 use crate::clip::{Clip, ClipPlane};
 
 /// Edge of a tile, pixels.
@@ -142,6 +142,17 @@ impl ViewLines {
     #[must_use]
     pub fn depth(&self) -> f64 {
         self.depth
+    }
+
+    /// Whole strides to a place on a pixel's ray, a world length from where the ray begins, and the parameter beyond them.
+    #[must_use]
+    pub fn strides_to(&self, ray: &Ray, [x, y]: [u32; 2], length: f64) -> (u32, f32) {
+        let [origin, direction] = [self.origin, self.direction].map(|line| line.at(f64::from(x), f64::from(y)));
+        let beyond = length - (origin - ray.origin).dot(ray.direction);
+        let strides = (beyond / direction.length() / self.stride).max(0.0);
+        // Far more than a ray through the largest volume takes fit 32 bits.
+        let whole = strides.floor().min(f64::from(u32::MAX));
+        (whole as u32, ((strides - whole) * self.stride) as f32)
     }
 
     /// What the shader is given.

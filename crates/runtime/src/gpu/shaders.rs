@@ -52,6 +52,10 @@ pub const RAYCAST: ShaderModule = ShaderModule { name: "raycast", shared: RAY, e
 /// Clips the rays of a band.
 pub const BEGIN_RAYS: ShaderModule = ShaderModule { name: "begin_rays", shared: RAY, entry: file!("begin_rays.wgsl") };
 
+/// Sets rays on their way through their next part.
+pub const BEGIN_PARTS: ShaderModule =
+    ShaderModule { name: "begin_parts", shared: RAY, entry: file!("begin_parts.wgsl") };
+
 /// Decides which macro cells show something.
 pub const CLASSIFY_CELLS: ShaderModule =
     ShaderModule { name: "classify_cells", shared: RAY, entry: file!("classify_cells.wgsl") };
@@ -74,8 +78,8 @@ pub const TEST_PLACES: ShaderModule =
     ShaderModule { name: "test_places", shared: RAY, entry: file!("test_places.wgsl") };
 
 /// Every module there is.
-pub const ALL: [ShaderModule; 7] =
-    [RAYCAST, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, TEST_TWINS, TEST_LIGHT, TEST_PLACES];
+pub const ALL: [ShaderModule; 8] =
+    [RAYCAST, BEGIN_RAYS, BEGIN_PARTS, CLASSIFY_CELLS, GATHER_MISSES, TEST_TWINS, TEST_LIGHT, TEST_PLACES];
 
 impl ShaderModule {
     /// The files joined.

@@ -1,8 +1,8 @@
 //! A picture with slices: every ray is cut where it meets a slice, and its parts are put together again front to back.
 //!
 //! The slices divide the volume into convex regions. In one region a ray has one part, which is what any picture of the volume clipped
-//! to that region shows: so each region is a [`Drawing`] of its own, by the same packets, from the same bricks, with the same
-//! deadlines (docs/decisions/019-slices-cut-rays.md). Colours of the slices are sampled ray by ray (`sheet`, `sampling`).
+//! to that region shows: so each region is a picture of its own ([`Region`]), by the same packets or the same device, from the same
+//! bricks, with the same deadlines (docs/decisions/019-slices-cut-rays.md). Colours of the slices are sampled ray by ray (`sheet`, `sampling`).
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -12,12 +12,13 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use supervol_format::{Container, Dims, Geometry, Lod};
 
-use super::drawing::Drawing;
+use super::region::Region;
 use super::resident::{Resident, level_within};
 use super::sampling::Sampler;
 use super::sheet::Sheet;
 use crate::camera::{PixelRays, Projection};
 use crate::clip::{ClipPlane, ToIndex, clip_ray};
+use crate::frame::gpu::GpuBackend;
 use crate::frame::stated::{ErrorStated, complete};
 use crate::frame::{LevelChoice, RenderError, RenderOptions};
 use crate::image::Image;
@@ -56,16 +57,11 @@ pub(super) struct Cut {
     pub(super) scene: ResolvedScene,
 }
 
-/// A region of the volume between slices.
-struct Region {
-    sides: Sides,
-    drawing: Drawing,
-}
-
 /// A picture with slices in the making.
 pub struct Layers {
     cut: Arc<Cut>,
-    regions: Vec<Region>,
+    /// Regions of the volume between slices, by the sides that they lie on.
+    regions: Vec<(Sides, Region)>,
     /// Colours of each slice, as far as they are known.
     sheets: Vec<Sheet>,
     /// Slices whose colours are those that are wanted.
@@ -80,9 +76,9 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// Nothing yet.
+    /// Nothing yet; the volume between the slices is drawn by a device or by the processor.
     #[must_use]
-    pub fn new(scene: &ResolvedScene, container: &Container) -> Self {
+    pub fn new(scene: &ResolvedScene, container: &Container, is_by_device: bool) -> Self {
         let geometry = InUnits::of(container).geometry;
         let cut = Cut {
             rays: scene.camera.rays(),
@@ -110,7 +106,7 @@ impl Layers {
             (met, std::array::from_fn(|i| nearest[i].min(other[i])))
         };
         let (met, nearest) = (0..height).into_par_iter().fold(none, meet).reduce(none, join);
-        let region = |sides| Region { sides, drawing: Drawing::new(cut.region(sides)) };
+        let region = |sides| (sides, Region::new(cut.region(sides), is_by_device));
         let regions = if scene.mode == Mode::Slice { Vec::new() } else { met.into_iter().map(region).collect() };
         Self {
             regions,
@@ -141,7 +137,7 @@ impl Layers {
     /// Whether every pixel is as it is wanted.
     #[must_use]
     pub fn is_finished(&self) -> bool {
-        self.sampled == self.cut.scene.slices.len() && self.regions.iter().all(|region| region.drawing.is_finished())
+        self.sampled == self.cut.scene.slices.len() && self.regions.iter().all(|(_, region)| region.is_finished())
     }
 
     /// Whether something is known of each pixel.
@@ -149,7 +145,7 @@ impl Layers {
         let has_colors = |sheet: &Sheet| !sheet.colors.is_empty();
         self.sheets.len() == self.cut.scene.slices.len()
             && self.sheets.iter().all(has_colors)
-            && self.regions.iter().all(|region| region.drawing.has_picture())
+            && self.regions.iter().all(|(_, region)| region.has_picture())
     }
 
     /// Makes the picture better until it is finished or that is to stop. With a deadline there is a whole picture afterwards.
@@ -158,6 +154,7 @@ impl Layers {
     /// If memory does not suffice, there is no progress, or it is cancelled before there is a whole picture.
     pub fn advance(
         &mut self,
+        mut device: Option<&mut GpuBackend>,
         resident: &mut Resident,
         options: &RenderOptions,
         stop: &Stop,
@@ -172,14 +169,14 @@ impl Layers {
             stop = stop.not_before(Instant::now() + LEAST_STEP);
         } else if stop.deadline().is_some() {
             let at_once = stop.instead_at(Some(Instant::now()));
-            for region in self.regions.iter_mut().filter(|region| !region.drawing.has_picture()) {
-                region.drawing.advance(resident, &options, &at_once)?;
+            for (_, region) in self.regions.iter_mut().filter(|(_, region)| !region.has_picture()) {
+                region.advance(device.as_deref_mut(), resident, &options, &at_once)?;
             }
         }
         self.sample(resident, &options, &stop)?;
-        for region in &mut self.regions {
-            if !region.drawing.is_finished() && (!stop.is_due() || !region.drawing.has_picture()) {
-                region.drawing.advance(resident, &options, &stop)?;
+        for (_, region) in &mut self.regions {
+            if !region.is_finished() && (!stop.is_due() || !region.has_picture()) {
+                region.advance(device.as_deref_mut(), resident, &options, &stop)?;
             }
         }
         self.gather_stats(resident);
@@ -238,7 +235,7 @@ impl Layers {
         if !self.has_picture() {
             return None;
         }
-        let pictures: Option<Vec<_>> = self.regions.iter().map(|region| region.drawing.picture()).collect();
+        let pictures: Option<Vec<_>> = self.regions.iter().map(|(_, region)| region.picture()).collect();
         let pictures = pictures?;
         let [width, height] = self.cut.rays_size();
         let pixel = |x: u32, y: u32| {
@@ -270,7 +267,7 @@ impl Layers {
     }
 
     fn region(&self, sides: Sides) -> Option<usize> {
-        self.regions.binary_search_by_key(&sides, |region| region.sides).ok()
+        self.regions.binary_search_by_key(&sides, |(of, _)| *of).ok()
     }
 
     /// What each pixel of the picture may be off by, grey, 1 being white, where errors are summed up: at most what each part may be
@@ -279,7 +276,7 @@ impl Layers {
         if !self.states_error {
             return None;
         }
-        let maps: Option<Vec<Image>> = self.regions.iter().map(|region| region.drawing.error_map()).collect();
+        let maps: Option<Vec<Image>> = self.regions.iter().map(|(_, region)| region.error_map()).collect();
         let maps = maps?;
         let [width, height] = self.cut.rays_size();
         let error = |x: u32, y: u32| {
@@ -302,7 +299,7 @@ impl Layers {
     /// What the rays of each pixel cost, in all regions together: see [`crate::frame::maps::of_work`]. What slices cost is not among it.
     #[must_use]
     pub fn work_map(&self) -> Option<Image> {
-        let maps: Option<Vec<Image>> = self.regions.iter().map(|region| region.drawing.work_map()).collect();
+        let maps: Option<Vec<Image>> = self.regions.iter().map(|(_, region)| region.work_map()).collect();
         let mut maps = maps?.into_iter();
         let mut sum = maps.next()?;
         for map in maps {
@@ -333,8 +330,9 @@ impl Layers {
     }
 
     fn gather_stats(&mut self, resident: &Resident) {
-        let of_regions: Vec<FrameStats> = self.regions.iter().map(|region| region.drawing.stats()).collect();
-        let mut stats = FrameStats { backend: "cpu", converged: self.is_finished(), ..FrameStats::default() };
+        let of_regions: Vec<FrameStats> = self.regions.iter().map(|(_, region)| region.stats()).collect();
+        let backend = of_regions.first().map_or("cpu", |region| region.backend);
+        let mut stats = FrameStats { backend, converged: self.is_finished(), ..FrameStats::default() };
         for region in &of_regions {
             stats.instructions = stats.instructions.or(region.instructions);
             stats.coarsest_pixel = stats.coarsest_pixel.max(region.coarsest_pixel);

@@ -84,17 +84,15 @@ impl Resident {
         Ok(())
     }
 
-    /// From now on bricks are fetched for this scene; whether the table of contents still decides the same about them.
-    pub fn aim(&mut self, scene: &ResolvedScene, options: &RenderOptions) -> bool {
+    /// From now on bricks are fetched for this scene.
+    pub fn aim(&mut self, scene: &ResolvedScene, options: &RenderOptions) {
         let geometry = InUnits::of(self.streamer.container()).geometry;
         self.streamer.set_order(BrickOrder::front_to_back(&scene.camera, &geometry));
         let aim = Aim::new(scene, options);
-        let is_same = self.aimed.classifies_as(&aim);
-        if !is_same {
+        if !self.aimed.classifies_as(&aim) {
             self.streamer.set_classifier(classifier_for(self.streamer.container(), scene, options));
         }
         self.aimed = aim;
-        is_same
     }
 
     /// Looks at the coarsest level, whatever it takes to read it, if nobody has yet: that is the first thing a sketch needs.

@@ -94,10 +94,9 @@ fn stage(
     let began = Instant::now();
     let Begun { pixel, is_paused_when_due, before } = begun;
     let (seen, options) = (with_pixels(scene, pixel), options_for(resident.container(), options, pixel));
-    let keeps_answers = resident.aim(&seen, &options);
-    let (scene_of_stage, plan) = (&seen, resident.plan());
-    let picture =
-        GpuPicture { scene: scene_of_stage, options: &options, plan, stop, keeps_answers, is_paused_when_due, before };
+    resident.aim(&seen, &options);
+    let plan = resident.plan();
+    let picture = GpuPicture { scene: &seen, options: &options, plan, stop, is_paused_when_due, before };
     let (image, mut stats) = backend.draw(resident.streamer(), &picture, &GpuDevice::open)?;
     if pixel > 1 {
         stats.converged = false;

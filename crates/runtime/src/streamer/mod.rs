@@ -114,6 +114,8 @@ pub struct Streamer {
     container: Arc<Container>,
     map: ValueMap,
     classifier: Classifier,
+    /// Classifiers before this one.
+    answers: u64,
     order: BrickOrder,
     plan: HostPlan,
     states: StateTable,
@@ -185,6 +187,7 @@ impl Streamer {
         Self {
             map,
             classifier,
+            answers: 0,
             order,
             plan,
             states: StateTable::new(levels),
@@ -253,10 +256,17 @@ impl Streamer {
     /// The transfer function, the mode or the iso values changed; or the camera, where levels are chosen by brick.
     pub fn set_classifier(&mut self, classifier: Classifier) {
         self.classifier = classifier;
+        self.answers += 1;
         self.classified_pages.clear();
         self.states.reclassify();
         // What is in the cache is not asked for again: whether it may be drawn is decided here.
         self.stand_ins = self.cache.keys().filter(|&key| self.is_too_coarse(key)).map(|key| (key, ())).collect();
+    }
+
+    /// Changes whenever the table of contents may decide something else about bricks.
+    #[must_use]
+    pub fn answers(&self) -> u64 {
+        self.answers
     }
 
     /// Whether the table of contents says that the brick must not be drawn while its children can be.

@@ -36,6 +36,7 @@ use crate::gpu::layout::{
 };
 use crate::gpu::light_table::LightTable;
 use crate::gpu::memory::{MemoryPlan, MemoryRequest, SLOT_LIMIT};
+use crate::gpu::ray_parts::RayParts;
 use crate::gpu::rays::{RayGrid, ViewLines};
 use crate::gpu::scene_tables::{self, Exactness, FeedbackPlaces};
 use crate::gpu::slots::{SlotIndex, Slots};
@@ -120,6 +121,7 @@ pub struct GpuRenderer {
     cache: GpuCache,
     caster: Caster,
     picture: Picture,
+    parts: PartsInProgress,
     /// Slots whose bricks came since the last pass: what of them shows is not known yet.
     unclassified: Vec<SlotIndex>,
     stats: GpuStats,
@@ -139,6 +141,20 @@ struct Picture {
     refine: Vec<bool>,
     /// Entries that are drawn from their parents.
     failed: Vec<u32>,
+    /// What solids leave of its rays, where there are any.
+    parts: Option<RayParts>,
+}
+
+/// How far the rays of a band have come, of which solids leave several parts.
+#[derive(Default)]
+struct PartsInProgress {
+    first_row: u32,
+    /// Rays that have a part at all.
+    rays: u64,
+    /// The part that is cast.
+    number: usize,
+    /// Places of the rays that have another part behind it.
+    more: Vec<u32>,
 }
 
 impl Picture {
@@ -157,6 +173,12 @@ impl Picture {
             refine: bricks_to_refine(volume.pyramid, &lod),
             lod,
             failed: Vec::new(),
+            parts: RayParts::new(
+                &scene.camera,
+                volume.geometry,
+                volume.pyramid.level_at(Lod::FINEST).dims,
+                &scene.clip,
+            ),
         }
     }
 
@@ -202,6 +224,7 @@ impl GpuRenderer {
             caster: Caster::new(device, &cache, &capacity)?,
             cache,
             picture,
+            parts: PartsInProgress::default(),
             unclassified: Vec::new(),
             stats: GpuStats {
                 adapter: device.name(),
@@ -271,6 +294,7 @@ impl GpuRenderer {
             Mode::Minip => f32::MAX,
             _ => 0.0,
         };
+        view.in_parts = u32::from(self.picture.parts.is_some());
         self.caster.set_scene(&self.cache, &Scene { config, tables, view }, tf, light)
     }
 
@@ -300,7 +324,24 @@ impl GpuRenderer {
 
     /// Begins the rays of these rows, numbered from the top; no more than [`Self::band_rows`].
     pub fn begin(&mut self, rows: Range<u32>) {
+        let first_row = rows.start;
         self.caster.begin(rows);
+        if let Some(parts) = &self.picture.parts {
+            let turn = parts.first(self.caster.grid(), first_row);
+            self.caster.begin_parts(&turn.parts);
+            self.parts = PartsInProgress { first_row, rays: turn.parts.len() as u64, number: 0, more: turn.more };
+        }
+    }
+
+    /// Sets the rays on their way through their next part: whether any ray has one.
+    fn begin_next_part(&mut self) -> bool {
+        let places = std::mem::take(&mut self.parts.more);
+        let Some(parts) = self.picture.parts.as_ref().filter(|_| !places.is_empty()) else { return false };
+        self.parts.number += 1;
+        let turn = parts.turn(self.caster.grid(), self.parts.first_row, &places, self.parts.number);
+        self.caster.begin_parts(&turn.parts);
+        self.parts.more = turn.more;
+        true
     }
 
     fn first_coarse_entry(&self) -> u32 {
@@ -402,9 +443,17 @@ impl GpuRenderer {
             self.caster.classify(&self.cache, &self.unclassified);
             self.unclassified.clear();
         }
-        let raw = self.caster.cast_pass(stop)?;
+        let mut raw = self.caster.cast_pass(stop)?;
+        while raw.is_finished() && self.begin_next_part() {
+            raw = raw.followed_by(self.caster.cast_pass(stop)?);
+        }
+        let is_finished = raw.is_finished();
         let mut feedback = raw.feedback;
         feedback.is_stopped = raw.is_stopped;
+        if self.picture.parts.is_some() {
+            // A ray is finished when its last part is, and all rays go through their last parts at the end.
+            feedback.counters.rays_finished = if is_finished { std::mem::take(&mut self.parts.rays) } else { 0 };
+        }
         self.slots.end_pass(raw.uses.iter().copied());
         feedback.uses = raw.uses.iter().filter_map(|&slot| self.slots.key(slot)).collect();
         feedback.misses = raw

@@ -16,7 +16,7 @@ use crate::counters::milliseconds;
 use crate::gpu::cache::GpuCache;
 use crate::gpu::device::{GpuDevice, GpuError};
 use crate::gpu::feedback::{MISS_LIMIT, PassFeedback, buffer_words, read_misses, read_uses, read_words};
-use crate::gpu::layout::{Dispatch, FLAG_LIGHT, GpuCounters, GpuPoint, RayState, Scene, View, WORKGROUP_RAYS};
+use crate::gpu::layout::{Dispatch, FLAG_LIGHT, GpuCounters, GpuPoint, RayPart, RayState, Scene, View, WORKGROUP_RAYS};
 use crate::gpu::light_table::{LightTable, TEXELS};
 use crate::gpu::pipelines::{Pipeline, Pipelines, SceneBindings, Variant};
 use crate::gpu::rays::{RayGrid, TILE};
@@ -58,6 +58,9 @@ const SOFTWARE_WORK_LIMIT: u32 = 1 << 8;
 const SOFTWARE_LIGHT_WORK_LIMIT: u32 = 1 << 11;
 /// Runs that are submitted before the first of them is waited for: while one is cast, the next is there.
 const RUNS_IN_FLIGHT: usize = 2;
+/// Parts of rays that are handed over at once.
+const PARTS_AT_ONCE: usize = 1 << 14;
+const PARTS_BYTES: u64 = (PARTS_AT_ONCE * size_of::<RayPart>()) as u64;
 /// Bytes of the counters of a dispatch.
 const COUNTERS_BYTES: u64 = size_of::<GpuCounters>() as u64;
 /// Rounds of a pass; every round brings every ray at least one cell further.
@@ -114,6 +117,7 @@ impl Capacity {
             + Table::bytes(TEXELS, 4)
             + size_of::<Scene>() as u64
             + RUNS_IN_FLIGHT as u64 * COUNTERS_BYTES
+            + PARTS_BYTES
             + read_back_bytes(self.places)
     }
 }
@@ -135,6 +139,24 @@ pub(super) struct RawFeedback {
     pub(super) is_stopped: bool,
     /// Rays of the last round that have to go on.
     interrupted: u64,
+}
+
+impl RawFeedback {
+    /// Whether no ray has to go on, or waits.
+    pub(super) fn is_finished(&self) -> bool {
+        self.feedback.is_converged() && !self.is_stopped
+    }
+
+    /// With what the next part of the rays says, when nothing was missed in this one.
+    pub(super) fn followed_by(mut self, mut next: Self) -> Self {
+        next.feedback.counters.add(&self.feedback.counters);
+        next.feedback.device.add(&self.feedback.device);
+        next.uses.append(&mut self.uses);
+        next.uses.sort_unstable();
+        next.uses.dedup();
+        next.dispatch_ms_max = next.dispatch_ms_max.max(self.dispatch_ms_max);
+        next
+    }
 }
 
 /// Rays that are cast one run after the other.
@@ -160,6 +182,7 @@ struct Bound {
     scene: wgpu::BindGroup,
     classify: wgpu::BindGroup,
     begin: wgpu::BindGroup,
+    begin_parts: wgpu::BindGroup,
     cast: wgpu::BindGroup,
     gather: wgpu::BindGroup,
 }
@@ -175,6 +198,7 @@ pub(super) struct Caster {
     light: Table,
     feedback: wgpu::Buffer,
     states: wgpu::Buffer,
+    parts: wgpu::Buffer,
     job: wgpu::Buffer,
     /// Counters of the runs in flight, one after the other, and which is next.
     counters: Vec<wgpu::Buffer>,
@@ -199,6 +223,7 @@ impl Caster {
         let light = Table::new(gpu, "the transfer function's light", TEXELS, 4)?;
         let feedback = gpu.buffer("feedback", 4 * buffer_words(slots, capacity.entries), storage)?;
         let states = gpu.buffer("ray states", capacity.places * size_of::<RayState>() as u64, storage)?;
+        let parts = gpu.buffer("parts of rays", PARTS_BYTES, storage)?;
         let job = gpu.buffer("a dispatch", size_of::<Dispatch>() as u64, uniform)?;
         let counters = (0..RUNS_IN_FLIGHT).map(|_| gpu.read_buffer("counters", COUNTERS_BYTES));
         let counters = counters.collect::<Result<_, _>>()?;
@@ -212,6 +237,7 @@ impl Caster {
             light,
             feedback,
             states,
+            parts,
             job,
             counters,
             next_read_back: 0,
@@ -247,6 +273,7 @@ impl Caster {
             scene: pipelines.bind_scene(gpu, &bindings)?,
             classify: pipelines.classify_cells.bind(gpu, &[&cache.slot_list], None)?,
             begin: pipelines.begin_rays.bind(gpu, &[&self.states], None)?,
+            begin_parts: pipelines.begin_parts.bind(gpu, &[&self.states, &self.parts], None)?,
             cast: pipelines.raycast.bind(gpu, &[&self.states], Some(&self.job))?,
             gather: pipelines.gather_misses.bind(gpu, &[], None)?,
             pipelines,
@@ -305,6 +332,21 @@ impl Caster {
         let bound = self.bound();
         self.dispatch(&mut encoder, &bound.pipelines.begin_rays, &bound.begin, groups);
         self.gpu.queue.submit([encoder.finish()]);
+    }
+
+    /// Sets rays of the band on their way through their next part.
+    pub(super) fn begin_parts(&self, parts: &[RayPart]) {
+        for parts in parts.chunks(PARTS_AT_ONCE) {
+            let groups = (parts.len() as u32).div_ceil(WORKGROUP_RAYS);
+            // The last workgroup is filled up with places that there are not.
+            let mut whole = parts.to_vec();
+            whole.resize((groups * WORKGROUP_RAYS) as usize, RayPart { place: u32::MAX, ..RayPart::zeroed() });
+            self.gpu.queue.write_buffer(&self.parts, 0, bytemuck::cast_slice(&whole));
+            let mut encoder = self.encoder();
+            let bound = self.bound();
+            self.dispatch(&mut encoder, &bound.pipelines.begin_parts, &bound.begin_parts, groups);
+            self.gpu.queue.submit([encoder.finish()]);
+        }
     }
 
     /// The rays of the band in progress.
