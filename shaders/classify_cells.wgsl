@@ -8,7 +8,14 @@ fn is_shown(range: vec2<f32>) -> bool {
     if (!has_flag(FLAG_SKIPPING)) {
         return true;
     }
-    return range.x <= range.y && (mode() != MODE_DVR || is_visible(range.x, range.y));
+    if (range.x > range.y || mode() != MODE_DVR) {
+        return range.x <= range.y;
+    }
+    if (has_flag(FLAG_SURFACES) && (has_flag(FLAG_HOLES) || sides_of(range.x) != sides_of(range.y))) {
+        // Where there are holes, none may be leapt over with what is clear: there, a ray forgets on which side it was.
+        return true;
+    }
+    return is_visible(range.x, range.y);
 }
 
 // Most macro cells along an axis of a brick.

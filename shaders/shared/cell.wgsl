@@ -35,25 +35,17 @@ fn gather_cell(slot: Slot, cell: vec3<i32>, chord: Chord, ray: LocalRay, state: 
             return;
         }
     }
-    let least = min(corners.low, corners.high);
-    let greatest = max(corners.low, corners.high);
-    var view: CellView;
-    view.range = vec2<f32>(
-        min(min(least.x, least.y), min(least.z, least.w)),
-        max(max(greatest.x, greatest.y), max(greatest.z, greatest.w)),
-    );
-    if (!is_worth_a_visit(view.range, state) || (mode() == MODE_DVR && !is_visible(view.range.x, view.range.y))) {
-        gather_skipped(view.range, state);
+    let range = range_of_corners(corners);
+    let is_clear = mode() == MODE_DVR && !has_flag(FLAG_SURFACES) && !is_visible(range.x, range.y);
+    if (is_clear || !is_worth_a_visit(range, state)) {
+        gather_skipped(range, state);
         return;
     }
-    view.pivot = corners.low.x;
-    view.cubic = cubic_of_cell(corners.low - view.pivot, corners.high - view.pivot, chord.a, chord.b);
-    view.intervals = monotone_intervals(view.cubic);
-    view.extent = chord.extent;
+    var view = cell_view(corners, range, chord);
     switch mode() {
         case MODE_DVR: {
             view.gradient = chord_gradient(slot, cell, own, chord);
-            gather_light(view, ray, state);
+            gather_between_surfaces(view, ray, state);
         }
         case MODE_ISO: {
             view.gradient = chord_gradient(slot, cell, own, chord);
@@ -70,20 +62,66 @@ fn gather_cell(slot: Slot, cell: vec3<i32>, chord: Chord, ray: LocalRay, state: 
     }
 }
 
-// Mode dvr: the chord in parts, split where its cubic crosses a knot of the transfer function.
-fn gather_light(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
+// (least, greatest) corner.
+fn range_of_corners(corners: Corners) -> vec2<f32> {
+    let least = min(corners.low, corners.high);
+    let greatest = max(corners.low, corners.high);
+    return vec2<f32>(
+        min(min(least.x, least.y), min(least.z, least.w)),
+        max(max(greatest.x, greatest.y), max(greatest.z, greatest.w)),
+    );
+}
+
+// The field along a chord, without its gradient.
+fn cell_view(corners: Corners, range: vec2<f32>, chord: Chord) -> CellView {
+    var view: CellView;
+    view.range = range;
+    view.pivot = corners.low.x;
+    view.cubic = cubic_of_cell(corners.low - view.pivot, corners.high - view.pivot, chord.a, chord.b);
+    view.intervals = monotone_intervals(view.cubic);
+    view.extent = chord.extent;
+    return view;
+}
+
+// Mode dvr: light up to the first surface, the surface, light up to the next one, and so on.
+fn gather_between_surfaces(view: CellView, ray: LocalRay, state: ptr<function, RayState>) {
+    var left = no_crossings();
+    if (has_flag(FLAG_SURFACES)) {
+        if (meets_surfaces(view.range, state)) {
+            left = first_of_crossings(view, state);
+        } else {
+            gather_skipped(view.range, state);
+        }
+    }
+    var begin = 0.0;
+    var goes_on = true;
+    while (goes_on) {
+        let end = min(left.u, 1.0);
+        gather_light(view, begin, end, ray, state);
+        begin = end;
+        goes_on = left.u <= 1.0;
+        if (goes_on) {
+            let iso = scene.tables.isos[left.surface];
+            composite_surface(shaded(view.gradient, left.u, ray, iso.color), iso.alpha, state);
+            next_crossing(view, &left);
+        }
+    }
+}
+
+// A stretch of the chord in parts, split where its cubic crosses a knot of the transfer function.
+fn gather_light(view: CellView, first: f32, last: f32, ray: LocalRay, state: ptr<function, RayState>) {
     let knots = knots_in(view.range.x, view.range.y);
     let count = select(0u, knots.y - knots.x, knots.y - knots.x <= KNOT_LIMIT);
     // One loop and one call, whether the chord is split or not: compilers copy what is called to every place.
     let splits = 3u * count;
-    var begin = 0.0;
+    var begin = first;
     for (var i = 0u; i <= splits; i += 1u) {
         work += 1u;
-        var end = 1.0;
+        var end = last;
         if (i < splits) {
             end = split_at(view, knots, i / count, i % count);
         }
-        if (end > begin && (end < 1.0 || i == splits)) {
+        if (end > begin && (end < last || i == splits)) {
             gather_part(view, begin, end, ray, state);
             begin = end;
         }

@@ -35,7 +35,7 @@ fn sides_of(value: f32) -> u32 {
 
 // Passes a stretch where nothing is present.
 fn gather_absent(state: ptr<function, RayState>) {
-    if (mode() == MODE_ISO) {
+    if (has_flag(FLAG_SURFACES)) {
         // A crossing needs a value on either side of it.
         (*state).present = 0.0;
     }
@@ -45,7 +45,7 @@ fn gather_absent(state: ptr<function, RayState>) {
 fn gather_skipped(range: vec2<f32>, state: ptr<function, RayState>) {
     if (range.x > range.y) {
         gather_absent(state);
-    } else if (mode() == MODE_ISO) {
+    } else if (has_flag(FLAG_SURFACES)) {
         (*state).sides = sides_of(range.x);
         (*state).present = 1.0;
     }
@@ -63,40 +63,49 @@ fn is_worth_a_visit(range: vec2<f32>, state: ptr<function, RayState>) -> bool {
     switch mode() {
         case MODE_MIP: { return !present || range.y > (*state).color.x; }
         case MODE_MINIP: { return !present || range.x < (*state).color.x; }
-        case MODE_ISO: {
-            let below = sides_of(range.x);
-            let open = ~(*state).crossed & all_surfaces();
-            let inside = sides_of(range.y) & ~below;
-            let jumped = select(0u, (*state).sides ^ below, present);
-            return ((inside | jumped) & open) != 0u;
-        }
-        default: { return true; }
+        case MODE_MEAN: { return true; }
+        case MODE_ISO: { return meets_surfaces(range, state); }
+        default: { return !has_flag(FLAG_SURFACES) || is_visible(range.x, range.y) || meets_surfaces(range, state); }
     }
+}
+
+// Whether surfaces lie in a macro cell with this range, or in front of it, where values jump.
+fn meets_surfaces(range: vec2<f32>, state: ptr<function, RayState>) -> bool {
+    let below = sides_of(range.x);
+    let inside = sides_of(range.y) & ~below;
+    let jumped = select(0u, (*state).sides ^ below, (*state).present > 0.0);
+    return ((inside | jumped) & ~(*state).crossed & all_surfaces()) != 0u;
 }
 
 // Adds a stretch of one value, with no gradient.
 fn gather_uniform(value: f32, extent: f32, state: ptr<function, RayState>) {
     switch mode() {
         case MODE_DVR: {
+            if (has_flag(FLAG_SURFACES)) {
+                gather_jumps(sides_of(value), state);
+            }
             let rgba = classify(value);
             samples += 1u;
             let opacity = opacity_of(extinction(rgba.a) * extent);
             composite(vec4<f32>(opacity * rgba.rgb, opacity), state);
         }
-        case MODE_ISO: {
-            let sides = sides_of(value);
-            let jumped = select(0u, (*state).sides ^ sides, (*state).present > 0.0) & ~(*state).crossed;
-            for (var i = 0u; i < config.iso_count; i += 1u) {
-                if ((jumped & (1u << i)) != 0u) {
-                    composite_surface(scene.tables.isos[i].color, scene.tables.isos[i].alpha, state);
-                }
-            }
-            (*state).crossed |= jumped;
-            (*state).sides = sides;
-            (*state).present = 1.0;
-        }
+        case MODE_ISO: { gather_jumps(sides_of(value), state); }
         default: { gather_value(vec2<f32>(value), value, extent, state); }
     }
+}
+
+// Adds the surfaces that values jump across, to these sides.
+fn gather_jumps(sides: u32, state: ptr<function, RayState>) {
+    let jumped = select(0u, (*state).sides ^ sides, (*state).present > 0.0) & ~(*state).crossed;
+    for (var i = 0u; i < config.iso_count; i += 1u) {
+        if ((jumped & (1u << i)) != 0u) {
+            composite_surface(scene.tables.isos[i].color, scene.tables.isos[i].alpha, state);
+        }
+    }
+    // Inside the volume, every crossing counts.
+    (*state).crossed |= select(0u, jumped, mode() == MODE_ISO);
+    (*state).sides = sides;
+    (*state).present = 1.0;
 }
 
 // Modes in which a value counts whatever the length of its chord.

@@ -52,6 +52,8 @@ const FLAG_SKIPPING: u32 = 8u;
 const FLAG_HOLES: u32 = 16u;
 // Flag: antiderivatives of the transfer function are used (light_walk.wgsl): mode dvr, without steps.
 const FLAG_LIGHT: u32 = 32u;
+// Flag: there are iso surfaces, alone or inside the volume.
+const FLAG_SURFACES: u32 = 64u;
 // Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs.
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
@@ -335,9 +337,9 @@ struct RayState {
     end_rest: f32,
     // `STATUS_...`
     status: u32,
-    // Modes mip, minip, mean: world length over which the value was present; mode iso: 1 where `sides` holds.
+    // Modes mip, minip, mean: world length over which the value was present; with surfaces: 1 where `sides` holds.
     present: f32,
-    // Mode iso: one bit for each surface, set where the value was not below the surface's.
+    // One bit for each surface, set where the value was not below the surface's.
     sides: u32,
     // Mode iso: one bit for each surface that was crossed already: only first crossings count.
     crossed: u32,

@@ -162,24 +162,41 @@ struct LightWalk {
     // Along the ray's way through the cell, once it is asked for: what is fetched for one part serves the next.
     gradient: ChordGradient,
     has_gradient: bool,
+    // Where there are surfaces: the field along that way, and what crossings are left on it, once they are asked for.
+    view: CellView,
+    crossings: Crossings,
+    has_crossings: bool,
 }
 
 fn cell_at(ray: LightRay, t: f32) -> vec3<f32> {
     return clamp(floor(ray.origin + t * ray.direction), vec3<f32>(-1.0), vec3<f32>(f32(config.core) - 1.0));
 }
 
+// Whether the ray has begun with a cell.
+fn is_in_cell(walk: ptr<function, LightWalk>) -> bool {
+    return (*walk).at > 0.0 || (*walk).has_crossings;
+}
+
 // Takes the ray out of what shows nothing, to where something near does, or the brick ends.
-fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>) {
+fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) {
     let last = vec3<i32>(macro_edge() - 1);
-    var is_near = (*walk).at > 0.0;
+    var is_near = is_in_cell(walk);
     while (!is_near && (*walk).t < ray.leave) {
         work += 1u;
         let place = (ray.origin + (*walk).t * ray.direction + 0.5) * (1.0 / f32(MACRO_CELL));
         let block = clamp(vec3<i32>(floor(place)), vec3<i32>(0), last);
-        let reach = f32(proximity[macro_place(slot, block)]) - 1.0;
+        let number = macro_place(slot, block);
+        let reach = f32(proximity[number]) - 1.0;
         is_near = reach < 0.0;
+        if (has_flag(FLAG_SURFACES)) {
+            // What is skipped shows nothing; but values may jump where it begins, across a surface.
+            is_near = is_worth_a_visit(macro_ranges[number], state);
+            if (!is_near) {
+                gather_skipped(macro_ranges[number], state);
+            }
+        }
         if (!is_near) {
-            let face = (vec3<f32>(block) + ray.ahead + reach * ray.step) * f32(MACRO_CELL) - 0.5;
+            let face = (vec3<f32>(block) + ray.ahead + max(reach, 0.0) * ray.step) * f32(MACRO_CELL) - 0.5;
             let exit = first_crossing(face * ray.inverse + ray.offset);
             // Rounding must not hold it.
             (*walk).t = min(max(exit, (*walk).t) + ray.margin, ray.leave);
@@ -190,18 +207,23 @@ fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>) {
 }
 
 // Integrates the next part of a cell, and takes it or makes it shorter; behind the last one the next cell begins.
-fn try_part(slot: Slot, local: LocalRay, ray: LightRay, walk: ptr<function, LightWalk>) {
+fn try_part(
+    slot: Slot, local: LocalRay, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) {
     let exits = ((*walk).cell + ray.ahead) * ray.inverse + ray.offset;
     let cell_leave = max(min(first_crossing(exits), ray.leave), (*walk).t);
     let length = cell_leave - (*walk).t;
-    // Nothing shorter than the shortest part is left over.
-    let at = (*walk).at;
-    let is_last = (*walk).next + LEAST_PART >= 1.0 - at;
-    let size = select((*walk).next, 1.0 - at, is_last);
-    let end = select(at + size, 1.0, is_last);
     let entry = ray.origin + (*walk).t * ray.direction - (*walk).cell;
     let way = length * ray.direction;
     let voxels = stored_cell(slot, vec3<i32>((*walk).cell));
+    if (has_flag(FLAG_SURFACES) && !(*walk).has_crossings) {
+        find_crossings(corners_of_stored(voxels), Chord(entry, entry + way, 0.0), walk, state);
+    }
+    // Parts end at surfaces; nothing shorter than the shortest part is left over.
+    let at = (*walk).at;
+    let stop = select(1.0, min((*walk).crossings.u, 1.0), has_flag(FLAG_SURFACES));
+    let is_last = (*walk).next + LEAST_PART >= stop - at;
+    let size = select((*walk).next, stop - at, is_last);
+    let end = select(at + size, stop, is_last);
     let field = light_cell(voxels, entry, entry + way);
     let values = vec3<f32>(
         value_in(field, entry + at * way),
@@ -216,12 +238,7 @@ fn try_part(slot: Slot, local: LocalRay, ray: LightRay, walk: ptr<function, Ligh
     }
     samples += 2u;
     if (has_flag(FLAG_SHADED) && (1.0 - part.transmittance) * (*walk).transmittance > config.least_shaded) {
-        if (!(*walk).has_gradient) {
-            let chord = Chord(entry, entry + way, 0.0);
-            (*walk).gradient = chord_gradient(slot, vec3<i32>((*walk).cell), corners_of_stored(voxels), chord);
-            (*walk).has_gradient = true;
-        }
-        let gradient = (*walk).gradient;
+        let gradient = gradient_of(slot, voxels, entry, way, walk);
         if (gradient.present != 0u) {
             let middle = gradient_at(gradient, at + 0.5 * size, local);
             let gradients = mat3x3<f32>(gradient_at(gradient, at, local), middle, gradient_at(gradient, end, local));
@@ -237,13 +254,57 @@ fn try_part(slot: Slot, local: LocalRay, ray: LightRay, walk: ptr<function, Ligh
         (*walk).transmittance *= part.transmittance;
         (*walk).at = end;
     }
-    if ((*walk).at >= 1.0) {
+    let is_met = has_flag(FLAG_SURFACES) && (*walk).at >= (*walk).crossings.u;
+    if (is_met) {
+        let iso = scene.tables.isos[(*walk).crossings.surface];
+        let color = shaded(gradient_of(slot, voxels, entry, way, walk), (*walk).at, local, iso.color);
+        (*walk).color += (*walk).transmittance * iso.alpha * color;
+        (*walk).transmittance *= 1.0 - iso.alpha;
+        (*walk).next = 1.0;
+        var left = (*walk).crossings;
+        next_crossing((*walk).view, &left);
+        (*walk).crossings = left;
+    }
+    if ((*walk).at >= 1.0 && !is_met) {
         (*walk).cell += select(vec3<f32>(0.0), ray.step, exits <= vec3<f32>(cell_leave));
         (*walk).t = cell_leave;
         (*walk).at = 0.0;
         (*walk).next = 1.0;
         (*walk).has_gradient = false;
+        (*walk).has_crossings = false;
         cells += 1u;
+    }
+}
+
+// The gradient along the ray's way through a cell, fetched when it is first asked for.
+fn gradient_of(
+    slot: Slot, voxels: StoredCell, entry: vec3<f32>, way: vec3<f32>, walk: ptr<function, LightWalk>) -> ChordGradient {
+    if (!(*walk).has_gradient) {
+        let chord = Chord(entry, entry + way, 0.0);
+        (*walk).gradient = chord_gradient(slot, vec3<i32>((*walk).cell), corners_of_stored(voxels), chord);
+        (*walk).has_gradient = true;
+    }
+    return (*walk).gradient;
+}
+
+// Looks for the surfaces that the ray crosses in a cell.
+fn find_crossings(own: Corners, chord: Chord, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) {
+    (*walk).has_crossings = true;
+    (*walk).crossings = no_crossings();
+    var corners = own;
+    if (has_flag(FLAG_HOLES) && has_holes(corners)) {
+        corners = replace_unreached(corners, chord.a, chord.b);
+        if (has_holes(corners)) {
+            gather_absent(state);
+            return;
+        }
+    }
+    let range = range_of_corners(corners);
+    if (meets_surfaces(range, state)) {
+        (*walk).view = cell_view(corners, range, chord);
+        (*walk).crossings = first_of_crossings((*walk).view, state);
+    } else {
+        gather_skipped(range, state);
     }
 }
 
@@ -270,17 +331,17 @@ fn cast_brick_light(slot: Slot, local: LocalRay, leave: f32, state: ptr<function
     walk.next = 1.0;
     var goes_on = walk.t < leave;
     while (goes_on) {
-        leap_on(slot, ray, &walk);
+        leap_on(slot, ray, &walk, state);
         macro_cells += 1u;
         work += ROUND;
         for (var i = 0u; i < ROUND; i += 1u) {
-            try_part(slot, local, ray, &walk);
+            try_part(slot, local, ray, &walk, state);
             goes_on = walk.t < leave && walk.transmittance > config.transmittance_limit;
             if (!goes_on) {
                 break;
             }
         }
-        goes_on = goes_on && (!is_worked_off() || walk.at > 0.0);
+        goes_on = goes_on && (!is_worked_off() || is_in_cell(&walk));
     }
     (*state).t = walk.t;
     (*state).transmittance = walk.transmittance;

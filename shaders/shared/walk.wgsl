@@ -107,14 +107,16 @@ fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RaySta
     for (var i = 0; i < limit; i += 1) {
         work += 1u;
         let place = macro_place(slot, cell);
+        let range = macro_ranges[place];
         let distance = i32(proximity[place]);
+        // What is skipped shows nothing; but values may jump where it begins, across a surface.
+        let is_visited = (distance == 0 || has_flag(FLAG_SURFACES)) && is_worth_a_visit(range, state);
         // Nothing less than the distance away shows anything: the ray leaps out of all of it.
-        let reach = max(distance - 1, 0);
+        let reach = select(max(distance - 1, 0), 0, is_visited);
         let leaves = crossings(vec3<f32>((cell + side + reach * step) * MACRO_CELL) - 0.5, ray.origin, ray.direction);
         let cell_leave = min(first_crossing(leaves), leave);
         if (cell_leave > (*state).t) {
-            let range = macro_ranges[place];
-            if (distance == 0 && is_worth_a_visit(range, state)) {
+            if (is_visited) {
                 macro_cells += 1u;
                 cast_macro_cell(slot, ray, cell * MACRO_CELL, cell_leave, state);
                 if (is_worked_off()) {

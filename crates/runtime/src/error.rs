@@ -39,8 +39,6 @@ pub enum RenderError {
         "sections (mode slice) are drawn by the backends cpu and reference (and auto, which takes cpu then); found gpu"
     )]
     SlicesOnGpu,
-    #[error("surfaces inside the volume (mode dvr with iso) are drawn by --backend cpu or reference only")]
-    SurfacesOnGpu,
     #[error("mode mean shows no place that could be picked: all points of a ray count alike")]
     NoPlace,
     #[error("pixel {},{}: the picture has {} x {} pixels, the first is 0,0", pixel[0], pixel[1], size[0], size[1])]

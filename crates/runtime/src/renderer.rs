@@ -279,9 +279,6 @@ impl Renderer {
         {
             return Err(RenderError::Method { backend, mode: mode_name(scene.mode) });
         }
-        if backend == Backend::Gpu && scene.has_inner_surfaces() {
-            return Err(RenderError::SurfacesOnGpu);
-        }
         if backend == Backend::Gpu && scene.mode == Mode::Slice {
             return Err(RenderError::SlicesOnGpu);
         }
@@ -331,7 +328,8 @@ impl Renderer {
         }
         let container = volume.container();
         let device = match drawer {
-            Drawer::Gpu { backend, .. } if is_drawn_by_devices(scene) => Some(&mut **backend),
+            // A sheet of sections alone has no volume between them.
+            Drawer::Gpu { backend, .. } if scene.mode != Mode::Slice => Some(&mut **backend),
             _ => None,
         };
         pool.install(|| {
@@ -352,10 +350,8 @@ impl Renderer {
     fn draw_by_engine(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
         let Self { volume, options, pool, drawer, has_deadline, resident, work, .. } = self;
         let container = volume.container();
-        // What devices keep stays for the next picture.
-        let is_by_device = matches!(drawer, Drawer::Gpu { .. }) && is_drawn_by_devices(scene);
         let caster_bytes = match drawer {
-            Drawer::Gpu { .. } if is_by_device => CasterBytes::ON_DEVICE,
+            Drawer::Gpu { .. } => CasterBytes::ON_DEVICE,
             _ => options.ray_caster().bytes(container.pyramid().layout().core()),
         };
         pool.install(|| {
@@ -365,13 +361,6 @@ impl Renderer {
                 return Ok(());
             }
             let resident = fitting(resident, container, (scene, options), caster_bytes, *has_deadline)?;
-            if !is_by_device && options.caster.is_default() {
-                if !matches!(work, Work::InSteps(_)) {
-                    *work = Work::InSteps(Box::new(Drawing::new(scene.clone())));
-                }
-                let Work::InSteps(drawing) = work else { unreachable!("it has just been made so") };
-                return drawing.advance(resident, options, stop);
-            }
             if let Drawer::Gpu { backend, .. } = drawer {
                 let best = match std::mem::replace(work, Work::Nothing) {
                     Work::InStages(best) if best.stats.converged => {
@@ -383,6 +372,13 @@ impl Renderer {
                 };
                 *work = Work::InStages(Box::new(stages::draw(backend, resident, scene, options, stop, best)?));
                 return Ok(());
+            }
+            if options.caster.is_default() {
+                if !matches!(work, Work::InSteps(_)) {
+                    *work = Work::InSteps(Box::new(Drawing::new(scene.clone())));
+                }
+                let Work::InSteps(drawing) = work else { unreachable!("it has just been made so") };
+                return drawing.advance(resident, options, stop);
             }
             if matches!(work, Work::AtOnce(_, stats) if stats.converged) {
                 return Ok(());
@@ -475,9 +471,7 @@ impl Renderer {
         }
         if let Drawer::Gpu { backend, .. } = &self.drawer {
             if stats.backend == "cpu" {
-                let has_surfaces = self.scene.as_ref().is_some_and(ResolvedScene::has_inner_surfaces);
-                let what = if has_surfaces { "surfaces inside the volume" } else { "sections (mode slice)" };
-                stats.no_gpu_because = Some(format!("{what} are drawn by the processor"));
+                stats.no_gpu_because = Some("sections (mode slice) are drawn by the processor".to_owned());
             } else {
                 stats.adapter_is_software = backend.is_software();
             }
@@ -563,9 +557,4 @@ pub fn render_with_maps(
     let pictures = renderer.into_pictures();
     let (picture, maps) = pictures.expect("nobody cancels, and with or without a deadline there is a picture");
     Ok((picture, maps, stats))
-}
-
-/// Whether a device draws the volume of this scene: with no surfaces inside, and not only its sections.
-fn is_drawn_by_devices(scene: &ResolvedScene) -> bool {
-    !scene.has_inner_surfaces() && scene.mode != Mode::Slice
 }

@@ -8,12 +8,13 @@
 )]
 
 mod containers;
+mod gpu_support;
 mod support;
 
 use containers::{container_bytes, open};
 use supervol_format::random::Random;
 use supervol_format::{Lod, VoxelType};
-use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions};
+use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::Skipping;
@@ -174,23 +175,28 @@ fn smooth() -> Volume {
 const SURFACES: &str = r#", "iso": [{"value": 0.6, "color": [0.9, 0.5, 0.3], "alpha": 0.4}, {"value": 0.8, "color": [0.3, 0.7, 0.9], "alpha": 0.9}]"#;
 
 fn smooth_json(rest: &str) -> String {
-    let tf = points(1.0, &[(0.2, [0.1, 0.2, 0.9], 0.0), (1.0, [0.9, 0.8, 0.1], 0.1)]);
+    smooth_json_with(&[(0.2, [0.1, 0.2, 0.9], 0.0), (1.0, [0.9, 0.8, 0.1], 0.1)], rest)
+}
+
+fn smooth_json_with(transfer_function: &[(f64, [f64; 3], f64)], rest: &str) -> String {
+    let tf = points(1.0, transfer_function);
     format!(
         r#"{{"camera": {{"eye": [80, -50, 50], "target": [18, 16, 14], "up": [0, 0, 1], "fov_y": 32}}, "mode": "dvr",
             "image": {{"width": 32, "height": 26}}, "transfer_function": {tf}{SURFACES}{rest}}}"#
     )
 }
 
+const CLIPS: [&str; 3] = [
+    r#", "clip": {"box": [[3.5, 2, 4], [30, 28.25, 22]], "planes": [{"normal": [1, 0.3, -0.2], "offset": 11}]}"#,
+    r#", "clip": {"solids": [{"keep": "outside", "sphere": {"center": [22, 10, 18], "radius": 9}}]}"#,
+    r#", "slices": [{"normal": [0, 1, 0.2], "offset": 14.3, "opacity": 0.5}]"#,
+];
+
 #[test]
 fn cuts_and_slices_go_with_surfaces() {
     let volume = smooth();
-    let clips = [
-        r#", "clip": {"box": [[3.5, 2, 4], [30, 28.25, 22]], "planes": [{"normal": [1, 0.3, -0.2], "offset": 11}]}"#,
-        r#", "clip": {"solids": [{"keep": "outside", "sphere": {"center": [22, 10, 18], "radius": 9}}]}"#,
-        r#", "slices": [{"normal": [0, 1, 0.2], "offset": 14.3, "opacity": 0.5}]"#,
-    ];
     let container = open(&container_bytes(&volume, 16));
-    for clip in clips {
+    for clip in CLIPS {
         let scene = scene(&volume, &smooth_json(clip));
         let options = options(LevelChoice::Fixed(Lod::FINEST));
         let (found, stats) = render(&container, &scene, &options).expect("a picture");
@@ -230,12 +236,8 @@ fn bricks_caches_and_levels() {
 #[test]
 fn bricks_are_read_for_surfaces_alone() {
     let volume = smooth();
-    let tf = points(1.0, &[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 0.0)]);
-    let json = smooth_json("").replace(r#""mode": "dvr""#, r#""mode": "dvr", "shading": {}"#);
-    let start = json.find(r#""transfer_function""#).expect("it is there");
-    let end = json.find(r#", "iso""#).expect("it is there");
-    let json = format!("{}\"transfer_function\": {tf}{}", &json[..start], &json[end..]);
-    let scene = scene(&volume, &json);
+    let clear = [(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 0.0)];
+    let scene = scene(&volume, &smooth_json_with(&clear, r#", "shading": {}"#));
     let container = open(&container_bytes(&volume, 16));
     let (found, stats) = render(&container, &scene, &options(LevelChoice::Auto)).expect("a picture");
     let (error, count) = judged(&volume, &scene, &found);
@@ -286,14 +288,71 @@ fn the_surface_that_hides_the_rest_is_picked() {
 }
 
 #[test]
-fn limits_and_devices_are_refused_by_name() {
+fn limits_are_refused_by_name() {
     let nine = [r#"{"value": 1, "color": [1, 1, 1]}"#; 9].join(", ");
     let error = Scene::from_json(&format!(r#"{{"mode": "dvr", "iso": [{nine}]}}"#)).unwrap_err().to_string();
     assert!(error.contains("at most 8"), "{error}");
     assert!(Scene::from_json(r#"{"mode": "mip", "iso": [{"value": 1, "color": [1, 1, 1]}]}"#).is_err());
+}
+
+fn on_device(level: LevelChoice) -> RenderOptions {
+    RenderOptions { backend: Backend::Gpu, ..options(level) }
+}
+
+/// The bound in random scenes, noise and holes among them, from outside, inside, whatever the brick.
+#[test]
+fn graphics_devices_draw_random_scenes_as_the_reference_does() {
+    if gpu_support::gpu().is_none() {
+        return;
+    }
+    let mut random = Random::new(SEED);
+    let (mut pixels, mut all) = (0, 0);
+    for index in 0..12 {
+        let (volume, size) = random_volume(&mut random, index);
+        let scene = random_scene(&mut random, &volume, size, "");
+        let container = open(&container_bytes(&volume, 16));
+        let (found, stats) = render(&container, &scene, &on_device(LevelChoice::Fixed(Lod::FINEST))).unwrap();
+        assert!(stats.converged && stats.backend == "gpu", "{stats:?}");
+        let (error, count) = judged(&volume, &scene, &found);
+        eprintln!("scene {index}: {error:.4}/255, {count} of {} pixels judged", found.pixels.len());
+        assert!(error <= BOUND, "seed {SEED}, scene {index}: {error}/255");
+        (pixels, all) = (pixels + count, all + found.pixels.len());
+    }
+    assert!(JUDGED * (all - pixels) < all, "{pixels} of {all} pixels judged");
+}
+
+/// Steps of the transfer function are drawn by another loop than what is continuous; cuts, levels and small caches change nothing.
+#[test]
+fn graphics_devices_meet_surfaces_between_steps_cuts_and_levels() {
+    if gpu_support::gpu().is_none() {
+        return;
+    }
     let volume = smooth();
     let container = open(&container_bytes(&volume, 16));
-    let options = RenderOptions { backend: Backend::Gpu, ..RenderOptions::default() };
-    let refused = render(&container, &scene(&volume, &smooth_json("")), &options);
-    assert!(matches!(refused, Err(RenderError::SurfacesOnGpu)), "{refused:?}");
+    let finest = on_device(LevelChoice::Fixed(Lod::FINEST));
+    let steps = [
+        (0.3, [0.1, 0.2, 0.9], 0.05),
+        (0.55, [0.1, 0.2, 0.9], 0.0),
+        (0.55, [0.9, 0.2, 0.1], 0.2),
+        (1.0, [0.9, 0.8, 0.1], 0.1),
+    ];
+    let clear = [(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 0.0)];
+    let others = [smooth_json(""), smooth_json_with(&steps, ""), smooth_json_with(&clear, "")];
+    for json in CLIPS.map(smooth_json).iter().chain(&others) {
+        let scene = scene(&volume, json);
+        let (found, stats) = render(&container, &scene, &finest).unwrap();
+        assert!(stats.converged && stats.backend == "gpu", "{stats:?}");
+        let (error, count) = judged(&volume, &scene, &found);
+        eprintln!("{json}: {error:.4}/255, {count} pixels judged");
+        assert!(error <= BOUND && count > found.pixels.len() / 2, "{json}: {error}/255, {count} judged");
+    }
+    let scene = scene(&volume, &smooth_json(""));
+    let (coarse, _) = render(&container, &scene, &on_device(LevelChoice::Fixed(Lod(1)))).unwrap();
+    let (off, count) = judged(&volume.coarser([2, 2, 2]), &scene, &coarse);
+    assert!(off <= BOUND && count > coarse.pixels.len() / 2, "level 1: {off}/255, {count} judged");
+    let (wide, _) = render(&container, &scene, &finest).unwrap();
+    let few = RenderOptions { cache_bytes: Some(64 << 10), ..finest.clone() };
+    assert_eq!(render(&container, &scene, &few).unwrap().0, wide, "small cache");
+    let all = RenderOptions { skipping: Skipping::Off, ..finest };
+    assert!(difference(&render(&container, &scene, &all).unwrap().0, &wide) < 0.01, "without skipping");
 }

@@ -592,7 +592,7 @@ pub fn with_render(error: RenderError) -> Failure {
             Failure::Command(message)
         }
         RenderError::NoPlace | RenderError::NoSuchPixel { .. } => Failure::Command(format!("--pick: {message}")),
-        RenderError::SlicesOnGpu | RenderError::SurfacesOnGpu => Failure::Command(format!("--backend: {message}")),
+        RenderError::SlicesOnGpu => Failure::Command(format!("--backend: {message}")),
         RenderError::Container(_) => Failure::Data(message),
         _ => Failure::Machine(message),
     }

@@ -157,6 +157,8 @@ shared_constants! {
     FLAG_HOLES = 16;
     /// Flag: antiderivatives of the transfer function are used (light_walk.wgsl): mode dvr, without steps.
     FLAG_LIGHT = 32;
+    /// Flag: there are iso surfaces, alone or inside the volume.
+    FLAG_SURFACES = 64;
 }
 
 shared_struct! {
@@ -443,9 +445,9 @@ shared_struct! {
         end_rest: f32,
         /// `STATUS_...`
         status: u32,
-        /// Modes mip, minip, mean: world length over which the value was present; mode iso: 1 where `sides` holds.
+        /// Modes mip, minip, mean: world length over which the value was present; with surfaces: 1 where `sides` holds.
         present: f32,
-        /// Mode iso: one bit for each surface, set where the value was not below the surface's.
+        /// One bit for each surface, set where the value was not below the surface's.
         sides: u32,
         /// Mode iso: one bit for each surface that was crossed already: only first crossings count.
         crossed: u32,

@@ -8,8 +8,8 @@ use super::cache::VoxelStorage;
 use super::device::GpuError;
 use super::feedback::{MISS_LIMIT, use_words, wait_words};
 use super::layout::{
-    Config, FLAG_ABSENT, FLAG_FLOAT, FLAG_HOLES, FLAG_LIGHT, FLAG_SHADED, FLAG_SKIPPING, GpuIso, GpuLevel, GpuLight,
-    GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
+    Config, FLAG_ABSENT, FLAG_FLOAT, FLAG_HOLES, FLAG_LIGHT, FLAG_SHADED, FLAG_SKIPPING, FLAG_SURFACES, GpuIso,
+    GpuLevel, GpuLight, GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
 };
 use super::light_table::LightTable;
 use crate::raycast::cpu::{CELL_SHARE, END_SHARE, LEAST_SHADED_SHARE, Skipping, TERMINATION_OPACITY};
@@ -78,6 +78,7 @@ pub fn config(
         (skipping == Skipping::On, FLAG_SKIPPING),
         (has_holes, FLAG_HOLES),
         (scene.mode == Mode::Dvr && light.is_resolved, FLAG_LIGHT),
+        (scene.mode == Mode::Iso || scene.has_inner_surfaces(), FLAG_SURFACES),
     ];
     let mut config = Config {
         world_x: column(world.x_axis),

@@ -40,6 +40,7 @@ const RAY: &[ShaderFile] = &[
     file!("shared/compositing.wgsl"),
     file!("shared/light.wgsl"),
     file!("shared/light_shading.wgsl"),
+    file!("shared/inner_surfaces.wgsl"),
     file!("shared/cell.wgsl"),
     file!("shared/light_walk.wgsl"),
     file!("shared/feedback.wgsl"),

@@ -103,6 +103,7 @@ fn stored_voxels(level: &Volume, pyramid: &Pyramid, key: BrickKey) -> Vec<u8> {
         match level.voxel_type {
             VoxelType::U8 => bytes.push(v as u8),
             VoxelType::U16 => bytes.extend((v as u16).to_le_bytes()),
+            VoxelType::I16 => bytes.extend((v as i16).to_le_bytes()),
             VoxelType::F32 => bytes.extend((v as f32).to_le_bytes()),
             other => panic!("no test writes {other}"),
         }

@@ -163,12 +163,13 @@ impl Picture {
         let max_error = options.max_error.clamp(least, most);
         let shift = volume.value_map.shift;
         let lod = LodRule::new(lod, &scene.camera, volume.geometry);
+        let transfer_function = scene.transfer_function.without_surfaces();
         Self {
             mode: scene.mode,
             subgrid: scene.subgrid,
             size: [scene.camera.width, scene.camera.height],
-            tf: RenderTransferFunction::new(&scene.transfer_function, shift),
-            light: LightTable::new(&scene.transfer_function, shift, FIT_SHARE * max_error),
+            tf: RenderTransferFunction::new(&transfer_function, shift),
+            light: LightTable::new(&transfer_function, shift, FIT_SHARE * max_error),
             exactness: Exactness { skipping: options.skipping, max_error },
             refine: bricks_to_refine(volume.pyramid, &lod),
             lod,
