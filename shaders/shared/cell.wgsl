@@ -144,7 +144,8 @@ fn split_at(view: CellView, knots: vec2<u32>, piece: u32, i: u32) -> f32 {
 // A part of the chord by Gauss pairs, as many as the transfer function's variation asks for.
 fn gather_part(view: CellView, u0: f32, u1: f32, ray: LocalRay, state: ptr<function, RayState>) {
     let tau = depth_between(view, u0, u1);
-    let pairs = max(pairs_between(view, u0, u1, tau), shaded_pairs(view.gradient, u0, u1, ray, tau));
+    let for_half_a_level = f32(max(pairs_between(view, u0, u1, tau), shaded_pairs(view.gradient, u0, u1, ray, tau)));
+    let pairs = u32(clamp(ceil(for_half_a_level * config.pair_share), 1.0, f32(PAIR_LIMIT)));
     let width = (u1 - u0) / f32(pairs);
     work += pairs;
     for (var i = 0u; i < pairs; i += 1u) {

@@ -17,6 +17,9 @@ const SMOOTH: &str = r#""transfer_function": {"unit_distance": 4.0, "points": [
     {"value": 0.35, "color": [0.2, 0.9, 0.3], "alpha": 0.05},
     {"value": 0.7, "color": [0.9, 0.6, 0.1], "alpha": 0.4},
     {"value": 1.0, "color": [1.0, 0.1, 0.1], "alpha": 0.8}]}"#;
+const STEPS: &str = r#""transfer_function": {"unit_distance": 1.0, "points": [
+    {"value": 0.0, "color": [0.2, 0.4, 0.9], "alpha": 0.01}, {"value": 0.5, "color": [0.2, 0.4, 0.9], "alpha": 0.01},
+    {"value": 0.5, "color": [1.0, 0.8, 0.3], "alpha": 0.7}, {"value": 1.0, "color": [1.0, 0.2, 0.1], "alpha": 0.9}]}"#;
 const CAMERA: &str =
     r#""camera": {"eye": [75.0, 55.0, 95.0], "target": [20.0, 20.0, 20.0], "up": [0, 1, 0], "fov_y": 30.0}"#;
 
@@ -222,12 +225,21 @@ fn levels_of_detail_geometry_clipping_and_subgrid() {
 #[test]
 fn the_error_asked_for_steers_the_shader() {
     let Some(gpu) = gpu() else { return };
+    for (name, transfer_function) in [("smooth", SMOOTH), ("steps", STEPS)] {
+        let samples = samples_by_error(&gpu, &scene(CAMERA, "").replace(SMOOTH, transfer_function));
+        println!("{name}: {samples:?}");
+        assert!(samples.is_sorted() && 3 * samples[3] > 4 * samples[0], "{name}: {samples:?}");
+    }
+}
+
+/// Places at which the transfer function was looked up for 16, 2, 0.5 and 0.1 grey levels, each of which is kept.
+fn samples_by_error(gpu: &GpuDevice, scene: &str) -> Vec<u64> {
     let volume = TestVolume::new([37, 35, 33], 16, Geometry::IDENTITY, F32, noise);
-    let scene = volume.scene(&scene(CAMERA, ""));
+    let scene = volume.scene(scene);
     let expected = volume.reference_image(&scene);
     let mut samples = Vec::new();
     let options = GpuOptions { max_error: 16.0 / 255.0, ..GpuOptions::default() };
-    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options).expect("a renderer");
+    let mut renderer = GpuRenderer::new(gpu, &volume.gpu_volume(), &scene, FINEST, options).expect("a renderer");
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
     for levels in [16.0, 2.0, 0.5, 0.1] {
         renderer.set_max_error(levels / 255.0);
@@ -239,7 +251,7 @@ fn the_error_asked_for_steers_the_shader() {
         assert!(error <= levels, "{error} of {levels}");
         samples.push(feedback.counters.samples);
     }
-    assert!(samples.is_sorted() && 3 * samples[3] > 4 * samples[0], "{samples:?}");
+    samples
 }
 
 /// Steps and narrow peaks: where a ray grazes one, an error e of the value moves the crossing by the square root of e.
@@ -247,14 +259,11 @@ fn the_error_asked_for_steers_the_shader() {
 fn steep_transfer_functions() {
     let Some(gpu) = gpu() else { return };
     let volume = ml(16, F32);
-    let step = r#""transfer_function": {"unit_distance": 1.0, "points": [
-        {"value": 0.0, "color": [0.2, 0.4, 0.9], "alpha": 0.01}, {"value": 0.5, "color": [0.2, 0.4, 0.9], "alpha": 0.01},
-        {"value": 0.5, "color": [1.0, 0.8, 0.3], "alpha": 0.7}, {"value": 1.0, "color": [1.0, 0.2, 0.1], "alpha": 0.9}]}"#;
     let peak = r#""transfer_function": {"unit_distance": 1.0, "points": [
         {"value": 0.49, "color": [1.0, 0.7, 0.2], "alpha": 0.0}, {"value": 0.5, "color": [0.2, 0.7, 1.0], "alpha": 0.9},
         {"value": 0.51, "color": [1.0, 0.7, 0.2], "alpha": 0.0}]}"#;
     let far = r#""camera": {"eye": [75000, 55000, 95000], "target": [20, 20, 20], "up": [0, 1, 0], "height": 60}"#;
-    for (name, tf) in [("step", step), ("peak", peak)] {
+    for (name, tf) in [("step", STEPS), ("peak", peak)] {
         for camera in [CAMERA, far] {
             for (mode, rest) in &MODES[..2] {
                 let scene = scene(camera, rest).replace(SMOOTH, tf);

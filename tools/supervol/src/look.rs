@@ -3,10 +3,10 @@
 //! Options change the scene file's scene where there is one, else the default scene. An option that would change nothing
 //! in the mode that is drawn is refused.
 
-pub mod empty;
 mod parse;
 pub mod places;
 mod slices;
+pub mod warnings;
 
 use clap::{Args, ValueEnum};
 use supervol_format::Container;

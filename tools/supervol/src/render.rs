@@ -31,7 +31,7 @@ use supervol_runtime::streamer::loader::READERS;
 use crate::build::SourceArguments;
 use crate::cache::CacheArguments;
 use crate::failure::{Failure, with_container, with_output};
-use crate::look::{LookArguments, empty};
+use crate::look::{LookArguments, warnings};
 use crate::output::{self, Force, PictureFile, RenderOutputs};
 use crate::panels::Panels;
 use crate::pick;
@@ -524,6 +524,7 @@ pub fn picture(
     let (image, maps, mut stats) = render_with_maps(container, &resolved, options).map_err(with_render)?;
     check_any_read(&stats)?;
     write_picture(subject, &resolved, &image, output)?;
+    warn_of_idle_cuts(&resolved, facts)?;
     if let (Some(file), Some(errors)) = (error_map, maps.errors) {
         file.write_map(errors, in_colors)?;
     }
@@ -568,9 +569,21 @@ pub fn write_picture(
 
 /// Says why a picture shows nothing, where it does.
 pub fn warn_of_nothing(image: &Image, resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<(), Failure> {
-    let Some(why) = empty::reason(image, resolved, facts) else { return Ok(()) };
-    writeln!(terminal::stderr(), "supervol: warning: the picture shows nothing but its background: {why}")
-        .map_err(with_output)
+    let Some(why) = warnings::reason(image, resolved, facts) else { return Ok(()) };
+    warn(&format!("the picture shows nothing but its background: {why}"))
+}
+
+/// Says which of its cuts a picture would be the same without.
+fn warn_of_idle_cuts(resolved: &ResolvedScene, facts: &VolumeFacts) -> Result<(), Failure> {
+    warnings::idle_cuts(resolved, facts).iter().try_for_each(|cut| {
+        warn(&format!(
+            "{cut} cuts nothing off that this picture shows; its numbers are world coordinates, as `info` gives them"
+        ))
+    })
+}
+
+fn warn(what: &str) -> Result<(), Failure> {
+    writeln!(terminal::stderr(), "supervol: warning: {what}").map_err(with_output)
 }
 
 /// What a picture that could not be made is to the one who wanted it.

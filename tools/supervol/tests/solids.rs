@@ -22,6 +22,14 @@ impl Folder {
     fn render(&self, code: i32, options: &[&str]) -> String {
         self.expect(code, &[&RENDER[..], &["front"], options].concat())
     }
+
+    /// What is said on standard error of a picture that is cut so.
+    fn said_of(&self, cuts: &[&str]) -> String {
+        let cuts: Vec<&str> = cuts.iter().flat_map(|cut| ["--clip", cut]).collect();
+        let done = self.run(&[&RENDER[..], &["front", "-o", "p.png"], &cuts].concat());
+        assert!(done.status.success(), "{cuts:?}: {done:?}");
+        String::from_utf8_lossy(&done.stderr).into_owned()
+    }
 }
 
 #[test]
@@ -71,12 +79,30 @@ fn what_cannot_be_cut_with_is_refused_with_a_reason() {
     assert!(refused(&["--clip", "mesh:none.ply"]).contains("none.ply"));
     assert!(refused(&["--clip", "ball:1,2,3,4"]).contains("sphere:X,Y,Z,R"));
     assert!(refused(&["--clip", "sphere:1,2,3,-4"]).contains("clip.solids[0].sphere.radius"));
-    let on_device = ["render", "v.svol", "--backend", "gpu", "--clip", "sphere:8,8,8,4", "-o", "p.png"];
-    let on_device = folder.expect(2, &on_device);
-    assert!(on_device.contains("cpu and reference"));
-    let nothing = folder.run(&["render", "v.svol", "--clip", "sphere:900,8,8,4", "-o", "p.png"]);
-    let warning = String::from_utf8_lossy(&nothing.stderr);
-    assert!(warning.contains("clip box, planes and solids leave nothing"), "{warning}");
+    let nothing = folder.said_of(&["sphere:900,8,8,4"]);
+    assert!(nothing.contains("clip box, planes and solids leave nothing"), "{nothing}");
+    assert!(!nothing.contains("cuts nothing off"), "{nothing}");
+}
+
+#[test]
+fn what_is_cut_with_to_no_effect_is_said() {
+    let folder = Folder::with_ramp();
+    std::fs::write(folder.path("hull.obj"), PYRAMID).expect("a temporary folder has room");
+    // Seen from the front, a pixel takes more than half a voxel: a ball of one voxel is still found.
+    for cuts in [&["sphere:8,8,8,4"][..], &["outside-sphere:8,8,8,1", "1,0,0,3", "mesh:hull.obj"]] {
+        let said = folder.said_of(cuts);
+        assert!(!said.contains("warning"), "{cuts:?}: {said}");
+    }
+    let cases: [(&[&str], &[&str]); 3] = [
+        (&["1,0,0,-3"], &["the clip plane cuts nothing off"]),
+        (&["outside-sphere:900,8,8,4", "0,1,0,4"], &["the clip solid cuts nothing off"]),
+        (&["sphere:8,8,8,4", "1,0,0,3", "1,0,0,-9", "sphere:8,8,8,900"], &["clip plane 2 of 2", "clip solid 2 of 2"]),
+    ];
+    for (cuts, idle) in cases {
+        let said = folder.said_of(cuts);
+        assert_eq!(said.matches("cuts nothing off").count(), idle.len(), "{cuts:?}: {said}");
+        assert!(idle.iter().all(|name| said.contains(name)), "{cuts:?}: {said}");
+    }
 }
 
 #[test]

@@ -322,6 +322,14 @@ shared_struct! {
         least_shaded: f32,
         /// Intensity of all lights.
         light_sum: f32,
+        /// Gauss pairs for each that half a grey level would take.
+        pair_share: f32,
+        /// Zero.
+        padding_0: u32,
+        /// Zero.
+        padding_1: u32,
+        /// Zero.
+        padding_2: u32,
         /// The cache textures.
         grids: [SlotGrid; 4],
     }

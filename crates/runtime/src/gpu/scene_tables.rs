@@ -13,6 +13,7 @@ use super::layout::{
 };
 use super::light_table::LightTable;
 use crate::raycast::cpu::{CELL_SHARE, END_SHARE, LEAST_SHADED_SHARE, Skipping, TERMINATION_OPACITY};
+use crate::raycast::scalar::quadrature::PAIR_ERROR;
 use crate::raycast::scalar::shade::Lighting;
 use crate::raycast::volume::ValueMap;
 use crate::scene::{Mode, ResolvedScene};
@@ -110,6 +111,8 @@ pub fn config(
         light_unit: light.unit,
         light_most: light.most,
         cell_error: (CELL_SHARE * max_error) as f32,
+        // The error of a Gauss pair falls with the fourth power of its width.
+        pair_share: (PAIR_ERROR / max_error).sqrt().sqrt() as f32,
         miss_limit: MISS_LIMIT,
         visible_points: tf.points.iter().filter(|p| p.rgba[3] > 0.0).count() as u32,
         use_words: use_words(),

@@ -16,6 +16,8 @@ pub const KNOT_LIMIT: usize = 8;
 pub const PAIR_LIMIT: u32 = 64;
 /// Change of opacity and colour that one Gauss pair may bridge; the error falls with the fourth power of their number.
 pub(crate) const PAIR_VARIATION: f32 = 0.006;
+/// Error of a picture that the numbers of pairs are for.
+pub(crate) const PAIR_ERROR: f64 = 0.5 / 255.0;
 /// More pairs per change: extinction is not linear in opacity, so that steep pieces need more than the fourth root says.
 pub(crate) const PAIRS_PER_VARIATION: f32 = 1.3;
 /// Product of that change and of the optical depth that one Gauss pair may bridge.

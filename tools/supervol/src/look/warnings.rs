@@ -1,7 +1,8 @@
-//! Why a picture shows nothing.
+//! What is worth saying of a picture: why it shows nothing, and what it is cut by to no effect.
 
 use supervol_format::readable::Number;
-use supervol_runtime::clip::{Clip, ToIndex, clip_parts};
+use supervol_runtime::camera::Ray;
+use supervol_runtime::clip::{Clip, IndexRay, ToIndex, clip_parts};
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::scene::{Mode, ResolvedScene};
@@ -9,6 +10,10 @@ use supervol_runtime::units::Units;
 
 /// Rays along each edge of the picture that are tried, to see whether the camera meets anything.
 const PROBES: u32 = 128;
+/// The same, to see whether a cut takes anything away: every ray of most pictures, for what it takes away may be small.
+const CUT_PROBES: u32 = 1024;
+/// Share of what is on a ray that rounding may take away.
+const ROUNDED_SHARE: f64 = 1e-9;
 
 /// Why nothing but the background is to be seen; `None` where something is.
 pub fn reason(image: &Image, scene: &ResolvedScene, facts: &VolumeFacts) -> Option<String> {
@@ -51,15 +56,47 @@ pub fn reason(image: &Image, scene: &ResolvedScene, facts: &VolumeFacts) -> Opti
     })
 }
 
+/// The planes and solids each of which alone cuts nothing off, by name: a sign of a wrong unit or a wrong place.
+pub fn idle_cuts(scene: &ResolvedScene, facts: &VolumeFacts) -> Vec<String> {
+    let placed = &Units::of(facts).facts(facts);
+    let uncut = Clip { planes: Vec::new(), solids: Vec::new(), ..scene.clip.clone() };
+    if !meets(scene, &uncut, placed) {
+        return Vec::new();
+    }
+    let Clip { planes, solids, .. } = &scene.clip;
+    let plane = |n: usize| Clip { planes: vec![planes[n]], ..uncut.clone() };
+    let solid = |n: usize| Clip { solids: vec![solids[n].clone()], ..uncut.clone() };
+    let is_idle = |cut: &Clip| {
+        !any_ray(scene, placed, CUT_PROBES, |ray, index_ray| {
+            let [all, left] = [&uncut, cut].map(|clip| {
+                let parts = clip_parts(ray, index_ray, placed.dims, clip);
+                parts.iter().map(|part| part.t1 - part.t0).sum::<f64>()
+            });
+            left < all * (1.0 - ROUNDED_SHARE)
+        })
+    };
+    let named = |what: &'static str, count: usize, n: usize| match count {
+        1 => format!("the {what}"),
+        _ => format!("{what} {} of {count}", n + 1),
+    };
+    let idle_planes = (0..planes.len()).filter(|n| is_idle(&plane(*n))).map(|n| named("clip plane", planes.len(), n));
+    let idle_solids = (0..solids.len()).filter(|n| is_idle(&solid(*n))).map(|n| named("clip solid", solids.len(), n));
+    idle_planes.chain(idle_solids).collect()
+}
+
 /// Whether any of the rays that are tried has something of the volume on it.
 fn meets(scene: &ResolvedScene, clip: &Clip, facts: &VolumeFacts) -> bool {
-    let camera = &scene.camera;
+    any_ray(scene, facts, PROBES, |ray, index_ray| !clip_parts(ray, index_ray, facts.dims, clip).is_empty())
+}
+
+/// Whether this holds for any ray of the picture, of which so many along each edge are tried.
+fn any_ray(scene: &ResolvedScene, facts: &VolumeFacts, probes: u32, holds: impl Fn(&Ray, &IndexRay) -> bool) -> bool {
     let rays = ToIndex::new(&facts.geometry);
-    let along = |pixels: u32| (0..pixels).step_by(pixels.div_ceil(PROBES).max(1) as usize);
-    along(camera.height).any(|y| {
-        along(camera.width).any(|x| {
-            let ray = camera.ray(x, y);
-            !clip_parts(&ray, &rays.ray(&ray), facts.dims, clip).is_empty()
+    let along = |pixels: u32| (0..pixels).step_by(pixels.div_ceil(probes).max(1) as usize);
+    along(scene.camera.height).any(|y| {
+        along(scene.camera.width).any(|x| {
+            let ray = scene.camera.ray(x, y);
+            holds(&ray, &rays.ray(&ray))
         })
     })
 }
