@@ -314,7 +314,7 @@ impl Arguments {
             ),
         ];
         for (_, message) in unused.iter().filter(|(is_unused, _)| *is_unused) {
-            writeln!(terminal::stderr(), "supervol: warning: {message}").map_err(with_output)?;
+            warn(message)?;
         }
         Ok(())
     }

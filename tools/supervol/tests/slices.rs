@@ -58,6 +58,15 @@ fn oblique_slices_show_the_values_of_their_plane() {
     assert!((filtered[18 * 48 + 24][0] * 20.0 - 101f32.sqrt()).abs() < 0.1, "{:?}", filtered[18 * 48 + 24]);
 }
 
+/// The one thing that graphics devices do not draw, whether there is one or not.
+#[test]
+fn oblique_slices_are_refused_on_graphics_devices() {
+    let folder = Folder::with_ramp();
+    let on_device = ["render", "v.svol", "--backend", "gpu", "--slice", "normal=1,1,0", "-o", "p.png"];
+    let refused = folder.expect(2, &on_device);
+    assert!(refused.contains("--backend") && refused.contains("cpu and reference"), "{refused}");
+}
+
 /// The voxel in the middle of an axis, whatever it is called; of two, the first.
 #[test]
 fn slices_in_the_middle_need_no_number() {

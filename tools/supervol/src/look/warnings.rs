@@ -1,7 +1,8 @@
 //! What is worth saying of a picture: why it shows nothing, and what it is cut by to no effect.
 
+use rayon::prelude::*;
 use supervol_format::readable::Number;
-use supervol_runtime::camera::Ray;
+use supervol_runtime::camera::{Camera, Ray};
 use supervol_runtime::clip::{Clip, IndexRay, ToIndex, clip_parts};
 use supervol_runtime::facts::{DataKind, VolumeFacts};
 use supervol_runtime::image::{GREY_LEVELS, Image};
@@ -66,14 +67,18 @@ pub fn idle_cuts(scene: &ResolvedScene, facts: &VolumeFacts) -> Vec<String> {
     let Clip { planes, solids, .. } = &scene.clip;
     let plane = |n: usize| Clip { planes: vec![planes[n]], ..uncut.clone() };
     let solid = |n: usize| Clip { solids: vec![solids[n].clone()], ..uncut.clone() };
+    let shortens = |cut: &Clip, ray: &Ray, index_ray: &IndexRay| {
+        let [all, left] = [&uncut, cut].map(|clip| {
+            let parts = clip_parts(ray, index_ray, placed.dims, clip);
+            parts.iter().map(|part| part.t1 - part.t0).sum::<f64>()
+        });
+        left < all * (1.0 - ROUNDED_SHARE)
+    };
+    // Few rays find nearly every cut that cuts.
     let is_idle = |cut: &Clip| {
-        !any_ray(scene, placed, CUT_PROBES, |ray, index_ray| {
-            let [all, left] = [&uncut, cut].map(|clip| {
-                let parts = clip_parts(ray, index_ray, placed.dims, clip);
-                parts.iter().map(|part| part.t1 - part.t0).sum::<f64>()
-            });
-            left < all * (1.0 - ROUNDED_SHARE)
-        })
+        ![PROBES, CUT_PROBES]
+            .iter()
+            .any(|probes| any_ray(scene, placed, *probes, |ray, index_ray| shortens(cut, ray, index_ray)))
     };
     let named = |what: &'static str, count: usize, n: usize| match count {
         1 => format!("the {what}"),
@@ -90,11 +95,17 @@ fn meets(scene: &ResolvedScene, clip: &Clip, facts: &VolumeFacts) -> bool {
 }
 
 /// Whether this holds for any ray of the picture, of which so many along each edge are tried.
-fn any_ray(scene: &ResolvedScene, facts: &VolumeFacts, probes: u32, holds: impl Fn(&Ray, &IndexRay) -> bool) -> bool {
+fn any_ray(
+    scene: &ResolvedScene,
+    facts: &VolumeFacts,
+    probes: u32,
+    holds: impl Fn(&Ray, &IndexRay) -> bool + Sync,
+) -> bool {
     let rays = ToIndex::new(&facts.geometry);
-    let along = |pixels: u32| (0..pixels).step_by(pixels.div_ceil(probes).max(1) as usize);
-    along(scene.camera.height).any(|y| {
-        along(scene.camera.width).any(|x| {
+    let step = |pixels: u32| pixels.div_ceil(probes).max(1) as usize;
+    let Camera { width, height, .. } = scene.camera;
+    (0..height).into_par_iter().step_by(step(height)).any(|y| {
+        (0..width).step_by(step(width)).any(|x| {
             let ray = scene.camera.ray(x, y);
             holds(&ray, &rays.ray(&ray))
         })
