@@ -47,6 +47,11 @@ pub(super) struct ArrayShape {
 }
 
 impl ArrayShape {
+    /// Bytes of all elements, of so many bytes each; `None` beyond 64 bits.
+    pub(super) fn whole_bytes(&self, element: usize) -> Option<u64> {
+        self.shape.iter().try_fold(element as u64, |product, n| product.checked_mul(*n))
+    }
+
     /// Bytes of a chunk of elements of so many bytes; `None` beyond the address space.
     pub(super) fn chunk_bytes(&self, element: usize) -> Option<usize> {
         let elements = self.chunk.iter().try_fold(1u64, |product, n| product.checked_mul(*n))?;

@@ -1,25 +1,29 @@
 //! HDF5: a dataset of a file (`FILE.h5:/PATH`), or the only one; also BigDataViewer, Imaris, NetCDF 4 and MINC 2, which are HDF5.
 //!
 //! The last three axes of a dataset are z, y, x; of more axes, those before are `--frame` and `--channel`. Chunks are decoded one by
-//! one (deflate, shuffle, Fletcher, szip, LZ4, LZF, n-bit, scale-offset; others are refused), contiguous datasets are read in runs.
+//! one (deflate, shuffle, Fletcher, szip, LZ4, LZF, n-bit, scale-offset; others are refused); contiguous datasets are read in runs, from
+//! where their headers say that they lie.
 //! Spacings are read where they are written beside the voxels: `element_size_um` (Fiji, ilastik), `resolutions` (BigDataViewer, whose voxel
 //! sizes are in an XML file of its own, which can be opened instead: [`super::viewer_xml`]). Floats of 16 bits are refused: the crate does not tell
 //! halves from others.
 //! Files are read by the crate `hdf5-reader` through positional reads. Links to other files, and data in other files, are not followed.
 
 use std::fmt::Debug;
+use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
 use hdf5_reader::error::Error;
 use hdf5_reader::group::Group;
+use hdf5_reader::messages::HdfMessage;
 use hdf5_reader::messages::filter_pipeline::FilterDescription;
+use hdf5_reader::messages::layout::DataLayout;
 use hdf5_reader::{
-    Dataset, Datatype, FileStorage, FilterRegistry, H5Type, Hdf5File, OpenOptions, SliceInfo, SliceInfoElem,
+    ByteOrder, Dataset, Datatype, FileStorage, FilterRegistry, H5Type, Hdf5File, OpenOptions, SliceInfo, SliceInfoElem,
 };
 use supervol_format::readable::Mib;
 use supervol_format::voxel_type::Voxel;
-use supervol_format::{Dims, VoxelType};
+use supervol_format::{ByteSource, Dims, VoxelType};
 
 use super::chunked::{AXES_LIMIT, ArrayShape, ChunkGrid, ChunkMemory, ChunkedSource, Chunks, widened};
 use super::data_files::open_data;
@@ -57,7 +61,9 @@ pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, S
     options.selection.refuse_series(path)?;
     let source_file = SourceFile::of(path)?;
     let wrong = |e: Error| of_hdf5(path, e);
-    let storage = FileStorage::from_file(open_data(path)?).map_err(wrong)?;
+    let bytes = open_data(path)?;
+    let same_bytes = bytes.try_clone().map_err(|e| SourceError::io(path, e))?;
+    let storage = FileStorage::from_file(same_bytes).map_err(wrong)?;
     let memory = usize::try_from(options.memory_bytes / 4).unwrap_or(usize::MAX);
     let limits = OpenOptions::default()
         .with_chunk_cache_bytes(0)
@@ -69,7 +75,7 @@ pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, S
     let file = Hdf5File::from_storage_with_options(Arc::new(storage), limits).map_err(wrong)?;
     let name = choose(path, &file, options.selection.array.as_deref())?;
     let dataset = file.dataset(&name).map_err(wrong)?;
-    source(path, &file, (&name, dataset), options, source_file)
+    source(path, (&file, bytes), (&name, dataset), options, source_file)
 }
 
 /// The crate's filters and LZF, which decodes to at most so many bytes.
@@ -240,7 +246,7 @@ fn refusal_of_16_bits(path: &Path, name: &str) -> SourceError {
 
 fn source(
     path: &Path,
-    file: &Hdf5File,
+    (file, file_bytes): (&Hdf5File, File),
     (name, dataset): (&str, Dataset),
     options: &FolderOptions<'_>,
     source_file: SourceFile,
@@ -253,7 +259,11 @@ fn source(
         return Err(SourceError::unsupported(path, what, "name another dataset: FILE.h5:/PATH"));
     };
     let stored = number.stored();
-    let array = array_shape(path, &dataset, stored)?;
+    let mut array = array_shape(path, &dataset, stored)?;
+    let contiguous = contiguous_at(file, &dataset, array.whole_bytes(stored.bytes())).map_err(|e| of_hdf5(path, e))?;
+    if contiguous.is_some() {
+        array.endian = byte_order(dataset.dtype());
+    }
     let mut notes = Vec::new();
     let axes = axes_of(file, name, &dataset, &mut notes);
     let placement = place(path, (&array.shape, &axes), options.selection, &mut notes)?;
@@ -277,7 +287,8 @@ fn source(
     });
     info.files = vec![source_file];
     let layout = GridLayout { dims, voxel_type: stored, endian: Endian::Little, fastest_first: GridLayout::X_FASTEST };
-    let chunks = DatasetChunks { path: path.into(), dataset, array: array.clone(), number, bytes };
+    let contiguous = contiguous.map(|first| (file_bytes, first));
+    let chunks = DatasetChunks { path: path.into(), dataset, array: array.clone(), number, bytes, contiguous };
     let grid = ChunkGrid::new(layout, array, placement, Box::new(chunks), memory);
     let elements = Elements::of(path, &grid, number, (Channels::ONE, Frames::ONE), &mut notes)?;
     info.voxel_type = elements.voxel_type;
@@ -310,6 +321,33 @@ fn array_shape(path: &Path, dataset: &Dataset, stored: VoxelType) -> Result<Arra
         return Err(SourceError::invalid(path, "chunks", format!("{rank} sizes above 0"), format!("{chunk:?}")));
     }
     Ok(ArrayShape { stored: (0..rank).collect(), shape, chunk, endian: Endian::Little, fill: [0; 8] })
+}
+
+/// Byte of the file at which the voxels of a dataset begin that lie one after another, in C order and without gaps. `None` where
+/// they do not, or not here, or not so many bytes of them: the crate reads those, or says what is wrong.
+fn contiguous_at(file: &Hdf5File, dataset: &Dataset, wanted: Option<u64>) -> Result<Option<u64>, Error> {
+    let header = file.get_or_parse_header(dataset.address())?;
+    let mut found = None;
+    for message in &header.messages {
+        match message {
+            HdfMessage::ExternalFiles(_) => return Ok(None),
+            HdfMessage::DataLayout(message) => found = Some(&message.layout),
+            _ => (),
+        }
+    }
+    let Some(DataLayout::Contiguous { address, size }) = found else { return Ok(None) };
+    // Addresses of what was never written lie beyond every file.
+    let is_inside = address.checked_add(*size).is_some_and(|end| end <= file.storage().len());
+    let is_whole = is_inside && Some(*size) == wanted;
+    Ok(is_whole.then(|| file.superblock().base_address + address))
+}
+
+fn byte_order(datatype: &Datatype) -> Endian {
+    match base_of(datatype) {
+        Datatype::FixedPoint { byte_order: ByteOrder::BigEndian, .. }
+        | Datatype::FloatingPoint { byte_order: ByteOrder::BigEndian, .. } => Endian::Big,
+        _ => Endian::Little,
+    }
 }
 
 /// The axes of a dataset, with what is written of their spacings.
@@ -372,6 +410,8 @@ struct DatasetChunks {
     number: Number,
     /// Of a decoded chunk.
     bytes: usize,
+    /// The file, and where in it the voxels begin, if they lie one after another.
+    contiguous: Option<(File, u64)>,
 }
 
 impl Debug for DatasetChunks {
@@ -385,8 +425,32 @@ impl Chunks for DatasetChunks {
         let ArrayShape { shape, chunk, .. } = &self.array;
         let starts: Vec<u64> = number.iter().zip(chunk).map(|(n, size)| n * size).collect();
         let ends: Vec<u64> = (0..shape.len()).map(|i| (starts[i] + chunk[i]).min(shape[i])).collect();
+        let element = self.number.stored().bytes();
+        let sizes: Vec<u64> = starts.iter().zip(&ends).map(|(start, end)| end - start).collect();
+        let wanted = sizes.iter().product::<u64>() as usize * element;
+        let data = match &self.contiguous {
+            Some((file, first)) => {
+                // A chunk is a run: the axes behind the one that it has a part of are whole.
+                let at = starts.iter().zip(shape).fold(0, |at, (start, size)| at * size + start) * element as u64;
+                let mut data = vec![0; wanted];
+                file.read_exact_at(first + at, &mut data).map_err(|e| SourceError::io(&self.path, e))?;
+                data
+            }
+            None => self.selected(&starts, &ends)?,
+        };
+        if data.len() != wanted {
+            let found = format!("{} bytes", data.len());
+            return Err(SourceError::invalid(&self.path, "chunk", format!("{wanted} bytes of voxels"), found));
+        }
+        Ok(Some(if sizes == *chunk { data } else { widened(&data, &sizes, chunk, element, self.bytes) }))
+    }
+}
+
+impl DatasetChunks {
+    /// Little-endian bytes of the voxels between two places, by the crate.
+    fn selected(&self, starts: &[u64], ends: &[u64]) -> Result<Vec<u8>, SourceError> {
         let range = |(start, end): (&u64, &u64)| SliceInfoElem::Slice { start: *start, end: *end, step: 1 };
-        let selection = SliceInfo { selections: starts.iter().zip(&ends).map(range).collect() };
+        let selection = SliceInfo { selections: starts.iter().zip(ends).map(range).collect() };
         let data = match self.number {
             Number::Half => return Err(refusal_of_16_bits(&self.path, "dataset")),
             Number::Whole { signed: true } => self.whole::<i64>(&selection, i64::to_le_bytes),
@@ -400,19 +464,9 @@ impl Chunks for DatasetChunks {
             Number::Voxel(VoxelType::F32) => self.voxels::<f32>(&selection),
             Number::Voxel(VoxelType::F64) => self.voxels::<f64>(&selection),
         };
-        let data = data.map_err(|e| of_hdf5(&self.path, e))?;
-        let element = self.number.stored().bytes();
-        let sizes: Vec<u64> = starts.iter().zip(&ends).map(|(start, end)| end - start).collect();
-        let wanted = sizes.iter().product::<u64>() as usize * element;
-        if data.len() != wanted {
-            let found = format!("{} bytes", data.len());
-            return Err(SourceError::invalid(&self.path, "chunk", format!("{wanted} bytes of voxels"), found));
-        }
-        Ok(Some(if sizes == *chunk { data } else { widened(&data, &sizes, chunk, element, self.bytes) }))
+        data.map_err(|e| of_hdf5(&self.path, e))
     }
-}
 
-impl DatasetChunks {
     fn voxels<V: Voxel + H5Type>(&self, selection: &SliceInfo) -> Result<Vec<u8>, Error> {
         if matches!(self.dataset.dtype(), Datatype::Enum { .. }) {
             let (found, _) = self.dataset.read_slice::<Member<V>>(selection)?.into_raw_vec_and_offset();
