@@ -263,7 +263,7 @@ impl Cache {
 #[must_use]
 pub fn advice(source: &Path) -> String {
     format!(
-        "A file that does not say all about itself is built on the command line: supervol build {} -o OUT.svol",
+        "A file that does not say all about itself is opened on the command line: supervol view {} with options (supervol view --help)",
         source.display()
     )
 }

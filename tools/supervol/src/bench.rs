@@ -13,12 +13,13 @@ use supervol_chart::peers::cases::{Looks, Subject};
 use supervol_chart::peers::{self, Options, PeerOptions, Run, SameSampling, Sizes, report, vtk};
 use supervol_chart::{ChartError, Context, Scale, random_scenes};
 use supervol_format::Container;
+use supervol_preprocess::kept::{Reading, is_container};
 use supervol_preprocess::output::unfinished::UnfinishedFolder;
 use supervol_preprocess::{BuildOptions, Existing};
 use supervol_runtime::frame::Backend;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 
-use crate::build::SourceArguments;
+use crate::build::{SourceArguments, open, refuse_for_container};
 use crate::demo::CARP;
 use crate::failure::{Failure, with_container, with_output};
 use crate::output::{Force, ReportFolder};
@@ -308,31 +309,38 @@ impl Arguments {
         if let Some(edge) = self.virtual_edge {
             return Ok(Subject::Virtual(edge));
         }
-        let is_container = |file: &Path| file.extension().is_some_and(|e| e == "svol");
-        if self.source.is_raw() && self.volume.as_deref().is_none_or(is_container) {
-            return Err(Failure::command(
-                "--dims and --dtype say what a raw file does not; expected one with --volume",
-            ));
-        }
-        let Some(file) = &self.volume else { return Ok(Subject::Scenes(self.scene.clone())) };
-        let path = if is_container(file) { file.clone() } else { self.built(file, context.folder)? };
+        let reading = self.source.reading(BuildOptions::default().memory_bytes)?;
+        let Some(file) = &self.volume else {
+            if !reading.is_default() {
+                return Err(Failure::command(
+                    "options for volume files say how --volume is read: expected --volume FILE",
+                ));
+            }
+            return Ok(Subject::Scenes(self.scene.clone()));
+        };
+        let path = if is_container(file) {
+            refuse_for_container(&reading, file)?;
+            file.clone()
+        } else {
+            built(file, &reading, context.folder)?
+        };
         let container = Container::open(&path).map_err(|e| with_container(&path, e))?;
         Ok(Subject::Own { container: path, scene: Box::new(default_scene(&container)) })
     }
+}
 
-    /// A container of a volume file, in this folder.
-    fn built(&self, file: &Path, folder: &Path) -> Result<PathBuf, Failure> {
-        let (source, origin) = self.source.open(file, folder, BuildOptions::default().memory_bytes)?;
-        let name = file.file_stem().map_or("volume".into(), |stem| stem.to_string_lossy());
-        let path = folder.join(format!("{name}.svol"));
-        announce(&format!("building {name}, {}", source.info().dims));
-        let options = BuildOptions { existing: Existing::Replace, ..BuildOptions::default() };
-        let reporter = Reporter::over_bytes(false);
-        let built = supervol_preprocess::build(source.as_ref(), origin, &path, &options, &|p| reporter.show(p));
-        reporter.finish();
-        built?;
-        Ok(path)
-    }
+/// A container of a volume file, in this folder.
+fn built(file: &Path, reading: &Reading, folder: &Path) -> Result<PathBuf, Failure> {
+    let (source, origin) = open(reading, file, folder)?;
+    let name = file.file_stem().map_or("volume".into(), |stem| stem.to_string_lossy());
+    let path = folder.join(format!("{name}.svol"));
+    announce(&format!("building {name}, {}", source.info().dims));
+    let options = BuildOptions { existing: Existing::Replace, ..BuildOptions::default() };
+    let reporter = Reporter::over_bytes(false);
+    let built = supervol_preprocess::build(source.as_ref(), origin, &path, &options, &|p| reporter.show(p));
+    reporter.finish();
+    built?;
+    Ok(path)
 }
 
 /// Appends to the record, if there is one.

@@ -4,10 +4,13 @@ use std::num::NonZero;
 use std::path::PathBuf;
 
 use clap::Args;
+use supervol_preprocess::BuildOptions;
+use supervol_preprocess::kept::is_container;
 use supervol_viewer::folders::Folders;
 use supervol_viewer::worker::Settings;
 use supervol_viewer::{Launch, ViewerError};
 
+use crate::build::{SourceArguments, refuse_for_container};
 use crate::cache::CacheArguments;
 use crate::failure::Failure;
 use crate::{quantity, render};
@@ -34,10 +37,19 @@ pub struct Arguments {
     threads: Option<NonZero<usize>>,
     #[command(flatten)]
     cache: CacheArguments,
+    #[command(flatten)]
+    source: SourceArguments,
 }
 
 /// Runs the command, until the window is closed.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let reading = arguments.source.reading(BuildOptions::default().memory_bytes)?;
+    match &arguments.file {
+        Some(file) if is_container(file) => refuse_for_container(&reading, file)?,
+        Some(_) => (),
+        None if reading.is_default() => (),
+        None => return Err(Failure::command("options for volume files belong to a file: name it, too")),
+    }
     let scene = arguments.scene.as_deref().map(render::read_scene).transpose()?.unwrap_or_default();
     let settings = Settings {
         host_memory_bytes: arguments.host_memory,
@@ -49,6 +61,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let usual = Folders::of_system();
     let cache = arguments.cache.cache.clone().or(usual.cache.clone());
     let folders = Folders { cache, cache_limit_bytes: arguments.cache.limit_bytes(), ..usual };
-    supervol_viewer::run(Launch { file: arguments.file.clone(), scene, settings, folders })
+    supervol_viewer::run(Launch { file: arguments.file.clone(), reading, scene, settings, folders })
         .map_err(|error @ (ViewerError::Window(_) | ViewerError::Graphics(_))| Failure::Machine(error.to_string()))
 }

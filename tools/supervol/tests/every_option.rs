@@ -215,6 +215,122 @@ fn one_channel_or_one_level_of_what_a_file_holds() {
     assert_eq!((&coarse["dims"], &coarse["value_range"][0]), (&serde_json::json!([4, 4, 4]), &98.0.into()));
 }
 
+/// A file that does not say all about itself, and the options that do.
+fn files_that_need_options(folder: &Folder) -> Vec<(&'static str, Vec<&'static str>)> {
+    let words = |text: &'static str| text.split(' ').collect::<Vec<_>>();
+    let elsewhere =
+        Segy { at: [9, 21, 41], offsets: vec![1, 2], format: 0, samples: 0, interval_us: 0, is_little: true };
+    elsewhere.write(&folder.path("a.sgy"));
+    let voxels = |count: usize| (0..count).map(|i| (i / 7) as u8).collect::<Vec<_>>();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path(name), bytes).expect("room");
+    write("a.raw", &voxels(10 + 12 * 10 * 8));
+    std::fs::create_dir(folder.path("in")).expect("room");
+    let header = "ObjectType = Image\nNDims = 4\nDimSize = 8 6 5 3\nElementNumberOfChannels = 2\nElementType = MET_UCHAR\n\
+                  ElementDataFile = ../a.bin\n";
+    write("in/a.mhd", header.as_bytes());
+    write("a.bin", &voxels(8 * 6 * 5 * 3 * 2));
+    vec![
+        (
+            "a.sgy",
+            words(
+                "--il-byte 9 --xl-byte 21 --format 5 --endian little --samples 8 --interval 4 --offset 2 --offset-byte 41 \
+                 --domain depth --unit ft",
+            ),
+        ),
+        (
+            "a.raw",
+            words(
+                "--dims 12,10,8 --dtype u8 --offset 10 --nodata 3 --spacing 1,1,2 --origin 5,6,7 --direction 0,1,0,-1,0,0,0,0,1 \
+                 --unit mm",
+            ),
+        ),
+        ("in/a.mhd", words("--allow-outside --frame 2 --channel 1")),
+    ]
+}
+
+/// What is said of how a file is read means the same to every command that reads one.
+#[test]
+fn every_command_reads_files_alike() {
+    let folder = Folder::new();
+    for (file, options) in files_that_need_options(&folder) {
+        let with = |command: &[&'static str]| [command, &[file], &options[..]].concat();
+        folder.expect(0, &[&with(&["build"])[..], &["-o", "v.svol", "--force"]].concat());
+        let of_container = json(&folder.expect(0, &["info", "v.svol", "--json"]));
+        let of_file = json(&folder.expect(0, &[&with(&["info"])[..], &["--json"]].concat()));
+        for key in ["dims", "dtype", "spacing", "origin", "direction", "axes", "nodata", "left_handed"] {
+            assert!(!of_container[key].is_null() || key == "nodata", "{file}: {key}");
+            assert_eq!(of_file[key], of_container[key], "{file}: {key}");
+        }
+        let equal = folder.expect(0, &with(&["verify", "v.svol", "--memory", "64MiB", "--source"]));
+        assert!(equal.contains("are equal to the source's"), "{file}: {equal}");
+        let written = |command: &[&str], name: &str| {
+            folder.expect(0, &[command, &["-o", name, "--force"]].concat());
+            std::fs::read(folder.path(name)).expect("it was written")
+        };
+        let cache = ["--cache", "kept", "--cache-limit", "1MiB"];
+        let drawn = written(&["histogram", "v.svol"], "h.svg");
+        assert!(written(&[&with(&["histogram"])[..], &cache].concat(), "h.svg") == drawn, "{file}");
+        let size = ["--size", "16x12", "--backend", "cpu"];
+        let drawn = written(&[&["render", "v.svol"][..], &size].concat(), "p.npy");
+        assert!(written(&[&with(&["render"])[..], &cache, &size].concat(), "p.npy") == drawn, "{file}");
+        let measured = folder.expect(0, &[&["bench", "--quick", "--pixels", "20"][..], &with(&["--volume"])].concat());
+        let dims: Vec<_> = of_container["dims"].as_array().expect("three").iter().map(ToString::to_string).collect();
+        assert!(measured.contains(&dims.join(" x ")), "{file}: {measured}");
+    }
+}
+
+/// Nobody believes that something was understood which nothing came of.
+#[test]
+fn options_for_volume_files_belong_to_one() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "ramp", "--dims", "8,8,8", "-o", "v.svol", "--quiet"]);
+    let container = ["v.svol", "--il-byte", "9"];
+    for command in
+        [&["info"][..], &["histogram"], &["render", "-o", "p.npy"], &["view"], &["bench", "--quick", "--volume"]]
+    {
+        let message = folder.expect(2, &[command, &container].concat());
+        assert!(message.contains("a container says all about itself"), "{command:?}: {message}");
+    }
+    let message = folder.expect(2, &["view", "--dims", "8,8,8", "--dtype", "u8"]);
+    assert!(message.contains("name it, too"), "{message}");
+    let message = folder.expect(2, &["bench", "--quick", "--frame", "1"]);
+    assert!(message.contains("expected --volume FILE"), "{message}");
+    let message = folder.expect(2, &["verify", "v.svol", "--series", "3"]);
+    assert!(message.contains("expected --source FILE"), "{message}");
+}
+
+/// Options of commands that make volumes, meshes and demonstrations.
+#[test]
+fn what_is_made_is_made_as_it_is_said() {
+    let folder = Folder::new();
+    let bounded = ["--codec", "wavelet", "--max-error", "2", "--lod-axes", "xy", "--reduce", "max"];
+    let synth = ["synth", "marschner-lobb", "--dims", "40,40,40", "-o", "v.svol", "--brick", "16", "--quiet"];
+    let quiet = folder.run(&[&synth[..], &bounded].concat());
+    assert!(quiet.status.success() && quiet.stdout.is_empty() && quiet.stderr.is_empty(), "{quiet:?}");
+    let info = json(&folder.expect(0, &["info", "v.svol", "--json"]));
+    assert_eq!((&info["parameters"]["reduce"], &info["max_error"]), (&"max".into(), &2.0.into()));
+    assert_eq!(info["levels"][1]["dims"], serde_json::json!([20, 20, 40]));
+    assert!(folder.expect(2, &synth).contains("--force"));
+    folder.expect(0, &[&synth[..], &["--force"]].concat());
+    assert_eq!(json(&folder.expect(0, &["info", "v.svol", "--json"]))["max_error"], 0.0);
+
+    let mesh = |options: &[&str]| {
+        let fixed = ["mesh", "v.svol", "--iso", "128", "-o", "m.ply", "--force", "--quiet", "--memory", "64MiB"];
+        folder.expect(0, &[&fixed[..], options].concat());
+        std::fs::metadata(folder.path("m.ply")).expect("mesh wrote it").len()
+    };
+    let whole = mesh(&[]);
+    let (part, coarse) = (mesh(&["--box", "0:20,:,:"]), mesh(&["--level", "1"]));
+    assert!(part < whole && coarse < whole, "{whole}, {part} and {coarse} bytes");
+
+    let drawn = folder.expect(0, &["histogram", "v.svol", "--kind", "ct"]);
+    assert!(drawn.contains("ct"), "{drawn}");
+    let frames =
+        ["bench", "--quick", "--path", "orbit", "--scene", "vessels", "--max-error", "2/255", "--backend", "cpu"];
+    let memory = ["--cache", "4MiB", "--host-memory", "64MiB", "--quiet"];
+    assert!(folder.expect(0, &[&frames[..], &memory].concat()).contains("| vessels"));
+}
+
 #[test]
 fn how_a_picture_is_made_and_what_it_may_take() {
     let folder = Folder::new();

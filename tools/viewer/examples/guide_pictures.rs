@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use eframe::egui::accesskit::Role;
 use egui_kittest::kittest::{NodeT, Queryable};
 use egui_kittest::{Harness, Node};
+use supervol_preprocess::kept::Reading;
 use supervol_runtime::scene::Scene;
 use supervol_viewer::Launch;
 use supervol_viewer::folders::Folders;
@@ -32,6 +33,7 @@ impl Artist {
     fn new(volume: &Path, folder: &Path, theme: Theme, size: [f32; 2]) -> Result<Self, String> {
         let launch = Launch {
             file: Some(volume.into()),
+            reading: Reading::default(),
             scene: Scene::default(),
             settings: Settings::default(),
             folders: Folders::default(),

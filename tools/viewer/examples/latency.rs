@@ -10,6 +10,7 @@
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use supervol_preprocess::kept::Reading;
 use supervol_runtime::preset::section::{face_on, plane_across};
 use supervol_runtime::process::cpu_time;
 use supervol_runtime::scene::Scene;
@@ -141,7 +142,12 @@ fn run() -> Result<(), String> {
     })
     .map_err(|e| e.to_string())?;
     let mut hand = Hand { worker, rung, number: 0, last: None };
-    hand.worker.open(Open { path: path.into(), exaggeration: 1.0, scene: Scene::default() });
+    hand.worker.open(Open {
+        path: path.into(),
+        reading: Reading::default(),
+        exaggeration: 1.0,
+        scene: Scene::default(),
+    });
     let opened = hand.wait(|news| news.opened)?;
     let mut scene = opened.scene.clone();
     (scene.image.width, scene.image.height) = (width, height);

@@ -35,6 +35,7 @@ use std::path::PathBuf;
 
 use eframe::egui;
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
+use supervol_preprocess::kept::Reading;
 use supervol_runtime::scene::Scene;
 
 use crate::folders::Folders;
@@ -52,6 +53,8 @@ const LEAST_WINDOW: [f32; 2] = [800.0, 500.0];
 pub struct Launch {
     /// Container or source file; `None`: the window asks for one.
     pub file: Option<PathBuf>,
+    /// What this file does not say about itself, where it is no container.
+    pub reading: Reading,
     /// What the scene says; the rest is chosen to suit the data.
     pub scene: Scene,
     /// With what pictures are made.

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use eframe::egui::{self, ColorImage, TextureHandle, TextureOptions};
+use supervol_preprocess::kept::Reading;
 use supervol_runtime::scene::{Mode, Scene};
 use supervol_runtime::stats::FrameStats;
 
@@ -246,20 +247,20 @@ impl Viewer {
         }
         if let Some(file) = &launch.file {
             self.exaggeration = launch.scene.vertical_exaggeration.unwrap_or(1.0);
-            self.open_with(file, launch.scene);
+            self.open_with(file, launch.reading, launch.scene);
         }
     }
 
     /// Opens a file, in the picture that suits it.
     pub fn open(&mut self, path: &Path) {
         self.exaggeration = 1.0;
-        self.open_with(path, Scene::default());
+        self.open_with(path, Reading::default(), Scene::default());
     }
 
-    fn open_with(&mut self, path: &Path, scene: Scene) {
+    fn open_with(&mut self, path: &Path, reading: Reading, scene: Scene) {
         self.message = None;
         if let Some(worker) = &self.worker {
-            worker.open(Open { path: path.into(), exaggeration: self.exaggeration, scene });
+            worker.open(Open { path: path.into(), reading, exaggeration: self.exaggeration, scene });
         }
     }
 
@@ -268,7 +269,7 @@ impl Viewer {
         let Some(opened) = self.opened.clone() else { return };
         self.set_slice(None);
         self.exaggeration = factor;
-        self.open_with(&opened.source, Scene { camera: None, ..self.scene.clone() });
+        self.open_with(&opened.source, opened.reading.clone(), Scene { camera: None, ..self.scene.clone() });
     }
 
     fn receive(&mut self, ctx: &egui::Context) {

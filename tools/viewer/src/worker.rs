@@ -32,6 +32,7 @@ use std::time::Instant;
 use eframe::egui::ColorImage;
 use serde::{Deserialize, Serialize};
 use supervol_format::Container;
+use supervol_preprocess::kept::Reading;
 use supervol_preprocess::preview::Preview;
 use supervol_preprocess::report::Progress as BuildProgress;
 use supervol_preprocess::source::Survey;
@@ -122,10 +123,12 @@ impl Default for Settings {
 }
 
 /// A volume to open.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Open {
     /// Container, or a source file, which is built into the cache folder first.
     pub path: PathBuf,
+    /// What a source file does not say about itself.
+    pub reading: Reading,
     /// How many times as large heights or depths are drawn.
     pub exaggeration: f64,
     /// What the scene says; the rest is chosen to suit the data.
@@ -150,6 +153,8 @@ pub struct Opened {
     pub number: u64,
     /// The file that was asked for.
     pub source: PathBuf,
+    /// What it does not say about itself.
+    pub reading: Reading,
     /// Its container: the same, or one in the cache folder; empty of a preview.
     pub path: PathBuf,
     /// Of a preview, which is shown while the container is built: how far apart its voxels are on each axis, in voxels of the volume.

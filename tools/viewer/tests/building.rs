@@ -6,7 +6,14 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use egui_kittest::kittest::Queryable;
-use supervol_viewer::worker::Message;
+use supervol_format::{Dims, VoxelType};
+use supervol_preprocess::kept::Reading;
+use supervol_preprocess::source::Endian;
+use supervol_preprocess::source::open::OpenOptions;
+use supervol_preprocess::source::raw::RawOptions;
+use supervol_runtime::geometry::Geometry;
+use supervol_runtime::scene::Scene;
+use supervol_viewer::worker::{Message, Settings};
 use support::{Session, npy_of};
 
 /// Voxels along each edge: long enough to build that somebody can press a button meanwhile.
@@ -101,6 +108,38 @@ fn a_window_that_closes_ends_its_build() {
     let left = std::fs::read_dir(folder.path().join("cache/containers")).expect("a folder").flatten();
     let names: Vec<_> = left.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     assert!(names.len() == 2 && names.iter().all(|name| name.ends_with(".partial")), "{names:?}");
+}
+
+#[test]
+fn a_headerless_file_is_read_as_the_command_line_says() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("a.raw");
+    let voxels: Vec<u8> = (0..40 * 30 * 20u32).map(|i| if i % 40 < 20 { 10 } else { 200 }).collect();
+    std::fs::write(&file, voxels).expect("room");
+    let raw = RawOptions {
+        dims: Dims([40, 30, 20]),
+        voxel_type: VoxelType::U8,
+        endian: Endian::Little,
+        header_bytes: 0,
+        geometry: Geometry::IDENTITY,
+        nodata: None,
+    };
+    let reading = Reading { options: OpenOptions { raw: Some(raw), ..OpenOptions::default() }, placing: None };
+    let window = ([1280.0, 800.0], 1.0);
+    let mut session = Session::launched(folder, (file.clone(), reading), Scene::default(), window, Settings::default());
+    session.rest();
+    assert_eq!(session.viewer().opened().expect("open").facts.dims.0, [40, 30, 20]);
+    session.assert_is_as_rendered();
+    // Placed anew it is the same file, read in the same way.
+    session.harness.state_mut().exaggerate(2.0);
+    session.until("it is placed anew", |s| s.viewer().opened().is_some_and(|o| o.exaggeration == 2.0));
+    session.rest();
+    session.assert_is_as_rendered();
+    // Dropped into the window it says nothing about itself.
+    session.harness.state_mut().open(&file);
+    session.until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(_))));
+    let Some(Message::Failure(words)) = session.viewer().message() else { unreachable!("it was one") };
+    assert!(words.contains("--dims") && words.contains("supervol view") && words.contains("a.raw"), "{words}");
 }
 
 /// A volume large enough for a preview: one voxel of four along x, of two along y and z.

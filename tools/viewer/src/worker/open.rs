@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use supervol_format::Container;
-use supervol_preprocess::kept::{Cache, Reading, Told, advice};
+use supervol_preprocess::kept::{Cache, Told, advice};
 use supervol_preprocess::preview::Preview;
 use supervol_preprocess::source::Survey;
 use supervol_preprocess::{BuildError, BuildOptions};
@@ -42,10 +42,11 @@ fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64
     scene.vertical_exaggeration = (wish.exaggeration != 1.0).then_some(wish.exaggeration);
     let is_camera_asked = wish.scene.camera.is_some();
     let survey = Survey::of(container.manifest());
-    let Open { path: source, exaggeration, .. } = wish;
+    let Open { path: source, reading, exaggeration, .. } = wish;
     Arc::new(Opened {
         number,
         source,
+        reading,
         path,
         preview_of,
         container,
@@ -62,7 +63,7 @@ fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64
 /// builds: it begins once the one before it, which somebody has stopped, has ended.
 pub(super) fn begin_build(
     desk: &Arc<Desk>,
-    (source, number): (PathBuf, u64),
+    (wish, number): (Open, u64),
     (settings, canceller): (&Settings, Canceller),
     before: Option<JoinHandle<()>>,
 ) -> std::io::Result<JoinHandle<()>> {
@@ -70,7 +71,7 @@ pub(super) fn begin_build(
     std::thread::Builder::new().name("supervol-build".into()).spawn(move || {
         // What it panicked with is on standard error already.
         let _ = before.map(JoinHandle::join);
-        let build = || built(&desk, (&source, number), &settings, canceller);
+        let build = || built(&desk, (&wish, number), &settings, canceller);
         let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(build)).unwrap_or_else(|_| {
             Err(Message::Failure("a mistake of supervol ended the build; what it said is on standard error".into()))
         });
@@ -95,11 +96,11 @@ fn unbuilt(error: &BuildError, source: &Path) -> Message {
 /// The container of a source file, in the cache folder: the one that is there, or a new one.
 fn built(
     desk: &Desk,
-    (source, number): (&Path, u64),
+    (wish, number): (&Open, u64),
     settings: &Settings,
     canceller: Canceller,
 ) -> Result<PathBuf, Message> {
-    let folders = &desk.folders;
+    let (source, folders) = (wish.path.as_path(), &desk.folders);
     let options = BuildOptions::default();
     let options = BuildOptions { threads: settings.threads.unwrap_or(options.threads), canceller, ..options };
     let last = std::sync::Mutex::new(None::<Instant>);
@@ -116,6 +117,6 @@ fn built(
     };
     let cache = Cache::below(folders.cache.as_deref(), folders.cache_limit_bytes).map(Cache::with_previews);
     cache
-        .and_then(|cache| cache.container_of(source, &Reading::default(), &options, &told))
+        .and_then(|cache| cache.container_of(source, &wish.reading, &options, &told))
         .map_err(|error| unbuilt(&error, source))
 }

@@ -122,9 +122,8 @@ impl Studio {
             let path = wish.path.clone();
             return self.end_opening(open::open(&path, wish, number));
         }
-        let source = (wish.path.clone(), number);
-        self.building = Some((number, wish));
-        match open::begin_build(&self.desk, source, (&self.settings, canceller), self.builder.take()) {
+        self.building = Some((number, wish.clone()));
+        match open::begin_build(&self.desk, (wish, number), (&self.settings, canceller), self.builder.take()) {
             Ok(thread) => self.builder = Some(thread),
             Err(error) => self.end_opening(Err(Message::Failure(format!("no thread can be started: {error}")))),
         }

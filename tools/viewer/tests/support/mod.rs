@@ -12,6 +12,7 @@ use egui_kittest::kittest::{NodeT, Queryable};
 use egui_kittest::{Harness, Node};
 use supervol_format::Dims;
 use supervol_format::container::manifest::Source;
+use supervol_preprocess::kept::Reading;
 use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_preprocess::{BuildOptions, build};
 use supervol_runtime::frame::{Backend, RenderOptions};
@@ -137,11 +138,22 @@ impl Session {
 
     fn with(name: &str, edges: [u64; 2], scene: Scene, (size, scale): ([f32; 2], f32), settings: Settings) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
-        let file = Some(container_in_bricks(folder.path(), name, edges));
+        let file = container_in_bricks(folder.path(), name, edges);
+        Self::launched(folder, (file, Reading::default()), scene, (size, scale), settings)
+    }
+
+    /// A file in a folder, read so, seen as a scene says, in a window of this size and scale.
+    pub fn launched(
+        folder: tempfile::TempDir,
+        (file, reading): (PathBuf, Reading),
+        scene: Scene,
+        (size, scale): ([f32; 2], f32),
+        settings: Settings,
+    ) -> Self {
         let [cache, kept] = ["cache", "settings"].map(|below| Some(folder.path().join(below)));
         let folders = Folders { cache, settings: kept, ..Folders::default() };
         let settings = Settings { threads: Some(2), ..settings };
-        let launch = Launch { file, scene, settings, folders };
+        let launch = Launch { file: Some(file), reading, scene, settings, folders };
         let harness = Harness::builder()
             .with_size(size)
             .with_pixels_per_point(scale)
