@@ -49,7 +49,7 @@ const WINDOW: [f32; 2] = [1280.0, 800.0];
 const LEAST_WINDOW: [f32; 2] = [800.0, 500.0];
 
 /// What is shown first.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default)]
 pub struct Launch {
     /// Container or source file; `None`: the window asks for one.
     pub file: Option<PathBuf>,

@@ -489,7 +489,8 @@ impl CpuFrame {
     fn begin_scalar(&self) -> Vec<RayState> {
         let width = self.camera.width;
         let rays = self.rows.clone().into_par_iter().flat_map_iter(|y| (0..width).map(move |x| self.camera.ray(x, y)));
-        rays.map(|ray| RayState::new(self.parts_of(&ray).first().copied())).collect()
+        let parts_of = |ray: Ray| self.parts_of(&ray, &IndexRay::new(&ray, &self.geometry));
+        rays.map(|ray| RayState::new(parts_of(ray).first().copied())).collect()
     }
 
     /// The picture of finished tiles, sub-grid averaged: NaN elsewhere.
@@ -588,18 +589,13 @@ impl CpuFrame {
     }
 
     /// The parts of a ray that are drawn, front to back.
-    pub(crate) fn parts_of(&self, ray: &Ray) -> Vec<Segment> {
-        let index_ray = IndexRay::new(ray, &self.geometry);
-        clip_parts(ray, &index_ray, self.pyramid.level_at(Lod::FINEST).dims, &self.clip)
+    pub(crate) fn parts_of(&self, ray: &Ray, index_ray: &IndexRay) -> Vec<Segment> {
+        clip_parts(ray, index_ray, self.pyramid.level_at(Lod::FINEST).dims, &self.clip)
     }
 
-    /// One of the parts of a ray that are drawn: the first is number 0.
-    pub(crate) fn part_of(&self, ray: &Ray, index_ray: &IndexRay, part: usize) -> Option<Segment> {
-        let dims = self.pyramid.level_at(Lod::FINEST).dims;
-        if self.cuts_rays() {
-            return clip_parts(ray, index_ray, dims, &self.clip).get(part).copied();
-        }
-        clip_ray(ray, index_ray, dims, &self.clip).filter(|_| part == 0)
+    /// A ray through the volume, whatever solids leave of it.
+    pub(crate) fn whole_of(&self, ray: &Ray, index_ray: &IndexRay) -> Option<Segment> {
+        clip_ray(ray, index_ray, self.pyramid.level_at(Lod::FINEST).dims, &self.clip)
     }
 }
 

@@ -21,7 +21,7 @@ use super::levels::{LevelErrors, TileErrors, errors_of};
 use super::lookup::{FewPieces, Lookup, ManyPieces};
 use super::order::{View, push_children, region_of, ways_through};
 use super::packet::{Classifier, ClassifyTask, Host, Precision, Queues, cast};
-use super::parts::{begin_next_part, has_ended, rays_in_picture};
+use super::parts::{PartsAhead, begin_next_part, has_ended, rays_in_picture};
 use super::per_brick::{PerBrick, bytes_kept};
 use super::pixels::{FinishedTile, Tile};
 use super::shade::PacketLighting;
@@ -327,7 +327,8 @@ pub fn bytes_held(core: usize, rule: PacketRule) -> CasterBytes {
         tile_side: TILE_SIDE,
         tile: (size_of::<Tile>() + gathered + size_of::<BlockFeedback>()) as u64,
         // A tile that goes on to wait is there twice for a moment.
-        thread: (size_of::<TileRays>() + size_of::<Queues>() + gathered) as u64 + MAKING * made_of_brick,
+        thread: (size_of::<TileRays>() + PartsAhead::MOST_BYTES + size_of::<Queues>() + gathered) as u64
+            + MAKING * made_of_brick,
         made_of_brick,
         // Each map, and a copy to hand out.
         of_pixel: (u64::from(rule.sums_errors) + u64::from(rule.counts_work)) * 2 * size_of::<[f32; 4]>() as u64,
@@ -419,7 +420,7 @@ fn begin_tile(
         }
         let world_ray = tables.pixel_rays.ray(x, frame.rows.start + y);
         let index_ray = tables.to_index.ray(&world_ray);
-        match frame.part_of(&world_ray, &index_ray, rays.gathered.part) {
+        match rays.ahead.part(frame, (ray, &world_ray, &index_ray), rays.gathered.part) {
             None => feedback.counters.rays_finished += u64::from(!frame.cuts_rays()),
             Some(segment) => {
                 let t0 = waiting.map_or(segment.t0, |gathered| gathered.t[ray]);

@@ -7,7 +7,57 @@
 use super::CpuFrame;
 use super::packets::PacketTables;
 use super::tile::{Gathered, TILE_RAYS, TILE_SIDE, TileRays, place_of};
+use crate::camera::Ray;
+use crate::clip::{IndexRay, Segment};
 use crate::scene::Mode;
+
+/// Most parts of a ray that are found at once: a mesh is searched anew only behind them.
+const AHEAD_LIMIT: usize = 8;
+
+/// The next parts of each ray of a tile: solids are cut with once for several of them.
+#[derive(Debug, Clone, Default)]
+pub(super) struct PartsAhead {
+    /// Number of the first part that each ray has in `parts`, and whether it has none behind these.
+    known: Vec<(usize, bool)>,
+    parts: Vec<Vec<Segment>>,
+}
+
+impl PartsAhead {
+    /// Most bytes that it holds beside itself.
+    pub(super) const MOST_BYTES: usize =
+        TILE_RAYS * (size_of::<(usize, bool)>() + size_of::<Vec<Segment>>() + AHEAD_LIMIT * size_of::<Segment>());
+
+    /// Forgets the rays, not the room for them.
+    pub(super) fn clear(&mut self) {
+        self.known.clear();
+    }
+
+    /// One of the parts of a ray of the tile: the first is number 0.
+    pub(super) fn part(
+        &mut self,
+        frame: &CpuFrame,
+        (ray, world_ray, index_ray): (usize, &Ray, &IndexRay),
+        part: usize,
+    ) -> Option<Segment> {
+        if !frame.cuts_rays() {
+            return frame.whole_of(world_ray, index_ray).filter(|_| part == 0);
+        }
+        if self.known.is_empty() {
+            self.known.resize(TILE_RAYS, (0, false));
+            self.parts.resize(TILE_RAYS, Vec::new());
+            self.parts.iter_mut().for_each(Vec::clear);
+        }
+        let ((first, is_all), parts) = (&mut self.known[ray], &mut self.parts[ray]);
+        let is_known = part >= *first && (part < *first + parts.len() || *is_all);
+        if !is_known {
+            let all = frame.parts_of(world_ray, index_ray);
+            parts.clear();
+            parts.extend(all.iter().skip(part).take(AHEAD_LIMIT));
+            (*first, *is_all) = (part, all.len() <= part + AHEAD_LIMIT);
+        }
+        parts.get(part - *first).copied()
+    }
+}
 
 /// Sets the rays of a tile on their way through the next part; false where some still wait in this one, or none has another.
 pub(super) fn begin_next_part(
@@ -30,7 +80,7 @@ pub(super) fn begin_next_part(
         }
         let world_ray = tables.pixel_rays.ray(x, frame.rows.start + y);
         let index_ray = tables.to_index.ray(&world_ray);
-        if let Some(segment) = frame.part_of(&world_ray, &index_ray, rays.gathered.part) {
+        if let Some(segment) = rays.ahead.part(frame, (ray, &world_ray, &index_ray), rays.gathered.part) {
             // What lies in front of a gap has no side behind it.
             rays.gathered.iso[ray].known = 0;
             rays.set(ray, &index_ray, segment);

@@ -11,6 +11,7 @@ use supervol_format::BrickKey;
 use supervol_format::space::HALF_VOXEL;
 
 use super::levels::LevelErrors;
+use super::parts::PartsAhead;
 use super::walk::Packet;
 use super::work::TileWork;
 use super::{IsoSides, RayState, SurfaceCrossing};
@@ -115,6 +116,8 @@ pub struct TileRays {
     /// Entry into and exit from the present brick.
     entry: PerRay,
     exit: PerRay,
+    /// What solids leave of the rays.
+    pub(super) ahead: PartsAhead,
     /// Rays that meet the present brick.
     hits: [u16; TILE_RAYS],
     hit_count: usize,
@@ -177,6 +180,7 @@ impl TileRays {
             crossings: Vec::new(),
             entry: zero,
             exit: zero,
+            ahead: PartsAhead::default(),
             hits: [0; TILE_RAYS],
             hit_count: 0,
             going: 0,
@@ -188,6 +192,7 @@ impl TileRays {
     /// Takes all rays off.
     pub fn clear(&mut self) {
         self.stop.fill(f64::NEG_INFINITY);
+        self.ahead.clear();
         self.gathered.color = [[0.0; TILE_RAYS]; 3];
         self.gathered.transmittance.fill(1.0);
         self.gathered.error.fill(0.0);

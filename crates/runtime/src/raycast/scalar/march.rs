@@ -21,12 +21,13 @@ pub(crate) fn cast_ray<V: BrickView + ?Sized>(
     feedback: &mut BlockFeedback,
 ) {
     let ray = frame.camera.ray(pixel[0], pixel[1]);
-    let axis_ray = AxisRay::new(&IndexRay::new(&ray, &frame.geometry));
+    let index_ray = IndexRay::new(&ray, &frame.geometry);
+    let axis_ray = AxisRay::new(&index_ray);
     let to_eye = -ray.direction.as_vec3();
     state.waiting = None;
     // The part that the ray is in, and those behind it.
     let present = state.t_end;
-    for segment in frame.parts_of(&ray).into_iter().filter(|part| part.t1 >= present) {
+    for segment in frame.parts_of(&ray, &index_ray).into_iter().filter(|part| part.t1 >= present) {
         if segment.t1 > state.t_end {
             (state.t, state.t_end) = (segment.t0, segment.t1);
             // What lies in front of a gap has no side behind it.
