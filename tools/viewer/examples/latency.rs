@@ -92,6 +92,13 @@ fn quantile(times: &mut [f64], share: f64) -> f64 {
     times[((times.len() - 1) as f64 * share).round() as usize]
 }
 
+/// At once: pictures of large volumes may take minutes to converge.
+#[allow(clippy::print_stdout, reason = "it is what this program is for")]
+fn tell(name: &str, times: &mut [f64]) {
+    let [median, p95] = [0.5, 0.95].map(|share| quantile(times, share));
+    println!("{name}: median {median:.0} ms, 95th percentile {p95:.0} ms, {} steps", times.len());
+}
+
 fn milliseconds(time: Duration) -> f64 {
     time.as_secs_f64() * 1e3
 }
@@ -165,6 +172,7 @@ fn run() -> Result<(), String> {
         dragged.push(hand.wish(&opened, &scene)?);
     }
     println!("dragged: {:.0} ms of processor time a step", milliseconds(cpu_time() - cpu) / DRAG_STEPS as f64);
+    tell("dragged", &mut dragged);
     let mut single = Vec::new();
     let mut converged = Vec::new();
     for _ in 0..SINGLE_STEPS {
@@ -173,18 +181,12 @@ fn run() -> Result<(), String> {
         single.push(hand.wish(&opened, &scene)?);
         converged.push(hand.rest()?);
     }
+    tell("from rest", &mut single);
+    tell("to convergence", &mut converged);
     hand.rest()?;
     let [mut sections, mut finished] = sections(&mut hand, &opened, settings, [width / 2, height / 2])?;
-    for (name, times) in [
-        ("dragged", &mut dragged),
-        ("from rest", &mut single),
-        ("to convergence", &mut converged),
-        ("sections", &mut sections),
-        ("sections to convergence", &mut finished),
-    ] {
-        let [median, p95] = [0.5, 0.95].map(|share| quantile(times, share));
-        println!("{name}: median {median:.0} ms, 95th percentile {p95:.0} ms, {} steps", times.len());
-    }
+    tell("sections", &mut sections);
+    tell("sections to convergence", &mut finished);
     Ok(())
 }
 

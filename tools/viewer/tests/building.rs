@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use egui_kittest::kittest::Queryable;
-use supervol_format::{Dims, VoxelType};
+use supervol_format::{Dims, Geometry, VoxelType};
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::source::Endian;
 use supervol_preprocess::source::open::OpenOptions;
 use supervol_preprocess::source::raw::RawOptions;
-use supervol_runtime::geometry::Geometry;
+
 use supervol_runtime::scene::Scene;
 use supervol_viewer::worker::{Message, Settings};
 use support::{Session, npy_of};
