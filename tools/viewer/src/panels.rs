@@ -98,6 +98,12 @@ fn wide_slider(ui: &mut egui::Ui) {
     ui.spacing_mut().slider_width = (ui.available_width() - BESIDE_SLIDER).max(40.0);
 }
 
+/// What a panel holds, with a bar beside it (not above it) where there is more than fits.
+fn scrolled(ui: &mut egui::Ui, add: impl FnOnce(&mut egui::Ui)) {
+    ui.spacing_mut().scroll = egui::style::ScrollStyle::thin();
+    egui::ScrollArea::vertical().auto_shrink(false).show(ui, add);
+}
+
 /// A heading of a panel.
 fn heading(ui: &mut egui::Ui, text: &str) {
     ui.add_space(6.0);

@@ -13,8 +13,6 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
-use super::clip_slab;
-
 /// Most triangles of a mesh: about 90 bytes each are held.
 pub const TRIANGLE_LIMIT: usize = 1 << 20;
 /// Most triangles of a leaf of the tree.
@@ -130,7 +128,8 @@ impl ClosedMesh {
     }
 
     fn corners(&self, triangle: [u32; 3]) -> [DVec3; 3] {
-        triangle.map(|vertex| self.vertices[vertex as usize])
+        let [a, b, c] = triangle;
+        [self.vertices[a as usize], self.vertices[b as usize], self.vertices[c as usize]]
     }
 
     /// Builds the tree; orders the triangles by its leaves.
@@ -273,6 +272,8 @@ fn goes_through([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3], depth: f64) -> Option
 struct Line {
     origin: DVec3,
     direction: DVec3,
+    /// Of each component of the direction; infinite where the line is parallel to that axis' faces.
+    inverse: DVec3,
     axes: [usize; 3],
     /// What x and y move by for each step along the third axis.
     shear: [f64; 2],
@@ -285,29 +286,49 @@ impl Line {
         let axes = [(z + 1) % 3, (z + 2) % 3, z];
         let along = direction[z];
         let shear = [direction[axes[0]] / along, direction[axes[1]] / along];
-        (along != 0.0 && origin.is_finite()).then_some(Self { origin, direction, axes, shear })
+        (along != 0.0 && origin.is_finite()).then_some(Self {
+            origin,
+            direction,
+            inverse: direction.recip(),
+            axes,
+            shear,
+        })
     }
 
+    /// Whether it meets a box; never falsely no, since boxes are larger than what they hold by more than rounding.
     fn meets(&self, node: &Node) -> bool {
-        let everywhere = (f64::NEG_INFINITY, f64::INFINITY);
-        let clip = |span, a: usize| clip_slab(self.origin[a], self.direction[a], node.low[a], node.high[a], span);
-        (0..3).try_fold(everywhere, clip).is_some()
+        let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
+        for a in 0..3 {
+            let [low, high] = [node.low[a] - self.origin[a], node.high[a] - self.origin[a]];
+            if self.inverse[a].is_infinite() {
+                if low > 0.0 || high < 0.0 {
+                    return false;
+                }
+                continue;
+            }
+            let (s, t) = (low * self.inverse[a], high * self.inverse[a]);
+            (near, far) = (near.max(s.min(t)), far.min(s.max(t)));
+        }
+        near <= far
     }
 
     /// The t at which the line crosses a triangle.
     fn crossing(&self, corners: [DVec3; 3]) -> Option<f64> {
         // The same for a vertex, whatever triangle it is a corner of.
-        let [a, b, c] = corners.map(|corner| {
-            let [x, y, z] = self.axes.map(|axis| corner[axis] - self.origin[axis]);
-            [x - self.shear[0] * z, y - self.shear[1] * z, z / self.direction[self.axes[2]]]
-        });
+        let across = |corner: DVec3| {
+            let from = corner - self.origin;
+            let z = from[self.axes[2]];
+            [from[self.axes[0]] - self.shear[0] * z, from[self.axes[1]] - self.shear[1] * z, z]
+        };
+        let (a, b, c) = (across(corners[0]), across(corners[1]), across(corners[2]));
         let [first, second, third] = [side(b, c), side(c, a), side(a, b)];
         if first != second || second != third {
             return None;
         }
         let weights = [cross(b, c), cross(c, a), cross(a, b)];
         let sum: f64 = weights.iter().sum();
-        let depths = [a[2], b[2], c[2]];
+        let along = self.direction[self.axes[2]];
+        let depths = [a[2] / along, b[2] / along, c[2] / along];
         let mean = depths.iter().sum::<f64>() / 3.0;
         let t: f64 = (0..3).map(|i| weights[i] * depths[i]).sum::<f64>() / sum;
         let [nearest, farthest] =

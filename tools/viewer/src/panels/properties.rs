@@ -55,7 +55,7 @@ const SAMPLES: [u32; 4] = [1, 4, 9, 16];
 /// Shows the panel.
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::Panel::right("properties").default_size(WIDTH).size_range(220.0..=600.0).show(ui, |ui| {
-        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        super::scrolled(ui, |ui| {
             let Some(opened) = viewer.opened.clone() else {
                 ui.weak("Nothing is open.");
                 return;

@@ -12,14 +12,14 @@ use crate::viewer::{Viewer, set_theme};
 use crate::worker::Decorations;
 
 /// Points of the panel across.
-const WIDTH: f32 = 200.0;
+const WIDTH: f32 = 208.0;
 /// Least and greatest vertical exaggeration.
 const EXAGGERATIONS: std::ops::RangeInclusive<f64> = 0.1..=50.0;
 
 /// Shows the panel.
 pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
     egui::Panel::left("tools").default_size(WIDTH).size_range(150.0..=400.0).show(ui, |ui| {
-        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+        super::scrolled(ui, |ui| {
             files(viewer, ui);
             let is_open = viewer.opened.is_some();
             ui.add_enabled_ui(is_open, |ui| {
