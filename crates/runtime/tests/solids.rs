@@ -116,6 +116,28 @@ fn pictures_clipped_by_solids_are_those_of_the_reference() {
     assert_agree(&reference(&volume, &scene), &drawn(&container, &scene), 0, slice);
 }
 
+/// Twelve slices are cut out across the way: more parts of a ray than are found at once.
+#[test]
+fn rays_in_many_parts_are_drawn_whole() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let slab = |i: u32| {
+        let x = 5.0 + 3.0 * f64::from(i);
+        format!(r#"{{"keep": "outside", "box": {{"center": [{x}, 19, 18], "edges": [1.1, 90, 90]}}}}"#)
+    };
+    let slabs: Vec<String> = (0..12).map(slab).collect();
+    let along = r#", "camera": {"eye": [120, 15, 25], "target": [22, 19, 18], "up": [0, 0, 1], "fov_y": 22}"#;
+    for mode in ["", r#", "mode": "mean""#, r#", "mode": "mip""#, ISO] {
+        let more = format!("{along}{mode}");
+        let scene = scene(&volume, &wanted(&slabs.join(","), &more));
+        let exact = reference(&volume, &scene);
+        assert_agree(&exact, &drawn(&container, &scene), 0, mode);
+        // Rays that wait for a brick are waited for in each of their parts.
+        let memory = RenderOptions { host_memory_bytes: 4 << 20, ..options(LevelChoice::Auto) };
+        assert_agree(&exact, &render(&container, &scene, &memory).unwrap().0, 0, mode);
+    }
+}
+
 /// Ray by ray in `f64`, as packets are compared with.
 #[test]
 fn the_scalar_caster_cuts_as_packets_do() {
