@@ -69,7 +69,7 @@ enum Command {
     Render(Box<render::Arguments>),
     /// Look at a volume in a window: turn, cut and colour it, save the scene, export pictures
     #[cfg(feature = "viewer")]
-    View(view::Arguments),
+    View(Box<view::Arguments>),
     /// Measure pictures: cost, distance from the reference, and the same by other programs
     Bench(Box<bench::Arguments>),
     /// Build and render a real and a synthetic volume, to see that everything works

@@ -295,7 +295,7 @@ impl Wishes {
         let open = self.open.take()?;
         let canceller = Canceller::default();
         self.build_canceller = Some(canceller.clone());
-        Some(Work::Open(open, canceller))
+        Some(Work::Open(Box::new(open), canceller))
     }
 
     /// The first section that is wanted.
@@ -352,7 +352,7 @@ impl Desk {
 /// What to do next.
 enum Work {
     Quit,
-    Open(Open, Canceller),
+    Open(Box<Open>, Canceller),
     Preview(u64, Box<Preview>),
     Built(u64, Result<PathBuf, Message>),
     Settings(Settings),

@@ -59,7 +59,7 @@ impl Studio {
     fn run(&mut self, work: Work) {
         match work {
             Work::Quit => return,
-            Work::Open(wish, canceller) => return self.open(wish, canceller),
+            Work::Open(wish, canceller) => return self.open(*wish, canceller),
             Work::Preview(number, preview) => return self.show_preview(number, preview),
             Work::Built(number, built) => return self.end_build(number, built),
             Work::Settings(settings) => self.settings = settings,
