@@ -19,7 +19,7 @@ use supervol_preprocess::{BuildOptions, Existing};
 use supervol_runtime::frame::Backend;
 use supervol_runtime::lod::by_error::ANY_ERROR;
 
-use crate::build::{SourceArguments, open, refuse_for_container};
+use crate::build::{SourceArguments, open, refuse_for_container, refuse_without_file};
 use crate::demo::CARP;
 use crate::failure::{Failure, with_container, with_output};
 use crate::output::{Force, ReportFolder};
@@ -148,6 +148,8 @@ enum ShadingName {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    // Whatever is measured.
+    arguments.reading()?;
     let folder = UnfinishedFolder::create_in(&std::env::temp_dir()).map_err(with_output)?;
     if let Some(output) = &arguments.output {
         // Before anything is measured: a folder that cannot be written costs no time.
@@ -305,25 +307,23 @@ impl Arguments {
         }
     }
 
+    /// How `--volume` is read; refused where nothing is.
+    fn reading(&self) -> Result<Reading, Failure> {
+        let reading = self.source.reading(BuildOptions::default().memory_bytes)?;
+        match &self.volume {
+            Some(file) if is_container(file) => refuse_for_container(&reading, file)?,
+            Some(_) => (),
+            None => refuse_without_file(&reading, "--volume")?,
+        }
+        Ok(reading)
+    }
+
     fn subject(&self, context: &Context<'_>) -> Result<Subject, Failure> {
         if let Some(edge) = self.virtual_edge {
             return Ok(Subject::Virtual(edge));
         }
-        let reading = self.source.reading(BuildOptions::default().memory_bytes)?;
-        let Some(file) = &self.volume else {
-            if !reading.is_default() {
-                return Err(Failure::command(
-                    "options for volume files say how --volume is read: expected --volume FILE",
-                ));
-            }
-            return Ok(Subject::Scenes(self.scene.clone()));
-        };
-        let path = if is_container(file) {
-            refuse_for_container(&reading, file)?;
-            file.clone()
-        } else {
-            built(file, &reading, context.folder)?
-        };
+        let Some(file) = &self.volume else { return Ok(Subject::Scenes(self.scene.clone())) };
+        let path = if is_container(file) { file.clone() } else { built(file, &self.reading()?, context.folder)? };
         let container = Container::open(&path).map_err(|e| with_container(&path, e))?;
         Ok(Subject::Own { container: path, scene: Box::new(default_scene(&container)) })
     }

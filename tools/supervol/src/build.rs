@@ -425,6 +425,15 @@ pub fn refuse_for_container(reading: &Reading, container: &Path) -> Result<(), F
     Err(Failure::Command(format!("{}: {message}", container.display())))
 }
 
+/// Where no file is named by an option that would name one: what is said of how it is read would change nothing.
+pub fn refuse_without_file(reading: &Reading, option: &str) -> Result<(), Failure> {
+    if reading.is_default() {
+        return Ok(());
+    }
+    let message = format!("options for volume files say how {option} is read: expected {option} FILE");
+    Err(Failure::Command(message))
+}
+
 /// Opens a volume file, and says which one it is.
 pub fn open(reading: &Reading, input: &Path, folder: &Path) -> Result<(Box<dyn VolumeSource>, Source), BuildError> {
     let source = reading.open(input, folder)?;

@@ -10,7 +10,7 @@ use supervol_preprocess::BuildError;
 use supervol_preprocess::compare::{Compared, compare};
 use supervol_preprocess::kept::Reading;
 
-use crate::build::SourceArguments;
+use crate::build::{SourceArguments, refuse_without_file};
 use crate::failure::{Failure, with_container, with_output};
 use crate::input::{Input, for_each};
 use crate::progress::Reporter;
@@ -43,9 +43,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Arguments { containers, compare_with, deep: _, memory, source } = arguments;
     let reading = source.reading(*memory)?;
     let Some(input) = compare_with else {
-        if !reading.is_default() {
-            return Err(Failure::command("options for volume files say how --source is read: expected --source FILE"));
-        }
+        refuse_without_file(&reading, "--source")?;
         return for_each(containers, |path| verify(path, *memory).map(drop));
     };
     let [path] = &containers[..] else {

@@ -293,8 +293,12 @@ fn options_for_volume_files_belong_to_one() {
     }
     let message = folder.expect(2, &["view", "--dims", "8,8,8", "--dtype", "u8"]);
     assert!(message.contains("name it, too"), "{message}");
-    let message = folder.expect(2, &["bench", "--quick", "--frame", "1"]);
-    assert!(message.contains("expected --volume FILE"), "{message}");
+    for measured in
+        [&["--quick"][..], &["--path", "orbit", "--virtual", "128"], &["--random-scenes", "1"], &["--leaping"]]
+    {
+        let message = folder.expect(2, &[&["bench"], measured, &["--frame", "1"]].concat());
+        assert!(message.contains("expected --volume FILE"), "{measured:?}: {message}");
+    }
     let message = folder.expect(2, &["verify", "v.svol", "--series", "3"]);
     assert!(message.contains("expected --source FILE"), "{message}");
 }

@@ -11,7 +11,6 @@ use supervol_preprocess::kept::Reading;
 use supervol_preprocess::source::Endian;
 use supervol_preprocess::source::open::OpenOptions;
 use supervol_preprocess::source::raw::RawOptions;
-
 use supervol_runtime::scene::Scene;
 use supervol_viewer::worker::{Message, Settings};
 use support::{Session, npy_of};

@@ -49,14 +49,22 @@ pub(super) struct ArrayShape {
 impl ArrayShape {
     /// Bytes of all elements, of so many bytes each; `None` beyond 64 bits.
     pub(super) fn whole_bytes(&self, element: usize) -> Option<u64> {
-        self.shape.iter().try_fold(element as u64, |product, n| product.checked_mul(*n))
+        checked_product(&self.shape, element)
     }
 
     /// Bytes of a chunk of elements of so many bytes; `None` beyond the address space.
     pub(super) fn chunk_bytes(&self, element: usize) -> Option<usize> {
-        let elements = self.chunk.iter().try_fold(1u64, |product, n| product.checked_mul(*n))?;
-        usize::try_from(elements.checked_mul(element as u64)?).ok().filter(|n| *n <= isize::MAX as usize / 4)
+        usize::try_from(checked_product(&self.chunk, element)?).ok().filter(|n| *n <= isize::MAX as usize / 4)
     }
+}
+
+fn checked_product(sizes: &[u64], element: usize) -> Option<u64> {
+    sizes.iter().try_fold(element as u64, |product, n| product.checked_mul(*n))
+}
+
+/// Number of the element at a place of an array or a block of these sizes, the last axis fastest.
+pub(super) fn number_in_c_order(place: &[u64], sizes: &[u64]) -> u64 {
+    place.iter().zip(sizes).fold(0, |number, (n, size)| number * size + n)
 }
 
 /// Which places of an array are the volume.
@@ -265,7 +273,7 @@ pub(super) fn widened(data: &[u8], sizes: &[u64], chunk: &[u64], element: usize,
     let row = *sizes.last().unwrap_or(&1) as usize * element;
     let mut place = vec![0u64; sizes.len()];
     for run in data.chunks_exact(row.max(1)) {
-        let at = place.iter().zip(chunk).fold(0, |at, (n, size)| at * size + n) as usize * element;
+        let at = number_in_c_order(&place, chunk) as usize * element;
         out[at..at + row].copy_from_slice(run);
         // The next row: the last axis but one runs fastest.
         for axis in (0..sizes.len().saturating_sub(1)).rev() {

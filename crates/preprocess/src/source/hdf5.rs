@@ -25,7 +25,9 @@ use supervol_format::readable::Mib;
 use supervol_format::voxel_type::Voxel;
 use supervol_format::{ByteSource, Dims, VoxelType};
 
-use super::chunked::{AXES_LIMIT, ArrayShape, ChunkGrid, ChunkMemory, ChunkedSource, Chunks, widened};
+use super::chunked::{
+    AXES_LIMIT, ArrayShape, ChunkGrid, ChunkMemory, ChunkedSource, Chunks, number_in_c_order, widened,
+};
 use super::data_files::open_data;
 use super::elements::{Channels, Elements, Frames, Number};
 use super::file::SourceFile;
@@ -431,7 +433,7 @@ impl Chunks for DatasetChunks {
         let data = match &self.contiguous {
             Some((file, first)) => {
                 // A chunk is a run: the axes behind the one that it has a part of are whole.
-                let at = starts.iter().zip(shape).fold(0, |at, (start, size)| at * size + start) * element as u64;
+                let at = number_in_c_order(&starts, shape) * element as u64;
                 let mut data = vec![0; wanted];
                 file.read_exact_at(first + at, &mut data).map_err(|e| SourceError::io(&self.path, e))?;
                 data

@@ -13,6 +13,8 @@ use std::collections::HashMap;
 
 use glam::DVec3;
 
+use super::clip_slab;
+
 /// Most triangles of a mesh: about 90 bytes each are held.
 pub const TRIANGLE_LIMIT: usize = 1 << 20;
 /// Most triangles of a leaf of the tree.
@@ -272,8 +274,6 @@ fn goes_through([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3], depth: f64) -> Option
 struct Line {
     origin: DVec3,
     direction: DVec3,
-    /// Of each component of the direction; infinite where the line is parallel to that axis' faces.
-    inverse: DVec3,
     axes: [usize; 3],
     /// What x and y move by for each step along the third axis.
     shear: [f64; 2],
@@ -286,30 +286,13 @@ impl Line {
         let axes = [(z + 1) % 3, (z + 2) % 3, z];
         let along = direction[z];
         let shear = [direction[axes[0]] / along, direction[axes[1]] / along];
-        (along != 0.0 && origin.is_finite()).then_some(Self {
-            origin,
-            direction,
-            inverse: direction.recip(),
-            axes,
-            shear,
-        })
+        (along != 0.0 && origin.is_finite()).then_some(Self { origin, direction, axes, shear })
     }
 
-    /// Whether it meets a box; never falsely no, since boxes are larger than what they hold by more than rounding.
     fn meets(&self, node: &Node) -> bool {
-        let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
-        for a in 0..3 {
-            let [low, high] = [node.low[a] - self.origin[a], node.high[a] - self.origin[a]];
-            if self.inverse[a].is_infinite() {
-                if low > 0.0 || high < 0.0 {
-                    return false;
-                }
-                continue;
-            }
-            let (s, t) = (low * self.inverse[a], high * self.inverse[a]);
-            (near, far) = (near.max(s.min(t)), far.min(s.max(t)));
-        }
-        near <= far
+        let everywhere = (f64::NEG_INFINITY, f64::INFINITY);
+        let clip = |span, a: usize| clip_slab(self.origin[a], self.direction[a], node.low[a], node.high[a], span);
+        (0..3).try_fold(everywhere, clip).is_some()
     }
 
     /// The t at which the line crosses a triangle.

@@ -14,22 +14,33 @@ use crate::scene::Mode;
 /// Most parts of a ray that are found at once: a mesh is searched anew only behind them.
 const AHEAD_LIMIT: usize = 8;
 
-/// The next parts of each ray of a tile: solids are cut with once for several of them.
+/// The next parts of each ray of a tile, which is in one after the other: solids are cut with once for several of them.
 #[derive(Debug, Clone, Default)]
 pub(super) struct PartsAhead {
-    /// Number of the first part that each ray has in `parts`, and whether it has none behind these.
-    known: Vec<(usize, bool)>,
-    parts: Vec<Vec<Segment>>,
+    /// None before a solid is cut with.
+    rays: Vec<KnownParts>,
+}
+
+/// Parts of a ray that have been found.
+#[derive(Debug, Clone, Default)]
+struct KnownParts {
+    /// Number of the first of them.
+    first: usize,
+    parts: Vec<Segment>,
+    /// Whether there are none behind these.
+    is_all: bool,
 }
 
 impl PartsAhead {
     /// Most bytes that it holds beside itself.
-    pub(super) const MOST_BYTES: usize =
-        TILE_RAYS * (size_of::<(usize, bool)>() + size_of::<Vec<Segment>>() + AHEAD_LIMIT * size_of::<Segment>());
+    pub(super) const MOST_BYTES: usize = TILE_RAYS * (size_of::<KnownParts>() + AHEAD_LIMIT * size_of::<Segment>());
 
     /// Forgets the rays, not the room for them.
     pub(super) fn clear(&mut self) {
-        self.known.clear();
+        for known in &mut self.rays {
+            known.parts.clear();
+            (known.first, known.is_all) = (0, false);
+        }
     }
 
     /// One of the parts of a ray of the tile: the first is number 0.
@@ -42,14 +53,9 @@ impl PartsAhead {
         if !frame.cuts_rays() {
             return frame.whole_of(world_ray, index_ray).filter(|_| part == 0);
         }
-        if self.known.is_empty() {
-            self.known.resize(TILE_RAYS, (0, false));
-            self.parts.resize(TILE_RAYS, Vec::new());
-            self.parts.iter_mut().for_each(Vec::clear);
-        }
-        let ((first, is_all), parts) = (&mut self.known[ray], &mut self.parts[ray]);
-        let is_known = part >= *first && (part < *first + parts.len() || *is_all);
-        if !is_known {
+        self.rays.resize_with(TILE_RAYS, KnownParts::default);
+        let KnownParts { first, parts, is_all } = &mut self.rays[ray];
+        if part >= *first + parts.len() && !*is_all {
             let all = frame.parts_of(world_ray, index_ray);
             parts.clear();
             parts.extend(all.iter().skip(part).take(AHEAD_LIMIT));
