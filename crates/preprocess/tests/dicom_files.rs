@@ -242,6 +242,35 @@ fn jpeg_frames_are_decoded() {
     }
 }
 
+/// JPEG of twelve bits with loss is refused by its name, with what converts it.
+#[test]
+fn jpeg_of_twelve_bits() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/dicom/baseline.dcm");
+    let mut file = std::fs::read(path).unwrap();
+    let frame = file.windows(4).position(|bytes| bytes == [0xff, 0xc0, 0, 11]).unwrap();
+    (file[frame + 1], file[frame + 4]) = (0xc1, 12);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("v.dcm");
+    std::fs::write(&path, file).unwrap();
+    assert_refused(opened(&path).map(|_| ()), &["JPEG with loss of 12 bits", "gdcmconv --raw"]);
+}
+
+/// Colours by JPEG that are said to be red, green and blue are not taken for luma and chroma, nor put in rows of one colour.
+#[test]
+fn colours_by_jpeg() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/dicom/colours-rgb.dcm");
+    for channel in 0..3 {
+        let mut options = OpenOptions::default();
+        options.selection.channel = Some(channel);
+        let source = open(&path, &options).unwrap_or_else(|e| panic!("{e}"));
+        for (x, y) in (0..16).flat_map(|y| (0..24).map(move |x| (x, y))) {
+            let expected = [40 + 5 * x, 50 + 6 * y, 200 - 3 * x - 2 * y][channel as usize];
+            let found = value_at(source.as_ref(), [x, y, 0]);
+            assert!((found - expected as f64).abs() <= 4.0, "{channel} at {x}, {y}: {found}, {expected}");
+        }
+    }
+}
+
 #[test]
 fn slopes_bits_localisers_and_links() {
     // A slope for each slice: values, as f32.

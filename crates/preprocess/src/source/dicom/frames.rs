@@ -8,7 +8,7 @@ use std::fs::File;
 use std::path::Path;
 
 use hayro_jpeg2000::{DecodeSettings, DecoderContext, Image as Jpeg2000};
-use jpeg_decoder::{ColorTransform, PixelFormat};
+use jpeg_decoder::{ColorTransform, PixelFormat, UnsupportedFeature};
 use supervol_format::ByteSource;
 
 use super::super::grid_file::swap_bytes;
@@ -210,11 +210,24 @@ fn unpack_bits(mut packed: &[u8], mut put: impl FnMut(u8) -> bool) {
     }
 }
 
+/// What is wrong with an image by JPEG; where it is only of a kind that is not read, with what converts it.
+fn jpeg_words(error: jpeg_decoder::Error) -> String {
+    let kind = match error {
+        jpeg_decoder::Error::Unsupported(UnsupportedFeature::SamplePrecision(bits)) => {
+            format!("JPEG with loss of {bits} bits")
+        }
+        jpeg_decoder::Error::Unsupported(what) => format!("JPEG of another kind ({what:?})"),
+        other => return other.to_string(),
+    };
+    format!("{kind}, which is not read; decompress the series first, for example with `gdcmconv --raw IN OUT`")
+}
+
 fn jpeg(encoded: &[u8], image: &Image) -> Result<Vec<u8>, String> {
-    let words = |e: jpeg_decoder::Error| e.to_string();
+    let words = jpeg_words;
     let mut decoder = jpeg_decoder::Decoder::new(encoded);
-    if image.photometric == "RGB" {
-        decoder.set_color_transform(ColorTransform::None);
+    // Not `None`, by which the rows of each colour follow one another.
+    if image.photometric == "RGB" && image.samples == 3 {
+        decoder.set_color_transform(ColorTransform::RGB);
     }
     decoder.read_info().map_err(words)?;
     let info = decoder.info().ok_or("no header")?;
