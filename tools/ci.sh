@@ -11,7 +11,8 @@
 #   SOAK_MINUTES (3)       minutes of builds and pictures under random faults
 #   CI_KEEP (unset)        keep the logs in this folder
 #   SUPERVOL_DATA (../shared/data)       real files, for `readers`
-#   SUPERVOL_REQUIRE_READERS (unset)     1: it is a failure where these files or the Python readers cannot be had
+#   CI (unset)             true: it is a failure where these files or the Python readers cannot be had
+#   SUPERVOL_REQUIRE_READERS (by CI)     1 or 0: the same, or not, whatever CI is
 # Steps are called by name through `step`.
 # shellcheck disable=SC2329
 set -euo pipefail
@@ -22,6 +23,7 @@ readonly ALL_STEPS=(format clippy documents tests audit fuzz demo window readers
 readonly MIN_FREE_GB=10
 readonly FUZZ_SECONDS="${FUZZ_SECONDS:-8}"
 readonly FUZZ_SEED=1
+readonly INSTALL_TRIES=3
 readonly SOAK_MINUTES="${SOAK_MINUTES:-3}"
 readonly FUZZ_TARGETS=(container codec_raw codec_rle codec_zstd codec_wavelet codec_trimmed segy nrrd metaimage nifti npy dicom dicom_frames tiff vti vtk zarr zarr3 n5 hdf5 archives slices viewer_xml)
 
@@ -222,31 +224,53 @@ soak() {
     SUPERVOL="$program" tools/soak.sh "$SOAK_MINUTES"
 }
 
-# Says what was not compared; a failure only where that is asked for.
+# Says what was not compared; a failure in CI, or where it is asked for.
 without_readers() {
     say "SKIPPED: $1: no file was held against an independent reader"
-    [ "${SUPERVOL_REQUIRE_READERS:-0}" != 1 ]
+    local is_required=0
+    [ "${CI:-}" != true ] || is_required=1
+    if [ "${SUPERVOL_REQUIRE_READERS:-$is_required}" = 1 ]; then
+        say "ci: this may not be skipped here (CI=${CI:-}, SUPERVOL_REQUIRE_READERS=${SUPERVOL_REQUIRE_READERS:-}): decision 020"
+        return 1
+    fi
+}
+
+# The Python readers, in an environment of their own. An index that hiccups is asked again.
+install_readers() {
+    local python="$readers_home/bin/python" try
+    if [ -e "$readers_home/complete" ] && cmp -s tools/readers.txt "$readers_home/complete"; then
+        return 0
+    fi
+    if ! python3 -c "import ensurepip, venv" 2>/dev/null; then
+        (install "Python environments, for independent readers" python3 python3-venv) || return 1
+    fi
+    for ((try = 1; try <= INSTALL_TRIES; try++)); do
+        rm -rf "$readers_home"
+        if python3 -m venv "$readers_home" &&
+            timeout 600 "$python" -m pip install --quiet --timeout 60 --retries 3 -r tools/readers.txt; then
+            cp tools/readers.txt "$readers_home/complete"
+            return 0
+        fi
+        say "ci: try $try of $INSTALL_TRIES to install the Python readers failed"
+        [ "$try" -eq "$INSTALL_TRIES" ] || sleep $((10 * try))
+    done
+    return 1
 }
 
 # Every real file, and every format that is written, against SimpleITK, VTK, pydicom, tifffile, zarr, nibabel, segyio and h5py, in a
-# virtual environment of their own. The package index need not be there: decision 020.
+# virtual environment of their own.
 readers() {
-    local data="${SUPERVOL_DATA:-../shared/data}" python="$readers_home/bin/python"
+    local data="${SUPERVOL_DATA:-../shared/data}"
     if [ ! -d "$data" ]; then
         without_readers "the data folder $data is not there"
         return
     fi
-    if [ ! -e "$readers_home/complete" ] || ! cmp -s tools/readers.txt "$readers_home/complete"; then
-        rm -rf "$readers_home"
-        if ! python3 -m venv "$readers_home" ||
-            ! timeout 300 "$python" -m pip install --quiet --timeout 20 --retries 1 -r tools/readers.txt; then
-            without_readers "the Python readers of tools/readers.txt cannot be installed"
-            return
-        fi
-        cp tools/readers.txt "$readers_home/complete"
+    if ! install_readers; then
+        without_readers "the Python readers of tools/readers.txt cannot be installed"
+        return
     fi
     built
-    "$python" tools/readers.py "$program" "$data" "$work/readers" docs/formats.md
+    "$readers_home/bin/python" tools/readers.py "$program" "$data" "$work/readers" docs/formats.md
 }
 
 wanted() {
