@@ -157,15 +157,15 @@ const SCREEN: &str = "\
 |---|---|---|
 | SEG-Y (`.sgy`, `.segy`; a folder with one file per line) | revisions 0 to 2, in place; of files that are not stacked one offset (`--offset N`) or the mean (`--offset stack`); `--samples`, `--interval`, `--il-byte`, ... where headers lie | `.sgy`: revision 1 or 2, lines and coordinates of the survey, in centimetres or finer |
 | DICOM (folder, or one file) | one series (`--series N\\|UID`, listed where there are several), sorted by position; many frames in one file; rescale slope and intercept, padding, gantry tilt; uncompressed in place; RLE, JPEG (also lossless), JPEG 2000 | |
-| NIfTI-1, -2 (`.nii`, `.nii.gz`, `.hdr` + `.img`) | all real types, RGB(A); plain in place | `.nii`, `.nii.gz`: the place as sform (single precision; NIfTI-2 where an axis is longer than 32,767) |
+| NIfTI-1, -2 (`.nii`, `.nii.gz`, `.hdr` + `.img`), ANALYZE 7.5 (`.hdr` + `.img`) | all real types, RGB(A); plain in place; of ANALYZE spacings and SPM's scale, no place in the world | `.nii`, `.nii.gz`: the place as sform (single precision; NIfTI-2 where an axis is longer than 32,767) |
 | OME-Zarr 0.1 to 0.5 (and 0.6 as far as it scales and moves), Zarr 2 and 3 | chunk by chunk; any level (`--source-level N`); gzip, zlib, zstd, Blosc, LZ4, shards, transposition; axes, places, units; `FOLDER:/NAME` for an array or image in it; half-precision floats; in a ZIP file, stored or deflated, too (`.zarr.zip`, `.ozx`) | `.zarr`: OME-Zarr 0.4, one level, zstd: spacings, the first voxel's place, units; no directions |
 | N5 | chunk by chunk; any level; gzip, zstd, Blosc, LZ4; spacings of N5-viewer, COSEM, BigDataViewer | |
 | BigDataViewer (`.xml` beside its `.h5` or `.n5`) | a view: setup (`--channel`), time point (`--frame`), level (`--source-level`); voxel sizes, units, the product of its transforms | |
 | HDF5 (`.h5`, also Imaris, NetCDF 4) | `FILE.h5:/NAME`, or the only dataset; chunk by chunk; deflate, shuffle, szip, LZ4, LZF, n-bit, scale-offset; truth values as 0 and 1; `element_size_um` | |
 | NRRD (`.nrrd`, `.nhdr`) | raw in place, gzip, text; data in files of their own | `.nrrd` |
 | MetaImage (`.mha`, `.mhd`) | raw in place, zlib, text; data in files of their own | `.mha`; patients in left-posterior-superior |
-| VTK image (`.vti`, legacy `.vtk`) | raw in place, base64, text, zlib; points or cells; `FILE.vti:/NAME` for another array than the active one | `.vti` |
-| TIFF, BigTIFF, OME-TIFF, ImageJ stacks | strips, tiles, deflate, LZW, PackBits, predictors; numbers of a pixel together or in planes; single bits as 0 and 1, 64-bit integers, half-precision floats; series of OME (`--series N`); plain in place | `.tif`: BigTIFF with OME-XML: spacing, no origin, no directions |
+| VTK image (`.vti`, legacy `.vtk`) | raw in place, base64, text, zlib, LZ4; points or cells; `FILE.vti:/NAME` for another array than the active one | `.vti` |
+| TIFF, BigTIFF, OME-TIFF, ImageJ stacks | strips, tiles, deflate, LZW, PackBits, zstd, predictors, JPEG (8 bits); numbers of a pixel together or in planes; single bits as 0 and 1, 64-bit integers, half-precision floats; series of OME (`--series N`); plain in place | `.tif`: BigTIFF with OME-XML: spacing, no origin, no directions |
 | folder of PNG, JPEG or single-page TIFF | in natural order; say `--spacing` | |
 | NumPy (`.npy`, `.npz`) | in place; compressed archives; half-precision floats; `FILE.npz:/NAME` for one of several arrays | `.npy` |
 | raw | `--dims`, `--dtype`, `--offset`; in place | `.raw` |

@@ -152,8 +152,14 @@ pub fn metaimage(data: &[u8]) {
     in_a_file("fuzz.mha", &bytes, |path, spool| read_some(MetaImageSource::open(path, spool, Outside::Refused)));
 }
 
-/// A NIfTI file, plain.
+/// A NIfTI file, plain; or, by the second bit of the mode, the header of a pair of ANALYZE 7.5.
 pub fn nifti(data: &[u8]) {
+    if data.first().is_some_and(|mode| mode & 2 != 0) {
+        return in_a_file("fuzz.hdr", &whole_file(data, &analyze_seed()), |path, spool| {
+            std::fs::write(path.with_extension("img"), [7; 48]).expect("room for a small file");
+            read_some(NiftiSource::open(path, spool));
+        });
+    }
     let bytes = whole_file(data, &nifti_seed());
     in_a_file("fuzz.nii", &bytes, |path, spool| read_some(NiftiSource::open(path, spool)));
 }
@@ -176,17 +182,21 @@ pub fn dicom_frames(data: &[u8]) {
     in_a_file("fuzz.dcm", &bytes, read_some_of_any);
 }
 
-/// A TIFF with the description that ImageJ writes.
+/// A TIFF with the description that ImageJ writes, or, by the second and third bit of the mode, one by JPEG or zstd.
 pub fn tiff(data: &[u8]) {
-    let bytes = whole_file(data, &tiff_seed());
+    let seeds = tiff_seeds();
+    let which = data.first().map_or(0, |mode| usize::from(mode >> 1)) % seeds.len();
+    let bytes = whole_file(data, &seeds[which]);
     in_a_file("fuzz.tif", &bytes, |path, spool| {
         read_some(TiffSource::open(path, spool, &Selection::default()));
     });
 }
 
-/// A VTK image in XML.
+/// A VTK image in XML; by the second bit of the mode one whose blocks are compressed by LZ4.
 pub fn vti(data: &[u8]) {
-    let bytes = whole_file(data, &vti_seed());
+    let seeds = vti_seeds();
+    let which = data.first().map_or(0, |mode| usize::from(mode >> 1)) % seeds.len();
+    let bytes = whole_file(data, &seeds[which]);
     in_a_file("fuzz.vti", &bytes, |path, spool| {
         read_some(VtkSource::open(path, spool, &Selection::default()));
     });
@@ -239,17 +249,20 @@ pub type Body = fn(&[u8]);
 #[must_use]
 pub fn all() -> Vec<(&'static str, Body, Vec<Vec<u8>>)> {
     let whole = |seed: &[u8]| vec![[&[0], seed].concat()];
+    let numbered = |seeds: &[Vec<u8>]| -> Vec<Vec<u8>> {
+        seeds.iter().enumerate().map(|(which, seed)| [&[(which as u8) << 1], &seed[..]].concat()).collect()
+    };
     let mut seeds: Vec<(&'static str, Body, Vec<Vec<u8>>)> = vec![
         ("container", container, whole(&seed_container().bytes)),
         ("segy", segy, whole(&segy_seed())),
         ("nrrd", nrrd, whole(&nrrd_seed())),
         ("metaimage", metaimage, whole(&metaimage_seed())),
-        ("nifti", nifti, whole(&nifti_seed())),
+        ("nifti", nifti, vec![[&[0], &nifti_seed()[..]].concat(), [&[2], &analyze_seed()[..]].concat()]),
         ("npy", npy, whole(&npy_seed())),
         ("dicom", dicom, whole(&dicom_seed())),
         ("dicom_frames", dicom_frames, whole(&dicom_frames_seed())),
-        ("tiff", tiff, whole(&tiff_seed())),
-        ("vti", vti, whole(&vti_seed())),
+        ("tiff", tiff, numbered(&tiff_seeds())),
+        ("vti", vti, numbered(&vti_seeds())),
         ("vtk", vtk, whole(&vtk_seed())),
         ("hdf5", hdf5, whole(&hdf5_seed())),
         ("zarr", zarr, whole(&zarr_seed())),

@@ -66,6 +66,18 @@ pub fn nifti_seed() -> Vec<u8> {
     file
 }
 
+/// The header of the same in a pair of ANALYZE 7.5.
+#[must_use]
+pub fn analyze_seed() -> Vec<u8> {
+    let mut header = nifti_seed();
+    header.truncate(348);
+    for (at, bytes) in [(108, 4), (252, 4), (344, 4)] {
+        header[at..at + bytes].fill(0);
+    }
+    header[112..116].copy_from_slice(&0.5f32.to_le_bytes());
+    header
+}
+
 /// 2 x 3 x 4 voxels of f32, C order.
 #[must_use]
 pub fn npy_seed() -> Vec<u8> {
@@ -172,6 +184,19 @@ pub fn dicom_frames_seed() -> Vec<u8> {
     dicom_file(b"1.2.840.10008.1.2.5", &elements)
 }
 
+/// The same, and pages by JPEG, with and without tables that strips share, and by zstd, behind predictors and in planes.
+#[must_use]
+pub fn tiff_seeds() -> Vec<Vec<u8>> {
+    let stored: [&[u8]; 5] = [
+        include_bytes!("../data/tiff/jpeg-tables-grey.tif"),
+        include_bytes!("../data/tiff/jpeg-ycbcr-strips.tif"),
+        include_bytes!("../data/tiff/zstd-u16-big-endian-predictor.tif"),
+        include_bytes!("../data/tiff/zstd-f32-predictor.tif"),
+        include_bytes!("../data/tiff/zstd-planes.tif"),
+    ];
+    std::iter::once(tiff_seed()).chain(stored.map(<[u8]>::to_vec)).collect()
+}
+
 /// 4 x 3 x 2 voxels of u16 in two pages, with a description of ImageJ.
 #[must_use]
 pub fn tiff_seed() -> Vec<u8> {
@@ -221,6 +246,12 @@ pub fn vti_seed() -> Vec<u8> {
         </PointData>\n<CellData><DataArray type=\"UInt8\" Name=\"c\" format=\"binary\">BgAAAAECAwQFBg==</DataArray></CellData>\n\
         </Piece></ImageData>\n<AppendedData encoding=\"raw\">_";
     [text.as_bytes(), &48u32.to_le_bytes(), &(0..48).collect::<Vec<u8>>(), b"</AppendedData></VTKFile>"].concat()
+}
+
+/// The same, and an image whose arrays are compressed by LZ4.
+#[must_use]
+pub fn vti_seeds() -> Vec<Vec<u8>> {
+    vec![vti_seed(), include_bytes!("../data/vtk/appended-lz4-32-le.vti").to_vec()]
 }
 
 /// 4 x 3 x 2 voxels of i16, big endian, with a table of colours and a second array.

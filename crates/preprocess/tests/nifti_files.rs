@@ -12,11 +12,13 @@ use flate2::write::GzEncoder;
 use grid_support::{
     BOTH_ORDERS, assert_refused, check_boxes, data_file, in_order, random_voxels, read_all, summary, value_at,
 };
+use supervol_format::space::WorldSpace;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{Geometry, VoxelType};
 use supervol_preprocess::source::Endian;
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::nifti::NiftiSource;
+use supervol_preprocess::source::selection::Selection;
 use supervol_preprocess::source::spool::SpoolFolder;
 
 fn open(path: &Path) -> Result<NiftiSource, supervol_preprocess::source::SourceError> {
@@ -290,7 +292,7 @@ fn headers_that_are_wrong() {
     assert_refused(written(&path, &writer, 24), &["vox_offset", "12.5"]);
     let mut writer = new();
     writer.bytes[344..348].fill(0);
-    assert_refused(written(&path, &writer, 24), &["ANALYZE"]);
+    assert_refused(written(&path, &writer, 24), &[".img", "none"]);
     let mut writer = new();
     writer.bytes[344..348].copy_from_slice(b"ni1\0");
     std::fs::write(folder.path().join("lonely.hdr"), &writer.bytes).unwrap();
@@ -350,4 +352,65 @@ fn orientations() {
     assert_affine(&source, [[-2.0, 0.0, 0.0, 7.0], [0.0, -3.0, 0.0, 0.0], [0.0, 0.0, -4.0, 0.0]]);
     assert!(has_note(&source, "sform is not used"));
     assert_eq!(value_at(&source, [0, 0, 0]), 1.0);
+}
+
+/// Pairs of ANALYZE 7.5 that nibabel has written: x + 10 y + 100 z, both by either name.
+#[test]
+fn pairs_of_analyze() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/analyze");
+    let ramp: Vec<f64> = (0..120).map(|i| f64::from(i % 6 + 10 * (i / 6 % 5) + 100 * (i / 30))).collect();
+    for (name, voxel_type) in [
+        ("i16.hdr", VoxelType::I16),
+        ("i16.img", VoxelType::I16),
+        ("i16-big-endian.hdr", VoxelType::I16),
+        ("f32.img", VoxelType::F32),
+        ("scaled.hdr", VoxelType::I16),
+    ] {
+        let source = open(&folder.join(name)).unwrap_or_else(|e| panic!("{e}"));
+        let info = source.info();
+        assert_eq!((info.dims.0, info.voxel_type), ([6, 5, 4], voxel_type), "{name}");
+        assert_eq!(info.geometry, Geometry { spacing: [1.0, 1.5, 2.5], ..Geometry::IDENTITY }, "{name}");
+        assert_eq!(
+            (info.space, info.scale),
+            (WorldSpace::Unknown, if name == "scaled.hdr" { 0.25 } else { 1.0 }),
+            "{name}"
+        );
+        assert!(has_note(&source, "ANALYZE 7.5: which sides of a patient"), "{:?}", info.notes);
+        assert_eq!(voxels_as_f64(voxel_type, &read_all(&source).unwrap()), ramp, "{name}");
+    }
+    let frames = open(&folder.join("u8-two-frames.hdr")).unwrap();
+    assert!(has_note(&frames, "2 time points; the first is used"), "{:?}", frames.info().notes);
+    let selection = Selection { frame: Some(1), ..Selection::default() };
+    let second = NiftiSource::open_with(&folder.join("u8-two-frames.hdr"), &SpoolFolder::system(), &selection).unwrap();
+    let expected: Vec<u8> = ramp.iter().map(|v| ((*v as u32 % 256 + 7) % 256) as u8).collect();
+    assert_eq!(read_all(&second).unwrap(), expected);
+}
+
+#[test]
+fn headers_of_analyze_that_are_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let (header, voxels) = (folder.path().join("v.hdr"), folder.path().join("v.img"));
+    let stored = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/analyze/i16.hdr");
+    let whole = std::fs::read(stored).unwrap();
+    std::fs::write(&voxels, [0; 240]).unwrap();
+    for (at, value, words) in [
+        (70, 128u16, ["colours of ANALYZE", "NIfTI"]),
+        (70, 132, ["", ""]),
+        (70, 512, ["datatype", "ANALYZE"]),
+        (70, 32, ["complex", ""]),
+        (42, 7, ["length of the file", "280 bytes"]),
+        (42, 0, ["dim[1]", "0"]),
+        (46, 5, ["length of the file", "300 bytes"]),
+        (110, 0xbf80, ["vox_offset", "-1"]),
+    ] {
+        let mut damaged = whole.clone();
+        damaged[at..at + 2].copy_from_slice(&value.to_le_bytes());
+        std::fs::write(&header, damaged).unwrap();
+        let opened = open(&header);
+        if words[0].is_empty() {
+            assert_eq!(opened.unwrap().info().voxel_type, VoxelType::U16);
+        } else {
+            assert_refused(opened, &words);
+        }
+    }
 }

@@ -48,5 +48,11 @@ fn damaged_headers() {
     encoder.write_all(&file).unwrap();
     let compressed = encoder.finish().unwrap();
     fuzz_header(folder.path(), "stream.nii.gz", &compressed, compressed.len(), 5000, open);
+    // A header of ANALYZE 7.5 beside its voxels.
+    let mut header = file[..348].to_vec();
+    header[108..112].fill(0);
+    header[344..].fill(0);
+    std::fs::write(folder.path().join("pair.img"), &file[352..]).unwrap();
+    fuzz_header(folder.path(), "pair.hdr", &header, 120, 5000, open);
     assert!(largest_allocation::largest_bytes() < 4 << 20, "{} bytes at once", largest_allocation::largest_bytes());
 }

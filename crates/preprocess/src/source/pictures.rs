@@ -168,7 +168,7 @@ fn decode(files: &[PathBuf], kind: Kind, first: Page, options: &FolderOptions<'_
         let mut picture = Picture::open(file, kind)?;
         let page = picture.page(file)?;
         let file_bytes = std::fs::metadata(file).map_err(|e| SourceError::io(file, e))?.len();
-        if page.bytes() > file_bytes.saturating_mul(RATIO_LIMIT) {
+        if page.bytes() > file_bytes.saturating_mul(picture.ratio_limit(page)?) {
             let found = format!("a file of {file_bytes} bytes, which cannot hold them");
             return Err(SourceError::invalid(file, "picture", page.to_string(), found));
         }
@@ -241,6 +241,14 @@ impl<'a> Picture<'a> {
                 };
                 Ok(Page::plain([info.width.into(), info.height.into()], samples, Number::Voxel(voxel_type)))
             }
+        }
+    }
+
+    /// Most bytes that a byte of the file stands for.
+    fn ratio_limit(&mut self, page: Page) -> Result<u64, SourceError> {
+        match self {
+            Self::Tiff(pages) => pages.ratio_limit(page),
+            Self::Png(_) | Self::Jpeg(_) => Ok(RATIO_LIMIT),
         }
     }
 

@@ -1,6 +1,7 @@
-//! The binary header of NIfTI-1 (348 bytes) and NIfTI-2 (540 bytes): fields out, in either byte order.
+//! The binary header of NIfTI-1 (348 bytes), NIfTI-2 (540 bytes) and ANALYZE 7.5 (348 bytes): fields out, in either byte order.
 //!
-//! Formats: <https://nifti.nimh.nih.gov/nifti-1/> and <https://nifti.nimh.nih.gov/nifti-2/>; byte offsets as there.
+//! Formats: <https://nifti.nimh.nih.gov/nifti-1/> and <https://nifti.nimh.nih.gov/nifti-2/>; byte offsets as there. ANALYZE has no magic
+//! where NIfTI-1 has it, the same sizes, spacings and types, no place in the world, and a scale where SPM writes it.
 //! Written by hand: the crate `nifti` reads whole volumes into memory and rescales them, and the fields needed here are
 //! few. Nothing is judged here but what is needed to know where the fields are.
 
@@ -14,12 +15,22 @@ pub(super) const HEADER_BYTES: usize = 540;
 
 const NIFTI1_BYTES: usize = 348;
 
+/// Where the voxels are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    /// Behind the header, in the same file (`n+1`, `n+2`).
+    SingleFile,
+    /// In the `.img` of a pair (`ni1`, `ni2`).
+    Pair,
+    /// In the `.img` of a pair whose header is one of ANALYZE 7.5.
+    Analyze,
+}
+
 /// The fields that matter, version by version alike.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Header {
     pub(super) endian: Endian,
-    /// Whether the voxels follow in the same file (`n+1`, `n+2`) or lie in the `.img` of a pair (`ni1`, `ni2`).
-    pub(super) single_file: bool,
+    pub(super) form: Form,
     /// Bytes of the header itself, which the voxels of a single file must follow.
     pub(super) header_bytes: u64,
     pub(super) datatype: i16,
@@ -70,19 +81,15 @@ impl Header {
     }
 
     fn version_1(path: &Path, fields: &Fields<'_>) -> Result<Self, SourceError> {
-        let single_file = match &fields.bytes[344..348] {
-            b"n+1\0" => true,
-            b"ni1\0" => false,
-            b"\0\0\0\0" => {
-                let what = "this is an ANALYZE 7.5 header, which does not say how the volume lies in the world";
-                let advice = "convert it to NIfTI first, for example with `nib-convert IN.hdr OUT.nii`";
-                return Err(SourceError::unsupported(path, what, advice));
-            }
+        let form = match &fields.bytes[344..348] {
+            b"n+1\0" => Form::SingleFile,
+            b"ni1\0" => Form::Pair,
+            b"\0\0\0\0" => return Ok(Self::analyze(fields)),
             other => return Err(wrong_magic(path, other)),
         };
         Ok(Self {
             endian: fields.endian,
-            single_file,
+            form,
             header_bytes: NIFTI1_BYTES as u64,
             datatype: fields.i16(70),
             bits_per_voxel: fields.i16(72),
@@ -100,15 +107,47 @@ impl Header {
         })
     }
 
+    /// ANALYZE 7.5, as the Mayo Clinic's `dbh.h` has it; the scale is SPM's, in a field that is nobody else's.
+    fn analyze(fields: &Fields<'_>) -> Self {
+        // Sizes of axes that there are not may be zero.
+        let dim = std::array::from_fn(|i| {
+            let size = i64::from(fields.i16(40 + 2 * i));
+            if i > 3 && size == 0 { 1 } else { size }
+        });
+        let units = match &fields.bytes[56..58] {
+            b"mm" => 2,
+            b"um" => 3,
+            _ => 0,
+        };
+        Self {
+            endian: fields.endian,
+            form: Form::Analyze,
+            header_bytes: NIFTI1_BYTES as u64,
+            datatype: fields.i16(70),
+            bits_per_voxel: fields.i16(72),
+            dim,
+            pixdim: std::array::from_fn(|i| fields.f32(76 + 4 * i)),
+            vox_offset: fields.f32(108),
+            slope: fields.f32(112),
+            inter: 0.0,
+            qform_code: 0,
+            sform_code: 0,
+            quaternion: [0.0; 3],
+            quaternion_offset: [0.0; 3],
+            affine_rows: [[0.0; 4]; 3],
+            units,
+        }
+    }
+
     fn version_2(path: &Path, fields: &Fields<'_>) -> Result<Self, SourceError> {
-        let single_file = match &fields.bytes[4..12] {
-            b"n+2\0\r\n\x1a\n" => true,
-            b"ni2\0\r\n\x1a\n" => false,
+        let form = match &fields.bytes[4..12] {
+            b"n+2\0\r\n\x1a\n" => Form::SingleFile,
+            b"ni2\0\r\n\x1a\n" => Form::Pair,
             other => return Err(wrong_magic(path, other)),
         };
         Ok(Self {
             endian: fields.endian,
-            single_file,
+            form,
             header_bytes: HEADER_BYTES as u64,
             datatype: fields.i16(12),
             bits_per_voxel: fields.i16(14),

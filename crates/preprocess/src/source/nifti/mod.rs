@@ -1,10 +1,12 @@
-//! NIfTI-1 and NIfTI-2 volumes: `.nii`, pairs of `.hdr` and `.img`, each of them gzipped or not.
+//! NIfTI-1 and NIfTI-2 volumes: `.nii`, pairs of `.hdr` and `.img`, each of them gzipped or not; and ANALYZE 7.5, the pairs that were
+//! before NIfTI.
 //!
 //! x runs fastest in the file. Uncompressed voxels are read in place; gzip is decoded once into a spool file
 //! ([`super::spool`]). Whether a file is compressed is told by its first bytes, not by its name. `scl_slope` and
 //! `scl_inter` become scale and offset; voxels stay as stored. Of a series (4-D and more) the first volume is used
 //! unless `--frame` says which; of colours the luminance, or one channel. 64-bit integers are kept in the smallest type that holds
-//! all of them. Complex voxels are refused.
+//! all of them. Complex voxels are refused. ANALYZE does not say which sides of a patient its axes point to: the notes say so, and no
+//! world is claimed.
 
 mod geometry;
 mod header;
@@ -23,7 +25,7 @@ use super::grid_file::{GridFile, GridLayout, GridSource, checked_bytes};
 use super::selection::Selection;
 use super::spool::{Excess, GzipShare, Spool, SpoolFolder, damaged};
 use super::{Axis, SourceError, SourceInfo, VolumeSource};
-use header::{HEADER_BYTES, Header};
+use header::{Form, HEADER_BYTES, Header};
 
 /// A NIfTI volume.
 #[derive(Debug)]
@@ -47,7 +49,10 @@ impl NiftiSource {
         let mut files = vec![SourceFile::of(path)?, SourceFile::of(&header_path)?];
         let header = Header::parse(&header_path, &first_bytes(&header_path)?)?;
         let shape = Shape::read(&header_path, &header, selection)?;
-        let (number, count) = numbers(&header_path, header.datatype)?;
+        let (number, count) = match header.form {
+            Form::Analyze => numbers_of_analyze(&header_path, header.datatype)?,
+            Form::SingleFile | Form::Pair => numbers(&header_path, header.datatype)?,
+        };
         let mut notes = shape.notes.clone();
         let channels = Channels::choose(&header_path, count, Meaning::Colours, selection, &mut notes)?;
         let (geometry, geometry_notes) = geometry::placement(&header);
@@ -58,7 +63,7 @@ impl NiftiSource {
             notes.push(format!("the header says {bits} bits per voxel, but its datatype is {code}: the type counts"));
         }
 
-        let data_path = if header.single_file {
+        let data_path = if header.form == Form::SingleFile {
             header_path.clone()
         } else {
             partner(&header_path, "hdr", "img")?.ok_or_else(|| {
@@ -78,7 +83,14 @@ impl NiftiSource {
         let grid = data.open(spool)?;
         let elements = Elements::of(&header_path, &grid, number, (channels, Frames::ONE), &mut notes)?;
         let mut info = SourceInfo::plain("nifti", shape.dims, elements.voxel_type);
-        (info.geometry, info.space) = (geometry, WorldSpace::RightAnteriorSuperior);
+        info.geometry = geometry;
+        if header.form == Form::Analyze {
+            let unknown =
+                "ANALYZE 7.5: which sides of a patient the axes point to, left and right above all, is unknown";
+            notes.push(unknown.into());
+        } else {
+            info.space = WorldSpace::RightAnteriorSuperior;
+        }
         (info.scale, info.offset, info.notes, info.files) = (scale, offset, notes, files);
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: length_unit(header.units).into() });
         Ok(Self(GridSource::with_elements(info, grid, elements)))
@@ -171,6 +183,26 @@ fn numbers(path: &Path, code: i16) -> Result<(Number, u64), SourceError> {
     }
 }
 
+/// Those behind a code of ANALYZE 7.5, of which SPM added some.
+fn numbers_of_analyze(path: &Path, code: i16) -> Result<(Number, u64), SourceError> {
+    match code {
+        130 => Ok((Number::Voxel(VoxelType::I8), 1)),
+        132 => Ok((Number::Voxel(VoxelType::U16), 1)),
+        136 => Ok((Number::Voxel(VoxelType::U32), 1)),
+        // Colours lie in planes or together, and nothing says which.
+        128 => {
+            let what = "voxels are colours of ANALYZE 7.5, of which nothing says how they lie (datatype 128)";
+            let advice = "convert it to NIfTI first, for example with `nib-convert IN.hdr OUT.nii`";
+            Err(SourceError::unsupported(path, what, advice))
+        }
+        1 | 2 | 4 | 8 | 16 | 32 | 64 => numbers(path, code),
+        _ => {
+            let expected = "a datatype code of ANALYZE 7.5: 2, 4, 8, 16, 64, or SPM's 130, 132, 136";
+            Err(SourceError::invalid(path, "datatype", expected, code.to_string()))
+        }
+    }
+}
+
 fn length_unit(units: i32) -> &'static str {
     match units & 7 {
         1 => "m",
@@ -231,7 +263,7 @@ impl Data<'_> {
     /// First byte of the voxels: behind header and extensions in a single file, anywhere in the `.img` of a pair.
     fn offset(&self) -> Result<u64, SourceError> {
         let stated = self.header.vox_offset;
-        let least = if self.header.single_file { self.header.header_bytes + 4 } else { 0 };
+        let least = if self.header.form == Form::SingleFile { self.header.header_bytes + 4 } else { 0 };
         // Writers that leave the field empty put the voxels right behind the header.
         if stated == 0.0 {
             return Ok(least);

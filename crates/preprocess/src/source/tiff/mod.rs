@@ -1,14 +1,15 @@
-//! TIFF stacks: pages as slices, classic and BigTIFF, strips and tiles, deflate, LZW, PackBits and predictors, integers of 8 to
-//! 64 bits, single bits and floats, numbers of a pixel together or each in a plane of its own, with the spacing that ImageJ or
-//! OME-XML state.
+//! TIFF stacks: pages as slices, classic and BigTIFF, strips and tiles, deflate, LZW, PackBits, zstd and predictors, JPEG, integers
+//! of 8 to 64 bits, single bits and floats, numbers of a pixel together or each in a plane of its own, with the spacing that ImageJ
+//! or OME-XML state.
 //!
 //! Pages that lie in the file as they are, each in one piece, are read in place, also those that ImageJ writes behind the only
 //! page of a stack of more than 4 GiB; all others are decoded once into a spool file ([`super::spool`]), chunk by chunk. Of several channels and times the first is
 //! used, and the notes say so, unless `--channel` and `--frame` say otherwise. Pages that are smaller copies are left out; of pages with a palette its numbers are the voxels.
 //! Of colours the luminance is used, or one channel; of several series of OME the first, or `--series N`. Single bits become the
 //! voxels 0 and 1, 64-bit integers the smallest type that holds all of them. White-is-zero pages are turned round by the decoder, so that greater is brighter.
-//! Decoding is the crate `tiff`'s; which pages are the volume is told here.
+//! Decoding is the crate `tiff`'s, but of JPEG and zstd ([`coded`]); which pages are the volume is told here.
 
+mod coded;
 mod description;
 
 use std::fs::File;
@@ -19,7 +20,7 @@ use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
 use tiff::decoder::ifd::Value;
 use tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
 use tiff::tags::{CompressionMethod, SampleFormat, Tag};
-use tiff::{ColorType, TiffError};
+use tiff::{ColorType, TiffError, TiffFormatError};
 
 use super::data_files::open_data;
 use super::elements::{Channels, Elements, Frames, Meaning, Number};
@@ -28,13 +29,14 @@ use super::grid_file::{GridFile, GridLayout, GridSource, Part, checked_bytes};
 use super::selection::Selection;
 use super::spool::{Spool, SpoolFolder};
 use super::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
+use coded::{CodedChunks, Compression};
 use description::{Description, PAGES_LIMIT};
 
 /// Most bytes of a decoded strip or tile, and of a band of tiles.
 const CHUNK_LIMIT_BYTES: usize = 256 << 20;
 /// Most bytes of one field, which may be OME-XML of tens of thousands of planes.
 const FIELD_LIMIT_BYTES: usize = 32 << 20;
-/// No codec that is read expands more than this: deflate 1032 to 1, LZW about 1365 to 1.
+/// No codec but zstd expands more than this: deflate 1032 to 1, LZW and JPEG about 1365 to 1.
 pub(super) const RATIO_LIMIT: u64 = 1400;
 
 /// Photometric interpretation of pixels that are numbers of a palette.
@@ -166,11 +168,6 @@ impl Page {
         if self.packing == Packing::InPlanes { self.samples } else { 1 }
     }
 
-    /// Most bytes that a byte of the file stands for.
-    fn ratio_limit(self) -> u64 {
-        if self.packing == Packing::Bits { RATIO_LIMIT * 8 } else { RATIO_LIMIT }
-    }
-
     /// The type in which they lie in a grid.
     pub(super) fn stored(self) -> VoxelType {
         self.number.stored()
@@ -199,16 +196,33 @@ impl<'a> Pages<'a> {
         self.decoder.find_tag_unsigned(tag).map_err(|e| refusal(self.path, e))
     }
 
+    /// How the page at hand is compressed.
+    fn compression(&mut self) -> Result<Compression, SourceError> {
+        Compression::of(self.path, self.tag(Tag::Compression)?.unwrap_or(1))
+    }
+
+    /// Most bytes that a byte of the file stands for, by the page at hand.
+    pub(super) fn ratio_limit(&mut self, page: Page) -> Result<u64, SourceError> {
+        let voxels_of_a_byte = if page.packing == Packing::Bits { 8 } else { 1 };
+        Ok(self.compression()?.ratio_limit() * voxels_of_a_byte)
+    }
+
     /// The page at hand.
     pub(super) fn page(&mut self) -> Result<Page, SourceError> {
         let path = self.path;
+        let compression = self.compression()?;
         let (width, height) = self.decoder.dimensions().map_err(|e| refusal(path, e))?;
+        let is_in_planes = self.tag(Tag::PlanarConfiguration)?.is_some_and(|order| order != 1);
         let color = match self.tag(Tag::PhotometricInterpretation)? {
             // Numbers of a palette are the voxels; what colours they are shown in is not. The decoder does not know.
             Some(PALETTE) => {
                 ColorType::Gray(self.tag(Tag::BitsPerSample)?.and_then(|n| n.try_into().ok()).unwrap_or(1))
             }
-            _ => self.decoder.colortype().map_err(|e| refusal(path, e))?,
+            _ => match self.decoder.colortype().map_err(|e| refusal(path, e))? {
+                // What it is decoded to.
+                ColorType::YCbCr(bits) if compression == Compression::Jpeg && !is_in_planes => ColorType::RGB(bits),
+                color => color,
+            },
         };
         let formats = self.decoder.find_tag_unsigned_vec::<u16>(Tag::SampleFormat).map_err(|e| refusal(path, e))?;
         let format = formats.and_then(|formats| formats.first().copied()).unwrap_or(SampleFormat::Uint.to_u16());
@@ -224,7 +238,6 @@ impl<'a> Pages<'a> {
                 return unsupported(format!("pixels are colours of a kind that is not read ({color:?})"), advice);
             }
         };
-        let is_in_planes = samples > 1 && self.tag(Tag::PlanarConfiguration)?.is_some_and(|order| order != 1);
         let page = |number, packing| Page {
             size: [width.into(), height.into()],
             samples,
@@ -235,7 +248,7 @@ impl<'a> Pages<'a> {
                 _ => Meaning::Colours,
             },
         };
-        let packing = if is_in_planes { Packing::InPlanes } else { Packing::Together };
+        let packing = if is_in_planes && samples > 1 { Packing::InPlanes } else { Packing::Together };
         let number = Number::Voxel(match (SampleFormat::from_u16_exhaustive(format), bits) {
             (SampleFormat::IEEEFP, 16) => return Ok(page(Number::Half, packing)),
             (SampleFormat::Uint, 64) => return Ok(page(Number::Whole { signed: false }, packing)),
@@ -423,7 +436,8 @@ impl<'a> Pages<'a> {
 
     /// Decodes pages, one after the other, into a spool file.
     fn decode(&mut self, slices: &[usize], like: Page, bytes: u64, spool: &SpoolFolder) -> Result<File, SourceError> {
-        let ceiling = self.file_bytes.saturating_mul(like.ratio_limit());
+        self.seek(slices.first().copied().unwrap_or_default())?;
+        let ceiling = self.file_bytes.saturating_mul(self.ratio_limit(like)?);
         if bytes > ceiling {
             let found = format!("a file of {} bytes, which holds at most {ceiling}", self.file_bytes);
             return Err(SourceError::invalid(self.path, "voxels", format!("{bytes} bytes"), found));
@@ -451,7 +465,10 @@ impl<'a> Pages<'a> {
             let what = format!("strips or rows of tiles of {band_bytes} bytes; {CHUNK_LIMIT_BYTES} are read at once");
             return Err(SourceError::unsupported(path, what, advice));
         }
-        let mut band = vec![0; band_bytes];
+        let (compression, endian) = (self.compression()?, self.endian());
+        let mut coded = CodedChunks::of(path, &mut self.decoder, (page, endian), compression)?;
+        // Reserved when a chunk has turned out to be there.
+        let mut band = Vec::new();
         for band_number in 0..bands {
             let mut rows = 0;
             for (plane, column) in (0..page.planes()).flat_map(|plane| (0..across).map(move |column| (plane, column))) {
@@ -459,7 +476,8 @@ impl<'a> Pages<'a> {
                 let chunk = plane.saturating_mul(bands).saturating_mul(across).saturating_add(of_first);
                 let [of_first, chunk] = [of_first, chunk].map(u32::try_from);
                 let [of_first, chunk] = [of_first.map_err(|_| self.too_many())?, chunk.map_err(|_| self.too_many())?];
-                let piece = self.piece(page, of_first, chunk)?;
+                let piece = self.piece(page, of_first, chunk, coded.as_mut())?;
+                band.resize(band_bytes, 0);
                 let start = column as usize * chunk_width as usize;
                 let is_first = (plane, column) == (0, 0);
                 if !piece.put(page, (plane, start), &mut band) || !(is_first || rows == piece.size[1]) {
@@ -476,11 +494,27 @@ impl<'a> Pages<'a> {
 
     /// A decoded chunk, of which as much counts as of the one of the first plane at its place: of later planes the decoder does
     /// not cut off what lies below the page.
-    fn piece(&mut self, page: Page, of_first: u32, chunk: u32) -> Result<Piece, SourceError> {
+    fn piece(
+        &mut self,
+        page: Page,
+        of_first: u32,
+        chunk: u32,
+        coded: Option<&mut CodedChunks>,
+    ) -> Result<Piece, SourceError> {
         let whole = |(width, height): (u32, u32)| [width as usize, height as usize];
         let size = whole(self.decoder.chunk_data_dimensions(of_first));
-        let decoded = whole(self.decoder.chunk_data_dimensions(chunk));
-        let voxels = little_endian(self.decoder.read_chunk(chunk).map_err(|e| refusal(self.path, e))?);
+        let (decoded, voxels) = match coded {
+            Some(coded) => {
+                let [width, height] = whole(self.decoder.chunk_dimensions());
+                let is_tiled = self.decoder.get_chunk_type() == ChunkType::Tile;
+                let most = [width, if is_tiled { height } else { height.min(page.size[1] as usize) }];
+                coded.decode(self.path, self.decoder.inner().get_ref(), chunk, most)?
+            }
+            None => {
+                let decoded = whole(self.decoder.chunk_data_dimensions(chunk));
+                (decoded, little_endian(self.decoder.read_chunk(chunk).map_err(|e| refusal(self.path, e))?))
+            }
+        };
         let voxels = if page.packing == Packing::Bits { unpacked(&voxels, decoded) } else { voxels };
         Ok(Piece { size, decoded, voxels })
     }
@@ -505,7 +539,7 @@ impl Piece {
         let ([width, height], [decoded_width, decoded_height]) = (self.size, self.decoded);
         let pixel_bytes = page.pixel_bytes();
         // Of a pixel, those of one plane.
-        let piece_bytes = pixel_bytes / page.planes() as usize;
+        let piece_bytes = page.piece_bytes();
         let row_bytes = page.size[0] as usize * pixel_bytes;
         let is_whole = Some(self.voxels.len())
             == decoded_width.checked_mul(decoded_height).and_then(|pixels| pixels.checked_mul(piece_bytes));
@@ -558,6 +592,10 @@ fn refusal(path: &Path, error: TiffError) -> SourceError {
         TiffError::UnsupportedError(what) => {
             let advice = "rewrite it first, for example with `tiffcp -c lzw IN OUT` or Fiji";
             SourceError::unsupported(path, format!("this kind of TIFF is not read ({what})"), advice)
+        }
+        TiffError::FormatError(TiffFormatError::StripTileTagConflict) => {
+            let what = "a page has neither strips nor tiles, as those by JPEG of the old style (of before 1995)";
+            SourceError::unsupported(path, what, "rewrite it first, for example with `tiffcp -c lzw IN OUT`")
         }
         TiffError::LimitsExceeded => {
             let advice = "rewrite it with smaller strips or tiles, for example with `tiffcp -r 16 IN OUT`";

@@ -1,4 +1,4 @@
-//! Arrays of XML files that are not there as they are: base64, zlib block by block, or both.
+//! Arrays of XML files that are not there as they are: base64, zlib or LZ4 block by block, or both.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -11,10 +11,14 @@ use supervol_format::ByteSource;
 
 use super::super::spool::{Excess, GzipShare, Spool};
 use super::super::{Endian, SourceError};
-use super::{Array, Blocks, Encoding, number};
+use super::{Array, Blocks, Compressor, Encoding, number};
 
 /// Bytes that are decoded at once.
 const BUFFER_BYTES: usize = 1 << 16;
+/// Most bytes of a block by LZ4, which is decoded whole; VTK's own have 32 KiB.
+const BLOCK_LIMIT_BYTES: u64 = 64 << 20;
+/// No byte of LZ4 stands for more than so many.
+const LZ4_RATIO_LIMIT: u64 = 255;
 
 /// What stands between two tags.
 pub(super) struct UpTo {
@@ -78,8 +82,8 @@ pub(super) fn decode(
 ) -> Result<(), SourceError> {
     let left = file.len().map_err(|e| SourceError::io(path, e))?.saturating_sub(array.offset);
     let data = Data { path, left, endian, word_bytes: blocks.word_bytes, bytes };
-    match (array.encoding, blocks.is_compressed) {
-        (Encoding::Raw, _) => {
+    match (array.encoding, blocks.compressor) {
+        (Encoding::Raw, compressor) => {
             let mut file = file;
             file.seek(SeekFrom::Start(array.offset)).map_err(|e| SourceError::io(path, e))?;
             let mut reader = BufReader::with_capacity(BUFFER_BYTES, file);
@@ -87,9 +91,9 @@ pub(super) fn decode(
             data.read(&mut reader, &mut head)?;
             let mut rest = vec![0; data.table_bytes(&head)? - head.len()];
             data.read(&mut reader, &mut rest)?;
-            data.inflate(&data.table(&[head, rest].concat())?, reader, spool)
+            data.expand(compressor, &data.table(&[head, rest].concat())?, reader, spool)
         }
-        (_, true) => {
+        (_, Some(compressor)) => {
             let mut text = Dense(UpTo::new(path, file, array.offset)?);
             let head = data.base64(&mut text, characters(blocks.word_bytes as u64), Vec::new())?;
             let table_bytes = data.table_bytes(&decoded(path, &head)?)?;
@@ -98,9 +102,9 @@ pub(super) fn decode(
             let sizes = data.table(table.get(..table_bytes).unwrap_or(&table))?;
             let compressed = sizes.iter().fold(0u64, |sum, (size, _)| sum.saturating_add(*size));
             let text = text.take(characters(compressed));
-            data.inflate(&sizes, DecoderReader::new(text, &STANDARD), spool)
+            data.expand(Some(compressor), &sizes, DecoderReader::new(text, &STANDARD), spool)
         }
-        (_, false) => {
+        (_, None) => {
             let text = Dense(UpTo::new(path, file, array.offset)?);
             let all = characters(bytes.saturating_add(blocks.word_bytes as u64));
             let mut reader = DecoderReader::new(text.take(all), &STANDARD);
@@ -185,6 +189,42 @@ impl Data<'_> {
             return Ok(());
         }
         Err(self.wrong(format!("{} bytes", self.bytes), format!("{stated} in {left} bytes of the file")))
+    }
+
+    fn expand(
+        &self,
+        compressor: Option<Compressor>,
+        sizes: &[(u64, u64)],
+        reader: impl Read,
+        spool: &mut Spool,
+    ) -> Result<(), SourceError> {
+        match compressor {
+            Some(Compressor::Lz4) => self.expand_lz4(sizes, reader, spool),
+            Some(Compressor::Zlib) | None => self.inflate(sizes, reader, spool),
+        }
+    }
+
+    /// Blocks of bare LZ4, each decoded whole.
+    fn expand_lz4(&self, sizes: &[(u64, u64)], mut reader: impl Read, spool: &mut Spool) -> Result<(), SourceError> {
+        let (mut compressed, mut block) = (Vec::new(), Vec::new());
+        for (number, &(compressed_bytes, bytes)) in sizes.iter().enumerate() {
+            let most = BLOCK_LIMIT_BYTES.min(compressed_bytes.saturating_mul(LZ4_RATIO_LIMIT));
+            if compressed_bytes > BLOCK_LIMIT_BYTES || bytes > most {
+                let found = format!("{compressed_bytes} bytes for {bytes}");
+                return Err(self.wrong(format!("a block {number} by LZ4 of at most {most} bytes"), found));
+            }
+            compressed.clear();
+            reader.by_ref().take(compressed_bytes).read_to_end(&mut compressed).map_err(|e| self.failed(e))?;
+            block.resize(bytes as usize, 0);
+            let decoded = lz4_flex::block::decompress_into(&compressed, &mut block);
+            let wrong = |found| self.wrong(format!("{bytes} bytes of block {number} by LZ4"), found);
+            match decoded {
+                Ok(decoded) if decoded as u64 == bytes => spool.append(&block)?,
+                Ok(decoded) => return Err(wrong(format!("{decoded} bytes"))),
+                Err(e) => return Err(wrong(e.to_string())),
+            }
+        }
+        Ok(())
     }
 
     fn inflate(&self, sizes: &[(u64, u64)], mut reader: impl Read, spool: &mut Spool) -> Result<(), SourceError> {

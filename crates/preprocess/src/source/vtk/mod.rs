@@ -1,10 +1,10 @@
-//! VTK images: `.vti` (XML; raw, base64 or text, inline or appended, zlib or not) and legacy `.vtk` of structured points (binary or
+//! VTK images: `.vti` (XML; raw, base64 or text, inline or appended, by zlib, LZ4 or neither) and legacy `.vtk` of structured points (binary or
 //! text).
 //!
 //! Raw arrays are read in place; all else is decoded once into a spool file ([`super::spool`]), block by block. Of several arrays
 //! the active scalars are used, or the one that is named (`FILE.vti:/NAME`); of components, the one that is chosen. Cell data are
 //! voxels between the points. Origin, spacing and direction are the file's. 64-bit integers are kept in the smallest type that holds
-//! all of them. Several pieces, LZ4 and LZMA are refused by name, as are meshes and grids with uneven distances.
+//! all of them. Several pieces and LZMA are refused by name, as are meshes and grids with uneven distances.
 //! Written by hand: `vtkio` reads whole files into memory and depends on parsers that are not kept any more.
 
 mod blocks;
@@ -71,7 +71,14 @@ struct Array {
 struct Blocks {
     /// Bytes of a number that counts bytes.
     word_bytes: usize,
-    is_compressed: bool,
+    compressor: Option<Compressor>,
+}
+
+/// What compresses blocks of arrays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Compressor {
+    Zlib,
+    Lz4,
 }
 
 /// What a header says.
@@ -184,7 +191,7 @@ impl Header {
         let is_raw = array.encoding == Encoding::Raw;
         match self.blocks {
             None if is_raw => return GridFile::single(path, file, array.offset, layout),
-            Some(Blocks { word_bytes, is_compressed: false }) if is_raw => {
+            Some(Blocks { word_bytes, compressor: None }) if is_raw => {
                 let stated = word(path, &file, array.offset, word_bytes, self.endian)?;
                 if stated != bytes {
                     let expected = format!("{bytes} bytes");
@@ -212,7 +219,7 @@ impl Header {
             let layout = GridLayout { endian: Endian::Little, ..layout };
             return GridFile::single(path, decoded.finish()?, 0, layout);
         }
-        let blocks = self.blocks.unwrap_or(Blocks { word_bytes: 4, is_compressed: false });
+        let blocks = self.blocks.unwrap_or(Blocks { word_bytes: 4, compressor: None });
         decode(path, file, (array, blocks, self.endian), bytes, &mut decoded)?;
         GridFile::single(path, decoded.finish()?, 0, layout)
     }

@@ -10,7 +10,7 @@ use supervol_format::{Dims, Geometry, VoxelType};
 
 use super::super::text::shortened;
 use super::super::{Endian, SourceError};
-use super::{ARRAYS_LIMIT, Array, Blocks, Encoding, Header, Number};
+use super::{ARRAYS_LIMIT, Array, Blocks, Compressor, Encoding, Header, Number};
 
 /// Longest tag.
 const TAG_LIMIT_BYTES: usize = 64 << 10;
@@ -163,6 +163,10 @@ fn begin(path: &Path, tag: &Tag) -> Result<Header, SourceError> {
     let unsupported = |what: String, advice: &str| Err(SourceError::unsupported(path, what, advice));
     match tag.get("type") {
         Some("ImageData") => {}
+        Some("PImageData") => {
+            let advice = "write it as one piece first, for example with ParaView (Save Data, .vti)";
+            return unsupported("it lists the pieces of an image (.pvti), which are not read together".into(), advice);
+        }
         Some(other) => {
             let advice =
                 "resample it to an image first, for example with ParaView (Resample To Image; Save Data, .vti)";
@@ -170,11 +174,12 @@ fn begin(path: &Path, tag: &Tag) -> Result<Header, SourceError> {
         }
         None => return Err(tag.wrong(path, "type", "ImageData")),
     }
-    let is_compressed = match tag.get("compressor") {
-        None => false,
-        Some("vtkZLibDataCompressor") => true,
+    let compressor = match tag.get("compressor") {
+        None => None,
+        Some("vtkZLibDataCompressor") => Some(Compressor::Zlib),
+        Some("vtkLZ4DataCompressor") => Some(Compressor::Lz4),
         Some(other) => {
-            let advice = "write it with zlib first: ParaView, Save Data, Compressor Type";
+            let advice = "write it with zlib or LZ4 first: ParaView, Save Data, Compressor Type";
             return unsupported(
                 format!("its arrays are compressed by {}, which is not read", shortened(other)),
                 advice,
@@ -197,7 +202,7 @@ fn begin(path: &Path, tag: &Tag) -> Result<Header, SourceError> {
         geometry: Geometry::IDENTITY,
         endian,
         arrays: Vec::new(),
-        blocks: Some(Blocks { word_bytes, is_compressed }),
+        blocks: Some(Blocks { word_bytes, compressor }),
     })
 }
 
