@@ -247,6 +247,9 @@ impl Elements {
         if self.numbers == Numbers::Half {
             return self.convert_halves(numbers, out);
         }
+        if (self.channels.wanted, stored, self.numbers) == (None, VoxelType::U8, Numbers::AsStored) {
+            return luminances_of_bytes(numbers, self.channels.count as usize, out);
+        }
         let groups = numbers.chunks_exact(stored.bytes() * self.channels.count as usize);
         let voxels = out.chunks_exact_mut(self.voxel_type.bytes());
         let picked = |group: &[u8], voxel: &mut [u8]| match self.channels.wanted {
@@ -301,6 +304,24 @@ impl Elements {
             };
             *voxel = found.to_le_bytes();
         }
+    }
+}
+
+/// Luminances of colours of a byte each, of which there are three or more in a group: in whole numbers, which are what doubles would be.
+fn luminances_of_bytes(numbers: &[u8], count: usize, out: &mut [u8]) {
+    const SHARES: [u32; 3] = [LUMINANCE[0] as u32, LUMINANCE[1] as u32, LUMINANCE[2] as u32];
+    let luminance = |[red, green, blue]: [u8; 3]| {
+        let thousandths = SHARES[0] * u32::from(red) + SHARES[1] * u32::from(green) + SHARES[2] * u32::from(blue);
+        let (whole, rest) = (thousandths / 1000, thousandths % 1000);
+        // Halves go to the even one.
+        (whole + u32::from(rest + (whole & 1) > 500)) as u8
+    };
+    if count == 3 {
+        numbers.as_chunks::<3>().0.iter().zip(out).for_each(|(colours, voxel)| *voxel = luminance(*colours));
+        return;
+    }
+    for (group, voxel) in numbers.chunks_exact(count).zip(out) {
+        *voxel = luminance([group[0], group[1], group[2]]);
     }
 }
 
@@ -365,6 +386,19 @@ mod tests {
             _ => (1.0 + fraction) * 2f64.powi(exponent - 15),
         };
         if bits >> 15 == 1 { -size } else { size }
+    }
+
+    #[test]
+    fn luminances_in_whole_numbers_are_those_in_doubles() {
+        let colours: Vec<u8> = (0..1 << 18u32)
+            .flat_map(|i| [(i & 63) * 4 + 3, (i >> 6 & 63) * 4 + (i & 3), (i >> 12) * 4 + 1].map(|colour| colour as u8))
+            .collect();
+        let mut found = vec![0; colours.len() / 3];
+        luminances_of_bytes(&colours, 3, &mut found);
+        for (group, found) in colours.as_chunks::<3>().0.iter().zip(found) {
+            let thousandths: f64 = group.iter().zip(LUMINANCE).map(|(colour, share)| f64::from(*colour) * share).sum();
+            assert_eq!(found, u8::from_f64(thousandths / 1000.0), "{group:?}");
+        }
     }
 
     #[test]
