@@ -2,8 +2,9 @@
 //!
 //! The crate `tiff` would decode both only by streams that know nothing of a chunk's size, with another decoder of JPEG. Here a
 //! chunk is read by its stated place and length, and decoded to no more bytes than its pixels take. JPEG has its tables in the
-//! page or in the chunk; luma and chroma become red, green and blue, as in pictures and DICOM. Behind zstd, predictors and the order of bytes are undone
-//! here, too. Chunks come out as little-endian numbers, row by row; what lies beside the page is not cut off.
+//! page or in the chunk; luma and chroma become red, green and blue, as in pictures and DICOM. Behind zstd, predictors and the
+//! order of bytes are undone here, too. Chunks come out as little-endian numbers, row by row; what lies beside the page is not
+//! cut off.
 
 use std::fs::File;
 use std::io::{Read, Seek};
