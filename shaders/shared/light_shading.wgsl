@@ -126,12 +126,12 @@ fn error_of_turn(gradients: mat3x3<f32>, lit: Lit) -> f32 {
     let floor = 2.0 * max(config.gradient_floor, TINY);
     let way = max(squares.xy + squares.yz - 2.0 * ab, vec2<f32>(LEAST_SQUARE));
     let nearest = max(squares.xy * squares.yz - ab * ab, vec2<f32>(0.0)) / way;
-    let is_passed = (ab < squares.xy) & (ab < squares.yz) & (nearest < vec2<f32>(floor * floor));
+    // Where neither end of a half has a normal, that is seen; but there may be one in between.
+    let lacks = (lit.inverse.xy + lit.inverse.yz) <= vec2<f32>(0.0);
+    let is_passed = (ab < squares.xy) & (ab < squares.yz) & (nearest < vec2<f32>(floor * floor)) & !lacks;
     let flat = select(vec2<f32>(0.0), min(floor * inverseSqrt(way), vec2<f32>(1.0)), is_passed);
-    // Neither end of a half has a normal, and there may be one in between.
     let bow = BOW_SHARE * length((gradients[0] - gradients[1]) + (gradients[2] - gradients[1]));
     let reach_between = sqrt(max(squares.xy, squares.yz)) + vec2<f32>(bow);
-    let lacks = (lit.inverse.xy + lit.inverse.yz) <= vec2<f32>(0.0);
     let is_hidden = lacks & (reach_between >= vec2<f32>(0.5 * floor));
     let uncertain = flat + select(vec2<f32>(0.0), vec2<f32>(0.5), is_hidden);
     let gain = max(config.ambient + (config.diffuse + config.specular) * config.light_sum, 1.0);

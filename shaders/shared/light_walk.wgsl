@@ -9,6 +9,8 @@ const ROUND: u32 = 8u;
 const NO_NUMBER: u32 = 0xffffffffu;
 // Shortest part, in cells.
 const LEAST_PART: f32 = 1.0 / 4096.0;
+// Parts that are not halved any more: half of one, and what is left over behind it, would be one part again.
+const SHORTEST: f32 = 2.0 * LEAST_PART;
 // Most parts that a cell is cut into at once.
 const PARTS_LIMIT: f32 = 64.0;
 // Parts per square root of the error: what is left is then well below the tolerance.
@@ -247,7 +249,7 @@ fn try_part(
     }
 
     let ratio = part.error * (*walk).transmittance / config.cell_error;
-    let is_taken = ratio <= max(size, LEAST_SHARE) || size <= LEAST_PART;
+    let is_taken = ratio <= max(size, LEAST_SHARE) || size <= SHORTEST;
     (*walk).next = next_size(size, ratio, is_taken);
     if (is_taken) {
         (*walk).color += (*walk).transmittance * part.color;

@@ -28,10 +28,13 @@ impl<K: Clone + Eq + Hash, V> Recent<K, V> {
         K: Borrow<Q>,
     {
         let (used, value) = self.kept.get_mut(key)?;
-        let key = self.by_use.remove(used)?;
-        self.clock += 1;
-        self.by_use.insert(self.clock, key);
-        *used = self.clock;
+        // What is asked for again and again, as a page of the table of contents is, keeps its place.
+        if *used != self.clock {
+            let key = self.by_use.remove(used)?;
+            self.clock += 1;
+            self.by_use.insert(self.clock, key);
+            *used = self.clock;
+        }
         Some(value)
     }
 

@@ -6,8 +6,10 @@ use crate::transfer_function::ControlPoint;
 
 use super::colormap;
 
-/// Hounsfield units at which the preset changes: air ends, soft tissue, contrast agent, bone, metal.
-const HOUNSFIELD: [f64; 5] = [-500.0, 40.0, 180.0, 450.0, 1500.0];
+/// Hounsfield units that only places between air and tissue have: skin, airways, the faces of the lungs; first, middle, last.
+const HOUNSFIELD_FACES: [f64; 3] = [-600.0, -400.0, -250.0];
+/// Hounsfield units at which the preset changes: soft tissue ends, bone, metal.
+const HOUNSFIELD_BONE: [f64; 3] = [180.0, 450.0, 1500.0];
 /// What unsigned files add to Hounsfield units.
 const HOUNSFIELD_OFFSET: f64 = 1024.0;
 /// Hounsfield units between which the greatest of a ray is shown, in a body from fat to dense bone: what a coarse level comes to says
@@ -100,25 +102,36 @@ pub(super) fn projected_tissue(facts: &VolumeFacts) -> Option<[f64; 2]> {
     (range.min < low && low < high).then_some([low, high])
 }
 
-/// Air transparent, soft tissue faint and warm, bone white: Hounsfield units where the values are these, with or without
-/// an offset, and the classes of the histogram where they are not.
+/// Bone white, in a clear body whose faces toward air show, where the values are Hounsfield units, with or without an offset: the noise of
+/// soft tissue would be a fog before the bones, in every cell of which the light is another. Where values are not these, the classes of
+/// the histogram: matter faint and warm, dense matter white.
 pub(super) fn ct(facts: &VolumeFacts) -> Vec<ControlPoint> {
-    let range = facts.value_range;
-    let [air, soft, dense, bone, metal] = if facts.kind == DataKind::CtOffset {
-        HOUNSFIELD.map(|value| value + HOUNSFIELD_OFFSET)
-    } else if is_hounsfield(range) {
-        HOUNSFIELD
-    } else {
-        let Classes { ground, dense, top } = Classes::of(facts);
-        let soft = 0.5 * ground + 0.5 * dense;
-        [ground, soft, dense, 0.4 * dense + 0.6 * top, range.max.max(top + 0.1 * (top - ground))]
-    };
+    let offset = if facts.kind == DataKind::CtOffset { HOUNSFIELD_OFFSET } else { 0.0 };
+    if offset == 0.0 && !is_hounsfield(facts.value_range) {
+        return ct_by_classes(facts);
+    }
+    let [first, face, last] = HOUNSFIELD_FACES.map(|value| value + offset);
+    let [dense, bone, metal] = HOUNSFIELD_BONE.map(|value| value + offset);
     vec![
-        point(air, [0.55, 0.25, 0.15], 0.0),
-        point(air + 0.6 * (soft - air), [0.75, 0.35, 0.22], 0.002),
+        point(first, [0.80, 0.50, 0.38], 0.0),
+        point(face, [0.95, 0.68, 0.55], 0.3),
+        point(last, [0.95, 0.68, 0.55], 0.0),
+        point(dense, [0.95, 0.75, 0.60], 0.0),
+        point(bone, [0.98, 0.95, 0.88], 0.35),
+        point(metal, [1.0, 1.0, 1.0], 0.8),
+    ]
+}
+
+fn ct_by_classes(facts: &VolumeFacts) -> Vec<ControlPoint> {
+    let Classes { ground, dense, top } = Classes::of(facts);
+    let soft = 0.5 * ground + 0.5 * dense;
+    let metal = facts.value_range.max.max(top + 0.1 * (top - ground));
+    vec![
+        point(ground, [0.55, 0.25, 0.15], 0.0),
+        point(ground + 0.6 * (soft - ground), [0.75, 0.35, 0.22], 0.002),
         point(soft, [0.88, 0.55, 0.42], 0.008),
         point(dense, [0.95, 0.75, 0.60], 0.03),
-        point(bone, [0.98, 0.95, 0.88], 0.35),
+        point(0.4 * dense + 0.6 * top, [0.98, 0.95, 0.88], 0.35),
         point(metal, [1.0, 1.0, 1.0], 0.8),
     ]
 }

@@ -325,6 +325,8 @@ fn error<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>, [kappa, o
     let bends = sum_up_to(table, bend, slope, high) - sum_up_to(table, bend, slope, low);
     let (color, slope) = (Column::ColorVariation, Column::ColorVariationPerValue);
     let colors = sum_up_to(table, color, slope, high) - sum_up_to(table, color, slope, low);
+    let slopes = [low, high].map(|place| table.column::<S>(slope, 0, place.piece));
+    let even_colors = S::min(slopes[0], slopes[1]) * (at.line.range[1] - at.line.range[0]);
     let rise = S::abs(at.width);
     // A narrow interval has the mean of its ends, wherever a step lies between.
     let misplaced = S::min((most + most + narrow) / S::max(rise, S::splat(1e-30)), one);
@@ -333,9 +335,11 @@ fn error<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>, [kappa, o
     // it comes at once, all of it may be in the wrong order.
     let uneven = S::mul_add(bends * rise, S::splat(0.25), steps);
     let uneven = S::min(uneven / S::max(kappa, S::splat(1e-12)), one);
-    let share = S::mul_add(S::splat(0.84), S::max(uneven, disorder), S::splat(0.06));
+    // Colour may also be the uneven one: even, and then not, where the line crosses a control point.
+    let out_of_order = S::max(colors * S::max(uneven, disorder), colors - even_colors);
+    let out_of_order = S::mul_add(S::splat(0.84), out_of_order, S::splat(0.06) * colors);
     let tau = kappa * length;
-    let of_order = opacity * colors * share * tau / (S::splat(4.0) + tau);
+    let of_order = opacity * out_of_order * tau / (S::splat(4.0) + tau);
     // Evenly from end to end is not how light falls off in a part that is nearly opaque.
     let fall = S::splat(0.03) * tau * tau / S::mul_add(tau * tau, S::splat(0.1), one);
     let misplaced = S::mul_add(uneven, S::splat(0.6), fall);

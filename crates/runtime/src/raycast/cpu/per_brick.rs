@@ -1,9 +1,10 @@
 //! What is made once of each brick of a frame, and kept while it fits.
 
-use std::collections::HashMap;
 use std::sync::{Arc, RwLock};
 
 use supervol_format::BrickKey;
+
+use crate::cache::KeyMap;
 
 /// Bytes that anything kept costs beside its own: its place in the table, and allocations.
 const OVERHEAD_BYTES: u64 = 128;
@@ -18,13 +19,13 @@ pub struct PerBrick<T> {
 
 #[derive(Debug)]
 struct Kept<T> {
-    of_bricks: HashMap<BrickKey, Arc<T>>,
+    of_bricks: KeyMap<Arc<T>>,
     bytes: u64,
 }
 
 impl<T> Default for Kept<T> {
     fn default() -> Self {
-        Self { of_bricks: HashMap::new(), bytes: 0 }
+        Self { of_bricks: KeyMap::default(), bytes: 0 }
     }
 }
 

@@ -22,6 +22,8 @@ const PARTS_LIMIT: f32 = 64.0;
 const TRIES_LIMIT: f32 = 512.0;
 /// Shortest part, in cells.
 const LEAST_PART: f32 = 1.0 / 4096.0;
+/// Parts that are not halved any more: half of one, and what is left over behind it, would be one part again.
+const SHORTEST: f32 = 2.0 * LEAST_PART;
 /// Parts per square root of the error: what is left is then well below the tolerance.
 const PARTS_PER_ROOT: f32 = 1.4;
 /// Least share of a cell's tolerance that a part may use up, however short it is: few parts of a cell are so hard.
@@ -143,7 +145,7 @@ impl<S: Simd> Cuts<S> {
         let (size, sum) = (trial.size, &mut self.sum);
         let error = sum.transmittance * part.error;
         let allowed = S::max(size, S::splat(LEAST_SHARE));
-        let (ratio, is_shortest) = (error * self.per_error, S::le(size, S::splat(LEAST_PART)));
+        let (ratio, is_shortest) = (error * self.per_error, S::le(size, S::splat(SHORTEST)));
         // NaN is taken, and found in the sum.
         let is_taken = (!S::lt(allowed, ratio) | is_shortest) & going;
         for c in 0..3 {

@@ -120,7 +120,7 @@ impl<S: Simd> LightAt<S> {
     }
 
     /// Share of a part, of whose half the gradient is these at the ends, in which it may be shorter than `floor` unseen: if
-    /// it varies evenly, on the chord through a sphere.
+    /// it varies evenly, on the chord through a sphere. Nothing where it is so at both ends: then that is seen.
     #[inline(always)]
     fn without_normal(a: &Self, b: &Self, floor: f32) -> S::F {
         let (zero, one) = (S::splat(0.0), S::splat(1.0));
@@ -130,7 +130,8 @@ impl<S: Simd> LightAt<S> {
         // Twice as wide, since it does not vary quite evenly.
         let floor = S::splat(2.0 * floor);
         let nearest = S::max(S::mul_add(aa, bb, zero - ab * ab), zero) / way;
-        let is_passed = S::lt(ab, aa) & S::lt(ab, bb) & S::lt(nearest, floor * floor);
+        let has_normal = S::lt(zero, a.inverse_length + b.inverse_length);
+        let is_passed = S::lt(ab, aa) & S::lt(ab, bb) & S::lt(nearest, floor * floor) & has_normal;
         S::select(is_passed, S::min(floor / S::sqrt(way), one), zero)
     }
 

@@ -106,11 +106,13 @@ impl CellShader<'_> {
         (shows, in_plane): (S::M, S::M),
         per_error: S::F,
     ) -> ([S::F; 3], S::F) {
-        let one = S::splat(1.0);
+        let (zero, one) = (S::splat(0.0), S::splat(1.0));
         let lit = self.lighting.at::<S, 3>(&along.gradients, to_eye);
         let (mut color, mut error) = self.lighting.shade::<S>(part, &lit);
-        // Where the rest leaves room for it, the light alone may be made certain.
-        let is_unsettled = S::lt(one, error * per_error) & shows;
+        // Where the rest leaves room for it, the light alone may be made certain; but not where normals begin or end, which may be between
+        // the cell's end and the place next to it.
+        let has_normals = S::lt(zero, lit[0].inverse_length * lit[1].inverse_length * lit[2].inverse_length);
+        let is_unsettled = S::lt(one, error * per_error) & shows & has_normals;
         if S::bits(is_unsettled) != 0 {
             let of_rest = self.lighting.error_but_light::<S>(part, &lit);
             let is_turning = is_unsettled & S::lt(of_rest.at_most * per_error, S::splat(REST_SHARE));
