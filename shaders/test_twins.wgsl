@@ -24,7 +24,7 @@ struct TwinResult {
     shaded: vec4<f32>,
     // Root in the first monotone interval (2 where there is none), visibility, first knot and number of knots.
     search: vec4<f32>,
-    // Gauss pairs for a variation and for a turning normal.
+    // Gauss pairs for a variation, for a turning normal, and for a part of a chord.
     counts: vec4<f32>,
 }
 
@@ -62,6 +62,9 @@ fn test_twins(@builtin(global_invocation_id) id: vec3<u32>) {
     );
     // Squared: small variations are most frequent.
     result.counts.x = f32(pair_count(c.near.x * c.near.x, 8.0 * c.near.y));
+    let range = range_of_corners(Corners(c.low, c.high, vec4<f32>(1.0), vec4<f32>(1.0)));
+    let view = cell_view(Corners(c.low, c.high, vec4<f32>(1.0), vec4<f32>(1.0)), range, Chord(a, c.b_u.xyz, 4.0));
+    result.counts.z = f32(pairs_between(view, 0.2 * u, u, depth_between(view, 0.2 * u, u)));
     result.counts.y = f32(shaded_pair_count(2.0 * c.far.x, 8.0 * c.far.y));
     twin_results[id.x] = result;
 }

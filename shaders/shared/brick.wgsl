@@ -1,6 +1,6 @@
 // Stored voxels of a resident brick. Brick-local index space: the core's first voxel is 0, the apron begins at -2.
 
-// A slot: its cache texture, and the texel of the core's first voxel.
+// A slot: its cache texture, and its first texel there.
 struct Slot {
     index: u32,
     texture: u32,
@@ -8,24 +8,73 @@ struct Slot {
 }
 
 fn slot_at(index: u32) -> Slot {
-    let last = vec3<u32>(scene.config.grids[1].first, scene.config.grids[2].first, scene.config.grids[3].first);
-    let texture = dot(vec3<u32>(vec3<u32>(index) >= last), vec3<u32>(1u));
-    let grid = scene.config.grids[texture];
+    // No more than there are: with one texture there is nothing to look for.
+    let first = vec3<u32>(config.grids[1].first, config.grids[2].first, config.grids[3].first);
+    let texture = min(dot(vec3<u32>(vec3<u32>(index) >= first), vec3<u32>(1u)), TEXTURE_COUNT - 1u);
+    var grid = config.grids[0];
+    switch texture {
+        case 1u: { grid = config.grids[1]; }
+        case 2u: { grid = config.grids[2]; }
+        case 3u: { grid = config.grids[3]; }
+        default: {}
+    }
     let i = index - grid.first;
     let place = vec3<u32>(i % grid.slots.x, (i / grid.slots.x) % grid.slots.y, i / (grid.slots.x * grid.slots.y));
-    let edge = i32(config.core) + 2 * APRON;
-    return Slot(index, texture, vec3<i32>(place) * edge + APRON);
+    return Slot(index, texture, vec3<i32>(place * slot_texels()));
 }
 
-// The stored bits of one voxel.
-fn stored(slot: Slot, voxel: vec3<i32>) -> u32 {
-    let texel = slot.first + voxel;
+// Texels of a slot along x, y and z.
+fn slot_texels() -> vec3<u32> {
+    let edge = config.core + 2u * u32(APRON);
+    let across = (edge - 1u + texel_step() - 1u) / texel_step();
+    return vec3<u32>(across, select(edge, across, has_flag(FLAG_BYTES)), edge);
+}
+
+// Voxels from a texel to the next one along x.
+fn texel_step() -> u32 {
+    return select(select(STEP_OF_HALVES, STEP_OF_FLOATS, has_flag(FLAG_FLOAT)), STEP_OF_BYTES, has_flag(FLAG_BYTES));
+}
+
+// A texel of a slot: 16 bytes of voxels of a layer (gpu/cache.rs).
+fn texel_of(slot: Slot, place: vec3<u32>) -> vec4<u32> {
+    let texel = slot.first + vec3<i32>(place);
     switch min(slot.texture, TEXTURE_COUNT - 1u) {
-        case 0u: { return textureLoad(cache_0, texel, 0).x; }
-        case 1u: { return textureLoad(cache_1, texel, 0).x; }
-        case 2u: { return textureLoad(cache_2, texel, 0).x; }
-        default: { return textureLoad(cache_3, texel, 0).x; }
+        case 0u: { return textureLoad(cache_0, texel, 0); }
+        case 1u: { return textureLoad(cache_1, texel, 0); }
+        case 2u: { return textureLoad(cache_2, texel, 0); }
+        default: { return textureLoad(cache_3, texel, 0); }
     }
+}
+
+// The stored bits of a voxel and its neighbours in its layer, as (x, y) = 00, 10, 01, 11.
+fn stored_square(slot: Slot, voxel: vec3<i32>) -> vec4<u32> {
+    let place = vec3<u32>(voxel + APRON);
+    if (has_flag(FLAG_BYTES)) {
+        let texel = place.xy / STEP_OF_BYTES;
+        return bytes_of_square(texel_of(slot, vec3<u32>(texel, place.z)), place.xy - texel * STEP_OF_BYTES);
+    }
+    let texel = place.x / texel_step();
+    let rest = place.x - texel * texel_step();
+    let near = texel_of(slot, vec3<u32>(texel, place.yz));
+    let far = texel_of(slot, vec3<u32>(texel, place.y + 1u, place.z));
+    if (has_flag(FLAG_FLOAT)) {
+        return vec4<u32>(near[rest], near[rest + 1u], far[rest], far[rest + 1u]);
+    }
+    return vec4<u32>(halves_of_pair(near, rest), halves_of_pair(far, rest));
+}
+
+// A byte of four rows of four, and its neighbours along the row, in the next row, and along that.
+fn bytes_of_square(rows: vec4<u32>, place: vec2<u32>) -> vec4<u32> {
+    let shift = 8u * place.x;
+    let near = rows[place.y] >> shift;
+    let far = rows[place.y + 1u] >> shift;
+    return vec4<u32>(near, near >> 8u, far, far >> 8u) & vec4<u32>(0xffu);
+}
+
+// A number of eight of 16 bits, and the next one.
+fn halves_of_pair(row: vec4<u32>, place: u32) -> vec2<u32> {
+    let next = place + 1u;
+    return vec2<u32>(row[place / 2u] >> (16u * (place % 2u)), row[next / 2u] >> (16u * (next % 2u))) & vec2<u32>(0xffffu);
 }
 
 // Macro cells along each axis of a full brick.

@@ -121,12 +121,13 @@ fn ray_from(ray: PixelRay, strides: u32) -> LevelRay {
 // The same ray in the index space of a coarser level: `(p + 1/2) / scale - 1/2`.
 fn ray_at_level(ray: LevelRay, level: u32) -> LevelRay {
     let shift = scene.tables.levels[level].scale_log2;
-    let scale = vec3<f32>(vec3<u32>(1u) << shift);
+    // A power of two: products are as exact as quotients.
+    let per_voxel = 1.0 / vec3<f32>(vec3<u32>(1u) << shift);
     // Shifting signed integers right rounds down, also below zero.
     let voxel = ray.voxel >> shift;
     let rest = vec3<f32>(ray.voxel - (voxel << shift));
-    let fraction = (rest + ray.fraction + 0.5) / scale - 0.5;
-    return LevelRay(voxel, fraction, ray.direction / scale, ray.direction_low / scale, ray.length);
+    let fraction = (rest + ray.fraction + 0.5) * per_voxel - 0.5;
+    return LevelRay(voxel, fraction, ray.direction * per_voxel, ray.direction_low * per_voxel, ray.length);
 }
 
 // Origin of the ray relative to a voxel.

@@ -4,8 +4,10 @@
 const TABLE_WIDTH: u32 = 1024u;
 // Bins of the transfer function's width: gpu/light_table.rs.
 const LIGHT_BINS: u32 = 4096u;
-// Rows of one of the three planes of that table.
-const LIGHT_ROWS: u32 = 5u;
+// Texels of that table from a bin to the next one.
+const LIGHT_TEXELS: u32 = 4u;
+// Greatest root of a channel's share of the greatest channel.
+const GREATEST_ROOT: u32 = 65535u;
 // Rays of one workgroup: one tile of 8 x 8 pixels.
 const WORKGROUP_RAYS: u32 = 64u;
 // The ray has more to do at once: it stopped at the dispatch's limit.
@@ -54,7 +56,15 @@ const FLAG_HOLES: u32 = 16u;
 const FLAG_LIGHT: u32 = 32u;
 // Flag: there are iso surfaces, alone or inside the volume.
 const FLAG_SURFACES: u32 = 64u;
-// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs.
+// Flag: voxels are bytes; a texel of a cache texture holds four rows of them (gpu/cache.rs).
+const FLAG_BYTES: u32 = 128u;
+// Bytes: voxels from a texel to the next one, along x and y.
+const STEP_OF_BYTES: u32 = 3u;
+// 16-bit numbers: voxels from a texel to the next one along x.
+const STEP_OF_HALVES: u32 = 7u;
+// Floats: voxels from a texel to the next one along x.
+const STEP_OF_FLOATS: u32 = 3u;
+// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
 const KNOT_LIMIT: u32 = 8u;
@@ -77,6 +87,14 @@ const TURN_SHARE: f32 = 0.1;
 const HIGHLIGHT_SHARE: f32 = 0.006;
 const HIGHLIGHT_REACH: f32 = 0.5;
 const BOW_SHARE: f32 = 0.25;
+const FAR: f32 = 1e30;
+const LEAP_MARGIN: f32 = 2e-5;
+const LEAST_PART: f32 = 0.00024414063;
+const PARTS_LIMIT: f32 = 64.0;
+const PARTS_PER_ROOT: f32 = 1.4;
+const LEAST_SHARE: f32 = 0.25;
+const EASY: f32 = 0.125;
+const HARD: f32 = 16.0;
 
 // Where one cache texture's slots lie.
 struct SlotGrid {

@@ -5,6 +5,8 @@
 
 // Width, in bins, below which the mean of an interval is that of its ends.
 const NARROW: f32 = 1.0;
+// 1 over the square of the greatest root.
+const PER_SQUARE: f32 = 1.0 / (f32(GREATEST_ROOT) * f32(GREATEST_ROOT));
 
 // The channels at a value: red, green, blue (times extinction), extinction.
 struct LightAt {
@@ -20,9 +22,15 @@ fn light_bin(value: f32) -> f32 {
     return clamp(floor(value), -1.0, f32(LIGHT_BINS));
 }
 
+// The first texel of a bin.
 fn light_texel(bin: f32) -> vec2<u32> {
-    let place = u32(bin + 1.0);
-    return vec2<u32>(place % TABLE_WIDTH, place / TABLE_WIDTH);
+    let number = LIGHT_TEXELS * u32(bin + 1.0);
+    return vec2<u32>(number % TABLE_WIDTH, number / TABLE_WIDTH);
+}
+
+// The lower 16 bits of two words, and their upper ones, in turn.
+fn halves_of(words: vec2<u32>) -> vec4<f32> {
+    return vec4<f32>(vec4<u32>(words.x, words.x >> 16u, words.y, words.y >> 16u) & vec4<u32>(0xffffu));
 }
 
 fn light_at(value: f32) -> LightAt {
@@ -30,18 +38,19 @@ fn light_at(value: f32) -> LightAt {
     let texel = light_texel(bin);
     let y = value - max(bin, 0.0);
     let start = textureLoad(light_table, texel, 0);
-    let ends = textureLoad(light_table, texel + vec2<u32>(0u, LIGHT_ROWS), 0);
-    let left_root = vec4<f32>(unpack2x16unorm(ends.x), unpack2x16unorm(ends.y));
-    let right_root = vec4<f32>(unpack2x16unorm(ends.z), unpack2x16unorm(ends.w));
-    let left = config.light_most * left_root * left_root;
-    let rise = config.light_most * right_root * right_root - left;
+    let ends = textureLoad(light_table, texel + vec2<u32>(1u, 0u), 0);
+    let left_root = halves_of(ends.xy);
+    let right_root = halves_of(ends.zw);
+    let share = config.light_most * PER_SQUARE;
+    let left = share * left_root * left_root;
+    let rise = share * right_root * right_root - left;
     return LightAt(bitcast<vec4<i32>>(start), y * (left + (0.5 * y) * rise), left + y * rise);
 }
 
 // Bends and variation of colour below a value's bin, or below the bin behind it.
 fn light_sums(value: f32, behind: f32) -> vec2<f32> {
     let texel = light_texel(min(light_bin(value) + behind, f32(LIGHT_BINS)));
-    return bitcast<vec2<f32>>(textureLoad(light_table, texel + vec2<u32>(0u, 2u * LIGHT_ROWS), 0).xy);
+    return bitcast<vec2<f32>>(textureLoad(light_table, texel + vec2<u32>(2u, 0u), 0).xy);
 }
 
 // The field along a part of a ray: at its beginning, middle and end, and the coefficient of the third power.

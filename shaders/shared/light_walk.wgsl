@@ -7,24 +7,6 @@
 const ROUND: u32 = 8u;
 // No stored number.
 const NO_NUMBER: u32 = 0xffffffffu;
-// Shortest part, in cells.
-const LEAST_PART: f32 = 1.0 / 4096.0;
-// Parts that are not halved any more: half of one, and what is left over behind it, would be one part again.
-const SHORTEST: f32 = 2.0 * LEAST_PART;
-// Most parts that a cell is cut into at once.
-const PARTS_LIMIT: f32 = 64.0;
-// Parts per square root of the error: what is left is then well below the tolerance.
-const PARTS_PER_ROOT: f32 = 1.4;
-// Least share of a cell's tolerance that a part may use up, however short it is.
-const LEAST_SHARE: f32 = 0.25;
-// Share of what is allowed, below which the next part is twice as long.
-const EASY: f32 = 0.125;
-// Multiple of what is allowed, from which the next part is a quarter as long, not half.
-const HARD: f32 = 16.0;
-// How far beyond a face a leap ends, in voxels: a few roundings.
-const LEAP_MARGIN: f32 = 2.0e-5;
-// Beyond everything, in world lengths.
-const FAR: f32 = 1.0e30;
 
 // The field of a cell, in bins: corners with x = 0, as (y, z) = 00, 10, 01, 11, and how it rises along x.
 struct LightCell {
@@ -58,14 +40,9 @@ struct StoredCell {
 
 // The cell that begins at a voxel.
 fn stored_cell(slot: Slot, voxel: vec3<i32>) -> StoredCell {
-    let x = vec3<i32>(1, 0, 0);
-    let y = vec3<i32>(0, 1, 0);
-    let z = vec3<i32>(0, 0, 1);
-    return StoredCell(
-        vec4<u32>(stored(slot, voxel), stored(slot, voxel + y), stored(slot, voxel + z), stored(slot, voxel + y + z)),
-        vec4<u32>(
-            stored(slot, voxel + x), stored(slot, voxel + x + y), stored(slot, voxel + x + z), stored(slot, voxel + x + y + z)),
-    );
+    let low = stored_square(slot, voxel);
+    let high = stored_square(slot, voxel + vec3<i32>(0, 0, 1));
+    return StoredCell(vec4<u32>(low.xz, high.xz), vec4<u32>(low.yw, high.yw));
 }
 
 // Its render values.
@@ -249,7 +226,8 @@ fn try_part(
     }
 
     let ratio = part.error * (*walk).transmittance / config.cell_error;
-    let is_taken = ratio <= max(size, LEAST_SHARE) || size <= SHORTEST;
+    // Half of two shortest parts, and what is left over behind it, would be these two again.
+    let is_taken = ratio <= max(size, LEAST_SHARE) || size <= 2.0 * LEAST_PART;
     (*walk).next = next_size(size, ratio, is_taken);
     if (is_taken) {
         (*walk).color += (*walk).transmittance * part.color;

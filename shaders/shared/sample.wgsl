@@ -17,26 +17,25 @@ struct Corners {
     high_present: vec4<f32>,
 }
 
-// Four voxels of a cell's layer, first those along x.
+// Four voxels of a layer, as (x, y) = 00, 10, 01, 11.
 struct Layer {
     value: vec4<f32>,
     present: vec4<f32>,
 }
 
-// The voxels at `first`, `first + x`, `first + y` and `first + x + y`.
-fn layer_of(slot: Slot, first: vec3<i32>, x: vec3<i32>, y: vec3<i32>) -> Layer {
-    let v0 = value_of(stored(slot, first));
-    let v1 = value_of(stored(slot, first + x));
-    let v2 = value_of(stored(slot, first + y));
-    let v3 = value_of(stored(slot, first + x + y));
+// The voxel at `first` and its neighbours in its layer.
+fn layer_of(slot: Slot, first: vec3<i32>) -> Layer {
+    let bits = stored_square(slot, first);
+    let v0 = value_of(bits.x);
+    let v1 = value_of(bits.y);
+    let v2 = value_of(bits.z);
+    let v3 = value_of(bits.w);
     return Layer(vec4<f32>(v0.x, v1.x, v2.x, v3.x), vec4<f32>(v0.y, v1.y, v2.y, v3.y));
 }
 
 fn corners_of(slot: Slot, cell: vec3<i32>) -> Corners {
-    let x = vec3<i32>(1, 0, 0);
-    let y = vec3<i32>(0, 1, 0);
-    let low = layer_of(slot, cell, x, y);
-    let high = layer_of(slot, cell + vec3<i32>(0, 0, 1), x, y);
+    let low = layer_of(slot, cell);
+    let high = layer_of(slot, cell + vec3<i32>(0, 0, 1));
     return Corners(low.value, high.value, low.present, high.present);
 }
 

@@ -38,46 +38,37 @@ fn chord_gradient(slot: Slot, cell: vec3<i32>, corners: Corners, chord: Chord) -
 
 // Central differences along x at the corners.
 fn x_differences(slot: Slot, cell: vec3<i32>, c: Corners) -> Corners {
-    // The voxels beside the cell's faces, as (y, z) = 00, 10, 01, 11.
-    let y = vec3<i32>(0, 1, 0);
-    let z = vec3<i32>(0, 0, 1);
-    let before = layer_of(slot, cell - vec3<i32>(1, 0, 0), y, z);
-    let behind = layer_of(slot, cell + vec3<i32>(2, 0, 0), y, z);
-    let b = before.value;
-    let e = behind.value;
-    let pb = before.present;
-    let pe = behind.present;
+    // The voxels beside the cell's faces: x = 0 of the layers of the cell before, x = 1 of those of the cell behind.
+    let before = corners_of(slot, cell - vec3<i32>(1, 0, 0));
+    let behind = corners_of(slot, cell + vec3<i32>(1, 0, 0));
     return Corners(
-        0.5 * vec4<f32>(c.low.y - b.x, e.x - c.low.x, c.low.w - b.y, e.y - c.low.z),
-        0.5 * vec4<f32>(c.high.y - b.z, e.z - c.high.x, c.high.w - b.w, e.w - c.high.z),
-        c.low_present.yxwz * vec4<f32>(pb.x, pe.x, pb.y, pe.y),
-        c.high_present.yxwz * vec4<f32>(pb.z, pe.z, pb.w, pe.w),
+        0.5 * vec4<f32>(c.low.y - before.low.x, behind.low.y - c.low.x, c.low.w - before.low.z, behind.low.w - c.low.z),
+        0.5 * vec4<f32>(
+            c.high.y - before.high.x, behind.high.y - c.high.x, c.high.w - before.high.z, behind.high.w - c.high.z),
+        c.low_present.yxwz
+            * vec4<f32>(before.low_present.x, behind.low_present.y, before.low_present.z, behind.low_present.w),
+        c.high_present.yxwz
+            * vec4<f32>(before.high_present.x, behind.high_present.y, before.high_present.z, behind.high_present.w),
     );
 }
 
 // Central differences along y at the corners.
 fn y_differences(slot: Slot, cell: vec3<i32>, c: Corners) -> Corners {
-    // As (x, z) = 00, 10, 01, 11.
-    let x = vec3<i32>(1, 0, 0);
-    let z = vec3<i32>(0, 0, 1);
-    let before = layer_of(slot, cell - vec3<i32>(0, 1, 0), x, z);
-    let behind = layer_of(slot, cell + vec3<i32>(0, 2, 0), x, z);
-    let b = before.value;
-    let e = behind.value;
+    // y = 0 of the layers of the cell before, y = 1 of those of the cell behind.
+    let before = corners_of(slot, cell - vec3<i32>(0, 1, 0));
+    let behind = corners_of(slot, cell + vec3<i32>(0, 1, 0));
     return Corners(
-        0.5 * vec4<f32>(c.low.zw - b.xy, e.xy - c.low.xy),
-        0.5 * vec4<f32>(c.high.zw - b.zw, e.zw - c.high.xy),
-        c.low_present.zwxy * vec4<f32>(before.present.xy, behind.present.xy),
-        c.high_present.zwxy * vec4<f32>(before.present.zw, behind.present.zw),
+        0.5 * vec4<f32>(c.low.zw - before.low.xy, behind.low.zw - c.low.xy),
+        0.5 * vec4<f32>(c.high.zw - before.high.xy, behind.high.zw - c.high.xy),
+        c.low_present.zwxy * vec4<f32>(before.low_present.xy, behind.low_present.zw),
+        c.high_present.zwxy * vec4<f32>(before.high_present.xy, behind.high_present.zw),
     );
 }
 
 // Central differences along z at the corners.
 fn z_differences(slot: Slot, cell: vec3<i32>, c: Corners) -> Corners {
-    let x = vec3<i32>(1, 0, 0);
-    let y = vec3<i32>(0, 1, 0);
-    let before = layer_of(slot, cell - vec3<i32>(0, 0, 1), x, y);
-    let behind = layer_of(slot, cell + vec3<i32>(0, 0, 2), x, y);
+    let before = layer_of(slot, cell - vec3<i32>(0, 0, 1));
+    let behind = layer_of(slot, cell + vec3<i32>(0, 0, 2));
     return Corners(
         0.5 * (c.high - before.value),
         0.5 * (behind.value - c.low),

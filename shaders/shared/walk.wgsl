@@ -10,8 +10,8 @@ fn rebase(state: ptr<function, RayState>) {
 // Casts a ray as far as it goes now; afterwards its status is set.
 fn cast_ray(ray: PixelRay, state: ptr<function, RayState>) {
     var is_inside = (*state).status == STATUS_INSIDE;
+    var base = ray_from(ray, (*state).strides);
     while (!is_worked_off()) {
-        var base = ray_from(ray, (*state).strides);
         let region = region_at(base, (*state).t);
         let is_over = (*state).t >= segment_end(state) || is_settled(state);
         if (is_over || region.found == 0u) {

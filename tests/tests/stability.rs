@@ -225,3 +225,8 @@ fn s46_run_lengths() {
 fn s47_extreme_numbers() {
     holds("S47");
 }
+
+#[test]
+fn s48_long_run() {
+    holds("S48");
+}

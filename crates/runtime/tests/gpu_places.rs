@@ -288,14 +288,13 @@ fn gpu_results(
     let view = lines.view(camera, &setting.geometry, dims, &setting.scene.clip).expect("a view");
     config.stride = lines.stride() as f32;
     let scene = GpuScene { config, tables, view };
-    let bits: Vec<u32> = voxels.0.iter().map(|v| v.to_bits()).collect();
     let group_0 = [
         (0, Resource::Storage(bytemuck::bytes_of(&scene))),
         (1, Resource::Storage(bytemuck::cast_slice(pages))),
-        (8, Resource::Texture(&bits, voxels.1)),
-        (9, Resource::Texture(&[0], 1)),
-        (10, Resource::Texture(&[0], 1)),
-        (11, Resource::Texture(&[0], 1)),
+        (8, Resource::Voxels(&voxels.0, voxels.1)),
+        (9, Resource::Nothing),
+        (10, Resource::Nothing),
+        (11, Resource::Nothing),
     ];
     run(gpu, shaders::TEST_PLACES, &group_0, cases)
 }

@@ -20,7 +20,7 @@ use supervol_runtime::raycast::scalar::cell::{
     cubic_extremes, cubic_mean, cubic_of_cell, monotone_intervals, monotone_root, trilinear,
 };
 use supervol_runtime::raycast::scalar::quadrature::{
-    PAIR_LIMIT, integrate_pair, opacity_of, pair_count, shaded_pair_count,
+    PAIR_LIMIT, integrate_pair, opacity_of, pair_count, pairs_between, shaded_pair_count,
 };
 use supervol_runtime::raycast::scalar::shade::{Lighting, shade};
 use supervol_runtime::transfer_function::RenderTransferFunction;
@@ -140,22 +140,31 @@ fn gradients(case: &Case) -> [Vec3; 3] {
 }
 
 /// Numbers of Gauss pairs: where what is wanted is next to a whole number, rounding may decide for either.
-fn check_counts(cases: &[Case], found: &[Outcome]) {
+fn check_counts(cases: &[Case], found: &[Outcome], tf: &RenderTransferFunction) {
     const ROUNDING: f32 = 1e-5;
     let between = |found: f32, count: &dyn Fn(f32) -> u32, what: &str| {
         let [least, most] = [1.0 - ROUNDING, 1.0 + ROUNDING].map(|factor| count(factor) as f32);
         assert!(least <= found && found <= most, "{what}: {found}, not {least} to {most}");
         usize::from(least < most)
     };
-    let mut undecided = 0;
+    let (mut undecided, mut other_pairs) = (0, 0);
     for (case, found) in cases.iter().zip(found) {
         // From next to nothing to more than the limit of pairs lets through.
         let (change, tau) = (case.near[0] * case.near[0], 8.0 * case.near[1]);
         undecided += between(found.counts[0], &|f| pair_count(f * change, f * tau), "pair_count");
         let (turn, tau) = (2.0 * case.far[0], 8.0 * case.far[1]);
+        // Of a part of a chord, the variation is rounded as well.
+        let u = f64::from(case.b_u[3]);
+        let [a, b] = [case.a_value, case.b_u].map(|v| [v[0], v[1], v[2]].map(f64::from));
+        let cubic = cubic_of_cell(&corners(case), a, b);
+        let expected = pairs_between(tf, &cubic, [0.2 * u, u], 4.0);
+        let is_near = (found.counts[2] - expected as f32).abs() <= 1.0 + ROUNDING * expected as f32;
+        assert!(is_near, "pairs_between: {}, not {expected}", found.counts[2]);
+        other_pairs += usize::from(found.counts[2] != expected as f32);
         undecided += between(found.counts[1], &|f| shaded_pair_count(f * turn, f * tau), "shaded_pair_count");
     }
     println!("counts: {undecided} of {} next to a whole number", 2 * cases.len());
+    assert!(other_pairs * 50 < cases.len(), "parts of chords get other pairs: {other_pairs}");
     assert!(undecided * 50 < cases.len(), "rounding decides too often: {undecided}");
     for i in 0..2 {
         let most = PAIR_LIMIT as f32;
@@ -213,7 +222,7 @@ fn shader_functions_equal_their_twins() {
     let light_group_0 = [(0, Resource::Storage(bytemuck::bytes_of(&scene))), (4, Resource::Table(&light.words, 4))];
     let cases = cases();
     let found: Vec<Outcome> = run(&gpu, shaders::TEST_TWINS, &group_0, &cases);
-    check_counts(&cases, &found);
+    check_counts(&cases, &found, &tf);
 
     let expected: Vec<Outcome> = cases.iter().map(|case| outcome(case, &tf, &lighting)).collect();
     // Roots and turning points are ill-conditioned where the cubic is flat.

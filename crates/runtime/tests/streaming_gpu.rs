@@ -37,10 +37,14 @@ fn volume() -> Volume {
 }
 
 fn the_scene(volume: &Volume, mode: &str) -> ResolvedScene {
+    scene_of_size(volume, mode, [40, 36], 25)
+}
+
+fn scene_of_size(volume: &Volume, mode: &str, [width, height]: [u32; 2], fov_y: u32) -> ResolvedScene {
     let tf =
         points(8.0, &[(20.0, [0.1, 0.2, 0.9], 0.0), (150.0, [0.9, 0.8, 0.1], 0.05), (255.0, [1.0, 0.1, 0.1], 0.3)]);
-    let camera = r#""eye": [190, -130, 120], "target": [31, 31, 31], "up": [0, 0, 1], "fov_y": 25"#;
-    let image = r#""image": {"width": 40, "height": 36}"#;
+    let camera = format!(r#""eye": [190, -130, 120], "target": [31, 31, 31], "up": [0, 0, 1], "fov_y": {fov_y}"#);
+    let image = format!(r#""image": {{"width": {width}, "height": {height}}}"#);
     scene(volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "mode": {mode}, "transfer_function": {tf}}}"#))
 }
 
@@ -171,6 +175,31 @@ fn what_a_deadline_left_out_is_drawn_with_more_time() {
         assert_eq!(renderer.picture().unwrap().pixels.len(), 40 * 36);
     }
     assert!(renderer.advance(None).unwrap().is_converged);
+    assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING);
+}
+
+/// Bands that are finished when it is time to stop are kept, and rays of the band in progress go on: however short the steps
+/// are, a picture of several bands is finished at some time.
+#[test]
+fn bands_are_kept_when_it_is_time_to_stop() {
+    if !has_adapter() {
+        return;
+    }
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let options = options(Backend::Gpu);
+    // More rays than a band holds; nearly all of them miss the volume.
+    let scene = scene_of_size(&volume, r#""dvr""#, [1400, 1200], 150);
+    let (expected, stats) = render(&container, &scene, &options).unwrap();
+    assert!(stats.bands > 1, "{} bands", stats.bands);
+    let mut renderer = Renderer::new(OpenVolume::of(container), options).unwrap();
+    renderer.set_scene(scene);
+    let mut steps = 1;
+    while !renderer.advance(Some(Instant::now() + Duration::from_millis(50))).unwrap().is_converged {
+        steps += 1;
+        assert!(steps < 10_000, "the picture is begun again and again");
+    }
+    assert!(steps > 2, "one step was long enough");
     assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING);
 }
 

@@ -42,7 +42,7 @@ pub struct RecordedGate {
 /// One regime.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RegimeRecord {
-    /// `S01` to `S47`.
+    /// `S01` to `S48`.
     pub id: String,
     /// What fails, in a few words.
     pub title: String,

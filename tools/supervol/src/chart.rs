@@ -30,7 +30,7 @@ pub struct Arguments {
     /// Measure where methods fail instead, and hold the default to its promises
     #[arg(long)]
     stability: bool,
-    /// Measure this regime only, S01 to S47; may be given several times
+    /// Measure this regime only, S01 to S48; may be given several times
     #[arg(long, value_name = "ID", requires = "stability")]
     only: Vec<String>,
     /// A report small enough to be kept with the program: all plots and findings, few pictures; no table of all points,

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use supervol_format::{BrickKey, Container, Pyramid, VoxelType};
 
 use super::engine::{Advance, Engine, EngineTotals};
+use super::walk::FinishedBands;
 use super::{FrameWalk, RenderError, RenderOptions, plan_host_for, streamer_for};
 use crate::counters::{DeviceCounters, RayCounters};
 use crate::facts::value_map;
@@ -32,8 +33,15 @@ pub(crate) struct GpuBackend {
     caster: Option<GpuCaster>,
     /// Which of the streamer's answers its page table holds: [`Streamer::answers`].
     answers: Option<u64>,
-    /// The picture whose rays stopped where they were, and how it is made.
-    paused: Option<(ResolvedScene, LodChoice)>,
+    /// The picture whose rays stopped where they were.
+    paused: Option<Paused>,
+}
+
+/// A picture that goes on: how it is made, and what of it is finished.
+struct Paused {
+    scene: ResolvedScene,
+    lod: LodChoice,
+    bands: FinishedBands,
 }
 
 /// The ray caster in WGSL.
@@ -104,25 +112,26 @@ impl GpuBackend {
         // Where something goes wrong, nothing half done is kept.
         let (caster, paused) = (self.caster.take(), self.paused.take());
         let GpuPicture { scene, options, plan, stop, .. } = *picture;
-        let this = (scene.clone(), options.lod());
-        let mut caster = match caster {
-            Some(caster) if paused.as_ref() == Some(&this) => caster.resumed(picture),
-            caster => {
+        let lod = options.lod();
+        let (mut caster, mut bands) = match (caster, paused) {
+            (Some(caster), Some(paused)) if paused.scene == *scene && paused.lod == lod => {
+                (caster.resumed(picture), paused.bands)
+            }
+            (caster, _) => {
                 let keeps_answers = self.answers == Some(streamer.answers());
                 self.answers = Some(streamer.answers());
-                self.begin(caster, streamer, picture, keeps_answers)?
+                (self.begin(caster, streamer, picture, keeps_answers)?, FinishedBands::default())
             }
         };
         let mut walk =
             FrameWalk::new(streamer, plan, options, Instant::now()).until(stop.clone()).after(picture.before.clone());
-        match walk.run(&mut caster, scene.image_size) {
+        match walk.run_on(&mut caster, scene.image_size, &mut bands) {
             Ok(image) => {
                 self.caster = Some(caster);
                 Ok((image, FrameStats { backend: "gpu", ..walk.into_stats() }))
             }
             Err(RenderError::Cancelled) => {
-                // Pictures of several bands are begun again: nobody keeps the bands that were finished.
-                self.paused = (caster.rows == (0..scene.image_size[1])).then_some(this);
+                self.paused = Some(Paused { scene: scene.clone(), lod, bands });
                 self.caster = Some(caster);
                 Err(RenderError::Cancelled)
             }

@@ -48,6 +48,14 @@ pub struct Bands {
     written_before: u64,
 }
 
+/// The bands of a picture that were finished before its walk was cancelled.
+#[derive(Debug, Default)]
+pub struct FinishedBands {
+    pixels: Vec<[f32; 4]>,
+    rows: u32,
+    count: u64,
+}
+
 impl<'a> FrameWalk<'a> {
     /// A walk whose time budget began at `start`.
     #[must_use]
@@ -80,24 +88,42 @@ impl<'a> FrameWalk<'a> {
     /// # Errors
     /// If a device fails, memory does not suffice, there is no progress, or the walk is cancelled.
     pub fn run(&mut self, engine: &mut dyn Engine, image_size: [u32; 2]) -> Result<Image, RenderError> {
+        let mut bands = FinishedBands::default();
+        self.run_on(engine, image_size, &mut bands)
+    }
+
+    /// The same, behind the bands that an earlier walk has finished; where this one is cancelled, `bands` has those that are finished by then.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn run_on(
+        &mut self,
+        engine: &mut dyn Engine,
+        image_size: [u32; 2],
+        bands: &mut FinishedBands,
+    ) -> Result<Image, RenderError> {
         let [width, height] = image_size;
         self.rows = height;
+        self.stats.bands += bands.count;
         self.begin_frame(engine);
         if self.stop.deadline().is_some() {
             self.keep_coarse_levels(engine)?;
         }
-        let mut image = Image { width, height, pixels: Vec::with_capacity(width as usize * height as usize) };
+        bands.pixels.reserve_exact(width as usize * height as usize - bands.pixels.len());
         let rows = self.plan.band_rows.min(engine.band_rows());
-        for first in (0..height).step_by(rows as usize) {
+        for first in (bands.rows..height).step_by(rows as usize) {
+            self.rows_finished = first;
             self.streamer.begin_band();
             engine.begin(first..first.saturating_add(rows).min(height))?;
             self.complete_band(engine)?;
-            image.pixels.extend(engine.image()?.pixels);
+            bands.pixels.extend(engine.image()?.pixels);
+            bands.count += 1;
+            bands.rows = first.saturating_add(rows).min(height);
             self.stats.bands += 1;
-            self.rows_finished = first.saturating_add(rows).min(height);
         }
+        self.rows_finished = height;
         self.gather_stats(engine);
-        Ok(image)
+        Ok(Image { width, height, pixels: std::mem::take(&mut bands.pixels) })
     }
 
     /// Casts until the picture is finished or the walk is to stop, and writes the pixels that are finished over those of

@@ -1,7 +1,9 @@
 //! Resident bricks on the GPU: cache textures, macro ranges, page table, and what of the bricks shows under a look.
 //!
-//! Voxels are stored as unsigned integers (R8Uint, R16Uint, or the bits of floats in R32Uint) and read by `textureLoad`:
-//! exact, without optional features, and filtered by the shader in `f32` rather than with 8-bit fractions.
+//! Voxels are stored as unsigned integers, or as the bits of floats, and read by `textureLoad`: exact, without optional
+//! features, and filtered by the shader in `f32` rather than with 8-bit fractions. A texel has 16 bytes and holds several
+//! voxels of a layer ([`VoxelStorage::voxels_of_texel`]); neighbouring texels share the voxels where they meet, so that the
+//! eight voxels of a cell come by two fetches (of bytes) or four (docs/decisions/017-one-loop-of-antiderivatives.md).
 //! Everything is written through the queue; what is on its way is bounded by the plan's staging bytes.
 
 use super::device::{GpuDevice, GpuError};
@@ -31,14 +33,67 @@ impl VoxelStorage {
         }
     }
 
-    fn format(self) -> wgpu::TextureFormat {
+    /// Voxels of a texel along x and y: 16 bytes of them.
+    #[must_use]
+    pub const fn voxels_of_texel(self) -> [u32; 2] {
         match self {
-            Self::U8 => wgpu::TextureFormat::R8Uint,
-            Self::U16 => wgpu::TextureFormat::R16Uint,
-            Self::F32 => wgpu::TextureFormat::R32Uint,
+            Self::U8 => [4, 4],
+            Self::U16 => [8, 1],
+            Self::F32 => [4, 1],
         }
     }
+
+    /// Voxels from a texel to the next one along x; along y as well where a texel has several rows.
+    #[must_use]
+    pub const fn texel_step(self) -> u32 {
+        self.voxels_of_texel()[0] - 1
+    }
+
+    /// Texels that so many voxels take along x, y and z.
+    #[must_use]
+    pub fn texels(self, voxels: [u32; 3]) -> [u32; 3] {
+        let [_, rows] = self.voxels_of_texel();
+        let shared = |n: u32| (n - 1).div_ceil(self.texel_step()).max(1);
+        let [nx, ny, nz] = voxels;
+        [shared(nx), if rows > 1 { shared(ny) } else { ny }, nz]
+    }
+
+    /// Voxels (x fastest) as texels; what lies beyond them is zero.
+    #[must_use]
+    pub fn packed(self, extent: [u32; 3], voxels: &[u8]) -> Vec<u8> {
+        match self {
+            Self::U8 => self.packed_rows::<4>(extent, voxels),
+            Self::U16 | Self::F32 => self.packed_rows::<TEXEL_BYTES>(extent, voxels),
+        }
+    }
+
+    /// The same, for texels with rows of `ROW` bytes.
+    fn packed_rows<const ROW: usize>(self, extent: [u32; 3], voxels: &[u8]) -> Vec<u8> {
+        let [nx, ny, _] = extent.map(|n| n as usize);
+        let [tx, ty, tz] = self.texels(extent).map(|n| n as usize);
+        let [step, rows] = [self.texel_step(), self.voxels_of_texel()[1]].map(|n| n as usize);
+        let (row_bytes, step_bytes) = (nx * self.bytes() as usize, step * self.bytes() as usize);
+        let from_row_to_row = if rows > 1 { step } else { 1 };
+        let mut packed = vec![0; tx * ty * tz * TEXEL_BYTES];
+        // A row of voxels, and what its last texel holds beyond it.
+        let mut row = vec![0; tx * step_bytes + ROW];
+        for (line, texels) in packed.chunks_exact_mut(tx * TEXEL_BYTES).enumerate() {
+            let (first, z) = (line % ty * from_row_to_row, line / ty);
+            for (i, y) in (first..(first + rows).min(ny)).enumerate() {
+                let begin = (z * ny + y) * row_bytes;
+                row[..row_bytes].copy_from_slice(&voxels[begin..begin + row_bytes]);
+                for (texel, begin) in texels.chunks_exact_mut(TEXEL_BYTES).zip((0..).step_by(step_bytes)) {
+                    let part: [u8; ROW] = row[begin..begin + ROW].try_into().expect("as many bytes");
+                    texel[i * ROW..(i + 1) * ROW].copy_from_slice(&part);
+                }
+            }
+        }
+        packed
+    }
 }
+
+/// Bytes of a texel of the cache textures.
+pub const TEXEL_BYTES: usize = 16;
 
 /// Macro cell without any value: least value above greatest.
 pub const EMPTY_RANGE: [f32; 2] = [1.0, -1.0];
@@ -61,8 +116,8 @@ pub struct GpuCache {
     /// Page table entries to be written before the next pass: (entry, (state, payload)), in the order of the calls.
     pending: Vec<(u32, [u32; 2])>,
     storage: VoxelStorage,
-    /// Voxels along each axis of a slot.
-    edge: u32,
+    /// Texels of a slot along x, y and z.
+    slot: [u32; 3],
     /// Macro cells of a slot.
     cells: usize,
     staging_bytes: u64,
@@ -92,16 +147,17 @@ impl GpuCache {
     /// Out of memory, or a size the device refuses.
     pub fn new(gpu: &GpuDevice, shape: &CacheShape<'_>) -> Result<Self, GpuError> {
         let CacheShape { plan, storage, edge, cells, entries } = *shape;
+        let slot = storage.texels([edge; 3]);
         let mut grids = [SlotGrid { slots: [1; 3], first: u32::MAX }; TEXTURE_LIMIT];
         let mut textures = Vec::new();
         let mut first = 0;
         for (i, &slots) in plan.textures.iter().enumerate() {
             grids[i] = SlotGrid { slots, first };
             first += slots.iter().product::<u32>();
-            let size = slots.map(|n| n * edge);
-            textures.push(gpu.checked("a cache texture", || texture(gpu, size, storage))?);
+            let size = std::array::from_fn(|axis| slots[axis] * slot[axis]);
+            textures.push(gpu.checked("a cache texture", || texture(gpu, size))?);
         }
-        let dummy = gpu.checked("an empty texture", || texture(gpu, [1; 3], storage))?;
+        let dummy = gpu.checked("an empty texture", || texture(gpu, [1; 3]))?;
         let views = (0..TEXTURE_LIMIT)
             .map(|i| textures.get(i).unwrap_or(&dummy).create_view(&wgpu::TextureViewDescriptor::default()))
             .collect();
@@ -121,7 +177,7 @@ impl GpuCache {
             slot_list,
             pending: Vec::new(),
             storage,
-            edge,
+            slot,
             cells,
             staging_bytes: plan.staging_bytes,
             bytes_in_flight: 0,
@@ -155,32 +211,33 @@ impl GpuCache {
     /// If the extent exceeds the slot, or `voxels` is not exactly that many.
     pub fn write_voxels(&mut self, slot: SlotIndex, extent: [usize; 3], voxels: &[u8]) -> Result<u64, GpuError> {
         let extent = extent.map(|n| u32::try_from(n).expect("an extent is not larger than a slot"));
-        let texel = self.storage.bytes();
-        assert!(extent.iter().all(|&n| n <= self.edge), "extent {extent:?} exceeds a slot of {}", self.edge);
-        let bytes = extent.iter().product::<u32>() * texel;
-        assert_eq!(voxels.len(), bytes as usize, "voxels of extent {extent:?}");
-        let texture = self.grids.iter().rposition(|g| g.first <= slot.0).expect("the first grid begins at slot 0");
-        let grid = self.grids[texture];
-        let i = slot.0 - grid.first;
-        let [nx, ny, _] = grid.slots;
-        let place = [i % nx, i / nx % ny, i / (nx * ny)].map(|n| n * self.edge);
-        self.make_room(u64::from(bytes))?;
+        assert_eq!(
+            voxels.len(),
+            (extent.iter().product::<u32>() * self.storage.bytes()) as usize,
+            "voxels of extent {extent:?}"
+        );
+        let [width, height, depth] = self.storage.texels(extent);
+        let fits = width <= self.slot[0] && height <= self.slot[1] && depth <= self.slot[2];
+        assert!(fits, "extent {extent:?} exceeds a slot of {:?} texels", self.slot);
+        let (texture, [x, y, z]) = slot_at(&self.grids, self.slot, slot.0);
+        let texels = self.storage.packed(extent, voxels);
+        self.make_room(texels.len() as u64)?;
         self.gpu.queue.write_texture(
             wgpu::TexelCopyTextureInfo {
                 texture: &self.textures[texture],
                 mip_level: 0,
-                origin: wgpu::Origin3d { x: place[0], y: place[1], z: place[2] },
+                origin: wgpu::Origin3d { x, y, z },
                 aspect: wgpu::TextureAspect::All,
             },
-            voxels,
+            &texels,
             wgpu::TexelCopyBufferLayout {
                 offset: 0,
-                bytes_per_row: Some(extent[0] * texel),
-                rows_per_image: Some(extent[1]),
+                bytes_per_row: Some(width * TEXEL_BYTES as u32),
+                rows_per_image: Some(height),
             },
-            wgpu::Extent3d { width: extent[0], height: extent[1], depth_or_array_layers: extent[2] },
+            wgpu::Extent3d { width, height, depth_or_array_layers: depth },
         );
-        Ok(u64::from(bytes))
+        Ok(texels.len() as u64)
     }
 
     /// Writes the macro ranges of a slot.
@@ -248,15 +305,66 @@ impl GpuCache {
     }
 }
 
-fn texture(gpu: &GpuDevice, size: [u32; 3], storage: VoxelStorage) -> wgpu::Texture {
+/// Cache texture of a slot, and its first texel there; `texels`: of a slot.
+#[must_use]
+pub fn slot_at(grids: &[SlotGrid], texels: [u32; 3], slot: u32) -> (usize, [u32; 3]) {
+    let texture = grids.iter().rposition(|grid| grid.first <= slot).expect("the first grid begins at slot 0");
+    let grid = grids[texture];
+    let i = slot - grid.first;
+    let [nx, ny, _] = grid.slots;
+    let place = [i % nx, i / nx % ny, i / (nx * ny)];
+    (texture, std::array::from_fn(|axis| place[axis] * texels[axis]))
+}
+
+fn texture(gpu: &GpuDevice, size: [u32; 3]) -> wgpu::Texture {
     gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("bricks"),
         size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: size[2] },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D3,
-        format: storage.format(),
+        format: wgpu::TextureFormat::Rgba32Uint,
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use supervol_format::random::Random;
+
+    /// Every cell's voxels lie where the shader looks for them (`stored_square` in brick.wgsl).
+    #[test]
+    fn texels_hold_every_square_of_voxels() {
+        let mut random = Random::new(9);
+        for storage in [VoxelStorage::U8, VoxelStorage::U16, VoxelStorage::F32] {
+            for extent in [[20, 20, 20], [5, 6, 7], [9, 5, 5], [8, 23, 6]] {
+                let bytes = storage.bytes() as usize;
+                let count = extent.iter().product::<u32>() as usize * bytes;
+                let voxels: Vec<u8> = (0..count).map(|_| (random.unit() * 256.0) as u8).collect();
+                let texels = storage.packed(extent, &voxels);
+                let size = storage.texels(extent);
+                let [[width, rows], step] = [storage.voxels_of_texel(), [storage.texel_step(); 2]];
+                let index = |[x, y, z]: [u32; 3], [nx, ny, _]: [u32; 3]| (x + nx * (y + ny * z)) as usize;
+                let from_texels = |texel: [u32; 3], x: u32, y: u32| {
+                    let begin = index(texel, size) * TEXEL_BYTES + (x + width * y) as usize * bytes;
+                    texels[begin..begin + bytes].to_vec()
+                };
+                let all = (0..extent[2]).flat_map(|z| (0..extent[1] - 1).map(move |y| (y, z)));
+                for ([x, y, z], (dx, dy)) in all
+                    .flat_map(|(y, z)| (0..extent[0] - 1).map(move |x| [x, y, z]))
+                    .flat_map(|v| [(0, 0), (1, 0), (0, 1), (1, 1)].map(|d| (v, d)))
+                {
+                    let (i, rest) = (x / step[0], x % step[0]);
+                    let found = match rows {
+                        1 => from_texels([i, y + dy, z], rest + dx, 0),
+                        _ => from_texels([i, y / step[1], z], rest + dx, y % step[1] + dy),
+                    };
+                    let begin = index([x + dx, y + dy, z], extent) * bytes;
+                    assert_eq!(found, voxels[begin..begin + bytes], "{storage:?}, {extent:?}, {:?}", [x, y, z]);
+                }
+            }
+        }
+    }
 }

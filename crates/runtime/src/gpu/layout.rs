@@ -6,6 +6,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::cache::VoxelStorage;
+use super::twins;
 use crate::raycast::cpu::{shade, walk};
 use crate::raycast::scalar::quadrature;
 
@@ -109,8 +111,10 @@ shared_constants! {
     TABLE_WIDTH = 1024;
     /// Bins of the transfer function's width: gpu/light_table.rs.
     LIGHT_BINS = 4096;
-    /// Rows of one of the three planes of that table.
-    LIGHT_ROWS = super::light_table::PLANE_ROWS as u32;
+    /// Texels of that table from a bin to the next one.
+    LIGHT_TEXELS = super::light_table::BIN_TEXELS as u32;
+    /// Greatest root of a channel's share of the greatest channel.
+    GREATEST_ROOT = super::light_table::GREATEST_ROOT;
     /// Rays of one workgroup: one tile of 8 x 8 pixels.
     WORKGROUP_RAYS = 64;
     /// The ray has more to do at once: it stopped at the dispatch's limit.
@@ -159,6 +163,14 @@ shared_constants! {
     FLAG_LIGHT = 32;
     /// Flag: there are iso surfaces, alone or inside the volume.
     FLAG_SURFACES = 64;
+    /// Flag: voxels are bytes; a texel of a cache texture holds four rows of them (gpu/cache.rs).
+    FLAG_BYTES = 128;
+    /// Bytes: voxels from a texel to the next one, along x and y.
+    STEP_OF_BYTES = VoxelStorage::U8.texel_step();
+    /// 16-bit numbers: voxels from a texel to the next one along x.
+    STEP_OF_HALVES = VoxelStorage::U16.texel_step();
+    /// Floats: voxels from a texel to the next one along x.
+    STEP_OF_FLOATS = VoxelStorage::F32.texel_step();
 }
 
 shared_struct! {
@@ -519,7 +531,7 @@ shared_struct! {
 }
 
 /// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 22] {
+fn borrowed_constants() -> [(&'static str, &'static str, String); 30] {
     let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
     [
         ("APRON", "i32", apron.to_string()),
@@ -544,6 +556,14 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 22] {
         ("HIGHLIGHT_SHARE", "f32", format!("{:?}", shade::HIGHLIGHT_SHARE)),
         ("HIGHLIGHT_REACH", "f32", format!("{:?}", shade::HIGHLIGHT_REACH)),
         ("BOW_SHARE", "f32", format!("{:?}", shade::BOW_SHARE)),
+        ("FAR", "f32", format!("{:?}", twins::FAR)),
+        ("LEAP_MARGIN", "f32", format!("{:?}", twins::LEAP_MARGIN)),
+        ("LEAST_PART", "f32", format!("{:?}", twins::LEAST_PART)),
+        ("PARTS_LIMIT", "f32", format!("{:?}", twins::PARTS_LIMIT)),
+        ("PARTS_PER_ROOT", "f32", format!("{:?}", twins::PARTS_PER_ROOT)),
+        ("LEAST_SHARE", "f32", format!("{:?}", twins::LEAST_SHARE)),
+        ("EASY", "f32", format!("{:?}", twins::EASY)),
+        ("HARD", "f32", format!("{:?}", twins::HARD)),
     ]
 }
 
@@ -575,7 +595,7 @@ pub fn structs() -> Vec<StructLayout> {
 pub fn wgsl() -> String {
     let mut text = "// Constants and structs shared with Rust. Written by gpu/layout.rs; do not edit.\n\n".to_owned();
     text.push_str(&constants_wgsl());
-    text.push_str("// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs.\n");
+    text.push_str("// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.\n");
     for (name, ty, value) in borrowed_constants() {
         text.push_str(&format!("const {name}: {ty} = {value};\n"));
     }
@@ -616,7 +636,7 @@ mod tests {
     /// Core WebGPU only: no capability is granted.
     #[test]
     fn every_shader_is_valid() {
-        for module in shaders::ALL {
+        for module in shaders::DRAWING.into_iter().chain(shaders::TESTING) {
             let parsed = parsed(&module);
             assert!(parsed.entry_points.iter().any(|e| e.name == module.name), "no entry point {}", module.name);
         }
@@ -644,7 +664,7 @@ mod tests {
     /// Style: an entry is read on one screen.
     #[test]
     fn entries_are_short() {
-        for module in shaders::ALL {
+        for module in shaders::DRAWING.into_iter().chain(shaders::TESTING) {
             let (name, text) = module.entry;
             assert!(text.lines().count() <= 80, "{name} has more than 80 lines");
         }

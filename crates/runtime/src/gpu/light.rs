@@ -7,8 +7,8 @@
 use glam::Vec3;
 use supervol_format::Geometry;
 
-use super::layout::{LIGHT_BINS, TABLE_WIDTH};
-use super::light_table::{LightTable, PLANE_ROWS};
+use super::layout::LIGHT_BINS;
+use super::light_table::{BIN_TEXELS, GREATEST_ROOT, LightTable};
 use crate::raycast::cpu::integrate::Part;
 use crate::raycast::cpu::shade::PacketLighting;
 use crate::raycast::cpu::simd::{LANES_LIMIT, Portable, Simd};
@@ -16,6 +16,8 @@ use crate::raycast::scalar::shade::Lighting;
 
 /// Width, in bins, below which the mean of an interval is that of its ends.
 pub const NARROW: f32 = 1.0;
+/// 1 over the square of the greatest root.
+const PER_SQUARE: f32 = 1.0 / (GREATEST_ROOT as f32 * GREATEST_ROOT as f32);
 /// Extinction that stands for none.
 const DIM: f32 = 1e-30;
 
@@ -62,9 +64,10 @@ fn light_bin(value: f32) -> f32 {
     value.floor().clamp(-1.0, LIGHT_BINS as f32)
 }
 
-fn texel(table: &LightTable, plane: usize, bin: f32) -> [u32; 4] {
-    let first = 4 * (plane * PLANE_ROWS * TABLE_WIDTH as usize + (bin + 1.0) as usize);
-    std::array::from_fn(|i| table.words[first + i])
+/// Texel `i` of a bin.
+fn texel(table: &LightTable, i: usize, bin: f32) -> [u32; 4] {
+    let first = 4 * (BIN_TEXELS * (bin + 1.0) as usize + i);
+    std::array::from_fn(|word| table.words[first + word])
 }
 
 /// The channels at a value.
@@ -73,9 +76,10 @@ pub fn light_at(table: &LightTable, value: f32) -> LightAt {
     let bin = light_bin(value);
     let y = value - bin.max(0.0);
     let ends = texel(table, 1, bin);
+    let share = table.most * PER_SQUARE;
     let channel = |end: usize, c: usize| {
-        let root = (ends[2 * end + c / 2] >> (16 * (c % 2)) & 0xffff) as f32 / 65535.0;
-        table.most * root * root
+        let root = (ends[2 * end + c / 2] >> (16 * (c % 2)) & 0xffff) as f32;
+        share * root * root
     };
     let [left, right] = [0, 1].map(|end| std::array::from_fn::<f32, 4, _>(|c| channel(end, c)));
     let rise = |c: usize| right[c] - left[c];

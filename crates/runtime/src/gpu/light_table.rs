@@ -2,8 +2,8 @@
 //! antiderivatives.
 //!
 //! Values are counted in *bins* from the function's first control point: [`LIGHT_BINS`] of them reach to its last, one more
-//! on either side stands for all values beyond. Extinction is per unit distance. A bin has three texels, each on a
-//! plane of rows of its own:
+//! on either side stands for all values beyond. Extinction is per unit distance. A bin has three texels, side by side in one
+//! cache line ([`BIN_TEXELS`]):
 //! 1. the antiderivatives of extinction and of extinction times red, green, blue, where the bin begins: exact, so that
 //!    means over several bins are, whatever steps and bends lie between (`raycast::cpu::integrate` says how they are used);
 //! 2. the same four channels just behind the bin's beginning and just before its end, as roots of their shares of the greatest: a line with the
@@ -23,10 +23,12 @@ use crate::transfer_function::pieces::{CHANNELS, Column, TransferPieces};
 const STEEPEST: f64 = 1.0 / 8.0;
 /// Bins, and one on either side.
 const PLACES: usize = LIGHT_BINS as usize + 2;
-/// Rows of each of the three planes.
-pub const PLANE_ROWS: usize = PLACES.div_ceil(TABLE_WIDTH as usize);
-/// Texels of the table.
-pub const TEXELS: usize = 3 * PLANE_ROWS * TABLE_WIDTH as usize;
+/// Texels from a bin to the next one: three, and one that fills the cache line of 64 bytes.
+pub const BIN_TEXELS: usize = 4;
+/// Greatest root of a channel's share of the greatest channel, in the second texel.
+pub const GREATEST_ROOT: u32 = 65_535;
+/// Texels of the table: whole rows.
+pub const TEXELS: usize = (BIN_TEXELS * PLACES).next_multiple_of(TABLE_WIDTH as usize);
 
 /// See the module.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,9 +78,8 @@ impl LightTable {
         let unit = whole.max(f64::from(f32::MIN_POSITIVE)) / f64::from(i32::MAX - 1);
         let most = points.iter().map(|p| source.kappa(p.alpha)).fold(f64::MIN_POSITIVE, f64::max);
         let mut words = vec![0; 4 * TEXELS];
-        let mut write = |plane: usize, place: usize, texel: [u32; 4]| {
-            let texel_number = plane * PLANE_ROWS * TABLE_WIDTH as usize + place;
-            words[4 * texel_number..][..4].copy_from_slice(&texel);
+        let mut write = |i: usize, place: usize, texel: [u32; 4]| {
+            words[4 * (BIN_TEXELS * place + i)..][..4].copy_from_slice(&texel);
         };
         let mut is_resolved = !pieces.has_steps();
         for place in 0..PLACES {
@@ -149,7 +150,7 @@ fn line_of(ends: [[f64; CHANNELS]; 2], mean: [f64; CHANNELS]) -> [[f64; CHANNELS
 
 /// Red, green, blue, extinction at both ends: roots of their shares of `most`, 16 bits each.
 fn packed([left, right]: [[f64; CHANNELS]; 2], most: f64) -> [u32; 4] {
-    let root = |v: f64| ((v / most).clamp(0.0, 1.0).sqrt() * 65535.0).round() as u32;
+    let root = |v: f64| ((v / most).clamp(0.0, 1.0).sqrt() * f64::from(GREATEST_ROOT)).round() as u32;
     let pair = |a: f64, b: f64| root(a) | root(b) << 16;
     [pair(left[1], left[2]), pair(left[3], left[0]), pair(right[1], right[2]), pair(right[3], right[0])]
 }

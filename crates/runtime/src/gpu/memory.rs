@@ -4,6 +4,7 @@
 //! their states, feedback, and staging for uploads and read-back. What is fixed by the scene comes first; slots take
 //! the rest.
 
+use super::cache::TEXEL_BYTES;
 use super::device::GpuError;
 
 /// Most cache textures: the number of texture bindings in the shader.
@@ -28,10 +29,8 @@ pub struct MemoryRequest {
     pub budget_bytes: u64,
     /// Bytes that the scene fixes: rays, states, page table, counters, feedback, transfer function.
     pub fixed_bytes: u64,
-    /// Voxels along each axis of a slot.
-    pub slot_edge: u32,
-    /// Bytes of one texel: 1, 2 or 4.
-    pub texel_bytes: u64,
+    /// Texels of a slot along x, y and z.
+    pub slot_texels: [u32; 3],
     /// Bytes of macro ranges beside each slot.
     pub ranges_bytes: u64,
     /// Slots beyond which more are useless: the number of bricks there are.
@@ -63,7 +62,7 @@ impl MemoryPlan {
     /// # Errors
     /// [`GpuError::Budget`] where not even [`MIN_SLOTS`] do.
     pub fn new(request: &MemoryRequest) -> Result<Self, GpuError> {
-        let texels = u64::from(request.slot_edge).pow(3) * request.texel_bytes;
+        let texels = slot_texels_bytes(request.slot_texels);
         let slot_bytes = texels + request.ranges_bytes;
         let min_slots = MIN_SLOTS.min(request.useful_slots);
         // The least staging holds one brick.
@@ -86,9 +85,9 @@ impl MemoryPlan {
             ((request.budget_bytes - fixed) / slot_bytes).min(request.useful_slots).min(by_ranges).min(SLOT_LIMIT);
 
         let per_texture = TEXTURE_BYTES_LIMIT / texels;
-        let per_axis = request.max_dimension / request.slot_edge;
+        let per_axis = request.slot_texels.map(|n| u64::from(request.max_dimension / n));
         let mut textures = Vec::new();
-        while wanted > 0 && textures.len() < TEXTURE_LIMIT && per_axis > 0 {
+        while wanted > 0 && textures.len() < TEXTURE_LIMIT && !per_axis.contains(&0) {
             let grid = best_grid(wanted.min(per_texture), per_axis);
             let slots = grid.iter().map(|&n| u64::from(n)).product::<u64>();
             if slots == 0 {
@@ -109,17 +108,21 @@ impl MemoryPlan {
     }
 }
 
-/// The box of at most `count` slots with the most slots, no axis longer than `per_axis`; near a cube among equals.
-fn best_grid(count: u64, per_axis: u32) -> [u32; 3] {
-    let longest = u64::from(per_axis);
+/// Bytes of a slot's texels.
+fn slot_texels_bytes(texels: [u32; 3]) -> u64 {
+    texels.iter().map(|&n| u64::from(n)).product::<u64>() * TEXEL_BYTES as u64
+}
+
+/// The box of at most `count` slots with the most slots, no axis longer than `longest` says; near a cube among equals.
+fn best_grid(count: u64, longest: [u64; 3]) -> [u32; 3] {
     let mut best = [0; 3];
     let mut most = 0;
-    for z in (1..=longest).take_while(|z| z * z * z <= count) {
-        for y in (z..=longest).take_while(|y| z * y * y <= count) {
-            let x = (count / (z * y)).min(longest);
+    for z in (1..=longest[2]).take_while(|z| z * z * z <= count) {
+        for y in (z..=longest[1]).take_while(|y| z * y * y <= count) {
+            let x = (count / (z * y)).min(longest[0]);
             if x * y * z >= most {
                 most = x * y * z;
-                best = [x, y, z].map(|n| u32::try_from(n).expect("an axis is not longer than `per_axis`"));
+                best = [x, y, z].map(|n| u32::try_from(n).expect("an axis is not longer than `longest`"));
             }
         }
     }
@@ -133,8 +136,7 @@ mod tests {
     const REQUEST: MemoryRequest = MemoryRequest {
         budget_bytes: 256 << 20,
         fixed_bytes: 10 << 20,
-        slot_edge: 68,
-        texel_bytes: 1,
+        slot_texels: [23, 23, 68],
         ranges_bytes: 4096,
         useful_slots: 1 << 30,
         max_dimension: 2048,
@@ -149,12 +151,12 @@ mod tests {
             assert!(plan.total_bytes <= request.budget_bytes, "{plan:?}");
             assert!(plan.textures.len() <= TEXTURE_LIMIT, "{plan:?}");
             for grid in &plan.textures {
-                assert!(grid.iter().all(|n| n * 68 <= 2048), "{plan:?}");
-                let bytes = grid.iter().map(|&n| u64::from(n) * 68).product::<u64>();
-                assert!(bytes <= TEXTURE_BYTES_LIMIT, "{plan:?}");
+                let size: [u32; 3] = std::array::from_fn(|axis| grid[axis] * REQUEST.slot_texels[axis]);
+                assert!(size.iter().all(|&n| n <= REQUEST.max_dimension), "{plan:?}");
+                assert!(slot_texels_bytes(size) <= TEXTURE_BYTES_LIMIT, "{plan:?}");
             }
             let room = ((request.budget_bytes - 10 * (1 << 20) - plan.staging_bytes) / plan.slot_bytes)
-                .min(TEXTURE_LIMIT as u64 * (TEXTURE_BYTES_LIMIT / 68u64.pow(3)));
+                .min(TEXTURE_LIMIT as u64 * (TEXTURE_BYTES_LIMIT / slot_texels_bytes(REQUEST.slot_texels)));
             assert!(plan.slots * 10 >= room * 9, "{} of {room} slots: {plan:?}", plan.slots);
         }
     }

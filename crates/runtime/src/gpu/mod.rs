@@ -12,6 +12,7 @@
 //! - [`slots`]: which brick sits in which slot, and who must leave;
 //! - [`cache`]: the cache textures, the page table and the macro ranges on the GPU;
 //! - [`table`]: what shaders look up at any place;
+//! - [`twins`]: shader functions in Rust that nothing but tests calls;
 //! - [`feedback`]: what the rays say: misses, uses, counters.
 //!
 //! Only core WebGPU is required: no optional feature, six storage buffers, 3D textures of unsigned integers.
@@ -30,3 +31,4 @@ pub mod scene_tables;
 pub mod shaders;
 pub mod slots;
 pub mod table;
+pub mod twins;

@@ -8,8 +8,8 @@ use super::cache::VoxelStorage;
 use super::device::GpuError;
 use super::feedback::{MISS_LIMIT, use_words, wait_words};
 use super::layout::{
-    Config, FLAG_ABSENT, FLAG_FLOAT, FLAG_HOLES, FLAG_LIGHT, FLAG_SHADED, FLAG_SKIPPING, FLAG_SURFACES, GpuIso,
-    GpuLevel, GpuLight, GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
+    Config, FLAG_ABSENT, FLAG_BYTES, FLAG_FLOAT, FLAG_HOLES, FLAG_LIGHT, FLAG_SHADED, FLAG_SKIPPING, FLAG_SURFACES,
+    GpuIso, GpuLevel, GpuLight, GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
 };
 use super::light_table::LightTable;
 use crate::raycast::cpu::{CELL_SHARE, END_SHARE, LEAST_SHADED_SHARE, Skipping, TERMINATION_OPACITY};
@@ -74,6 +74,7 @@ pub fn config(
     let has_holes = volume.storage == VoxelStorage::F32 || map.absent.is_some();
     let flags = [
         (volume.storage == VoxelStorage::F32, FLAG_FLOAT),
+        (volume.storage == VoxelStorage::U8, FLAG_BYTES),
         (map.absent.is_some() && volume.storage != VoxelStorage::F32, FLAG_ABSENT),
         (lighting.is_some(), FLAG_SHADED),
         (skipping == Skipping::On, FLAG_SKIPPING),

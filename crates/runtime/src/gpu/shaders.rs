@@ -78,9 +78,17 @@ pub const TEST_LIGHT: ShaderModule = ShaderModule { name: "test_light", shared: 
 pub const TEST_PLACES: ShaderModule =
     ShaderModule { name: "test_places", shared: RAY, entry: file!("test_places.wgsl") };
 
-/// Every module there is.
-pub const ALL: [ShaderModule; 8] =
-    [RAYCAST, BEGIN_RAYS, BEGIN_PARTS, CLASSIFY_CELLS, GATHER_MISSES, TEST_TWINS, TEST_LIGHT, TEST_PLACES];
+/// For the tests: arithmetic of rays on their way.
+pub const TEST_WALK: ShaderModule = ShaderModule { name: "test_walk", shared: RAY, entry: file!("test_walk.wgsl") };
+
+/// For the tests: places in textures, marks of surfaces.
+pub const TEST_SLOTS: ShaderModule = ShaderModule { name: "test_slots", shared: RAY, entry: file!("test_slots.wgsl") };
+
+/// What the tests run beside [`DRAWING`].
+pub const TESTING: [ShaderModule; 5] = [TEST_TWINS, TEST_LIGHT, TEST_PLACES, TEST_WALK, TEST_SLOTS];
+
+/// What pictures are made by.
+pub const DRAWING: [ShaderModule; 5] = [RAYCAST, BEGIN_RAYS, BEGIN_PARTS, CLASSIFY_CELLS, GATHER_MISSES];
 
 impl ShaderModule {
     /// The files joined.

@@ -1,6 +1,7 @@
 //! Runs a test shader once for each of some inputs.
 
 use bytemuck::Pod;
+use supervol_runtime::gpu::cache::{TEXEL_BYTES, VoxelStorage};
 use supervol_runtime::gpu::shaders::ShaderModule;
 use supervol_runtime::gpu::table::Table;
 use supervol_runtime::raycast::gpu::GpuDevice;
@@ -10,8 +11,10 @@ pub enum Resource<'a> {
     Storage(&'a [u8]),
     /// A table's words, and how many of them a texel has.
     Table(&'a [u32], usize),
-    /// Voxels of a cube of one slot, x fastest, 32 bits each; its edge.
-    Texture(&'a [u32], u32),
+    /// Voxels of a cube of one slot, x fastest; its edge.
+    Voxels(&'a [f32], u32),
+    /// One texel, for what is bound and not read.
+    Nothing,
 }
 
 /// The outputs of a module with one entry point: group 0 as given, group 2 the inputs and the outputs.
@@ -85,7 +88,11 @@ fn bound(gpu: &GpuDevice, resource: &Resource<'_>) -> Bound {
             table.write(gpu, words);
             Bound::View(table.view)
         }
-        Resource::Texture(voxels, edge) => Bound::View(texture(gpu, voxels, *edge)),
+        Resource::Voxels(voxels, edge) => {
+            let texels = VoxelStorage::F32.packed([*edge; 3], bytemuck::cast_slice(voxels));
+            Bound::View(texture(gpu, &texels, VoxelStorage::F32.texels([*edge; 3])))
+        }
+        Resource::Nothing => Bound::View(texture(gpu, &[0; TEXEL_BYTES], [1; 3])),
     }
 }
 
@@ -95,19 +102,20 @@ fn buffer(gpu: &GpuDevice, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buf
     buffer
 }
 
-fn texture(gpu: &GpuDevice, voxels: &[u32], edge: u32) -> wgpu::TextureView {
-    let size = wgpu::Extent3d { width: edge, height: edge, depth_or_array_layers: edge };
+fn texture(gpu: &GpuDevice, texels: &[u8], [width, height, depth_or_array_layers]: [u32; 3]) -> wgpu::TextureView {
+    let size = wgpu::Extent3d { width, height, depth_or_array_layers };
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: None,
         size,
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D3,
-        format: wgpu::TextureFormat::R32Uint,
+        format: wgpu::TextureFormat::Rgba32Uint,
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     });
-    let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * edge), rows_per_image: Some(edge) };
-    gpu.queue.write_texture(texture.as_image_copy(), bytemuck::cast_slice(voxels), layout, size);
+    let bytes_per_row = Some(width * TEXEL_BYTES as u32);
+    let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row, rows_per_image: Some(height) };
+    gpu.queue.write_texture(texture.as_image_copy(), texels, layout, size);
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }

@@ -1,6 +1,6 @@
 //! The stability suite: every regime in which a method breaks, with a recipe, a curve into the failure, and a gate.
 //!
-//! A [`Regime`] is one row of the list of regimes (S01 to S47). The report runs them at `Scale::Full`, the tests at
+//! A [`Regime`] is one row of the list of regimes (S01 to S48). The report runs them at `Scale::Full`, the tests at
 //! `Scale::Small`: the same code, fewer and smaller cases. A gate is a number that the project has promised; it is
 //! never loosened to pass: a regime that fails is reported failing and has its place in `tests/tests/known_issues.rs`.
 
@@ -26,7 +26,7 @@ use crate::context::{ChartError, Context};
 
 /// One regime.
 pub struct Regime {
-    /// `S01` to `S47`.
+    /// `S01` to `S48`.
     pub id: &'static str,
     /// What fails, in a few words.
     pub title: &'static str,

@@ -593,8 +593,7 @@ fn plan_memory(
     MemoryPlan::new(&MemoryRequest {
         budget_bytes: options.memory_bytes,
         fixed_bytes: entries * 8 + capacity.bytes(entries.min(SLOT_LIMIT)),
-        slot_edge: scene_tables::slot_edge(volume.pyramid),
-        texel_bytes: u64::from(volume.storage.bytes()),
+        slot_texels: volume.storage.texels([scene_tables::slot_edge(volume.pyramid); 3]),
         // Range and proximity of each macro cell, and the slot's place in a list.
         ranges_bytes: macro_edge.pow(3) * 12 + 4,
         useful_slots: entries,

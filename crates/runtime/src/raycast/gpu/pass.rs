@@ -209,6 +209,8 @@ pub(super) struct Caster {
     grid: RayGrid,
     view: View,
     run_rays: u32,
+    /// Rays that a pass looks at: all others of the band are finished.
+    unfinished: Vec<Range<u32>>,
 }
 
 impl Caster {
@@ -245,6 +247,7 @@ impl Caster {
             read_bytes,
             grid: RayGrid { width: 0, height: 0 },
             view: View::zeroed(),
+            unfinished: Vec::new(),
             run_rays: match gpu.kind() {
                 wgpu::DeviceType::DiscreteGpu => MOST_RUN_RAYS,
                 wgpu::DeviceType::Cpu => FIRST_SOFTWARE_RUN_RAYS,
@@ -323,6 +326,7 @@ impl Caster {
     pub(super) fn begin(&mut self, rows: Range<u32>) {
         self.grid = RayGrid { width: self.view.width, height: rows.end - rows.start };
         let places = self.grid.places() as u32;
+        self.look_at_all();
         self.view =
             View { first_row: rows.start, height: rows.end, tiles_x: self.grid.tiles()[0], places, ..self.view };
         let offset = std::mem::offset_of!(Scene, view) as u64;
@@ -334,8 +338,15 @@ impl Caster {
         self.gpu.queue.submit([encoder.finish()]);
     }
 
+    /// No ray of the band is known to be finished.
+    fn look_at_all(&mut self) {
+        let places = self.grid.places() as u32;
+        self.unfinished = std::iter::once(0..places).collect();
+    }
+
     /// Sets rays of the band on their way through their next part.
-    pub(super) fn begin_parts(&self, parts: &[RayPart]) {
+    pub(super) fn begin_parts(&mut self, parts: &[RayPart]) {
+        self.look_at_all();
         for parts in parts.chunks(PARTS_AT_ONCE) {
             let groups = (parts.len() as u32).div_ceil(WORKGROUP_RAYS);
             // The last workgroup is filled up with places that there are not.
@@ -374,7 +385,8 @@ impl Caster {
         pass.dispatch_workgroups(groups.div_ceil(rows), rows, 1);
     }
 
-    /// Casts every unfinished ray until it is finished or waits for a brick, or that is to stop.
+    /// Casts every unfinished ray until it is finished or waits for a brick, or that is to stop. Runs whose rays are all finished are
+    /// not looked at again: however early a pass is stopped, the next one begins further behind.
     ///
     /// Runs of rays are submitted without waiting for those before them, [`RUNS_IN_FLIGHT`] at a time; what is read of one is
     /// how many of its rays have to go on, in the next round.
@@ -383,15 +395,16 @@ impl Caster {
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.feedback, 0, None);
         self.gpu.queue.submit([encoder.finish()]);
-        let all = 0..self.grid.places() as u32;
-        let mut round = Round { later: 0, rays: std::iter::once(all).collect() };
+        let mut round = Round { later: 0, rays: std::mem::take(&mut self.unfinished) };
         for _ in 0..ROUND_LIMIT {
             let left = self.cast_round(round, &mut raw, stop)?;
             if left.is_empty() || raw.is_stopped {
+                self.unfinished.extend(left);
                 break;
             }
             round = Round { later: 1, rays: left };
         }
+        join_ranges(&mut self.unfinished);
         raw.feedback.unfinished_rays += raw.interrupted;
         self.read_feedback(&mut raw)?;
         Ok(raw)
@@ -403,6 +416,7 @@ impl Caster {
         let mut left: Vec<Range<u32>> = Vec::new();
         let mut flying: VecDeque<Run> = VecDeque::new();
         let mut last_end = Instant::now();
+        let mut not_cast = Vec::new();
         for mut rays in round.rays {
             while !rays.is_empty() && !raw.is_stopped {
                 if flying.len() == RUNS_IN_FLIGHT {
@@ -415,10 +429,12 @@ impl Caster {
                 flying.push_back(run);
                 rays.start = end;
             }
+            not_cast.extend(Some(rays).filter(|rays| !rays.is_empty()));
         }
         while !flying.is_empty() {
             self.land(&mut flying, &mut last_end, raw, &mut left)?;
         }
+        left.append(&mut not_cast);
         raw.is_stopped |= !left.is_empty() && stop.is_due();
         Ok(left)
     }
@@ -457,6 +473,9 @@ impl Caster {
         raw.dispatch_ms_max = raw.dispatch_ms_max.max(ms);
         self.adapt_run(ms);
         raw.interrupted += u64::from(counters.interrupted);
+        if counters.waiting > 0 {
+            self.unfinished.push(run.rays.clone());
+        }
         if counters.interrupted > 0 {
             left.push(run.rays);
         }
@@ -511,9 +530,28 @@ impl Caster {
     }
 }
 
+/// Sorts ranges, and makes one of those that touch.
+fn join_ranges(ranges: &mut Vec<Range<u32>>) {
+    ranges.sort_unstable_by_key(|range| range.start);
+    ranges.dedup_by(|next, joined| {
+        let touches = next.start <= joined.end;
+        if touches {
+            joined.end = joined.end.max(next.end);
+        }
+        touches
+    });
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn ranges_that_touch_are_one() {
+        let mut ranges = vec![8..12, 0..4, 20..24, 10..11, 4..6, 24..25];
+        join_ranges(&mut ranges);
+        assert_eq!(ranges, [0..6, 8..12, 20..25]);
+    }
 
     #[test]
     fn rays_of_a_band_keep_to_their_limit() {

@@ -8,6 +8,7 @@ mod cache;
 mod coordinates;
 mod determinism;
 mod device;
+mod long_run;
 mod planner;
 mod read_errors;
 pub(crate) mod session;
@@ -15,7 +16,7 @@ mod sources;
 
 use super::Regime;
 
-/// S32 to S35, S39 to S42, S44.
+/// S32 to S35, S39 to S42, S44, S48.
 pub const REGIMES: &[Regime] = &[
     cache::SMALL_CACHE,
     cache::STARVATION,
@@ -26,4 +27,5 @@ pub const REGIMES: &[Regime] = &[
     read_errors::READ_ERRORS,
     device::DEVICE_LOSS,
     determinism::DETERMINISM,
+    long_run::LONG_RUN,
 ];

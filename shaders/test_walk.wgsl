@@ -1,0 +1,80 @@
+// For the tests: the arithmetic of a ray on its way through bricks, on given numbers; to be compared with its Rust twins.
+
+struct WalkCase {
+    low: vec4<f32>,
+    high: vec4<f32>,
+    a_value: vec4<f32>,
+    b_u: vec4<f32>,
+    texel: vec4<u32>,
+    slot: u32,
+    place: vec2<u32>,
+    place_in_row: u32,
+    macro_cell: vec3<u32>,
+    ray: u32,
+    sides: u32,
+    crossed: u32,
+    present: u32,
+    strides: u32,
+}
+
+struct WalkResult {
+    // Sides of surfaces at u of a chord; Gauss pairs for light.
+    counts: vec4<u32>,
+    bins: vec4<f32>,
+    // A ray in a brick: parameter per voxel and margin; parameter of plane 0 and extent per parameter.
+    inverse: vec4<f32>,
+    offset: vec4<f32>,
+    // The cell at a place, and length of the next part; the macro cell there.
+    cell: vec4<f32>,
+    macro_cell: vec4<f32>,
+    // (least, greatest) corner, the field at u, and where it first changes sides (2 where it does not).
+    field: vec4<f32>,
+    // Of a cell of stored numbers: its field in bins and in render values.
+    stored: vec4<f32>,
+    gradient: vec4<f32>,
+    normal: vec4<f32>,
+    direction: vec4<f32>,
+}
+
+@group(2) @binding(0) var<storage, read> walk_cases: array<WalkCase>;
+@group(2) @binding(1) var<storage, read_write> walk_results: array<WalkResult>;
+
+fn ray_of_case(c: WalkCase) -> LocalRay {
+    let level = LevelRay(vec3<i32>(0), vec3<f32>(0.0), c.b_u.xyz - 0.5, vec3<f32>(0.0), 1.0 + c.b_u.w);
+    // Three of four rays run along a plane.
+    let direction = select(level.direction, vec3<f32>(0.0), vec3<u32>(0u, 1u, 2u) == vec3<u32>(c.ray % 4u));
+    return LocalRay(30.0 * c.a_value.xyz - 1.0, direction, level, vec3<i32>(0), normalize(c.b_u.xyz), c.low.xyz);
+}
+
+@compute @workgroup_size(64)
+fn test_walk(@builtin(global_invocation_id) id: vec3<u32>) {
+    if (id.x >= arrayLength(&walk_cases)) {
+        return;
+    }
+    config = scene.config;
+    let c = walk_cases[id.x];
+    let u = c.b_u.w;
+    let local = ray_of_case(c);
+    let ray = light_ray(local, 40.0);
+    let range = range_of_corners(Corners(c.low, c.high, c.low, c.high));
+    let view = cell_view(Corners(c.low, c.high, c.low, c.high), range, Chord(c.a_value.xyz, c.b_u.xyz, 1.0));
+    let gradient = ChordGradient(c.low, c.high, c.a_value, 1u);
+    let cell = StoredCell(c.texel & vec4<u32>(0xffu), (c.texel >> vec4<u32>(8u)) & vec4<u32>(0xffu));
+    let numbers = corners_of_stored(cell);
+    let in_bins = value_in(light_cell(cell, c.a_value.xyz, c.b_u.xyz), c.a_value.xyz);
+    let change = min(first_change(view, c.a_value.w, c.present != 0u), 2.0);
+    let pairs = shaded_pairs(gradient, 0.2 * u, u, local, c.a_value.w);
+    walk_results[id.x] = WalkResult(
+        vec4<u32>(sides_at(view, u), pairs, 0u, 0u),
+        bins_of(cell.near),
+        vec4<f32>(ray.inverse, ray.margin),
+        vec4<f32>(ray.offset, ray.extent_per_t),
+        vec4<f32>(cell_at(ray, 40.0 * u), next_size(c.low.x, 20.0 * c.low.y * c.low.y, c.low.z > 0.5)),
+        vec4<f32>(vec3<f32>(macro_cell_at(local, 40.0 * u)), 0.0),
+        vec4<f32>(range, value_at(view, u), change),
+        vec4<f32>(in_bins, trilinear(numbers.low, numbers.high, c.a_value.xyz), 0.0, 0.0),
+        vec4<f32>(gradient_at(gradient, u, local), 0.0),
+        vec4<f32>(normal_at(gradient, u, local), 0.0),
+        vec4<f32>(world_direction(local.level.direction), 0.0),
+    );
+}
