@@ -437,8 +437,11 @@ impl Scene {
         scene.samples_per_pixel =
             Some(self.samples_per_pixel.unwrap_or_else(|| samples_that_fit(&self.image, samples)));
         scene.transfer_function = self.transfer_function.clone().or_else(|| {
-            let projects = matches!(mode, Mode::Mip | Mode::Minip | Mode::Mean);
-            let points = if projects { looks::projection(mode, facts, overview) } else { look.transfer_function };
+            let points = match mode {
+                Mode::Mip | Mode::Minip | Mode::Mean => looks::projection(mode, facts, overview),
+                Mode::Dvr if look.mode == Mode::Mip => looks::body(facts),
+                _ => look.transfer_function,
+            };
             Some(TransferFunctionSpec::Points(points))
         });
         let plain = preset::ramps::plain_slice(facts);

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 
 use embedded_graphics::Pixel;
 use embedded_graphics::draw_target::DrawTarget;
-use embedded_graphics::geometry::{OriginDimensions, Point, Size};
+use embedded_graphics::geometry::{Dimensions, OriginDimensions, Point, Size};
 use embedded_graphics::mono_font::MonoTextStyle;
 use embedded_graphics::mono_font::iso_8859_1::FONT_6X10;
 use embedded_graphics::pixelcolor::BinaryColor;
@@ -15,6 +15,8 @@ use supervol_runtime::image::Image;
 
 /// Pixels of a letter, across and high.
 pub const LETTER: [i32; 2] = [6, 10];
+/// Pixels between texts side by side that are written where there is room.
+const APART: i32 = 4;
 /// Grey of lines and letters on dark and on light backgrounds.
 const ON_DARK: f32 = 0.85;
 const ON_LIGHT: f32 = 0.10;
@@ -49,6 +51,9 @@ pub enum Anchor {
     /// The middle of its right edge.
     MiddleRight,
 }
+
+/// A text with its place.
+type Letters<'t> = Text<'t, MonoTextStyle<'static, BinaryColor>>;
 
 /// A picture that is drawn on.
 pub struct Canvas<'a> {
@@ -89,7 +94,37 @@ impl<'a> Canvas<'a> {
     }
 
     /// A text, moved as far into the picture as it has to be, and below others that are there already; left out where there is no room.
-    pub fn text(&mut self, text: &str, [x, y]: [i32; 2], anchor: Anchor) {
+    pub fn text(&mut self, text: &str, at: [i32; 2], anchor: Anchor) {
+        let mut text = self.placed(text, at, anchor);
+        let height = self.size()[1];
+        let mut area = text.bounding_box();
+        while let Some(other) = self.taken_by(&area) {
+            let down = other.top_left.y + i32::try_from(other.size.height).unwrap_or(height) - area.top_left.y;
+            area.top_left.y += down;
+            text.position.y += down;
+            if area.top_left.y + i32::try_from(area.size.height).unwrap_or(height) > height {
+                return;
+            }
+        }
+        self.write(&text);
+    }
+
+    /// A text, moved as far into the picture as it has to be; left out where another one is, or hardly a letter beside it. Whether it is
+    /// there.
+    pub fn text_where_free(&mut self, text: &str, at: [i32; 2], anchor: Anchor) -> bool {
+        let text = self.placed(text, at, anchor);
+        let Rectangle { mut top_left, mut size } = text.bounding_box();
+        top_left.x -= APART;
+        size.width += 2 * APART.unsigned_abs();
+        let is_free = self.taken_by(&Rectangle { top_left, size }).is_none();
+        if is_free {
+            self.write(&text);
+        }
+        is_free
+    }
+
+    /// A text within the picture.
+    fn placed<'t>(&self, text: &'t str, [x, y]: [i32; 2], anchor: Anchor) -> Letters<'t> {
         let (alignment, baseline) = match anchor {
             Anchor::TopLeft => (Alignment::Left, Baseline::Top),
             Anchor::TopMiddle => (Alignment::Center, Baseline::Top),
@@ -102,7 +137,7 @@ impl<'a> Canvas<'a> {
         let style = TextStyleBuilder::new().alignment(alignment).baseline(baseline).build();
         let mut text =
             Text::with_text_style(text, Point::new(x, y), MonoTextStyle::new(&FONT_6X10, BinaryColor::On), style);
-        let bounds = embedded_graphics::geometry::Dimensions::bounding_box(&text);
+        let bounds = text.bounding_box();
         let [width, height] = self.size();
         let inside = |low: i32, length: u32, room: i32| {
             let most = (room - i32::try_from(length).unwrap_or(room)).max(0);
@@ -110,15 +145,15 @@ impl<'a> Canvas<'a> {
         };
         text.position.x += inside(bounds.top_left.x, bounds.size.width, width);
         text.position.y += inside(bounds.top_left.y, bounds.size.height, height);
-        let mut area = embedded_graphics::geometry::Dimensions::bounding_box(&text);
-        while let Some(other) = self.taken.iter().find(|other| !other.intersection(&area).is_zero_sized()) {
-            let down = other.top_left.y + i32::try_from(other.size.height).unwrap_or(height) - area.top_left.y;
-            area.top_left.y += down;
-            text.position.y += down;
-            if area.top_left.y + i32::try_from(area.size.height).unwrap_or(height) > height {
-                return;
-            }
-        }
+        text
+    }
+
+    fn taken_by(&self, area: &Rectangle) -> Option<Rectangle> {
+        self.taken.iter().find(|other| !other.intersection(area).is_zero_sized()).copied()
+    }
+
+    fn write(&mut self, text: &Letters<'_>) {
+        let area = text.bounding_box();
         self.taken.push(area);
         self.dim(area);
         let Ok(_) = text.draw(self);
@@ -229,6 +264,19 @@ mod tests {
         // Of three letters of ten rows, two have room.
         let rows = |from: usize| picture.pixels[from * 40..][..400].iter().filter(|p| p[0] == ON_LIGHT).count();
         assert!(rows(0) > 8 && rows(0) == rows(10), "{} and {}", rows(0), rows(10));
+    }
+
+    #[test]
+    fn texts_are_left_out_where_others_are() {
+        let mut picture = image(0.0);
+        let mut canvas = Canvas::new(&mut picture, [1.0; 3]);
+        for (text, x) in [("H", 5), ("M", 8), ("H", 20)] {
+            canvas.text_where_free(text, [x, 0], Anchor::TopLeft);
+        }
+        let inked = |picture: &Image| picture.pixels.iter().filter(|p| p[0] == ON_LIGHT).count();
+        let mut alone = image(0.0);
+        Canvas::new(&mut alone, [1.0; 3]).text_where_free("H", [5, 0], Anchor::TopLeft);
+        assert_eq!(inked(&picture), 2 * inked(&alone), "two letters H, and none between them");
     }
 
     #[test]

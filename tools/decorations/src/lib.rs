@@ -1,11 +1,12 @@
 //! What pictures of the command line and of the viewer share: decorations, and folders of animations ([`frames`]).
 //!
-//! Decorations are what a person wants to see beside the volume: its box with the ends of its axes, which way it is turned, a scale, what the
-//! colours mean, and what it is.
+//! Decorations are what a person wants to see beside the volume: its box with places along its axes ([`axes`]), which way it is turned, a
+//! scale, what the colours mean, and what it is.
 //!
 //! Edges of the box that the volume hides are drawn behind it, the others before it, by the opacity of the picture: what lies
 //! between is not known, so that an edge inside of something clear looks as if it were behind it.
 
+mod axes;
 mod canvas;
 pub mod frames;
 
@@ -15,7 +16,6 @@ use supervol_preprocess::source::Survey;
 use supervol_runtime::camera::{Camera, Projection};
 use supervol_runtime::facts::{Frame, VolumeFacts};
 use supervol_runtime::image::Image;
-use supervol_runtime::preset::domain_corners;
 use supervol_runtime::scene::{Mode, ResolvedScene};
 use supervol_runtime::units::Units;
 
@@ -30,6 +30,8 @@ const BAR_SHARE: f64 = 0.4;
 const SCALE_SHARE: f64 = 0.25;
 /// Cosine between a direction of the world and one of the picture from which on the one is written at the other's border.
 const ALIGNED: f64 = 0.7;
+/// How far the cosine between an axis and the camera's direction may be from 1 where a section lies across that axis.
+const FACE_ON: f64 = 1e-9;
 
 /// Draws all decorations over a finished picture. `name` is that of one picture among several; it stands below the volume's.
 pub fn decorate(
@@ -49,10 +51,8 @@ pub fn decorate(
     let units = Units::of(facts);
     let placed = &units.facts(facts);
     let mut canvas = Canvas::new(image, scene.background);
-    let is_face_on = matches!(camera.projection, Projection::Orthographic { .. });
-    if !is_face_on {
-        draw_box(&mut canvas, container, (facts, placed), &camera);
-    }
+    let edges =
+        if shows_box(scene, placed, &camera) { axes::draw_box(&mut canvas, placed, &camera) } else { Vec::new() };
     draw_orientation(&mut canvas, container, facts, &camera);
     if let Projection::Orthographic { height } = camera.projection {
         draw_scale(&mut canvas, container, units.length * height / camera.extent[1]);
@@ -65,113 +65,41 @@ pub fn decorate(
     if let Some(name) = name {
         canvas.text(name, [MARGIN, MARGIN + canvas::LETTER[1]], Anchor::TopLeft);
     }
-}
-
-/// Where a world point lies in the picture, pixels; `None` behind the camera.
-fn project(camera: &Camera, point: DVec3) -> Option<[f64; 2]> {
-    let p = point - camera.eye;
-    let half = match camera.projection {
-        Projection::Perspective { fov_y } => p.dot(camera.forward) * (fov_y.to_radians() / 2.0).tan(),
-        Projection::Orthographic { height } => height / 2.0,
-    };
-    let [width, height] = camera.extent;
-    let x = p.dot(camera.right) / (half * width / height);
-    let y = p.dot(camera.up) / half;
-    (half > 0.0).then_some([0.5 * (x + 1.0) * width, 0.5 * (1.0 - y) * height])
-}
-
-/// The box of the grid, and the first and last place along each axis.
-fn draw_box(
-    canvas: &mut Canvas<'_>,
-    container: &Container,
-    (facts, placed): (&VolumeFacts, &VolumeFacts),
-    camera: &Camera,
-) {
-    let corners = domain_corners(placed);
-    let centre = corners.iter().sum::<DVec3>() / 8.0;
-    // A face is seen from outside where the camera lies before it: its middle, and the way out of the box.
-    let is_seen = |axis: usize, side: usize| {
-        let face = (0..8).filter(|c| c >> axis & 1 == side);
-        let middle = face.map(|c| corners[c]).sum::<DVec3>() / 4.0;
-        let [a, b] = [(axis + 1) % 3, (axis + 2) % 3].map(|other| corners[1 << other] - corners[0]);
-        let normal = a.cross(b);
-        let outward = if normal.dot(middle - centre) < 0.0 { -normal } else { normal };
-        outward.dot(camera.eye - middle) > 0.0
-    };
-    let seen: [[bool; 2]; 3] = std::array::from_fn(|axis| [is_seen(axis, 0), is_seen(axis, 1)]);
-    for axis in 0..3 {
-        let [b, c] = [(axis + 1) % 3, (axis + 2) % 3];
-        let mut outline = None;
-        for corner in (0..8usize).filter(|corner| corner >> axis & 1 == 0) {
-            let faces = [seen[b][corner >> b & 1], seen[c][corner >> c & 1]];
-            let layer = if faces == [false, false] { Layer::Behind } else { Layer::Before };
-            let ends = [corner, corner | 1 << axis].map(|end| project(camera, corners[end]));
-            let [Some(from), Some(to)] = ends else { continue };
-            canvas.line(from, to, layer);
-            // The lowest edge of the outline has room for words below it.
-            let low = from[1] + to[1];
-            if faces[0] != faces[1] && outline.is_none_or(|(_, _, lowest)| low > lowest) {
-                outline = Some((from, to, low));
-            }
-        }
-        if let Some((from, to, _)) = outline {
-            label_edge(canvas, &AxisEnds::of(container, facts, axis), from, to);
-        }
+    for edge in &edges {
+        edge.label(&mut canvas, &axes::AxisEnds::of(container, facts, edge.axis));
     }
 }
 
-fn label_edge(canvas: &mut Canvas<'_>, ends: &AxisEnds, from: [f64; 2], to: [f64; 2]) {
-    let at = |share: f64| [0, 1].map(|i| (from[i] * (1.0 - share) + to[i] * share).round() as i32);
-    let below = |[x, y]: [i32; 2]| [x, y + 2];
-    canvas.text(&short(ends.first), below(at(0.06)), Anchor::TopMiddle);
-    canvas.text(&ends.name, below(at(0.5)), Anchor::TopMiddle);
-    canvas.text(&short(ends.last), below(at(0.94)), Anchor::TopMiddle);
+/// Whether the box belongs to what is shown: not where a section lies across no axis, and the box would stand askew behind it.
+fn shows_box(scene: &ResolvedScene, placed: &VolumeFacts, camera: &Camera) -> bool {
+    let linear = placed.geometry.linear();
+    let is_across = |axis: usize| linear.col(axis).normalize_or_zero().dot(camera.forward).abs() > 1.0 - FACE_ON;
+    scene.mode != Mode::Slice || (0..3).any(is_across)
 }
 
-/// What the ends of an axis are called: line numbers, times, or lengths from the first voxel on.
-struct AxisEnds {
-    name: String,
-    first: f64,
-    last: f64,
-}
-
-impl AxisEnds {
-    fn of(container: &Container, facts: &VolumeFacts, axis: usize) -> Self {
-        let manifest = container.manifest();
-        let survey = Survey::of(manifest);
-        let steps = facts.dims.0[axis] as f64 - 1.0;
-        let named = &manifest.axes[axis];
-        let with_unit =
-            if named.unit.is_empty() { named.name.clone() } else { format!("{} [{}]", named.name, named.unit) };
-        let lines = survey.as_ref().map(|survey| [survey.crossline, survey.inline]);
-        match (survey, lines, axis) {
-            (Some(survey), _, 2) => {
-                let last = survey.first_sample + steps * survey.sample_interval;
-                Self { name: with_unit, first: survey.first_sample, last }
-            }
-            (_, Some(lines), _) => {
-                let line = lines[axis.min(1)];
-                let first = line.first as f64;
-                Self { name: named.name.clone(), first, last: first + steps * line.step as f64 }
-            }
-            _ => Self { name: with_unit, first: 0.0, last: steps * facts.geometry.spacing[axis] },
-        }
-    }
+/// What the world's directions are called that point to the right, the left, the upper and the lower border of a picture, where they
+/// have names: a patient's sides, a survey's points of the compass. `right` and `up` are the picture's unit vectors in the world.
+#[must_use]
+pub fn named_borders(container: &Container, facts: &VolumeFacts, [right, up]: [DVec3; 2]) -> [Option<&'static str>; 4] {
+    let named = directions(container, facts);
+    [right, -right, up, -up].map(|way| {
+        let best = named.iter().max_by(|a, b| a.1.dot(way).total_cmp(&b.1.dot(way)));
+        best.filter(|(_, direction)| direction.dot(way) >= ALIGNED).map(|(name, _)| *name)
+    })
 }
 
 /// Names of the world's directions, where they have some, at the borders that they point to.
 fn draw_orientation(canvas: &mut Canvas<'_>, container: &Container, facts: &VolumeFacts, camera: &Camera) {
     let [width, height] = canvas.size();
     let borders = [
-        (camera.right, [width - MARGIN, height / 2], Anchor::MiddleRight),
-        (-camera.right, [MARGIN, height / 2], Anchor::MiddleLeft),
-        (camera.up, [width / 2, MARGIN], Anchor::TopMiddle),
-        (-camera.up, [width / 2, height - MARGIN], Anchor::BottomMiddle),
+        ([width - MARGIN, height / 2], Anchor::MiddleRight),
+        ([MARGIN, height / 2], Anchor::MiddleLeft),
+        ([width / 2, MARGIN], Anchor::TopMiddle),
+        ([width / 2, height - MARGIN], Anchor::BottomMiddle),
     ];
-    for (way, place, anchor) in borders {
-        let named = directions(container, facts);
-        let best = named.iter().max_by(|a, b| a.1.dot(way).total_cmp(&b.1.dot(way)));
-        if let Some((name, _)) = best.filter(|(_, direction)| direction.dot(way) >= ALIGNED) {
+    let names = named_borders(container, facts, [camera.right, camera.up]);
+    for (name, (place, anchor)) in names.into_iter().zip(borders) {
+        if let Some(name) = name {
             canvas.text(name, place, anchor);
         }
     }

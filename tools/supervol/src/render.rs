@@ -131,7 +131,7 @@ pub struct Arguments {
     /// Exit code 0 even where bricks could not be read, and are drawn from coarser ones
     #[arg(long)]
     allow_failed: bool,
-    /// Draw beside the volume its box with the ends of its axes, which way it is turned (a patient's sides, the points of the
+    /// Draw beside the volume its box with places along its axes, which way it is turned (a patient's sides, the points of the
     /// compass), a scale where rays are parallel, what the colours stand for, and its name. auto: in PNG files, where somebody
     /// sits at a terminal; never in .exr, .npy, sequences, and what scripts and pipes run
     #[arg(long, value_enum, value_name = "WHEN", requires = "output", default_value = "auto", default_missing_value = "on",

@@ -325,6 +325,26 @@ fn decorations_are_drawn_beside_what_is_measured() {
     assert!(checked.contains("largest 0."), "{checked}");
 }
 
+/// Rays that are parallel, as of sections, are no reason to leave the box and what its edges are called out.
+#[test]
+fn sections_have_places_along_their_edges() {
+    let folder = Folder::with_sphere();
+    let of = |options: &[&str]| {
+        let options = [&["--slice", "z=12", "--size", "240x180", "--force"], options].concat();
+        let output = folder.path("s.npy");
+        folder.expect(0, &[&["render", "v.svol", "-o", &output, "--backend", "cpu"], &options[..]].concat());
+        Folder::floats(&output)
+    };
+    let (bare, decorated) = (of(&[]), of(&["--decorate"]));
+    let differs = |x: usize, y: usize| (0..4).any(|c| bare[4 * (240 * y + x) + c] != decorated[4 * (240 * y + x) + c]);
+    // The lowest rows hold the first and the last place, the axis, and round places between them.
+    let columns = (0..240).filter(|x| (166..180).any(|y| differs(*x, y))).count();
+    assert!(columns > 100, "{columns}");
+    // What stands at the left of the section is its other edge.
+    let rows = (30..150).filter(|y| (10..36).any(|x| differs(x, *y))).count();
+    assert!(rows > 30, "{rows}");
+}
+
 /// Nothing is lost without a word.
 #[test]
 fn options_that_change_nothing_are_said() {

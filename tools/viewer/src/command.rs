@@ -128,11 +128,26 @@ pub const MOUSE: &[(&str, &str)] = &[
     ("Drop a file on the window", "Open it"),
 ];
 
-/// The keys of a command, for people.
+/// The first keys of a command, for people.
 #[must_use]
 pub fn keys_of(ctx: &egui::Context, command: Command) -> String {
     let binding = BINDINGS.iter().find(|b| b.command == command);
-    binding.and_then(|b| b.keys.first()).map_or(String::new(), |key| ctx.format_shortcut(key))
+    binding.and_then(|b| b.keys.first()).map_or(String::new(), |key| words_of(ctx, key))
+}
+
+/// Keys as they are written on keyboards.
+#[must_use]
+pub fn words_of(ctx: &egui::Context, keys: &KeyboardShortcut) -> String {
+    let sign = match keys.logical_key {
+        Key::Questionmark => "?",
+        Key::Slash => "/",
+        Key::Plus => "+",
+        Key::Minus => "-",
+        Key::Equals => "=",
+        _ => return ctx.format_shortcut(keys),
+    };
+    let named = ctx.format_shortcut(keys);
+    named.strip_suffix(keys.logical_key.name()).map_or_else(|| named.clone(), |before| format!("{before}{sign}"))
 }
 
 /// The commands whose keys have been pressed since the last frame. None while somebody types.
@@ -149,6 +164,19 @@ pub fn pressed(ctx: &egui::Context) -> Vec<Command> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn keys_are_named_as_on_keyboards() {
+        let ctx = egui::Context::default();
+        let named = |key| words_of(&ctx, &key);
+        assert_eq!(
+            [named(plain(Key::Questionmark)), named(plain(Key::Minus)), named(plain(Key::F1))],
+            ["?", "-", "F1"]
+        );
+        let of_help = BINDINGS.iter().find(|b| b.command == Command::Help).expect("help has keys");
+        assert_eq!(of_help.keys.len(), 3);
+        assert!(named(with_shift(Key::Slash)).ends_with('/') && named(with_shift(Key::Slash)).len() > 1);
+    }
 
     /// A shortcut with fewer modifiers would swallow the keys of a later one with more.
     #[test]

@@ -91,6 +91,18 @@ pub fn with_mode(scene: &Scene, opened: &Opened, mode: Mode) -> Scene {
     open.complete(facts, overview)
 }
 
+/// One more surface inside the semi-transparent volume, as `render --surface` draws it: lit, since nobody sees the shape of one that is
+/// not. The first lies where surfaces of such data usually do, the next ones halfway to the greatest value.
+pub fn add_inner_surface(scene: &mut Scene, facts: &VolumeFacts) {
+    let mut surface = looks::default_surface(facts);
+    if let Some(last) = scene.iso.last() {
+        surface.value = 0.5 * last.value + 0.5 * facts.value_range.max;
+    } else if scene.shading == Some(None) {
+        scene.shading = Some(Some(ShadingSpec::default()));
+    }
+    scene.iso.push(surface);
+}
+
 /// Least and greatest value that colours and opacities span.
 #[must_use]
 pub fn window(scene: &Scene) -> Option<[f64; 2]> {

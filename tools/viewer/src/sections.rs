@@ -20,6 +20,9 @@ use crate::worker::{Opened, PANELS, Probe, Probed};
 
 /// Greatest distance between the place of a slice in the picture and the cursor that it moves with, voxels.
 const SAME_PLACE: f64 = 1e-6;
+/// Places beyond this, and of more digits behind the point, are told by powers of ten.
+const LARGEST_PLACE: f64 = 1e12;
+const MOST_DIGITS: f64 = 9.0;
 
 /// What stands beside the picture of the volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Default)]
@@ -244,20 +247,36 @@ impl Sections {
 /// What is told of a point: value with its unit, voxel, world position, and of a survey its lines and its time or depth.
 #[must_use]
 pub fn told_of(picked: &Picked, opened: &Opened) -> String {
-    let list = |numbers: [f64; 3]| numbers.map(short).join(", ");
-    let unit = &opened.container.manifest().unit;
-    let value = if picked.value.is_nan() { "absent".into() } else { format!("{} {unit}", short(picked.value)) };
-    let voxel = picked.index.map(|i| (i * 100.0).round() / 100.0);
-    let mut words = format!("{}\nvoxel {}\nworld {}", value.trim_end(), list(voxel), list(picked.world));
+    let manifest = opened.container.manifest();
+    let list = |places: [f64; 3], steps: [f64; 3]| [0, 1, 2].map(|a| place(places[a], steps[a])).join(", ");
+    let value =
+        if picked.value.is_nan() { "absent".into() } else { format!("{} {}", short(picked.value), manifest.unit) };
+    let least = [opened.facts.geometry.smallest_spacing(); 3];
+    let (voxel, world) = (list(picked.index, [1.0; 3]), list(picked.world, least));
+    let unit = &manifest.axes[0].unit;
+    let unit = if manifest.axes.iter().all(|axis| axis.unit == *unit) { unit.as_str() } else { "" };
+    let mut words = format!("value {}\nvoxel {voxel}\nworld {world} {unit}", value.trim_end()).trim_end().to_owned();
     if let Some(survey) = &opened.survey {
         let scales = survey.scales();
-        let place = |axis: usize| {
+        let at = |axis: usize| {
             let [first, step] = scales[axis];
-            format!("{} {}", planes::axis_name(opened, axis), short(first + step * picked.index[axis]))
+            format!("{} {}", planes::axis_name(opened, axis), place(first + step * picked.index[axis], step))
         };
-        words += &format!("\n{}, {}, {}", place(1), place(0), place(2));
+        words += format!("\n{}, {}, {} {}", at(1), at(0), at(2), manifest.axes[2].unit).trim_end();
     }
     words
+}
+
+/// A place along an axis, in digits that tell a hundredth of a step from voxel to voxel apart.
+#[must_use]
+pub fn place(value: f64, step: f64) -> String {
+    let digits = (2.0 - step.abs().log10()).ceil().max(0.0);
+    if digits > MOST_DIGITS || value.abs() >= LARGEST_PLACE || !value.is_finite() {
+        return short(value);
+    }
+    let power = 10f64.powf(digits);
+    // No zero has a sign.
+    format!("{:.*}", digits as usize, (value * power).round() / power + 0.0)
 }
 
 /// A number in few digits.

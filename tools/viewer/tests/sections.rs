@@ -13,7 +13,7 @@ use supervol_preprocess::Existing;
 use supervol_preprocess::extract::{Extraction, extract};
 use supervol_runtime::scene::{Mode, Scene};
 use supervol_runtime::slices::Interpolation;
-use supervol_viewer::sections::{Layout, short, told_of};
+use supervol_viewer::sections::{Layout, place, short, told_of};
 
 use support::Session;
 
@@ -308,8 +308,9 @@ fn a_survey_is_told_with_its_line_numbers() {
         assert!((picked.value - expected).abs() < 1e-4, "{picked:?}: expected {expected}");
         let told = told_of(&picked, &opened);
         let [at_crossline, at_inline] = [0, 1].map(|a| scales[a][0] + scales[a][1] * picked.index[a]);
-        let lines = format!("inline {}, crossline {}, ", short(at_inline), short(at_crossline));
-        assert!(told.contains(&lines) && told.starts_with(&short(picked.value)), "{told}");
+        let lines = format!("\ninline {}, crossline {}, ", place(at_inline, 1.0), place(at_crossline, 1.0));
+        let value = format!("value {}", short(picked.value));
+        assert!(told.contains(&lines) && told.starts_with(&value) && told.ends_with(" ms"), "{told}");
     }
     session.screenshot("survey-panels");
 }

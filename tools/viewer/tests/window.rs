@@ -255,6 +255,33 @@ fn every_panel_fits_at_its_least_and_at_scale_2() {
 }
 
 #[test]
+fn surfaces_stand_in_the_semi_transparent_volume() {
+    let mut session = Session::of("sphere");
+    session.rest();
+    session.click("Volume");
+    session.rest();
+    let plain = session.pixels();
+    session.click("+ surface");
+    session.rest();
+    let scene = session.viewer().scene().clone();
+    assert_eq!((scene.mode, scene.iso.len()), (Some(Mode::Dvr), 1));
+    assert!(matches!(scene.shading, Some(Some(_))), "nobody sees the shape of an unlit surface");
+    assert_ne!(session.pixels(), plain);
+    session.assert_is_as_rendered();
+    session.click("+ surface");
+    session.rest();
+    let values: Vec<f64> = session.viewer().scene().iso.iter().map(|iso| iso.value).collect();
+    assert!(values.len() == 2 && values[0] < values[1], "{values:?}");
+    session.assert_is_as_rendered();
+    for _ in 0..2 {
+        session.press(Modifiers::COMMAND, Key::Z);
+    }
+    session.rest();
+    assert!(session.viewer().scene().iso.is_empty());
+    assert_eq!(session.pixels(), plain);
+}
+
+#[test]
 fn slices_are_shown_face_on_and_the_volume_comes_back() {
     let mut session = Session::of("sphere");
     session.rest();

@@ -34,6 +34,8 @@ pub const RECORDS_START: u64 = header::PAGE_BYTES as u64;
 pub struct Container {
     source: Arc<dyn ByteSource>,
     descriptor: Descriptor,
+    /// As the file says it, wherever the voxels are placed.
+    stored_geometry: Geometry,
     sections: Sections,
     manifest: Manifest,
     file_bytes: u64,
@@ -76,6 +78,7 @@ impl Container {
         let opening::Opened { file_bytes, descriptor, sections, manifest, tail } = opening::open(source.as_ref())?;
         let container = Self {
             source,
+            stored_geometry: descriptor.geometry,
             descriptor,
             sections,
             manifest,
@@ -113,6 +116,12 @@ impl Container {
         assert_eq!(geometry.defect(), None, "a container is placed by a geometry without defects");
         self.descriptor.geometry = geometry;
         self
+    }
+
+    /// Place in the world as the file says it, before [`Container::placed`].
+    #[must_use]
+    pub fn stored_geometry(&self) -> Geometry {
+        self.stored_geometry
     }
 
     /// Where it lies; empty unless it was opened as a file.

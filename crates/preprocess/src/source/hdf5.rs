@@ -268,7 +268,7 @@ fn source(
     }
     let mut notes = Vec::new();
     let axes = axes_of(file, name, &dataset, &mut notes);
-    let placement = place(path, (&array.shape, &axes), options.selection, &mut notes)?;
+    let placement = place(path, (&array.shape, &axes, &[]), options.selection, &mut notes)?;
     let dims = Dims(placement.axes.map(|axis| axis.map_or(1, |axis| array.shape[axis])));
     checked_bytes(path, dims, stored)?;
     let bytes = array.chunk_bytes(stored.bytes()).unwrap_or(usize::MAX);

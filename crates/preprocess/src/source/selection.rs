@@ -3,6 +3,10 @@
 use std::path::Path;
 
 use super::SourceError;
+use super::text::shortened;
+
+/// Most channels that are named in a note.
+const NAMED_CHANNELS: u64 = 8;
 
 /// What a person chooses, where a file holds more than one volume.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -28,6 +32,30 @@ impl Selection {
     /// The channel that is wanted of `count`, the first where nobody says.
     pub(super) fn channel_of(&self, path: &Path, count: u64) -> Result<u64, SourceError> {
         pick(path, "--channel", self.channel, count)
+    }
+
+    /// As [`Self::channel_of`]; the notes say which channels there are where nobody has chosen, else what the one that is chosen is
+    /// called. `names` are those that the file says, empty where it says none.
+    pub(super) fn noted_channel(
+        &self,
+        path: &Path,
+        count: u64,
+        names: &[String],
+        notes: &mut Vec<String>,
+    ) -> Result<u64, SourceError> {
+        let channel = self.channel_of(path, count)?;
+        let name_of = |n: u64| usize::try_from(n).ok().and_then(|n| names.get(n)).filter(|name| !name.is_empty());
+        if self.channel.is_some() {
+            notes.extend(name_of(channel).map(|name| format!("channel {channel} is {}", shortened(name))));
+        } else if count > 1 {
+            let named: Vec<String> = (0..count.min(NAMED_CHANNELS)).filter_map(name_of).map(|n| shortened(n)).collect();
+            let names = if named.is_empty() { String::new() } else { format!(" ({})", named.join(", ")) };
+            notes.push(format!(
+                "{count} channels{names}; the first is used; --channel 0 to {} takes another",
+                count - 1
+            ));
+        }
+        Ok(channel)
     }
 
     /// The level that is wanted of `count`, the finest where nobody says.

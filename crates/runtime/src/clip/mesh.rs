@@ -129,6 +129,30 @@ impl ClosedMesh {
         found
     }
 
+    /// Whether any triangle may enter the box between two corners; never `false` where one does.
+    #[must_use]
+    pub fn may_enter(&self, low: DVec3, high: DVec3) -> bool {
+        let mut stack = vec![0];
+        while let Some(node) = stack.pop() {
+            let node = &self.nodes[node as usize];
+            if (node.low.cmpgt(high) | node.high.cmplt(low)).any() {
+                continue;
+            }
+            let mut triangles = self.triangles[node.first as usize..].iter().take(node.count as usize);
+            let may_enter = |corners: [DVec3; 3]| {
+                let (least, greatest) = bounds(&corners);
+                !(least.cmpgt(high) | greatest.cmplt(low)).any()
+            };
+            if triangles.any(|t| may_enter(self.corners(*t))) {
+                return true;
+            }
+            if node.count == 0 {
+                stack.extend([node.first, node.first + 1]);
+            }
+        }
+        false
+    }
+
     fn corners(&self, triangle: [u32; 3]) -> [DVec3; 3] {
         let [a, b, c] = triangle;
         [self.vertices[a as usize], self.vertices[b as usize], self.vertices[c as usize]]

@@ -118,6 +118,15 @@ impl Solid {
         let is_inside = self.shape.spans(&ray).iter().any(|&(t0, t1)| t0 <= 0.0 && 0.0 <= t1);
         is_inside == (self.keep == Keep::Inside)
     }
+
+    /// Whether all of the box between two corners is surely kept, which costs no ray: only of meshes is it known, and where none of
+    /// their triangles comes near.
+    #[must_use]
+    pub fn surely_keeps(&self, low: DVec3, high: DVec3) -> bool {
+        let Shape::Mesh(PlacedMesh { mesh, anchor, length }) = &self.shape else { return false };
+        let [from, to] = [low, high].map(|corner| *anchor + *length * corner);
+        !mesh.may_enter(from, to) && self.keeps(low)
+    }
 }
 
 impl Shape {
@@ -230,6 +239,25 @@ mod tests {
         let far = ray([-1e9, 3.0, 0.0], [1.0, 0.0, 0.0]);
         let found = cut(&[sphere([0.0; 3], 5.0, Keep::Inside)], &far, 0.0, 2e9);
         assert!((found[0].0 - (1e9 - 4.0)).abs() < 1e-6 && (found[0].1 - (1e9 + 4.0)).abs() < 1e-6, "{found:?}");
+    }
+
+    #[test]
+    fn what_a_mesh_surely_keeps_is_known_without_rays() {
+        let corners = [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0], [0.0, 0.0, 8.0]].map(DVec3::from);
+        let faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+        let mesh = Arc::new(ClosedMesh::new(&corners, &faces).expect("a tetrahedron is closed"));
+        // A unit of the picture is half a unit of the world, around the point 1, 1, 1.
+        let placed = PlacedMesh { mesh, anchor: DVec3::ONE, length: 0.5 };
+        let [inside, outside] =
+            [Keep::Inside, Keep::Outside].map(|keep| Solid { shape: Shape::Mesh(placed.clone()), keep });
+        let sides = |low: f64, high: f64| {
+            [&inside, &outside].map(|solid| solid.surely_keeps(DVec3::splat(low), DVec3::splat(high)))
+        };
+        assert_eq!(sides(-1.0, 1.0), [true, false]);
+        assert_eq!(sides(20.0, 30.0), [false, true]);
+        assert_eq!(sides(-3.0, 1.0), [false, false]);
+        let sphere = sphere([0.0; 3], 100.0, Keep::Inside);
+        assert!(!sphere.surely_keeps(DVec3::ZERO, DVec3::ONE), "rays tell it of spheres");
     }
 
     proptest! {

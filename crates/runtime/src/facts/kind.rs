@@ -261,8 +261,20 @@ impl<'a> Evidence<'a> {
             let because = "whole numbers, grey throughout, and no value for background".into();
             return Some((DataKind::ElectronMicroscopy, because));
         }
-        let because = "whole numbers, most of them dark background around something denser".into();
-        (at(50.0) <= 0.15 || histogram.fullest() >= 0.3).then_some((DataKind::MicroCt, because))
+        let is_dark = at(50.0) <= 0.15 || histogram.fullest() >= 0.3;
+        let found = if self.is_one_of_several_channels() {
+            (DataKind::Fluorescence, "one of several channels, with something bright in the dark".into())
+        } else {
+            (DataKind::MicroCt, "whole numbers, most of them dark background around something denser".into())
+        };
+        is_dark.then_some(found)
+    }
+
+    /// Whether the file holds channels beside the one that was read: microscopes do, scanners of solid matter do not. Readers say so in
+    /// a note where nobody has chosen one, else the choice is part of the name.
+    fn is_one_of_several_channels(&self) -> bool {
+        let is_noted = |note: &String| note.contains(" channels") && note.contains("--channel");
+        self.manifest.source.name.contains(" --channel ") || self.manifest.notes.iter().any(is_noted)
     }
 }
 

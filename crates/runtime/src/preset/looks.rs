@@ -21,6 +21,7 @@ const DARK: f64 = 0.1;
 const BONE: [[f64; 3]; 3] = [[0.72, 0.56, 0.44], [0.88, 0.80, 0.70], [1.0, 1.0, 0.97]];
 const FLESH: [[f64; 3]; 3] = [[0.70, 0.50, 0.43], [0.86, 0.76, 0.70], [1.0, 0.98, 0.94]];
 const STEEL: [[f64; 3]; 3] = [[0.45, 0.52, 0.62], [0.70, 0.75, 0.80], [1.0, 1.0, 1.0]];
+const GLOW: [[f64; 3]; 3] = [[0.45; 3], [0.75; 3], [1.0; 3]];
 /// Colour of a surface without a colour of its own.
 const SURFACE: [f64; 3] = [0.86, 0.80, 0.70];
 
@@ -158,6 +159,13 @@ pub fn default_surface(facts: &VolumeFacts) -> IsoSpec {
 
 fn middle(facts: &VolumeFacts) -> f64 {
     0.5 * facts.value_range.min + 0.5 * facts.value_range.max
+}
+
+/// What is seen as a body (mode `dvr`) of a kind that is a projection unasked: nothing of the dark around, all else the denser the brighter
+/// it is. Opaque colours, as a projection has them, would show nothing but the noise on the volume's faces.
+#[must_use]
+pub fn body(facts: &VolumeFacts) -> PointsSpec {
+    PointsSpec::of(&ramps::solid(facts, GLOW), unit_distance(facts))
 }
 
 /// What projections (`mip`, `minip`, `mean`) are shown with: a grey ramp over what they come to; of tomography, from soft tissue to bone.

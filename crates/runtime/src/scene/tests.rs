@@ -181,6 +181,17 @@ fn kinds_have_the_looks_that_their_users_know() {
     assert!(section.transfer_function.points().iter().all(|p| p.alpha == 1.0));
 }
 
+/// A microscope's background is noise: a body of it shows what glows, not what lies on the volume's faces.
+#[test]
+fn fluorescence_as_a_body_is_clear_where_it_is_dark() {
+    let facts = VolumeFacts { kind: DataKind::Fluorescence, ..facts() };
+    let body = Scene { mode: Some(Mode::Dvr), ..Scene::default() }.resolve(&facts).unwrap().transfer_function;
+    let [first, last] = [body.points().first(), body.points().last()].map(|p| p.expect("points").value);
+    assert!(body.classify(first).1 == 0.0 && body.classify(last).1 > 0.5 && first > facts.value_range.min);
+    let opaque = Scene::default().resolve(&facts).unwrap().transfer_function;
+    assert!(opaque.points().iter().all(|p| p.alpha == 1.0), "the projection stays what it was");
+}
+
 #[test]
 fn surfaces_are_lit_and_projections_have_grey_ramps_of_their_own() {
     let resolve = |json: &str| Scene::from_json(json).unwrap().resolve(&facts()).unwrap();

@@ -1,7 +1,9 @@
 //! What is worth saying of a picture: why it shows nothing, and what it is cut by to no effect.
 
+use glam::DVec3;
 use rayon::prelude::*;
 use supervol_format::readable::Number;
+use supervol_format::space::HALF_VOXEL;
 use supervol_runtime::camera::{Camera, Ray};
 use supervol_runtime::clip::{Clip, IndexRay, ToIndex, clip_parts};
 use supervol_runtime::facts::{DataKind, VolumeFacts};
@@ -85,8 +87,23 @@ pub fn idle_cuts(scene: &ResolvedScene, facts: &VolumeFacts) -> Vec<String> {
         _ => format!("{what} {} of {count}", n + 1),
     };
     let idle_planes = (0..planes.len()).filter(|n| is_idle(&plane(*n))).map(|n| named("clip plane", planes.len(), n));
-    let idle_solids = (0..solids.len()).filter(|n| is_idle(&solid(*n))).map(|n| named("clip solid", solids.len(), n));
+    // A mesh takes long to ask ray by ray.
+    let (low, high) = extent(placed, &uncut);
+    let is_idle_solid = |n: &usize| solids[*n].surely_keeps(low, high) || is_idle(&solid(*n));
+    let idle_solids = (0..solids.len()).filter(is_idle_solid).map(|n| named("clip solid", solids.len(), n));
     idle_planes.chain(idle_solids).collect()
+}
+
+/// The least and the greatest coordinates, along each axis of the world, of what the clip box leaves of the volume.
+fn extent(facts: &VolumeFacts, clip: &Clip) -> (DVec3, DVec3) {
+    let ends: [[f64; 2]; 3] = std::array::from_fn(|a| {
+        let [low, high] = clip.index_box.map_or([f64::NEG_INFINITY, f64::INFINITY], |ends| ends.map(|end| end[a]));
+        [low.max(-HALF_VOXEL), high.min(facts.dims.0[a] as f64 - HALF_VOXEL)]
+    });
+    let (linear, origin) = (facts.geometry.linear(), DVec3::from_array(facts.geometry.origin));
+    let corner = |n: usize| origin + linear * DVec3::from_array(std::array::from_fn(|a| ends[a][n >> a & 1]));
+    let nothing = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    (0..8).map(corner).fold(nothing, |(low, high), corner| (low.min(corner), high.max(corner)))
 }
 
 /// Whether any of the rays that are tried has something of the volume on it.

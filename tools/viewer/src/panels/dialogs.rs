@@ -14,13 +14,15 @@ use xxhash_rust::xxh3::xxh3_64;
 use super::animate::AnimationDialog;
 use super::browse::{Browser, Wanted};
 use super::{animate, browse, transfer};
-use crate::command::{BINDINGS, MOUSE};
+use crate::command::{BINDINGS, MOUSE, words_of};
 use crate::folders::{self, Folders};
 use crate::viewer::Viewer;
 use crate::worker::{Decorations, Export, Message, Opened, Settings};
 
 /// Scenes of commands that are kept.
 const SCENE_LIMIT: usize = 200;
+/// Points that stay free above and below the window of keys, its title included.
+const ABOVE_AND_BELOW: f32 = 80.0;
 /// Most pixels of an exported picture along a side.
 pub(super) const SIDE_LIMIT: u32 = 32_768;
 
@@ -116,7 +118,9 @@ pub(super) fn window<'a>(title: &'static str, is_open: &'a mut bool) -> egui::Wi
 fn keys(viewer: &mut Viewer, ctx: &egui::Context) {
     let mut is_open = viewer.dialogs.keys;
     let middle = ctx.content_rect().center();
-    window("Keys and mouse", &mut is_open).default_pos(middle).vscroll(true).show(ctx, |ui| {
+    // All of them at once, where the window has room.
+    let height = ctx.content_rect().height() - ABOVE_AND_BELOW;
+    window("Keys and mouse", &mut is_open).default_pos(middle).default_height(height).vscroll(true).show(ctx, |ui| {
         egui::Grid::new("keys").num_columns(2).striped(true).show(ui, |ui| {
             for (what, words) in MOUSE {
                 ui.label(*what);
@@ -124,7 +128,7 @@ fn keys(viewer: &mut Viewer, ctx: &egui::Context) {
                 ui.end_row();
             }
             for binding in BINDINGS {
-                let keys: Vec<String> = binding.keys.iter().map(|key| ctx.format_shortcut(key)).collect();
+                let keys: Vec<String> = binding.keys.iter().map(|key| words_of(ctx, key)).collect();
                 ui.monospace(keys.join(", "));
                 ui.label(binding.words);
                 ui.end_row();

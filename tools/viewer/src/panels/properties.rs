@@ -4,8 +4,9 @@ use eframe::egui::{self, ComboBox, DragValue, Slider, SliderClamping, Ui};
 use supervol_runtime::facts::DataKind;
 use supervol_runtime::image::GREY_LEVELS;
 use supervol_runtime::preset::colormap;
+use supervol_runtime::preset::looks;
 use supervol_runtime::raycast::cpu::MAX_ERROR_LIMITS;
-use supervol_runtime::scene::{ISO_LIMIT, LightSpec, Mode, ShadingSpec};
+use supervol_runtime::scene::{INNER_SURFACE_LIMIT, ISO_LIMIT, IsoSpec, LightSpec, Mode, ShadingSpec};
 
 use super::{editor, heading, transfer};
 use crate::edit;
@@ -62,10 +63,13 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
             };
             volume(&opened, ui);
             look(viewer, &opened, ui);
-            if viewer.scene.mode == Some(Mode::Iso) {
-                surfaces(viewer, &opened, ui);
-            } else {
-                colors(viewer, &opened, ui);
+            match viewer.scene.mode {
+                Some(Mode::Iso) => surfaces(viewer, &opened, ui),
+                Some(Mode::Dvr) => {
+                    colors(viewer, &opened, ui);
+                    inner_surfaces(viewer, &opened, ui);
+                }
+                _ => colors(viewer, &opened, ui),
             }
             light(viewer, ui);
             quality(viewer, ui);
@@ -78,10 +82,30 @@ fn volume(opened: &Opened, ui: &mut Ui) {
     let (facts, manifest) = (&opened.facts, opened.container.manifest());
     let [x, y, z] = facts.dims.0;
     let name = opened.source.file_name().unwrap_or_default().to_string_lossy();
-    ui.label(name).on_hover_text(opened.path.display().to_string());
+    let read = &manifest.source.name;
+    // With what was chosen of a file that holds more: a channel, a time point.
+    let name = if read.starts_with(&*name) { read.clone() } else { name.into_owned() };
+    let notes: String = manifest.notes.iter().map(|note| format!("\n{note}")).collect();
+    ui.label(name).on_hover_text(format!("{}{notes}", opened.path.display()));
     let unit = &manifest.unit;
     ui.label(format!("{x} x {y} x {z} voxels, {}", opened.container.descriptor().voxel_type.name()));
     ui.label(format!("values {} to {} {unit}", short(facts.value_range.min), short(facts.value_range.max)));
+    for words in extent(opened) {
+        ui.label(words);
+    }
+}
+
+/// Lines and samples of a survey, else how far apart voxels are.
+fn extent(opened: &Opened) -> Vec<String> {
+    let axes = &opened.container.manifest().axes;
+    let Some(survey) = &opened.survey else {
+        let [x, y, z] = opened.container.stored_geometry().spacing.map(short);
+        return vec![format!("voxels {x} x {y} x {z} {}", axes[0].unit).trim_end().into()];
+    };
+    let scales = survey.scales();
+    let last = |axis: usize| scales[axis][0] + scales[axis][1] * (opened.facts.dims.0[axis] as f64 - 1.0);
+    let range = |axis: usize| format!("{} {} to {}", axes[axis].name, short(scales[axis][0]), short(last(axis)));
+    vec![format!("{}, {}", range(1), range(0)), format!("{} {}", range(2), axes[2].unit).trim_end().into()]
 }
 
 fn look(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
@@ -196,12 +220,35 @@ fn density(viewer: &mut Viewer, ui: &mut Ui) {
     });
 }
 
+/// The surfaces that are the picture: at least one.
 fn surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
     heading(ui, "Surfaces");
+    let is_lone = viewer.scene.iso.len() == 1;
+    list_of_surfaces(&mut viewer.scene.iso, opened, !is_lone, ui);
+    if ui.add_enabled(viewer.scene.iso.len() < ISO_LIMIT, egui::Button::new("Add a surface")).clicked() {
+        viewer.scene.iso.push(looks::default_surface(&opened.facts));
+    }
+}
+
+/// The surfaces that stand inside the semi-transparent volume.
+fn inner_surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+    heading(ui, "Surfaces in the volume");
+    list_of_surfaces(&mut viewer.scene.iso, opened, true, ui);
+    let has_room = viewer.scene.iso.len() < INNER_SURFACE_LIMIT;
+    let words =
+        format!("A surface at one value, at its place within the volume; at most {INNER_SURFACE_LIMIT} (--surface)");
+    let button = ui.add_enabled(has_room, egui::Button::new("+ surface")).on_hover_text(words);
+    if button.clicked() {
+        edit::add_inner_surface(&mut viewer.scene, &opened.facts);
+    }
+}
+
+/// Colour, value and opacity of each surface; with a button that takes it away where it may go.
+fn list_of_surfaces(surfaces: &mut Vec<IsoSpec>, opened: &Opened, may_go: bool, ui: &mut Ui) {
     let range = opened.facts.value_range;
+    let words = format!("Value at which the surface lies {}", opened.container.manifest().unit);
     let mut removed = None;
-    let many = viewer.scene.iso.len() > 1;
-    for (i, iso) in viewer.scene.iso.iter_mut().enumerate() {
+    for (i, iso) in surfaces.iter_mut().enumerate() {
         ui.push_id(i, |ui| {
             ui.horizontal(|ui| {
                 let mut color = iso.color.map(|c| c as f32);
@@ -209,24 +256,19 @@ fn surfaces(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
                     iso.color = color.map(f64::from);
                 }
                 ui.spacing_mut().slider_width = (ui.available_width() - 110.0).max(40.0);
-                ui.add(
-                    Slider::new(&mut iso.value, range.min..=range.max).clamping(SliderClamping::Edits).max_decimals(4),
-                )
-                .on_hover_text(format!("Value at which the surface lies {}", opened.container.manifest().unit))
-                .accessible_name("Value of the surface");
-                if many && ui.small_button("x").on_hover_text("Take this surface away").clicked() {
+                let slider = Slider::new(&mut iso.value, range.min..=range.max).clamping(SliderClamping::Edits);
+                ui.add(slider.max_decimals(4)).on_hover_text(words.trim_end()).accessible_name("Value of the surface");
+                if may_go && ui.small_button("x").on_hover_text("Take this surface away").clicked() {
                     removed = Some(i);
                 }
             });
             ui.add(Slider::new(&mut iso.alpha, 0.0..=1.0).clamping(SliderClamping::Edits).text("opacity"))
+                .on_hover_text("Share of the light from behind that the surface keeps back, 0 to 1")
                 .accessible_name("Opacity of the surface");
         });
     }
     if let Some(i) = removed {
-        viewer.scene.iso.remove(i);
-    }
-    if ui.add_enabled(viewer.scene.iso.len() < ISO_LIMIT, egui::Button::new("Add a surface")).clicked() {
-        viewer.scene.iso.push(supervol_runtime::preset::looks::default_surface(&opened.facts));
+        surfaces.remove(i);
     }
 }
 

@@ -3,7 +3,8 @@
 use eframe::egui::{
     Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Slider, SliderClamping, Stroke, Ui, Vec2, pos2,
 };
-use supervol_runtime::scene::{CameraSpec, ImageSpec, RAY_LIMIT};
+use supervol_decorations::named_borders;
+use supervol_runtime::scene::{CameraSpec, ImageSpec, RAY_LIMIT, Scene};
 
 use super::picture::{color, pixels_of, place, wheel_steps};
 use super::{heading, slices, wide_slider};
@@ -192,11 +193,31 @@ fn paint(viewer: &Viewer, opened: &Opened, ui: &Ui, axis: usize, response: &Resp
     painter.rect_stroke(rect, 0.0, Stroke::new(1.0, PLANE_COLORS[axis]), eframe::egui::StrokeKind::Inside);
     let corner = rect.left_top() + Vec2::splat(MARGIN);
     tell(&painter, corner, Align2::LEFT_TOP, &title(viewer, opened, axis));
+    name_borders(viewer.sections.panels[axis].scene.as_ref(), opened, &painter, rect);
     if response.contains_pointer() {
         tell_of_point(viewer, opened, Some(axis), &painter, rect);
     }
     if viewer.sections.panels[axis].scene.is_none() {
         tell(&painter, rect.center(), Align2::CENTER_CENTER, "no section can be shown here");
+    }
+}
+
+/// A patient's sides, or the points of the compass, at the borders of a section.
+fn name_borders(scene: Option<&Scene>, opened: &Opened, painter: &eframe::egui::Painter, rect: Rect) {
+    let Some(camera) = scene.and_then(|scene| scene.camera.as_ref()) else { return };
+    let right = navigate::right_of(camera);
+    let names = named_borders(&opened.container, &opened.facts, [right, right.cross(navigate::forward_of(camera))]);
+    let inner = rect.shrink(MARGIN);
+    let borders = [
+        (inner.right_center(), Align2::RIGHT_CENTER),
+        (inner.left_center(), Align2::LEFT_CENTER),
+        (inner.center_top(), Align2::CENTER_TOP),
+        (inner.center_bottom(), Align2::CENTER_BOTTOM),
+    ];
+    for (name, (at, align)) in names.into_iter().zip(borders) {
+        if let Some(name) = name {
+            tell(painter, at, align, name);
+        }
     }
 }
 
@@ -218,7 +239,8 @@ fn title(viewer: &Viewer, opened: &Opened, axis: usize) -> String {
     let voxel = viewer.sections.cursor[axis];
     let place = opened.survey.as_ref().map(|survey| {
         let [first, step] = survey.scales()[axis];
-        format!("{} ", short(first + step * voxel))
+        let unit = if axis == 2 { &*opened.container.manifest().axes[2].unit } else { "" };
+        format!("{} {unit}", short(first + step * voxel)).trim_end().to_owned() + " "
     });
     let failed = viewer.sections.panels[axis].shown.as_ref().map_or(0, |shown| shown.stats.bricks_failed);
     let failed = if failed > 0 { format!(", {failed} bricks failed") } else { String::new() };

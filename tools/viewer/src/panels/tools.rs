@@ -96,7 +96,7 @@ fn view(viewer: &mut Viewer, ui: &mut Ui) {
     let is_parallel = viewer.scene.camera.as_ref().is_some_and(|camera| camera.height.is_some());
     command(viewer, ui, Command::Projection, if is_parallel { "Parallel rays" } else { "Perspective" });
     let mut are_on = viewer.settings.decorations == Decorations::On;
-    let words = "Box with the ends of its axes, orientation, scale, what the colours mean, name (--decorate)";
+    let words = "Box with places along its axes, orientation, scale, what the colours mean, name (--decorate)";
     if ui.checkbox(&mut are_on, "Box, scale, colours").on_hover_text(words).changed() {
         viewer.settings.decorations = if are_on { Decorations::On } else { Decorations::Off };
         viewer.remembered.decorations = viewer.settings.decorations;

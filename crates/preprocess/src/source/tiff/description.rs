@@ -50,22 +50,18 @@ impl Series {
     }
 
     /// Pages of the slices of the channel and time that are wanted, the first where nobody says; a lone series of times is read
-    /// as slices. `samples`: pixels of several numbers are channels of their own.
+    /// as slices. `samples`: pixels of several numbers are channels of their own. `names` are those of the channels, if it says any.
     fn slices(
         &self,
         path: &Path,
         samples: u64,
         selection: &Selection,
-        notes: &mut Vec<String>,
+        (names, notes): (&[String], &mut Vec<String>),
     ) -> Result<Vec<usize>, SourceError> {
         let [slices, channels, times] = self.sizes;
         let mut first = 0;
         if samples == 1 {
-            if channels > 1 && selection.channel.is_none() {
-                let last = channels - 1;
-                notes.push(format!("{channels} channels; the first is used; --channel 0 to {last} takes another"));
-            }
-            first += selection.channel_of(path, channels as u64)? as usize * self.strides[1];
+            first += selection.noted_channel(path, channels as u64, names, notes)? as usize * self.strides[1];
         }
         if slices == 1 && times > 1 && channels == 1 && selection.frame.is_none() {
             notes.push(format!("{times} time points of one slice: read as slices"));
@@ -119,7 +115,7 @@ impl Description {
             SourceError::invalid(path, "ImageJ description", expected, format!("{sizes:?} slices, channels, times"))
         })?;
         let mut notes = Vec::new();
-        let slices = Some(series.slices(path, samples, selection, &mut notes)?);
+        let slices = Some(series.slices(path, samples, selection, (&[], &mut notes))?);
         let between = fields.get("spacing").and_then(|s| s.trim().parse().ok());
         let unit = fields.get("unit").map(|unit| unit_of(unit)).unwrap_or_default();
         let has_resolution = !unit.is_empty() && unit != "pixel";
@@ -158,7 +154,7 @@ impl Description {
             let last = found.images - 1;
             notes.push(format!("{} series; the first is used; --series 0 to {last} takes another", found.images));
         }
-        let planes = series.slices(path, samples, selection, &mut notes)?;
+        let planes = series.slices(path, samples, selection, (&found.channels, &mut notes))?;
         let slices = planes.into_iter().map(|plane| found.page_of(plane)).collect::<Option<_>>();
         let slices = slices.ok_or_else(|| wrong("a slice that no `TiffData` has a page for".into()))?;
         let units = &found.units;
@@ -183,6 +179,8 @@ struct Ome {
     series: Option<Series>,
     spacing: [Option<f64>; 3],
     units: [String; 3],
+    /// What its channels are called, empty where one is not.
+    channels: Vec<String>,
     /// First plane, first page, planes; where there are none, planes are pages.
     places: Vec<[usize; 3]>,
     files: BTreeSet<String>,
@@ -206,6 +204,9 @@ impl Ome {
         match element.local_name().as_ref() {
             "Image" => self.images += 1,
             "Pixels" if is_wanted => self.pixels(&attributes)?,
+            "Channel" if is_wanted && self.channels.len() < PAGES_LIMIT => {
+                self.channels.push(attributes.remove("Name").unwrap_or_default());
+            }
             "TiffData" if is_wanted => self.place(&attributes)?,
             "BinaryOnly" => self.is_elsewhere = true,
             "UUID" if is_wanted => self.files.extend(attributes.remove("FileName")),
@@ -330,6 +331,9 @@ mod tests {
         assert!(pages("XYZZT", "").is_err() && pages("ZXYCT", "").is_err());
         let files = "<TiffData><UUID FileName=\"a\"/></TiffData><TiffData><UUID FileName=\"b\"/></TiffData>";
         assert!(pages("XYZCT", files).expect_err("two files").to_string().contains("2 files"));
+        let named = "<Channel ID=\"C:0\" Name=\"DAPI\"/><Channel ID=\"C:1\"><LightPath/></Channel>";
+        let found = read(&xml(&format!("DimensionOrder=\"XYZCT\" {sizes}"), named)).expect("channels");
+        assert!(found.notes.contains(&"2 channels (DAPI); the first is used; --channel 0 to 1 takes another".into()));
         let physical = "PhysicalSizeX=\"0.5\" PhysicalSizeY=\"0.5\" PhysicalSizeZ=\"2\" PhysicalSizeZUnit=\"µm\"";
         let found = read(&xml(&format!("{sizes} {physical}"), "")).expect("sizes");
         assert_eq!((found.spacing, found.unit.as_str()), ([Some(0.5), Some(0.5), Some(2.0)], "um"));

@@ -109,6 +109,8 @@ struct Found {
     folder: PathBuf,
     array: Array,
     axes: Vec<ArrayAxis>,
+    /// What the channels are called, as far as the image says it.
+    channels: Vec<String>,
     format: &'static str,
 }
 
@@ -162,7 +164,8 @@ fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<Str
                 if !others.is_empty() {
                     notes.push(format!("{} images in one group; the first is used", others.len() + 1));
                 }
-                image_level(store, folder, image, selection, notes)
+                let found = image_level(store, folder, image, selection, notes)?;
+                Ok(Found { channels: attributes.channels(), ..found })
             }
         },
         Some(Node::N5(attributes)) => n5_level(store, folder, attributes, selection, notes),
@@ -174,7 +177,7 @@ fn plain(folder: PathBuf, array: Array, names: Option<Vec<Option<String>>>) -> F
     let rank = array.shape.shape.len();
     let names = names.filter(|names| names.len() == rank).unwrap_or_else(|| vec![None; rank]);
     let axes = names.into_iter().map(|name| ArrayAxis::named(&name.unwrap_or_default())).collect();
-    Found { folder, array, axes, format: "zarr" }
+    Found { folder, array, axes, channels: Vec::new(), format: "zarr" }
 }
 
 /// The one array below a group that says nothing of images.
@@ -226,7 +229,7 @@ fn image_level(
         return Err(SourceError::invalid(&at, "dataset of the image", "an array", "none"));
     };
     let axes = image.axes(dataset, array.shape.shape.len(), notes);
-    Ok(Found { folder: at, array, axes, format: "ome-zarr" })
+    Ok(Found { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr" })
 }
 
 /// The level that is wanted of an image.
@@ -247,7 +250,7 @@ fn n5_level(
 ) -> Result<Found, SourceError> {
     let found = |folder: PathBuf, own: &n5::Attributes, group: &n5::Attributes| {
         let array = own.array(&folder.join(N5_FILE))?;
-        Ok(Found { array, axes: own.axes(group), folder, format: "n5" })
+        Ok(Found { array, axes: own.axes(group), folder, channels: Vec::new(), format: "n5" })
     };
     if attributes.is_array() {
         selection.level_of(folder, 1)?;
@@ -272,7 +275,10 @@ fn source(
     mut notes: Vec<String>,
 ) -> Result<ChunkedSource, SourceError> {
     let path = found.folder.clone();
-    let placement = place(&path, (&found.array.shape.shape, &found.axes), options.selection, &mut notes)?;
+    let placement = {
+        let shown = (&found.array.shape.shape[..], &found.axes[..], &found.channels[..]);
+        place(&path, shown, options.selection, &mut notes)?
+    };
     let Found { array, axes, format, .. } = found;
     let dims = Dims(placement.axes.map(|axis| axis.map_or(1, |axis| array.shape.shape[axis])));
     let stored = array.number.stored();

@@ -11,6 +11,8 @@ pub(in super::super) struct Attributes {
     /// Where 0.5 keeps what 0.4 has at the top.
     pub(in super::super) ome: Option<Box<Self>>,
     multiscales: Option<Vec<Multiscale>>,
+    /// How an image is to be shown; what is wrong in it is no reason to refuse the image.
+    omero: Option<serde_json::Value>,
     pub(in super::super) plate: Option<IgnoredAny>,
     pub(in super::super) well: Option<IgnoredAny>,
     #[serde(rename = "bioformats2raw.layout")]
@@ -25,6 +27,14 @@ impl Attributes {
     pub(in super::super) fn images(&self) -> &[Multiscale] {
         let nested = || self.ome.as_ref().and_then(|ome| ome.multiscales.as_deref());
         self.multiscales.as_deref().or_else(nested).unwrap_or_default()
+    }
+
+    /// What the channels are called, empty where one is not.
+    pub(in super::super) fn channels(&self) -> Vec<String> {
+        let nested = || self.ome.as_ref().and_then(|ome| ome.omero.as_ref());
+        let listed = self.omero.as_ref().or_else(nested).and_then(|omero| omero["channels"].as_array());
+        let name = |channel: &serde_json::Value| channel["label"].as_str().unwrap_or_default().to_owned();
+        listed.map_or_else(Vec::new, |channels| channels.iter().map(name).collect())
     }
 
     /// Whether there are several images below, and what they are.
@@ -210,4 +220,20 @@ pub(in super::super) fn geometry_of(axes: [Option<&ArrayAxis>; 3]) -> Geometry {
     let spacing = axes.map(|axis| axis.map_or(1.0, |axis| axis.spacing));
     let origin = axes.map(|axis| axis.map_or(0.0, |axis| axis.origin));
     Geometry { spacing, origin, ..Geometry::IDENTITY }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_are_called_what_the_image_says() {
+        let of = |text: &str| serde_json::from_str::<Attributes>(text).expect("attributes").channels();
+        let omero = r#"{"omero": {"channels": [{"label": "DAPI", "color": "0000FF"}, {"active": true}, 7]}}"#;
+        assert_eq!(of(omero), ["DAPI", "", ""]);
+        assert_eq!(of(&format!(r#"{{"ome": {omero}}}"#)), ["DAPI", "", ""]);
+        for wrong in [r#"{}"#, r#"{"omero": 3}"#, r#"{"omero": {"channels": "two"}}"#] {
+            assert!(of(wrong).is_empty(), "{wrong}");
+        }
+    }
 }

@@ -7,10 +7,10 @@ use super::super::chunked::Placement;
 use super::super::selection::Selection;
 use super::ome::{ArrayAxis, Role};
 
-/// Which axes are x, y, z, and what is chosen on the others.
+/// Which axes are x, y, z, and what is chosen on the others. `names` are those of the channels, as far as the file says them.
 pub(in super::super) fn place(
     path: &Path,
-    (shape, axes): (&[u64], &[ArrayAxis]),
+    (shape, axes, names): (&[u64], &[ArrayAxis], &[String]),
     selection: &Selection,
     notes: &mut Vec<String>,
 ) -> Result<Placement, SourceError> {
@@ -37,11 +37,7 @@ pub(in super::super) fn place(
     let frame = selection.noted_frame(path, times_count, "time points", notes)?;
     times.iter().for_each(|axis| fixed[*axis] = frame);
     let channel_count = channels.first().map_or(1, |axis| shape[*axis]);
-    if channel_count > 1 && selection.channel.is_none() {
-        let last = channel_count - 1;
-        notes.push(format!("{channel_count} channels; the first is used; --channel 0 to {last} takes another"));
-    }
-    let channel = selection.channel_of(path, channel_count)?;
+    let channel = selection.noted_channel(path, channel_count, names, notes)?;
     channels.iter().for_each(|axis| fixed[*axis] = channel);
     Ok(Placement { axes: named_xyz(&space, axes), fixed })
 }

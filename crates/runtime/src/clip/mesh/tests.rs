@@ -125,3 +125,24 @@ proptest! {
         }
     }
 }
+
+proptest! {
+    /// A box that holds a point of the surface is never said to be free of it; one far from it is.
+    #[test]
+    fn boxes_with_a_part_of_the_surface_are_entered(
+        triangle in 0..256usize,
+        shares in prop::array::uniform2(0.0..1.0f64),
+        sizes in prop::array::uniform3(0.0..2.0f64),
+    ) {
+        let solid = ring(16, 8);
+        let [a, b, c] = solid.1[triangle].map(|vertex| solid.0[vertex as usize]);
+        let point = a + shares[0] * ((1.0 - shares[1]) * (b - a) + shares[1] * (c - a));
+        let size = DVec3::from(sizes);
+        let mesh = mesh(solid);
+        prop_assert!(mesh.may_enter(point - size, point + size));
+        // In the ring's hole, and beside it.
+        for far in [DVec3::ZERO, DVec3::new(0.0, 0.0, 5.0)] {
+            prop_assert!(!mesh.may_enter(far - 0.5 * size, far + 0.5 * size));
+        }
+    }
+}

@@ -102,7 +102,10 @@ fn images_are_told_apart_by_how_bright_they_are() {
     assert_eq!(Made { counts: few_bright, ..PLAIN }.kind(), DataKind::Fluorescence);
     assert_eq!(Made { counts: bell(256, 120.0, 50.0, 1e4), ..PLAIN }.kind(), DataKind::ElectronMicroscopy);
     let solid = sum(&bell(256, 5.0, 5.0, 1e5), &bell(256, 180.0, 20.0, 1e4));
-    assert_eq!(Made { counts: solid, ..PLAIN }.kind(), DataKind::MicroCt);
+    assert_eq!(Made { counts: solid.clone(), ..PLAIN }.kind(), DataKind::MicroCt);
+    // The same in a file that holds other channels beside it: nuclei, not pebbles.
+    let channel = Made { counts: solid, name: "cells.ome.tif --channel 1", ..PLAIN };
+    assert_eq!(channel.kind(), DataKind::Fluorescence);
     let field = Made { counts: bell(256, 120.0, 50.0, 1e4), integral: false, ..PLAIN };
     assert_eq!(field.kind(), DataKind::Generic);
 }

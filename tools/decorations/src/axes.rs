@@ -1,0 +1,228 @@
+//! The box of a grid, and what places along its axes are called: the first and the last one, and round ones between them.
+//!
+//! Of the four edges along an axis the lowest of the outline is written at (of two that are equally low the left one): there words have
+//! room. Numbers stand on the side of it that looks away from the box.
+
+use glam::DVec3;
+use supervol_format::Container;
+use supervol_preprocess::source::Survey;
+use supervol_runtime::camera::{Camera, Projection};
+use supervol_runtime::facts::VolumeFacts;
+use supervol_runtime::preset::domain_corners;
+
+use crate::canvas::{Anchor, Canvas, Layer};
+use crate::short;
+
+/// Pixels of a tick.
+const TICK: f64 = 4.0;
+/// Pixels from an edge to the middle of what is written at it.
+const BESIDE: f64 = 8.0;
+/// Least pixels from tick to tick.
+const TICK_ROOM: f64 = 48.0;
+/// Shares of the way along an edge at which the axis may be named.
+const NAME_PLACES: [f64; 3] = [0.5, 0.35, 0.65];
+/// Most ticks of an edge.
+const TICK_LIMIT: usize = 20;
+/// Cosine between a face and the line of sight below which the face is seen from its edge.
+const EDGE_ON: f64 = 1e-9;
+/// Pixels by which an edge has to be lower than another one.
+const LOWER: f64 = 1.0;
+
+/// An edge of the box that places are written at.
+pub struct LabelledEdge {
+    /// The axis that it runs along.
+    pub axis: usize,
+    /// World points at which the axis begins and ends: half a voxel beyond the first and the last one.
+    ends: [DVec3; 2],
+    /// Voxels along it.
+    voxels: f64,
+    /// Unit vector in the picture, away from the box.
+    outward: [f64; 2],
+    camera: Camera,
+}
+
+/// Where a world point lies in the picture, pixels; `None` behind the camera.
+fn project(camera: &Camera, point: DVec3) -> Option<[f64; 2]> {
+    let p = point - camera.eye;
+    let half = match camera.projection {
+        Projection::Perspective { fov_y } => p.dot(camera.forward) * (fov_y.to_radians() / 2.0).tan(),
+        Projection::Orthographic { height } => height / 2.0,
+    };
+    let [width, height] = camera.extent;
+    let x = p.dot(camera.right) / (half * width / height);
+    let y = p.dot(camera.up) / half;
+    (half > 0.0).then_some([0.5 * (x + 1.0) * width, 0.5 * (1.0 - y) * height])
+}
+
+/// Draws the box; the edges that places are to be written at, once all else is.
+pub fn draw_box(canvas: &mut Canvas<'_>, placed: &VolumeFacts, camera: &Camera) -> Vec<LabelledEdge> {
+    let corners = domain_corners(placed);
+    let seen: [[bool; 2]; 3] = std::array::from_fn(|axis| [0, 1].map(|side| is_seen(&corners, camera, axis, side)));
+    let middle = project(camera, corners.iter().sum::<DVec3>() / 8.0);
+    let mut labelled = Vec::new();
+    for axis in 0..3 {
+        let [b, c] = [(axis + 1) % 3, (axis + 2) % 3];
+        let mut outline: Option<([f64; 2], [DVec3; 2])> = None;
+        for corner in (0..8usize).filter(|corner| corner >> axis & 1 == 0) {
+            let faces = [seen[b][corner >> b & 1], seen[c][corner >> c & 1]];
+            let layer = if faces == [false, false] { Layer::Behind } else { Layer::Before };
+            let ends = [corners[corner], corners[corner | 1 << axis]];
+            let [Some(from), Some(to)] = ends.map(|end| project(camera, end)) else { continue };
+            canvas.line(from, to, layer);
+            let at = [0, 1].map(|i| 0.5 * (from[i] + to[i]));
+            let is_lower = |before: [f64; 2]| {
+                at[1] > before[1] + LOWER || ((at[1] - before[1]).abs() <= LOWER && at[0] < before[0])
+            };
+            if faces[0] != faces[1] && outline.is_none_or(|(before, _)| is_lower(before)) {
+                outline = Some((at, ends));
+            }
+        }
+        if let (Some((at, ends)), Some(middle)) = (outline, middle) {
+            let away = [at[0] - middle[0], at[1] - middle[1]];
+            let length = away[0].hypot(away[1]).max(f64::MIN_POSITIVE);
+            let (outward, voxels) = (away.map(|x| x / length), placed.dims.0[axis] as f64);
+            labelled.push(LabelledEdge { axis, ends, voxels, outward, camera: *camera });
+        }
+    }
+    labelled
+}
+
+/// Whether a face of the box is seen from outside.
+fn is_seen(corners: &[DVec3; 8], camera: &Camera, axis: usize, side: usize) -> bool {
+    let middle_of = |side: usize| (0..8).filter(|c| c >> axis & 1 == side).map(|c| corners[c]).sum::<DVec3>() / 4.0;
+    let [a, b] = [(axis + 1) % 3, (axis + 2) % 3].map(|other| corners[1 << other] - corners[0]);
+    let (normal, out) = (a.cross(b).normalize_or_zero(), middle_of(side) - middle_of(1 - side));
+    let outward = if normal.dot(out) < 0.0 { -normal } else { normal };
+    let towards = match camera.projection {
+        Projection::Perspective { .. } => (middle_of(side) - camera.eye).normalize_or_zero(),
+        Projection::Orthographic { .. } => camera.forward,
+    };
+    outward.dot(towards) < -EDGE_ON
+}
+
+impl LabelledEdge {
+    /// The point of the picture at a share of the way from the first to the last voxel.
+    fn at(&self, share: f64) -> Option<[f64; 2]> {
+        let along = (0.5 + share * (self.voxels - 1.0)) / self.voxels;
+        project(&self.camera, self.ends[0] + along * (self.ends[1] - self.ends[0]))
+    }
+
+    /// Writes the first and the last place, the axis, and round places between them, as far as there is room.
+    pub fn label(&self, canvas: &mut Canvas<'_>, ends: &AxisEnds) {
+        let (Some(first), Some(last)) = (self.at(0.0), self.at(1.0)) else { return };
+        self.write(canvas, first, &short(ends.first));
+        if ends.first != ends.last {
+            self.write(canvas, last, &short(ends.last));
+        }
+        // In the middle, or where else there is room.
+        NAME_PLACES.iter().any(|share| self.at(*share).is_some_and(|at| self.write(canvas, at, &ends.name)));
+        let pixels = (last[0] - first[0]).hypot(last[1] - first[1]);
+        for (value, text) in ends.ticks(pixels) {
+            let share = (value - ends.first) / (ends.last - ends.first);
+            let Some(at) = self.at(share) else { continue };
+            let tip = [0, 1].map(|i| at[i] + TICK * self.outward[i]);
+            canvas.line(at, tip, Layer::Before);
+            self.write(canvas, at, &text);
+        }
+    }
+
+    /// Beside the edge, unless something is written there; whether it is.
+    fn write(&self, canvas: &mut Canvas<'_>, at: [f64; 2], text: &str) -> bool {
+        let [x, y] = [0, 1].map(|i| (at[i] + BESIDE * self.outward[i]).round() as i32);
+        let anchor = match self.outward {
+            [x, y] if x.abs() > y.abs() && x > 0.0 => Anchor::MiddleLeft,
+            [x, y] if x.abs() > y.abs() => Anchor::MiddleRight,
+            [_, y] if y > 0.0 => Anchor::TopMiddle,
+            _ => Anchor::BottomMiddle,
+        };
+        canvas.text_where_free(text, [x, y], anchor)
+    }
+}
+
+/// What the ends of an axis are called: line numbers, times, or lengths from the first voxel on.
+pub struct AxisEnds {
+    name: String,
+    first: f64,
+    last: f64,
+    /// Whether there is nothing between whole numbers.
+    is_counted: bool,
+}
+
+impl AxisEnds {
+    /// Of an axis of the grid; lengths are those of the data, however heights are exaggerated in the picture.
+    pub fn of(container: &Container, facts: &VolumeFacts, axis: usize) -> Self {
+        let manifest = container.manifest();
+        let survey = Survey::of(manifest);
+        let steps = facts.dims.0[axis] as f64 - 1.0;
+        let named = &manifest.axes[axis];
+        let name = if named.unit.is_empty() { named.name.clone() } else { format!("{} [{}]", named.name, named.unit) };
+        match survey {
+            Some(survey) if axis == 2 => {
+                let first = survey.first_sample;
+                Self { name, first, last: first + steps * survey.sample_interval, is_counted: false }
+            }
+            Some(survey) => {
+                let line = [survey.crossline, survey.inline][axis];
+                let first = line.first as f64;
+                Self { name: named.name.clone(), first, last: first + steps * line.step as f64, is_counted: true }
+            }
+            None => {
+                let spacing = container.stored_geometry().spacing[axis];
+                Self { name, first: 0.0, last: steps * spacing, is_counted: false }
+            }
+        }
+    }
+
+    /// Round numbers between the ends with their texts, no closer than there is room for on so many pixels.
+    fn ticks(&self, pixels: f64) -> Vec<(f64, String)> {
+        let (low, high) = (self.first.min(self.last), self.first.max(self.last));
+        let least = (high - low) * TICK_ROOM / pixels;
+        let step = round_above(if self.is_counted { least.max(1.0) } else { least });
+        if !(step.is_finite() && step > 0.0 && pixels > TICK_ROOM) {
+            return Vec::new();
+        }
+        let digits = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
+        let numbers = (0..TICK_LIMIT).map(|n| ((low / step).ceil() + n as f64) * step);
+        let within = numbers.take_while(|value| *value <= high);
+        within
+            .map(|value| (value, if value.abs() < 1e6 { format!("{value:.digits$}") } else { short(value) }))
+            .collect()
+    }
+}
+
+/// The least of 1, 2 and 5 times a power of ten that is not below.
+fn round_above(length: f64) -> f64 {
+    let power = 10f64.powf(length.log10().floor());
+    [1.0, 2.0, 5.0].into_iter().map(|factor| factor * power).find(|l| *l >= length).unwrap_or(10.0 * power)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ticks(first: f64, last: f64, is_counted: bool, pixels: f64) -> Vec<String> {
+        let ends = AxisEnds { name: String::new(), first, last, is_counted };
+        ends.ticks(pixels).into_iter().map(|(_, text)| text).collect()
+    }
+
+    #[test]
+    fn ticks_are_round_and_have_room() {
+        assert_eq!(ticks(111.0, 133.0, true, 300.0), ["115", "120", "125", "130"]);
+        assert_eq!(ticks(4.0, 1848.0, false, 200.0), ["500", "1000", "1500"]);
+        assert_eq!(ticks(0.0, 0.75, false, 400.0), ["0.0", "0.1", "0.2", "0.3", "0.4", "0.5", "0.6", "0.7"]);
+        assert_eq!(ticks(1.0, 3.0, true, 900.0), ["1", "2", "3"]);
+        // Nothing to write: no length, no room, no number.
+        assert!(ticks(5.0, 5.0, false, 300.0).is_empty() && ticks(0.0, 9.0, false, 30.0).is_empty());
+        assert!(ticks(0.0, f64::NAN, false, 300.0).is_empty() && ticks(0.0, 1.0, false, f64::NAN).is_empty());
+        let far = ticks(1e9, 1e9 + 100.0, false, 500.0);
+        assert!(far.len() <= TICK_LIMIT, "{far:?}");
+    }
+
+    #[test]
+    fn numbers_are_rounded_up() {
+        assert_eq!(
+            [round_above(3.7), round_above(0.099), round_above(740.0), round_above(2.0)],
+            [5.0, 0.1, 1000.0, 2.0]
+        );
+    }
+}
