@@ -87,27 +87,18 @@ fn windows_of_values_that_f32_does_not_resolve() {
     }
 }
 
-/// Of 1,000 random scenes at four errors, 2 are further off than was asked for (`supervol bench --random-scenes 1000`):
-/// - 978 (0.650 where 0.1 is asked for; 0.452 where 0.5 is), shaded: where values are cut off at a plateau, a ray runs through gradients of
-///   the size of the least one that makes a normal, a hundred thousandth of what `f32` is added up from there: a fourteenth of a voxel
-///   is drawn with a normal that has none. The scalar caster is right there.
-/// - 934 (0.1006 where 0.1 is asked for), unshaded: 0.099 where 0.5 is, so that it is not what E steers.
+/// Of 1,000 random scenes at four errors, one is further off than was asked for (`supervol bench --random-scenes 1000`): 330, shaded noise whose
+/// transfer function steps, by 0.238 where 0.1 is asked for, in one pixel, in one cell that is cut into parts; by 0.04 where
+/// 0.2 is, so that it is not the rule for parts that is too coarse. What it is has not been found.
 #[test]
-fn random_scenes_further_off_than_asked() {
+fn a_random_scene_further_off_than_asked() {
     let folder = tempfile::tempdir().expect("tests need a temporary folder");
     let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
-    let mut kept = Vec::new();
-    for (scene, above) in [(934, 1), (978, 1)] {
-        let options = Options { seed: 1, first: scene, scenes: 1, threads: 2, backend: Backend::Cpu };
-        let found = run(&context, options).unwrap_or_else(|e| panic!("scene {scene}: {e}"));
-        for at in &found.errors {
-            println!("scene {scene}, {} asked for: {:.4}", at.asked_grey_levels, at.largest_grey_levels);
-        }
-        let broken = found.errors.iter().filter(|at| !at.scenes_above.is_empty()).count();
-        assert!(broken <= above && found.greatest_share() < 9.0, "scene {scene} became worse: {found:#?}");
-        if broken < above {
-            kept.push(scene);
-        }
-    }
-    assert!(kept.is_empty(), "scenes {kept:?} keep more errors than before");
+    let options = Options { seed: 1, first: 330, scenes: 1, threads: 2, backend: Backend::Cpu };
+    let found = run(&context, options).unwrap_or_else(|e| panic!("scene 330: {e}"));
+    let [at_tenth, others @ ..] = &found.errors[..] else { panic!("no errors: {found:#?}") };
+    println!("scene 330, {} asked for: {:.4}", at_tenth.asked_grey_levels, at_tenth.largest_grey_levels);
+    assert!(others.iter().all(|at| at.scenes_above.is_empty()), "scene 330 became worse: {found:#?}");
+    assert!(!at_tenth.scenes_above.is_empty(), "scene 330 keeps the error now");
+    assert!(at_tenth.largest_grey_levels < 0.3, "scene 330 became worse: {found:#?}");
 }

@@ -44,6 +44,20 @@ fn random_scenes_keep_the_error() {
     assert!(greatest > smallest && smallest > 0.0, "the error that is asked for changes nothing: {found:#?}");
 }
 
+/// Of the 1,000 scenes of the bench, two that were further off than 0.1 once:
+/// - 978, by 0.65: a gradient became too short for a normal between the end of a cell and the light next to it, and a remainder of a cell
+///   that could not be cut was left to a rule that does not see that;
+/// - 934: a chord over which colour stays the same, and then turns: it was taken to turn all the way.
+#[test]
+fn scenes_that_were_further_off_than_asked() {
+    for scene in [934, 978] {
+        let options = Options { seed: SEED, first: scene, scenes: 1, threads: 2, backend: Backend::Cpu };
+        let found = with_context(|context| run(context, options)).unwrap_or_else(|e| panic!("scene {scene}: {e}"));
+        println!("{found:#?}");
+        assert!(found.scenes_above().is_empty(), "scene {scene} is further off than was asked for: {found:#?}");
+    }
+}
+
 /// On the GPU tables of the transfer function hold its extinction to 2^-12: 0.1 is aimed at, and not asserted.
 #[test]
 fn random_scenes_keep_the_error_on_the_gpu() {

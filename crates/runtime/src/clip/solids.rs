@@ -119,8 +119,8 @@ impl Solid {
         is_inside == (self.keep == Keep::Inside)
     }
 
-    /// Whether all of the box between two corners is surely kept, which costs no ray: only of meshes is it known, and where none of
-    /// their triangles comes near.
+    /// Whether all of the box between two corners is surely kept, which costs no ray: only of meshes is it known, and where the box around
+    /// none of their triangles comes near.
     #[must_use]
     pub fn surely_keeps(&self, low: DVec3, high: DVec3) -> bool {
         let Shape::Mesh(PlacedMesh { mesh, anchor, length }) = &self.shape else { return false };
@@ -243,19 +243,21 @@ mod tests {
 
     #[test]
     fn what_a_mesh_surely_keeps_is_known_without_rays() {
-        let corners = [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0], [0.0, 0.0, 8.0]].map(DVec3::from);
-        let faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
-        let mesh = Arc::new(ClosedMesh::new(&corners, &faces).expect("a tetrahedron is closed"));
+        let corners: Vec<DVec3> =
+            (0..8).map(|n| 8.0 * DVec3::from([n & 1, n >> 1 & 1, n >> 2].map(f64::from))).collect();
+        let sides = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+        let faces: Vec<[u32; 3]> = sides.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        let mesh = Arc::new(ClosedMesh::new(&corners, &faces).expect("a cube is closed"));
         // A unit of the picture is half a unit of the world, around the point 1, 1, 1.
         let placed = PlacedMesh { mesh, anchor: DVec3::ONE, length: 0.5 };
         let [inside, outside] =
             [Keep::Inside, Keep::Outside].map(|keep| Solid { shape: Shape::Mesh(placed.clone()), keep });
-        let sides = |low: f64, high: f64| {
+        let keeps = |low: f64, high: f64| {
             [&inside, &outside].map(|solid| solid.surely_keeps(DVec3::splat(low), DVec3::splat(high)))
         };
-        assert_eq!(sides(-1.0, 1.0), [true, false]);
-        assert_eq!(sides(20.0, 30.0), [false, true]);
-        assert_eq!(sides(-3.0, 1.0), [false, false]);
+        assert_eq!(keeps(-1.0, 1.0), [true, false]);
+        assert_eq!(keeps(20.0, 30.0), [false, true]);
+        assert_eq!(keeps(-3.0, 1.0), [false, false]);
         let sphere = sphere([0.0; 3], 100.0, Keep::Inside);
         assert!(!sphere.surely_keeps(DVec3::ZERO, DVec3::ONE), "rays tell it of spheres");
     }
