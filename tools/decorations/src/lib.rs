@@ -1,6 +1,6 @@
 //! What pictures of the command line and of the viewer share: decorations, and folders of animations ([`frames`]).
 //!
-//! Decorations are what a person wants to see beside the volume: its box with places along its axes ([`axes`]), which way it is turned, a
+//! Decorations are what a person wants to see beside the volume: its box with places along its axes (`axes`), which way it is turned, a
 //! scale, what the colours mean, and what it is.
 //!
 //! Edges of the box that the volume hides are drawn behind it, the others before it, by the opacity of the picture: what lies

@@ -7,7 +7,7 @@
 //! used, and the notes say so, unless `--channel` and `--frame` say otherwise. Pages that are smaller copies are left out; of pages with a palette its numbers are the voxels.
 //! Of colours the luminance is used, or one channel; of several series of OME the first, or `--series N`. Single bits become the
 //! voxels 0 and 1, 64-bit integers the smallest type that holds all of them. White-is-zero pages are turned round by the decoder, so that greater is brighter.
-//! Decoding is the crate `tiff`'s, but of JPEG and zstd ([`coded`]); which pages are the volume is told here.
+//! Decoding is the crate `tiff`'s, but of JPEG and zstd (`coded`); which pages are the volume is told here.
 
 mod coded;
 mod description;
