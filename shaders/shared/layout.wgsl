@@ -64,7 +64,7 @@ const STEP_OF_BYTES: u32 = 3u;
 const STEP_OF_HALVES: u32 = 7u;
 // Floats: voxels from a texel to the next one along x.
 const STEP_OF_FLOATS: u32 = 3u;
-// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.
+// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/refine.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
 const KNOT_LIMIT: u32 = 8u;
@@ -90,6 +90,7 @@ const BOW_SHARE: f32 = 0.25;
 const FAR: f32 = 1e30;
 const LEAP_MARGIN: f32 = 2e-5;
 const LEAST_PART: f32 = 0.00024414063;
+const SHORTEST: f32 = 0.00048828125;
 const PARTS_LIMIT: f32 = 64.0;
 const PARTS_PER_ROOT: f32 = 1.4;
 const LEAST_SHARE: f32 = 0.25;

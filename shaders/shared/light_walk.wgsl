@@ -226,8 +226,7 @@ fn try_part(
     }
 
     let ratio = part.error * (*walk).transmittance / config.cell_error;
-    // Half of two shortest parts, and what is left over behind it, would be these two again.
-    let is_taken = ratio <= max(size, LEAST_SHARE) || size <= 2.0 * LEAST_PART;
+    let is_taken = ratio <= max(size, LEAST_SHARE) || size <= SHORTEST;
     (*walk).next = next_size(size, ratio, is_taken);
     if (is_taken) {
         (*walk).color += (*walk).transmittance * part.color;

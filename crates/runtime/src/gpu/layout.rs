@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::cache::VoxelStorage;
 use super::twins;
-use crate::raycast::cpu::{shade, walk};
+use crate::raycast::cpu::{refine, shade, walk};
 use crate::raycast::scalar::quadrature;
 
 /// A Rust type with a WGSL name.
@@ -531,7 +531,7 @@ shared_struct! {
 }
 
 /// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 30] {
+fn borrowed_constants() -> [(&'static str, &'static str, String); 31] {
     let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
     [
         ("APRON", "i32", apron.to_string()),
@@ -558,12 +558,13 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 30] {
         ("BOW_SHARE", "f32", format!("{:?}", shade::BOW_SHARE)),
         ("FAR", "f32", format!("{:?}", twins::FAR)),
         ("LEAP_MARGIN", "f32", format!("{:?}", twins::LEAP_MARGIN)),
-        ("LEAST_PART", "f32", format!("{:?}", twins::LEAST_PART)),
-        ("PARTS_LIMIT", "f32", format!("{:?}", twins::PARTS_LIMIT)),
-        ("PARTS_PER_ROOT", "f32", format!("{:?}", twins::PARTS_PER_ROOT)),
-        ("LEAST_SHARE", "f32", format!("{:?}", twins::LEAST_SHARE)),
-        ("EASY", "f32", format!("{:?}", twins::EASY)),
-        ("HARD", "f32", format!("{:?}", twins::HARD)),
+        ("LEAST_PART", "f32", format!("{:?}", refine::LEAST_PART)),
+        ("SHORTEST", "f32", format!("{:?}", refine::SHORTEST)),
+        ("PARTS_LIMIT", "f32", format!("{:?}", refine::PARTS_LIMIT)),
+        ("PARTS_PER_ROOT", "f32", format!("{:?}", refine::PARTS_PER_ROOT)),
+        ("LEAST_SHARE", "f32", format!("{:?}", refine::LEAST_SHARE)),
+        ("EASY", "f32", format!("{:?}", refine::EASY)),
+        ("HARD", "f32", format!("{:?}", refine::HARD)),
     ]
 }
 
@@ -595,7 +596,7 @@ pub fn structs() -> Vec<StructLayout> {
 pub fn wgsl() -> String {
     let mut text = "// Constants and structs shared with Rust. Written by gpu/layout.rs; do not edit.\n\n".to_owned();
     text.push_str(&constants_wgsl());
-    text.push_str("// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.\n");
+    text.push_str("// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/refine.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.\n");
     for (name, ty, value) in borrowed_constants() {
         text.push_str(&format!("const {name}: {ty} = {value};\n"));
     }

@@ -7,6 +7,7 @@ use glam::{Mat3, Vec3};
 use supervol_format::brick::MACRO_CELL;
 
 use super::layout::{Config, STEP_OF_BYTES};
+use crate::raycast::cpu::refine::{EASY, HARD, LEAST_PART, LEAST_SHARE, PARTS_LIMIT, PARTS_PER_ROOT};
 use crate::raycast::scalar::cell::{cubic_at, monotone_root};
 use crate::raycast::scalar::quadrature::shaded_pair_count;
 
@@ -14,19 +15,6 @@ use crate::raycast::scalar::quadrature::shaded_pair_count;
 pub const FAR: f32 = 1e30;
 /// How far beyond a face a leap ends, voxels: a few roundings.
 pub const LEAP_MARGIN: f32 = 2e-5;
-/// Shortest part, in cells.
-pub const LEAST_PART: f32 = 1.0 / 4096.0;
-/// Most parts that a cell is cut into at once.
-pub const PARTS_LIMIT: f32 = 64.0;
-/// Parts per square root of the error: what is left is then well below the tolerance.
-pub const PARTS_PER_ROOT: f32 = 1.4;
-/// Least share of a cell's tolerance that a part may use up, however short it is.
-pub const LEAST_SHARE: f32 = 0.25;
-/// Share of what is allowed, below which the next part is twice as long.
-pub const EASY: f32 = 0.125;
-/// Multiple of what is allowed, from which the next part is a quarter as long, not half.
-pub const HARD: f32 = 16.0;
-
 /// Number of a macro cell among those of all slots.
 #[must_use]
 pub fn macro_place(slot: u32, core: u32, [x, y, z]: [u32; 3]) -> u32 {

@@ -321,12 +321,14 @@ fn error<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>, [kappa, o
     let Line { most, average, length, disorder, .. } = at.line;
     let [low, high] = at.range;
     let steps = table.column::<S>(Column::Steps, 0, high.piece) - table.column::<S>(Column::Steps, 0, low.piece);
-    let (bend, slope) = (Column::Bends, Column::BendsPerValue);
-    let bends = sum_up_to(table, bend, slope, high) - sum_up_to(table, bend, slope, low);
-    let (color, slope) = (Column::ColorVariation, Column::ColorVariationPerValue);
-    let colors = sum_up_to(table, color, slope, high) - sum_up_to(table, color, slope, low);
-    let slopes = [low, high].map(|place| table.column::<S>(slope, 0, place.piece));
-    let even_colors = S::min(slopes[0], slopes[1]) * (at.line.range[1] - at.line.range[0]);
+    let [bend_low, bend_high] =
+        [per_value(table, Column::BendsPerValue, low), per_value(table, Column::BendsPerValue, high)];
+    let bends = sum_up_to(table, Column::Bends, bend_high, high) - sum_up_to(table, Column::Bends, bend_low, low);
+    let per_color = Column::ColorVariationPerValue;
+    let [slope_low, slope_high] = [per_value(table, per_color, low), per_value(table, per_color, high)];
+    let color = Column::ColorVariation;
+    let colors = sum_up_to(table, color, slope_high, high) - sum_up_to(table, color, slope_low, low);
+    let even_colors = S::min(slope_low, slope_high) * (at.line.range[1] - at.line.range[0]);
     let rise = S::abs(at.width);
     // A narrow interval has the mean of its ends, wherever a step lies between.
     let misplaced = S::min((most + most + narrow) / S::max(rise, S::splat(1e-30)), one);
@@ -346,11 +348,16 @@ fn error<S: Simd, L: Lookup>(table: &L, narrow: S::F, at: &Located<S>, [kappa, o
     [S::min(S::max(of_mean, zero), one) + of_order, misplaced, S::min(colors, one)]
 }
 
-/// A sum over the pieces before a place, and over its own up to it.
+/// What grows evenly over the piece of a place, per value.
 #[inline(always)]
-fn sum_up_to<S: Simd, L: Lookup>(table: &L, column: Column, per_value: Column, place: Place<S>) -> S::F {
-    let (sum, slope) = (table.column::<S>(column, 0, place.piece), table.column::<S>(per_value, 0, place.piece));
-    S::mul_add(place.y, slope, sum)
+fn per_value<S: Simd, L: Lookup>(table: &L, column: Column, place: Place<S>) -> S::F {
+    table.column::<S>(column, 0, place.piece)
+}
+
+/// A sum over the pieces before a place, and over its own up to it, where it grows by `slope` per value.
+#[inline(always)]
+fn sum_up_to<S: Simd, L: Lookup>(table: &L, column: Column, slope: S::F, place: Place<S>) -> S::F {
+    S::mul_add(place.y, slope, table.column::<S>(column, 0, place.piece))
 }
 
 #[cfg(test)]

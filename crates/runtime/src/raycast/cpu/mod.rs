@@ -37,7 +37,7 @@ mod pixels;
 mod quality;
 mod queue;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
-mod refine;
+pub(crate) mod refine;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 pub(crate) mod shade;
 mod shaded_cells;

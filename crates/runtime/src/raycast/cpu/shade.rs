@@ -110,6 +110,12 @@ impl<S: Simd> LightAt<S> {
         self.nearest = S::select(mask, other.nearest, self.nearest);
     }
 
+    /// Whether there is a normal at all three places.
+    #[inline(always)]
+    pub fn have_normals(along: &[Self; 3]) -> S::M {
+        S::lt(S::splat(0.0), along[0].inverse_length * along[1].inverse_length * along[2].inverse_length)
+    }
+
     /// Square of the difference between two normals.
     #[inline(always)]
     fn turn(a: &Self, b: &Self) -> S::F {
@@ -236,7 +242,7 @@ impl<'a> PacketLighting<'a> {
     /// The part's colour after shading, and its error, from the light at its beginning, middle and end.
     #[inline(always)]
     pub fn shade<S: Simd>(&self, part: &Part<S>, along: &[LightAt<S>; 3]) -> ([S::F; 3], S::F) {
-        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let one = S::splat(1.0);
         let opacity = one - part.transmittance;
         let per_opacity = one / S::max(opacity, S::splat(f32::MIN_POSITIVE));
         let plain = for_three!(c => part.color[c] * per_opacity);
@@ -251,8 +257,7 @@ impl<'a> PacketLighting<'a> {
         let range = S::max(range_of::<S>(brightest), range_of::<S>(specular));
         let bend = S::max(bend_of::<S>(brightest), bend_of::<S>(specular));
         let uneven = uneven(part);
-        let normals = along[0].inverse_length * along[1].inverse_length * along[2].inverse_length;
-        let has_kink = goes_over | S::le(normals, zero);
+        let has_kink = goes_over | !LightAt::have_normals(along);
         let share = S::select(has_kink, S::splat(KINK_SHARE), S::splat(BEND_SHARE));
         let mut of_place = S::mul_add(share, bend, range * uneven);
         let most = S::max(S::max(brightest[0], brightest[1]), brightest[2]);

@@ -9,7 +9,7 @@ use super::integrate::Part;
 use super::packet::{Lanes, Stages, queued};
 use super::pending::{RefineQueue, RoundParts};
 use super::queue::{Queue, QueuedCell};
-use super::shade::{PacketLighting, transform};
+use super::shade::{LightAt, PacketLighting, transform};
 use super::simd::{LANES_LIMIT, Simd, Task, TaskOf, exp_minus, for_three};
 use super::turning::{SettleLight, TurningCells};
 use super::walk::{PacketBrick, ROUND, Step, Walker};
@@ -106,13 +106,12 @@ impl CellShader<'_> {
         (shows, in_plane): (S::M, S::M),
         per_error: S::F,
     ) -> ([S::F; 3], S::F) {
-        let (zero, one) = (S::splat(0.0), S::splat(1.0));
+        let one = S::splat(1.0);
         let lit = self.lighting.at::<S, 3>(&along.gradients, to_eye);
         let (mut color, mut error) = self.lighting.shade::<S>(part, &lit);
         // Where the rest leaves room for it, the light alone may be made certain; but not where normals begin or end, which may be between
         // the cell's end and the place next to it.
-        let has_normals = S::lt(zero, lit[0].inverse_length * lit[1].inverse_length * lit[2].inverse_length);
-        let is_unsettled = S::lt(one, error * per_error) & shows & has_normals;
+        let is_unsettled = S::lt(one, error * per_error) & shows & LightAt::have_normals(&lit);
         if S::bits(is_unsettled) != 0 {
             let of_rest = self.lighting.error_but_light::<S>(part, &lit);
             let is_turning = is_unsettled & S::lt(of_rest.at_most * per_error, S::splat(REST_SHARE));
