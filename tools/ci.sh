@@ -257,7 +257,7 @@ install_readers() {
     return 1
 }
 
-# Every real file, and every format that is written, against SimpleITK, VTK, pydicom, tifffile, zarr, nibabel, segyio and h5py, in a
+# Every real file, and every format that is written, against SimpleITK, VTK, pydicom, tifffile, zarr, tensorstore, nibabel, pynrrd, segyio and h5py, in a
 # virtual environment of their own.
 readers() {
     local data="${SUPERVOL_DATA:-../shared/data}"

@@ -163,7 +163,7 @@ const SCREEN: &str = "\
 | BigDataViewer (`.xml` beside its `.h5` or `.n5`) | a view: setup (`--channel`), time point (`--frame`), level (`--source-level`); voxel sizes, units, the product of its transforms | |
 | HDF5 (`.h5`, also Imaris, NetCDF 4) | `FILE.h5:/NAME`, or the only dataset; chunk by chunk; deflate, shuffle, szip, LZ4, LZF, n-bit, scale-offset; truth values as 0 and 1; `element_size_um` | |
 | NRRD (`.nrrd`, `.nhdr`) | raw in place, gzip, text; data in files of their own | `.nrrd` |
-| MetaImage (`.mha`, `.mhd`) | raw in place, zlib, text; data in files of their own | `.mha`; patients in left-posterior-superior |
+| MetaImage (`.mha`, `.mhd`) | raw in place, zlib, text; data in files of their own | `.mha`; patients in left-posterior-superior, which `Comment` says |
 | VTK image (`.vti`, legacy `.vtk`) | raw in place, base64, text, zlib, LZ4; points or cells; `FILE.vti:/NAME` for another array than the active one | `.vti` |
 | TIFF, BigTIFF, OME-TIFF, ImageJ stacks | strips, tiles, deflate, LZW, PackBits, zstd, predictors, JPEG (8 bits); numbers of a pixel together or in planes; single bits as 0 and 1, 64-bit integers, half-precision floats; series of OME (`--series N`); plain in place | `.tif`: BigTIFF with OME-XML: spacing, no origin, no directions |
 | folder of PNG, JPEG or single-page TIFF | in natural order; say `--spacing` | |
@@ -175,7 +175,7 @@ What is read in place, or chunk by chunk, costs no disk; all else is decoded onc
 Where there are several volumes (time points, echoes), `--frame T` takes one, where there are several numbers per voxel, `--channel C`;
 of colours the luminance (Rec. 601) is used. 64-bit integers are kept in the smallest type that holds all of them, half-precision floats as f32. What was chosen,
 left out or not understood is said when a container is built, and by `supervol info`. `tools/ci.sh readers` holds all of this against
-SimpleITK, VTK, pydicom, tifffile, zarr, nibabel, segyio and h5py.
+SimpleITK, VTK, pydicom, tifffile, zarr, tensorstore, nibabel, pynrrd, segyio and h5py.
 
 ";
 

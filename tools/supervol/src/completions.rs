@@ -45,7 +45,8 @@ pub fn run_schema() -> Result<(), Failure> {
 pub fn run_man<C: CommandFactory>(arguments: &ManArguments) -> Result<(), Failure> {
     let folder = ReportFolder::begin(&arguments.output, arguments.force)?;
     folder.write_with(&[], |temporary| {
-        let mut command = C::command();
+        // Else there is a page for `help` of each command.
+        let mut command = C::command().disable_help_subcommand(true);
         // Names of the pages begin with the program's.
         command.build();
         clap_mangen::generate_to(command, temporary)

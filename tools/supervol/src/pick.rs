@@ -25,6 +25,11 @@ pub enum Format {
     Json,
 }
 
+/// Digits of a value behind its first.
+const SINGLE_DIGITS: f64 = 6.0;
+/// Digits of a place behind the voxel's first.
+const PLACE_DIGITS: f64 = 3.0;
+
 /// Says what is under these pixels of a picture of `scene`.
 pub fn run(
     (container, facts, scene): (&Arc<Container>, &VolumeFacts, &Scene),
@@ -32,6 +37,7 @@ pub fn run(
     pixels: &[[u32; 2]],
     format: Format,
 ) -> Result<(), Failure> {
+    crate::progress::announce_files(scene);
     let resolved = scene.resolve(facts).map_err(Failure::command)?;
     let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone()).map_err(with_render)?;
     renderer.set_scene(resolved);
@@ -45,7 +51,10 @@ pub fn run(
         found.push((pixel, picked, lines));
     }
     let written = match format {
-        Format::Text => found.iter().map(|(pixel, picked, lines)| text(*pixel, picked.as_ref(), lines)).collect(),
+        Format::Text => {
+            let spacing = facts.geometry.smallest_spacing();
+            found.iter().map(|(pixel, picked, lines)| text(*pixel, picked.as_ref(), lines, spacing)).collect()
+        }
         Format::Json => {
             let objects: Vec<Value> =
                 found.iter().map(|(pixel, picked, lines)| object(*pixel, picked.as_ref(), lines)).collect();
@@ -55,9 +64,10 @@ pub fn run(
     write!(crate::terminal::stdout(), "{written}").map_err(with_output)
 }
 
-fn text([x, y]: [u32; 2], picked: Option<&Picked>, lines: &[(String, f64)]) -> String {
+/// In so many digits as mean something: values as single precision holds them, places to a thousandth of a voxel, which has this size.
+fn text([x, y]: [u32; 2], picked: Option<&Picked>, lines: &[(String, f64)], spacing: f64) -> String {
     let Some(picked) = picked else { return format!("pixel {x},{y}: nothing is to be seen\n") };
-    let list = |numbers: [f64; 3]| numbers.map(|n| Number(n).to_string()).join(", ");
+    let list = |numbers: [f64; 3], digits: f64| numbers.map(|n| short(n, digits)).join(", ");
     let on = match picked.on {
         PickedOn::Volume => "volume".into(),
         PickedOn::Surface(number) => format!("surface {number}"),
@@ -66,14 +76,24 @@ fn text([x, y]: [u32; 2], picked: Option<&Picked>, lines: &[(String, f64)]) -> S
     };
     let mut text = format!(
         "pixel {x},{y}: {on}\n  value  {}\n  world  {}\n  index  {} (level 0)\n",
-        Number(picked.value),
-        list(picked.world),
-        list(picked.index)
+        short(picked.value, SINGLE_DIGITS - picked.value.abs().log10().floor()),
+        list(picked.world, PLACE_DIGITS - spacing.log10().floor()),
+        list(picked.index, PLACE_DIGITS)
     );
     for (name, place) in lines {
-        text += &format!("  {name}  {}\n", Number(*place));
+        text += &format!("  {name}  {}\n", short(*place, PLACE_DIGITS));
     }
     text
+}
+
+/// A number to so many digits behind the point, without zeros at its end; all of it where these are too many or none.
+fn short(value: f64, digits: f64) -> String {
+    if !(1.0..=17.0).contains(&digits) {
+        return Number(value).to_string();
+    }
+    let text = format!("{value:.*}", digits as usize);
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".into() } else { text.into() }
 }
 
 /// `{"pixel": [x, y], "picked": null}`, or with what was found, and where in the survey.

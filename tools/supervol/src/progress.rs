@@ -17,6 +17,9 @@ use crate::quantity::show_bytes;
 /// Least time between two JSON lines.
 const JSON_INTERVAL: Duration = Duration::from_millis(200);
 
+/// Files that a scene names and that are at least so large take long enough to read that it is said.
+const LARGE_FILE_BYTES: u64 = 8 << 20;
+
 /// Time between two moves of a bar over rays.
 const BAR_INTERVAL: Duration = Duration::from_millis(100);
 
@@ -156,6 +159,17 @@ impl Drop for RayBar {
             let _ = thread.join();
         }
         self.bar.finish_and_clear();
+    }
+}
+
+/// Says that large files are read that a scene names, before that is done.
+pub fn announce_files(scene: &Scene) {
+    for file in scene.files() {
+        // What cannot be read is said by who reads it.
+        let bytes = std::fs::metadata(file).map_or(0, |metadata| metadata.len());
+        if bytes >= LARGE_FILE_BYTES {
+            announce(&format!("reading {} ({})", file.display(), show_bytes(bytes)));
+        }
     }
 }
 

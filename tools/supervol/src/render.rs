@@ -53,7 +53,7 @@ pub struct Arguments {
     /// Container, or a volume file or folder as for `build`, of which a container is built into the cache folder first
     #[arg(value_name = "CONTAINER|FILE")]
     volume: PathBuf,
-    /// Scene file (JSON), or - for standard input; what it leaves open, and all of it where there is none, is chosen to suit the data
+    /// Scene file (JSON), - for standard input, or the scene itself ('{...}'); what it leaves open, and all of it where there is none, is chosen to suit the data
     #[arg(long, value_name = "SCENE.json")]
     scene: Option<PathBuf>,
     /// Write the scene that the options mean to standard output: all of it, as a beginning for a scene file. Without --output
@@ -413,7 +413,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if !arguments.pick.is_empty() {
         let format = if arguments.json { pick::Format::Json } else { pick::Format::Text };
         pick::run((&container, &facts, &scene), &arguments.options(start), &arguments.pick, format)
-            .map_err(|failure| failure.named(arguments.scene.as_deref()))?;
+            .map_err(|failure| failure.named(arguments.scene.as_deref().map(name_of_scene)))?;
     }
     let Some(output) = &arguments.output else { return Ok(()) };
     let is_one = motion.is_none();
@@ -433,7 +433,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let options = RenderOptions { progress, rays_finished, ..arguments.options(start) };
     let result = picture(&subject, (outputs.picture, outputs.maps), &options, arguments.check);
     drop(bar);
-    let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref()))?;
+    let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref().map(name_of_scene)))?;
     if let Some(file) = outputs.statistics {
         let text = serde_json::to_string_pretty(&stats).map_err(|e| Failure::Machine(e.to_string()))?;
         file.write(&(text + "\n"))?;
@@ -484,9 +484,23 @@ fn overview(container: &Container) -> Option<Overview> {
     Overview::read(container).ok().flatten()
 }
 
-/// The scene of a scene file.
+/// A scene that stands on the command line where the name of its file could.
+fn written_out(file: &Path) -> Option<&str> {
+    file.to_str().filter(|text| text.trim_start().starts_with('{'))
+}
+
+/// What a scene is called where something is wrong with it.
+fn name_of_scene(file: &Path) -> &Path {
+    if written_out(file).is_some() { Path::new("--scene") } else { file }
+}
+
+/// The scene of a scene file, or one that is written out on the command line.
 pub fn read_scene(file: &Path) -> Result<Scene, Failure> {
-    let text = crate::input::read_text(file, "a scene")?;
+    let text = match written_out(file) {
+        Some(text) => text.to_owned(),
+        None => crate::input::read_text(file, "a scene")?,
+    };
+    let file = name_of_scene(file);
     let scene = Scene::from_json(&text).map_err(|e| Failure::Command(format!("{}: {e}", file.display())));
     // Files that a scene names lie beside it, wherever the scene that is printed goes.
     scene.map(|mut scene| {
@@ -517,6 +531,7 @@ pub fn picture(
     check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
     let Subject { container, facts, scene, .. } = *subject;
+    crate::progress::announce_files(scene);
     let resolved = scene.resolve(facts).map_err(Failure::command)?;
     if check.is_some() {
         check::check_fits(container, &resolved, options).map_err(with_render)?;

@@ -20,7 +20,7 @@ use crate::{quantity, render};
 pub struct Arguments {
     /// Container, or a volume file, which is built into the cache folder first; without it, the window asks for one
     file: Option<PathBuf>,
-    /// Scene file (JSON) to begin with, or - for standard input
+    /// Scene file (JSON) to begin with, - for standard input, or the scene itself ('{...}')
     #[arg(long, value_name = "SCENE.json")]
     scene: Option<PathBuf>,
     /// Most host memory to use for bricks, rays and pictures, beside the window itself

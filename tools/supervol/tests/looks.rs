@@ -50,6 +50,9 @@ fn the_printed_scene_is_the_picture() {
     std::fs::write(folder.path("empty.json"), "{}").expect("room");
     let default = folder.picture(&[]);
     assert_eq!(folder.picture(&["--scene", "empty.json"]), default);
+    assert_eq!(folder.picture(&["--scene", "{}"]), default);
+    let refused = folder.expect(2, &["render", "v.svol", "-o", "p.npy", "--scene", r#"{"camera": {}}"#]);
+    assert!(refused.contains("--scene: "), "{refused}");
     let options = ["--camera", "40,10", "--colormap", "viridis", "--zoom", "1.5", "--crop", "0:24,0:24,0:12"];
     let text = folder.expect(0, &[&["render", "v.svol", "--print-scene"], &SMALL[..2], &options[..]].concat());
     std::fs::write(folder.path("s.json"), text).expect("room");
@@ -240,6 +243,30 @@ fn kinds_are_named_with_their_reason_and_can_be_overruled() {
     assert!(drawn.contains("12800") && drawn.contains("kind labels"), "{drawn}");
 }
 
+/// Whether a pixel at the border of a picture shows something, and whether any does.
+fn shows_something(folder: &Folder, edge: usize, arguments: &[&str]) -> [bool; 2] {
+    let size = format!("{edge}x{edge}");
+    folder.expect(0, &[&["render", "v.svol", "-o", "v.npy", "--size", &size, "--force"], arguments].concat());
+    let alphas: Vec<f32> = Folder::floats(&folder.path("v.npy")).chunks_exact(4).map(|pixel| pixel[3]).collect();
+    assert_eq!(alphas.len(), edge * edge);
+    let at_border = |i: &usize| [i % edge, i / edge].iter().any(|place| [0, edge - 1].contains(place));
+    [(0..alphas.len()).filter(at_border).any(|i| alphas[i] > 0.0), alphas.iter().any(|alpha| *alpha > 0.0)]
+}
+
+#[test]
+fn labels_that_coarse_levels_lose_are_in_the_picture() {
+    let is_among = |places: [usize; 3], range: std::ops::Range<usize>| places.iter().all(|place| range.contains(place));
+    let folder = Folder::with_bytes([128; 3], |[i, j, k]| {
+        let block = if is_among([i, j, k], 50..70) { 1 + (i / 8) % 3 } else { 0 };
+        // A rod one voxel across.
+        if is_among([j, k, 60], 60..61) { 4 } else { block as u8 }
+    });
+    assert_eq!(json(&folder.expect(0, &["info", "v.svol", "--json"]))["kind"], "labels");
+    for camera in ["front", "left", "top", "30,20"] {
+        assert_eq!(shows_something(&folder, 96, &["--camera", camera]), [false, true], "{camera}");
+    }
+}
+
 #[test]
 fn doubles_of_any_size_are_the_same_kind_and_are_named_briefly() {
     let folder = Folder::new();
@@ -308,6 +335,7 @@ fn shells_and_manuals_know_every_command() {
         assert!(script.contains("histogram") && script.contains("vertical-exaggeration"), "{shell}");
     }
     folder.expect(0, &["man", "-o", "pages"]);
+    assert!(!std::path::Path::new(&folder.path("pages/supervol-help.1")).exists());
     let page = std::fs::read_to_string(folder.path("pages/supervol-render.1")).expect("man wrote it");
     assert!(page.contains("Where the camera stands"), "{page}");
 }

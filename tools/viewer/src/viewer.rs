@@ -272,6 +272,16 @@ impl Viewer {
         self.open_with(&opened.source, opened.reading.clone(), Scene { camera: None, ..self.scene.clone() });
     }
 
+    /// Opens another channel or time point of the present file, in the picture that suits it, from the same side. What the file does
+    /// not have is refused, and the present one stays.
+    pub(crate) fn open_part(&mut self, channel: Option<u64>, frame: Option<u64>) {
+        let Some(opened) = self.opened.clone() else { return };
+        let mut reading = opened.reading.clone();
+        (reading.options.selection.channel, reading.options.selection.frame) = (channel, frame);
+        self.set_slice(None);
+        self.open_with(&opened.source, reading, Scene { camera: self.scene.camera.clone(), ..Scene::default() });
+    }
+
     fn receive(&mut self, ctx: &egui::Context) {
         let Some(worker) = &self.worker else { return };
         let is_dead = worker.is_dead();

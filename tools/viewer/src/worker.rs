@@ -233,6 +233,8 @@ pub enum Busy {
     Opening(PathBuf),
     /// A container is built from it.
     Building(PathBuf, BuildProgress),
+    /// A file is read that the scene names: a mesh.
+    Reading(PathBuf),
     /// A picture is exported: rows that are finished, and all.
     Exporting(PathBuf, [u32; 2]),
     /// Pictures of an animation go to a folder: those that are there, and all.

@@ -200,3 +200,42 @@ fn an_untouched_preview_becomes_the_default_picture_and_a_cancelled_one_stays() 
     assert_eq!(scene.camera, camera, "nothing jumps");
     session.assert_is_as_rendered();
 }
+
+/// A MetaImage of colours: a ramp, and two that are the same everywhere.
+fn colours(folder: &Path) -> PathBuf {
+    let path = folder.join("colours.mha");
+    let header = "ObjectType = Image\nNDims = 3\nDimSize = 16 10 8\nElementType = MET_UCHAR\nElementNumberOfChannels = 3\n\
+                  ElementDataFile = LOCAL\n";
+    let voxels = (0..16 * 10 * 8).flat_map(|i| [10 * (i % 16) as u8, 50, 200]);
+    std::fs::write(&path, [header.as_bytes(), &voxels.collect::<Vec<u8>>()].concat()).expect("room");
+    path
+}
+
+#[test]
+fn channels_of_a_file_are_switched_between_and_what_is_not_there_is_refused() {
+    let mut session = Session::of_file(colours);
+    let range = |s: &Session| {
+        let opened = s.viewer().opened().expect("a volume is open");
+        (opened.reading.options.selection.channel, opened.facts.value_range.min, opened.facts.value_range.max)
+    };
+    let (_, least, most) = range(&session);
+    assert!(least > 50.0 && most < 120.0, "luminances, found {least} to {most}");
+    let camera = session.viewer().scene().camera.clone();
+    for expected in [(Some(0), 0.0, 150.0), (Some(1), 50.0, 50.0), (Some(2), 200.0, 200.0)] {
+        session.click("Channel, next");
+        session.until("the channel is open", |s| range(s) == expected);
+        session.rest();
+        assert_eq!(session.viewer().scene().camera, camera, "seen from the same side");
+    }
+    session.click("Channel, next");
+    session.until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(_))));
+    let Some(Message::Failure(message)) = session.viewer().message() else { unreachable!() };
+    assert!(message.contains("--channel 3") && message.contains("the last is number 2"), "{message}");
+    assert_eq!(range(&session).0, Some(2));
+    session.click("Channel, previous");
+    session.until("the one before is open", |s| range(s).0 == Some(1));
+    session.set("Channel", -1.0);
+    session.until("all colours are", |s| range(s) == (None, least, most));
+    session.set("Time point", 4.0);
+    session.until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(_))));
+}

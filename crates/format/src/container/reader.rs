@@ -97,12 +97,12 @@ impl Container {
         let first = tail_offset.saturating_sub(self.sections.toc_offset).div_ceil(toc::PAGE_BYTES as u64);
         for number in first..toc::pages_for(self.pyramid().brick_count()) {
             let at = (self.page_offset(number) - tail_offset) as usize;
-            self.keep_page(number, &tail[at..at + toc::PAGE_BYTES]);
+            self.keep_page(number, tail[at..at + toc::PAGE_BYTES].to_vec());
         }
     }
 
-    fn keep_page(&self, number: u64, page: &[u8]) {
-        if self.check_page(page, number).is_ok() {
+    fn keep_page(&self, number: u64, page: Vec<u8>) {
+        if self.check_page(&page, number).is_ok() {
             self.toc_pages.insert(number, page.into());
         }
     }
@@ -197,26 +197,27 @@ impl Container {
         let missing: BTreeSet<u64> = numbers.filter(|&number| !self.toc_pages.contains(number)).collect();
         let missing: Vec<u64> = missing.into_iter().take(CACHED_TOC_PAGES).collect();
         for numbers in missing.chunks(PAGES_AT_ONCE) {
-            let mut bytes = vec![0; numbers.len() * toc::PAGE_BYTES];
-            let pages = bytes.chunks_exact_mut(toc::PAGE_BYTES);
-            let mut ranges: Vec<_> = numbers.iter().map(|&number| self.page_offset(number)).zip(pages).collect();
+            // Each page is read to where it stays.
+            let mut pages: Vec<Vec<u8>> = numbers.iter().map(|_| vec![0; toc::PAGE_BYTES]).collect();
+            let buffers = pages.iter_mut().map(Vec::as_mut_slice);
+            let mut ranges: Vec<_> = numbers.iter().map(|&number| self.page_offset(number)).zip(buffers).collect();
             if self.source.read_several(&mut ranges).is_err() {
                 return;
             }
-            for (&number, page) in numbers.iter().zip(bytes.chunks_exact(toc::PAGE_BYTES)) {
+            for (&number, page) in numbers.iter().zip(pages) {
                 self.keep_page(number, page);
             }
         }
     }
 
-    fn toc_page(&self, number: u64) -> Result<Arc<[u8]>, ContainerError> {
+    fn toc_page(&self, number: u64) -> Result<Arc<Vec<u8>>, ContainerError> {
         if let Some(page) = self.toc_pages.get(number) {
             return Ok(page);
         }
         let mut bytes = vec![0; toc::PAGE_BYTES];
         read(self.source.as_ref(), "TOC page", self.page_offset(number), &mut bytes)?;
         self.check_page(&bytes, number)?;
-        let page: Arc<[u8]> = bytes.into();
+        let page = Arc::new(bytes);
         self.toc_pages.insert(number, page.clone());
         Ok(page)
     }

@@ -9,11 +9,11 @@ pub const CACHED_TOC_PAGES: usize = 1024;
 
 /// Pages by number; shared by all threads.
 #[derive(Default)]
-pub(super) struct TocPages(Mutex<Recent<u64, Arc<[u8]>>>);
+pub(super) struct TocPages(Mutex<Recent<u64, Arc<Vec<u8>>>>);
 
 impl TocPages {
     /// A page, which counts as used now.
-    pub(super) fn get(&self, number: u64) -> Option<Arc<[u8]>> {
+    pub(super) fn get(&self, number: u64) -> Option<Arc<Vec<u8>>> {
         self.lock().get(&number).cloned()
     }
 
@@ -23,11 +23,11 @@ impl TocPages {
     }
 
     /// Keeps a page; the one that was used longest ago leaves where there are too many.
-    pub(super) fn insert(&self, number: u64, page: Arc<[u8]>) {
+    pub(super) fn insert(&self, number: u64, page: Arc<Vec<u8>>) {
         self.lock().insert_within(CACHED_TOC_PAGES, number, page);
     }
 
-    fn lock(&self) -> MutexGuard<'_, Recent<u64, Arc<[u8]>>> {
+    fn lock(&self) -> MutexGuard<'_, Recent<u64, Arc<Vec<u8>>>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

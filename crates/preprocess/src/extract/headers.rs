@@ -230,10 +230,15 @@ impl Place<'_> {
             WorldSpace::Unknown => "???".into(),
             _ => anatomical(&matrix),
         };
+        // What ITK means by every image stands here where it is meant indeed; our reader looks for it.
+        let comment = match self.space {
+            WorldSpace::Unknown => String::new(),
+            _ => format!("Comment = {}\n", WorldSpace::LeftPosteriorSuperior.name()),
+        };
         let unit = if self.unit.is_empty() { String::new() } else { format!("DistanceUnits = {}\n", self.unit) };
         let [x, y, z] = self.sizes;
         format!(
-            "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n\
+            "ObjectType = Image\nNDims = 3\n{comment}BinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n\
              TransformMatrix = {}\nOffset = {}\nCenterOfRotation = 0 0 0\nAnatomicalOrientation = {orientation}\n{unit}\
              ElementSpacing = {}\nDimSize = {x} {y} {z}\nElementType = {kind}\nElementDataFile = LOCAL\n",
             words(&matrix),

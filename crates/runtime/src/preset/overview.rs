@@ -1,22 +1,29 @@
 //! What a coarse level tells of a whole volume: where something can be seen, and what projections come to.
 //!
 //! The finest level of at most a quarter of a million voxels is read once. Coarser voxels are averages: what is smaller than one
-//! of them may be missed, so that frames made of this are close, not exact.
+//! of them may be missed, so that frames made of this are close, not exact. Of labels, which are never averaged, thin ones would be lost
+//! altogether: macro cells of a fine level say where they are. (Of measured values these would show every grain of noise.)
 
 use glam::DVec3;
+use supervol_format::brick::MACRO_CELL;
 use supervol_format::container::ContainerError;
 use supervol_format::level_reader::LevelReader;
 use supervol_format::space::HALF_VOXEL;
-use supervol_format::{Container, Level, Lod};
+use supervol_format::{BrickKey, Container, Level, Lod, ValueRange};
 
 use super::view::Framed;
-use crate::facts::VolumeFacts;
 use crate::facts::histogram::Histogram;
+use crate::facts::{DataKind, VolumeFacts};
 use crate::scene::Mode;
 use crate::transfer_function::TransferFunction;
 
 /// Most voxels of the level that is read: 8 bytes each.
 const VOXEL_LIMIT: u64 = 1 << 18;
+/// Most bricks whose macro cells are read, and most bytes of their records.
+const BRICK_LIMIT: u64 = 512;
+const RECORDS_LIMIT_BYTES: u64 = 16 << 20;
+/// Most labels between the least and the greatest of a macro cell that are looked at one by one.
+const LABEL_LIMIT: f64 = 1024.0;
 /// Opacity over the unit distance from which on something is seen, as a share of the greatest.
 const VISIBLE_SHARE: f64 = 0.02;
 /// Shares of the projected values that the window of a projection leaves out at its ends.
@@ -30,6 +37,71 @@ pub struct Overview {
     level: Level,
     /// x fastest; NaN where absent.
     values: Vec<f64>,
+    /// Of labels, where they are.
+    cells: Option<LabelCells>,
+}
+
+/// Macro cells of one level of a volume of labels.
+#[derive(Debug, Clone)]
+struct LabelCells {
+    /// Half of a cell's size, voxels of level 0.
+    half: DVec3,
+    /// Middle, index coordinates of level 0, and the values that the cell reaches.
+    cells: Vec<(DVec3, ValueRange)>,
+}
+
+impl LabelCells {
+    /// Those of the finest level that is small enough, if one is.
+    fn read(container: &Container) -> Result<Option<Self>, ContainerError> {
+        for (number, level) in container.pyramid().levels().iter().enumerate() {
+            if level.bricks.iter().map(|&n| u64::from(n)).product::<u64>() <= BRICK_LIMIT
+                && let Some(cells) = Self::of_level(container, Lod(number as u8), level)?
+            {
+                return Ok(Some(cells));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Those of a level; `None` where its records are too large.
+    fn of_level(container: &Container, lod: Lod, level: &Level) -> Result<Option<Self>, ContainerError> {
+        let pyramid = container.pyramid();
+        let keys: Vec<BrickKey> = pyramid.keys_of(lod).collect();
+        container.read_entries_ahead(keys.iter().copied());
+        let entries = keys.iter().map(|&key| container.entry(key)).collect::<Result<Vec<_>, _>>()?;
+        if entries.iter().map(|entry| entry.record_bytes()).sum::<u64>() > RECORDS_LIMIT_BYTES {
+            return Ok(None);
+        }
+        let (scale, offset) = (container.descriptor().scale, container.descriptor().offset);
+        let voxels = DVec3::from_array(level.scale.map(|s| s as f64));
+        let core = pyramid.layout().core() as f64;
+        let mut cells = Vec::new();
+        for (key, entry) in keys.into_iter().zip(entries) {
+            let mut record = vec![0; entry.record_bytes() as usize];
+            container.read_at(entry.offset, &mut record)?;
+            let [nx, ny, _] = pyramid.macro_cells(key);
+            let first = DVec3::from_array(key.brick().0.map(f64::from)) * core;
+            for (i, range) in container.macro_cells(key, &entry, &record).into_iter().enumerate() {
+                let cell = [i % nx, i / nx % ny, i / (nx * ny)].map(|n| (n * MACRO_CELL) as f64);
+                // The middle of the cell's region, which begins half a voxel before its first.
+                let middle = (first + DVec3::from_array(cell) + 0.5 * MACRO_CELL as f64) * voxels - HALF_VOXEL;
+                let [a, b] = [range.min, range.max].map(|stored| stored * scale + offset);
+                cells.push((middle, ValueRange { min: a.min(b), max: a.max(b) }));
+            }
+        }
+        Ok(Some(Self { half: voxels * (0.5 * MACRO_CELL as f64), cells }))
+    }
+
+    /// Middles of the cells in which there may be a label for which `is_visible` holds.
+    fn visible<'a>(&'a self, is_visible: impl Fn(f64) -> bool + 'a) -> impl Iterator<Item = DVec3> + 'a {
+        let may_show = move |range: &ValueRange| {
+            let (first, last) = (range.min.ceil(), range.max.floor());
+            // An empty range holds none.
+            let mut labels = (0..).map(|i| first + f64::from(i)).take_while(|label| *label <= last);
+            last - first > LABEL_LIMIT || labels.any(&is_visible)
+        };
+        self.cells.iter().filter(move |(_, range)| may_show(range)).map(|(middle, _)| *middle)
+    }
 }
 
 impl Overview {
@@ -44,10 +116,12 @@ impl Overview {
         let (scale, offset) = (container.descriptor().scale, container.descriptor().offset);
         let reader = LevelReader::new(container, Lod(number as u8), 0);
         let values = reader.values(reader.whole(), |stored| stored * scale + offset)?;
-        Ok(Some(Self { dims: reader.whole().extent(), level: levels[number], values }))
+        let is_of_labels = VolumeFacts::of(container).kind == DataKind::Labels;
+        let cells = if is_of_labels { LabelCells::read(container)? } else { None };
+        Ok(Some(Self { dims: reader.whole().extent(), level: levels[number], values, cells }))
     }
 
-    /// The voxels of this level for which `is_visible` holds and whose middle lies in `kept`, index coordinates of level 0;
+    /// The voxels of this level, or macro cells, for which `is_visible` holds and whose middle lies in `kept`, index coordinates of level 0;
     /// `None` if there are none.
     fn framed(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], is_visible: impl Fn(f64) -> bool) -> Option<Framed> {
         let [nx, ny, _] = self.dims;
@@ -59,18 +133,25 @@ impl Overview {
         };
         let (low, high) = (DVec3::from_array(kept[0]), DVec3::from_array(kept[1]));
         let is_kept = |p: &DVec3| p.cmpge(low).all() && p.cmple(high).all();
-        let visible = self.values.iter().enumerate().filter(|(_, v)| !v.is_nan() && is_visible(**v));
-        let centres: Vec<DVec3> = visible.map(|(i, _)| at(i)).filter(is_kept).collect();
+        let (centres, half): (Vec<DVec3>, DVec3) = match &self.cells {
+            Some(cells) => (cells.visible(is_visible).filter(is_kept).collect(), cells.half),
+            None => {
+                let visible = self.values.iter().enumerate().filter(|(_, v)| !v.is_nan() && is_visible(**v));
+                (visible.map(|(i, _)| at(i)).filter(is_kept).collect(), HALF_VOXEL * scale)
+            }
+        };
         let middle =
             centres.iter().copied().reduce(DVec3::min)? * 0.5 + centres.iter().copied().reduce(DVec3::max)? * 0.5;
-        Some(Framed::boxes(facts, middle, centres, (HALF_VOXEL * scale).to_array()))
+        Some(Framed::boxes(facts, middle, centres, half.to_array()))
     }
 
     /// What a transfer function shows of a box in index coordinates; `None` where it shows nothing, or averages show too little of
     /// what it shows.
     #[must_use]
     pub fn visible(&self, facts: &VolumeFacts, kept: [[f64; 3]; 2], shown: &TransferFunction) -> Option<Framed> {
-        if shown.loses(&self.values, Histogram::new(&facts.histogram, facts.value_range).shares()) {
+        if self.cells.is_none()
+            && shown.loses(&self.values, Histogram::new(&facts.histogram, facts.value_range).shares())
+        {
             return None;
         }
         let most = shown.points().iter().map(|p| p.alpha).fold(0.0, f64::max);

@@ -30,7 +30,7 @@ const LONG_SIDE: [f64; 2] = [65.0, 15.0];
 /// has to be hidden there.
 const MUCH_HIDDEN: f64 = 0.3;
 const UNCOVERED: f64 = 0.6;
-/// Share of the extent that lies empty between what hides and what is hidden: hollow things hide nothing of interest.
+/// Share of the middle extent that lies empty between what hides and what is hidden: hollow things hide nothing of interest.
 const WALL_GAP: f64 = 0.1;
 /// Lines of sight along the extent.
 const WALL_CELLS: f64 = 24.0;
@@ -108,8 +108,9 @@ impl View {
             let turn = DQuat::from_axis_angle(up, TAU / 4.0 * f64::from(quarter));
             Self { outward: turn * usual.outward, up: turn * usual.up, ..usual }
         };
-        let size = framed.size();
-        let hidden = |view: &Self| framed.hidden(view, size, WALL_GAP * size);
+        let [_, middle, size] = framed.extents();
+        // A volume that is long in one direction has no wider gaps for that.
+        let hidden = |view: &Self| framed.hidden(view, size, WALL_GAP * middle);
         let by_usual = hidden(&usual);
         if by_usual <= MUCH_HIDDEN {
             return usual;
@@ -252,14 +253,14 @@ impl Framed {
         Self { middle, centres, half_edges }
     }
 
-    /// Extent of the boxes, along the longest side of the box around them.
-    fn size(&self) -> f64 {
-        let axes = [DVec3::X, DVec3::Y, DVec3::Z];
-        let extents = axes.map(|axis| {
+    /// Sides of the box around the boxes, the shortest first.
+    fn extents(&self) -> [f64; 3] {
+        let mut extents = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| {
             let [high, low, ..] = self.greatest([axis, -axis, axis, -axis]);
             high + low
         });
-        extents.into_iter().fold(0.0, f64::max)
+        extents.sort_by(f64::total_cmp);
+        extents
     }
 
     /// Share of the boxes that lie behind others and behind a gap of at least `gap`, by parallel rays of `size / WALL_CELLS` across.

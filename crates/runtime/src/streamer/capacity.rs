@@ -41,6 +41,14 @@ pub struct Supply {
     pub bricks: usize,
 }
 
+/// Whether it matters to [`admit`] who may leave the cache: not while all that is there, on its way and wanted fills no more than what
+/// may be fetched ahead.
+#[must_use]
+pub fn needs_victims(candidates: &[Candidate], unused_bytes: u64, budget_bytes: u64) -> bool {
+    let wanted: u64 = candidates.iter().map(|candidate| candidate.bytes).sum();
+    budget_bytes - unused_bytes + wanted > budget_bytes / AHEAD_SHARE
+}
+
 /// How many of the candidates, from the front of the list, are fetched in this tick. They are in order of rank.
 #[must_use]
 pub fn admit(candidates: &[Candidate], frontier: Rank, supply: Supply) -> usize {
@@ -92,6 +100,23 @@ mod tests {
         let loading = Supply { unused_bytes: 70, reserved_bytes: 30, ..empty };
         assert_eq!(admit(&candidates(&[5, 6, 7, 8, 9, 9, 9]), 5, loading), 2, "bricks on their way are in the half");
         assert_eq!(admit(&candidates(&[5; 9]), 5, loading), 7);
+    }
+
+    #[test]
+    fn who_may_leave_is_asked_only_where_it_matters() {
+        let cases = (0..=100).step_by(10).flat_map(|filled| (0..=filled).step_by(10).map(move |live| (filled, live)));
+        let mut asked = 0;
+        for ((filled, live_bytes), count) in cases.flat_map(|case| (1..12).map(move |count| (case, count))) {
+            let wanted = candidates(&[5, 5, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14][..count]);
+            let supply = Supply { unused_bytes: 100 - filled, free_bytes: filled - live_bytes, live_bytes, ..SUPPLY };
+            let unknown = Supply { free_bytes: 0, live_bytes: 0, ..supply };
+            if needs_victims(&wanted, supply.unused_bytes, supply.budget_bytes) {
+                asked += 1;
+                continue;
+            }
+            assert_eq!([admit(&wanted, 5, supply), admit(&wanted, 5, unknown)], [count; 2], "{supply:?}");
+        }
+        assert!(asked > 0);
     }
 
     #[test]

@@ -42,7 +42,7 @@ use crate::counters::{StreamCounters, milliseconds};
 use crate::raycast::volume::{DecodedBrick, ValueMap};
 use crate::stop::Stop;
 use budget::{HostPlan, decoded_bytes};
-use capacity::{Candidate, Supply, admit};
+use capacity::{Candidate, Supply, admit, needs_victims};
 use classify::{Class, Classifier, may_have_holes};
 use loader::{Finished, Loader};
 use priority::{BrickOrder, Rank, Ranked};
@@ -386,7 +386,9 @@ impl Streamer {
         // stay; otherwise the frontier may push even them out, the farthest first.
         candidates.sort_by_key(|c| (c.rank, c.bytes > 0, c.key));
         let is_served = !fetched.answered.is_empty() || candidates.first().is_some_and(|c| c.bytes == 0);
-        let victims = self.victims(frontier, |key| self.wanted.contains_key(&key).then_some(is_served));
+        let needs_victims = needs_victims(&candidates, self.cache.free_bytes(), self.cache.budget_bytes());
+        let stays = |key| self.wanted.contains_key(&key).then_some(is_served);
+        let victims = if needs_victims { self.victims(frontier, stays) } else { Victims::default() };
 
         let supply = Supply {
             unused_bytes: self.cache.free_bytes(),

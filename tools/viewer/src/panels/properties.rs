@@ -1,6 +1,6 @@
 //! The right panel: what the volume is, how it looks, and with what pictures are made.
 
-use eframe::egui::{self, ComboBox, DragValue, Slider, SliderClamping, Ui};
+use eframe::egui::{self, Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
 use supervol_runtime::facts::DataKind;
 use supervol_runtime::image::GREY_LEVELS;
 use supervol_runtime::preset::colormap;
@@ -62,6 +62,7 @@ pub(crate) fn show(viewer: &mut Viewer, ui: &mut Ui) {
                 return;
             };
             volume(&opened, ui);
+            parts(viewer, &opened, ui);
             look(viewer, &opened, ui);
             match viewer.scene.mode {
                 Some(Mode::Iso) => surfaces(viewer, &opened, ui),
@@ -93,6 +94,50 @@ fn volume(opened: &Opened, ui: &mut Ui) {
     for words in extent(opened) {
         ui.label(words);
     }
+}
+
+/// Channel and time point, of a source file. Which there are it tells when it is read: what is not there is refused with what is.
+fn parts(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
+    if opened.source == opened.path || opened.preview_of.is_some() {
+        return;
+    }
+    let selection = &opened.reading.options.selection;
+    let mut chosen = [selection.channel, selection.frame];
+    let names = [
+        ("Channel", "Channel, colour or component of the file, from 0 on (--channel); -: all colours, or the first"),
+        ("Time point", "Time point of the file, from 0 on (--frame); -: the first"),
+    ];
+    ui.horizontal(|ui| {
+        for (part, (name, words)) in chosen.iter_mut().zip(names) {
+            *part = part_number(*part, (name, words), ui);
+        }
+    });
+    if chosen != [selection.channel, selection.frame] && viewer.busy.is_none() {
+        viewer.open_part(chosen[0], chosen[1]);
+    }
+}
+
+/// A number to be typed, with buttons for the next one and the one before; less than 0 is nobody's choice. Each opens a volume: none is
+/// passed over by a drag.
+fn part_number(part: Option<u64>, (name, words): (&str, &str), ui: &mut Ui) -> Option<u64> {
+    let mut number = part.map_or(-1, |number| number as i64);
+    ui.label(name);
+    for (label, step) in [("<", -1), (">", 1)] {
+        let which = if step < 0 { "previous" } else { "next" };
+        let button = ui.add_enabled(number + step >= -1, Button::new(label).small()).on_hover_text(words);
+        if button.accessible_name(format!("{name}, {which}")).clicked() {
+            number += step;
+        }
+        if step < 0 {
+            let typed =
+                DragValue::new(&mut number).range(-1..=i64::from(u32::MAX)).speed(0.0).update_while_editing(false);
+            let shown = |number: f64, _| if number < 0.0 { "-".into() } else { number.to_string() };
+            let understood = |text: &str| if text.trim() == "-" { Some(-1.0) } else { text.trim().parse().ok() };
+            let response = ui.add(typed.custom_formatter(shown).custom_parser(understood)).on_hover_text(words);
+            response.accessible_name(name);
+        }
+    }
+    u64::try_from(number).ok()
 }
 
 /// Lines and samples of a survey, else how far apart voxels are.

@@ -57,6 +57,7 @@ fn busy(viewer: &Viewer, ui: &mut Ui) {
     ui.horizontal(|ui| {
         let (share, words) = match busy {
             Busy::Opening(path) => (None, format!("opening {}", path.display())),
+            Busy::Reading(path) => (None, format!("reading {}", path.display())),
             Busy::Building(path, progress) => {
                 let share = progress.bytes_done as f32 / progress.bytes_total.max(1) as f32;
                 let [level, levels] = [progress.level + 1, progress.levels];

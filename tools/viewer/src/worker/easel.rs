@@ -1,6 +1,7 @@
 //! One open volume with its renderer, and the picture on it.
 
 use std::borrow::Cow;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -9,7 +10,7 @@ use supervol_runtime::frame::stated::in_colors;
 use supervol_runtime::frame::{Backend, Progress, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::renderer::Renderer;
-use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::scene::{ResolvedScene, Scene, SceneError};
 use supervol_runtime::stop::Canceller;
 use supervol_runtime::volume::Volume;
 
@@ -141,7 +142,7 @@ impl Easel {
         }
         self.began = Instant::now();
         self.looks_left = 0;
-        match view.scene.resolve(&self.opened.facts) {
+        match self.resolved(desk, &view.scene) {
             Ok(scene) => {
                 self.scene = Some(scene.clone());
                 self.renderer.set_scene(scene);
@@ -155,6 +156,16 @@ impl Easel {
         self.view = Some(view);
         self.is_settled = false;
         self.advance(desk, Duration::from_millis(settings.interaction_ms));
+    }
+
+    /// The scene as it is drawn. Files that it names and that the one before did not may take a while to read, and that is told.
+    fn resolved(&self, desk: &Desk, scene: &Scene) -> Result<ResolvedScene, SceneError> {
+        let is_known = |file: &Path| self.view.iter().flat_map(|view| view.scene.files()).any(|known| known == file);
+        let Some(file) = scene.files().find(|file| !is_known(file)) else { return scene.resolve(&self.opened.facts) };
+        desk.tell(|news| news.busy = Some(Busy::Reading(file.into())));
+        let resolved = scene.resolve(&self.opened.facts);
+        desk.tell(|news| news.busy = news.busy.take().filter(|busy| !matches!(busy, Busy::Reading(_))));
+        resolved
     }
 
     /// Begins the section of a panel.

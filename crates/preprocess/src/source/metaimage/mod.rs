@@ -3,7 +3,7 @@
 //!
 //! Raw voxels are read in place; zlib, gzip and text are decoded once into a spool file ([`super::spool`]). Spacing, offset and
 //! direction are the header's own. ITK means left-posterior-superior millimetres, and says so of every image, a patient's or not
-//! (`AnatomicalOrientation`): nothing is made of it. `ElementToIntensityFunction` becomes scale
+//! (`AnatomicalOrientation`): nothing is made of it, unless `Comment` names a patient's space, as in what we write. `ElementToIntensityFunction` becomes scale
 //! and offset; voxels stay as stored. Of several numbers per voxel one is chosen (of colours, the luminance is used), of several
 //! volumes along the fourth axis, too; 64-bit integers are kept in the smallest type that holds all of them. More axes are refused.
 //! Written by hand: no crate for MetaImage was found.
@@ -15,6 +15,7 @@ use std::io::{BufRead, BufReader, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
+use supervol_format::space::WorldSpace;
 use supervol_format::{ByteSource, Geometry, VoxelBox, VoxelType};
 
 pub use super::data_files::Outside;
@@ -97,6 +98,7 @@ impl MetaImageSource {
 
         let mut info = SourceInfo::plain("metaimage", chosen.dims, elements.voxel_type);
         info.notes = notes;
+        info.space = WorldSpace::from_name(header.field(&["Comment"]).unwrap_or_default());
         info.geometry = geometry(path, &header, &chosen, sizes.len(), &mut info.notes)?;
         let unit = header.field(&["DistanceUnits"]).filter(|unit| *unit != "?").map(shortened).unwrap_or_default();
         info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: unit.clone() });

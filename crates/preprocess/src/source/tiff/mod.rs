@@ -187,7 +187,8 @@ impl<'a> Pages<'a> {
         let file_bytes = file.len().map_err(|e| SourceError::io(path, e))?;
         let mut limits = Limits::default();
         (limits.decoding_buffer_size, limits.intermediate_buffer_size) = (CHUNK_LIMIT_BYTES, CHUNK_LIMIT_BYTES);
-        limits.ifd_value_size = FIELD_LIMIT_BYTES;
+        // The crate makes room for as many values as a field states, several times their bytes, before it looks for them.
+        limits.ifd_value_size = FIELD_LIMIT_BYTES.min(usize::try_from(file_bytes).unwrap_or(usize::MAX));
         let decoder = Decoder::new(BufReader::new(file)).map_err(|e| refusal(path, e))?.with_limits(limits);
         Ok(Self { path, decoder, file_bytes })
     }

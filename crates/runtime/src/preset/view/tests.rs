@@ -146,21 +146,25 @@ fn a_wall_does_not_hide_the_rest() {
     let along = usual.outward - usual.outward.dot(DVec3::Z) * DVec3::Z;
     let along = along.normalize();
     let across = along.cross(DVec3::Z);
-    let framed = |side: f64| {
+    let framed = |side: f64, height: f64| {
         let mut centres = Vec::new();
+        let up = height * DVec3::Z;
         for i in -10..=10 {
             for j in -10..=10 {
-                centres.push(side * 10.0 * along + f64::from(i) * across + f64::from(j) * DVec3::Z);
+                centres.push(side * 10.0 * along + f64::from(i) * across + f64::from(j) * up);
                 // A ball is thicker than a wall.
                 for k in (-6..=6).filter(|k| i * i + j * j + k * k <= 36) {
-                    centres.push(f64::from(i) * across + f64::from(j) * DVec3::Z + f64::from(k) * along);
+                    centres.push(f64::from(i) * across + f64::from(j) * up + f64::from(k) * along);
                 }
             }
         }
         Framed::boxes(&facts(Frame::Unknown), DVec3::ZERO, centres, [0.5; 3])
     };
-    let seen = |side: f64, frame: Frame| View::facing(&facts(frame), &framed(side)).outward.dot(along);
+    let faced = |side, height, frame| View::facing(&facts(frame), &framed(side, height)).outward.dot(along);
+    let seen = |side: f64, frame: Frame| faced(side, 1.0, frame);
     assert!(seen(1.0, Frame::Unknown) < 0.1, "{}", seen(1.0, Frame::Unknown));
+    // Voxels may be higher than wide.
+    assert!(faced(1.0, 2.5, Frame::Unknown) < 0.1, "{}", faced(1.0, 2.5, Frame::Unknown));
     assert_eq!(seen(-1.0, Frame::Unknown), usual.outward.dot(along));
     let patient = Frame::LeftPosteriorSuperior;
     assert_eq!(seen(1.0, patient), View::of(&facts(patient)).outward.dot(along));
