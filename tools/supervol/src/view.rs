@@ -3,9 +3,10 @@
 use std::num::NonZero;
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use supervol_preprocess::BuildOptions;
 use supervol_preprocess::kept::is_container;
+use supervol_runtime::frame::Backend;
 use supervol_viewer::folders::Folders;
 use supervol_viewer::worker::Settings;
 use supervol_viewer::{Launch, ViewerError};
@@ -32,6 +33,9 @@ pub struct Arguments {
     /// Time after which a change shows a picture, if coarse at first
     #[arg(long, value_name = "MS", default_value = "33", value_parser = quantity::milliseconds)]
     time_budget: u64,
+    /// Who casts the rays of pictures; the window has a button for it
+    #[arg(long, value_enum, default_value_t = BackendName::Cpu)]
+    backend: BackendName,
     /// Threads; all processors by default
     #[arg(long, value_parser = quantity::threads)]
     threads: Option<NonZero<usize>>,
@@ -39,6 +43,16 @@ pub struct Arguments {
     cache: CacheArguments,
     #[command(flatten)]
     source: SourceArguments,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum BackendName {
+    /// The processor, which also says how far each pixel may be off
+    Cpu,
+    /// The graphics device, whichever there is
+    Gpu,
+    /// A graphics device where there is one that is no processor itself, else the CPU
+    Auto,
 }
 
 /// Runs the command, until the window is closed.
@@ -55,6 +69,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         host_memory_bytes: arguments.host_memory,
         max_error: arguments.max_error,
         interaction_ms: arguments.time_budget,
+        backend: match arguments.backend {
+            BackendName::Cpu => Backend::Cpu,
+            BackendName::Gpu => Backend::Gpu,
+            BackendName::Auto => Backend::Auto,
+        },
         threads: arguments.threads.map(NonZero::get),
         ..Settings::default()
     };

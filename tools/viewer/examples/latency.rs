@@ -1,6 +1,6 @@
 //! How long the viewer takes from an input to the first picture that shows it: its worker and a scripted hand, no window.
 //!
-//!     cargo run --release -p supervol-viewer --example latency -- VOLUME.svol [WIDTHxHEIGHT] [HOST_MEMORY_MIB] [THREADS]
+//!     cargo run --release -p supervol-viewer --example latency -- VOLUME.svol [WIDTHxHEIGHT] [HOST_MEMORY_MIB] [THREADS] [gpu]
 //!
 //! A drag turns the volume by two degrees as soon as a picture has come; then, from pictures at rest, single steps do. Then a section across
 //! the grid's last axis, in a panel of half the size, goes through the volume as soon as a picture of it has come, while the picture of the
@@ -11,6 +11,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use supervol_preprocess::kept::Reading;
+use supervol_runtime::frame::Backend;
 use supervol_runtime::preset::section::{face_on, plane_across};
 use supervol_runtime::process::cpu_time;
 use supervol_runtime::scene::Scene;
@@ -133,12 +134,15 @@ fn sections(
 #[allow(clippy::print_stdout, reason = "it is what this program is for")]
 fn run() -> Result<(), String> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let path = arguments.first().ok_or("expected: VOLUME.svol [WIDTHxHEIGHT] [HOST_MEMORY_MIB] [THREADS]")?;
+    let path = arguments.first().ok_or("expected: VOLUME.svol [WIDTHxHEIGHT] [HOST_MEMORY_MIB] [THREADS] [gpu]")?;
     let size = arguments.get(1).map_or("760x760", String::as_str);
     let size: Vec<u32> = size.split('x').filter_map(|n| n.parse().ok()).collect();
     let &[width, height] = size.as_slice() else { return Err("expected WIDTHxHEIGHT".into()) };
     let number = |i: usize| arguments.get(i).and_then(|n| n.parse::<u64>().ok());
     let mut settings = Settings { threads: number(3).map(|n| n as usize), ..Settings::default() };
+    if arguments.get(4).is_some_and(|backend| backend == "gpu") {
+        settings.backend = Backend::Gpu;
+    }
     settings.host_memory_bytes = number(2).map_or(settings.host_memory_bytes, |mebibytes| mebibytes << 20);
 
     let start = Instant::now();

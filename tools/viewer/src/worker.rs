@@ -37,7 +37,7 @@ use supervol_preprocess::preview::Preview;
 use supervol_preprocess::report::Progress as BuildProgress;
 use supervol_preprocess::source::Survey;
 use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::frame::RenderError;
+use supervol_runtime::frame::{Backend, RenderError};
 use supervol_runtime::image::Image;
 use supervol_runtime::preset::overview::Overview;
 use supervol_runtime::renderer::Picked;
@@ -63,6 +63,8 @@ pub struct Settings {
     pub max_error: f64,
     /// Milliseconds after which a view that has changed shows a picture.
     pub interaction_ms: u64,
+    /// Who casts the rays of pictures. Sections are the processor's.
+    pub backend: Backend,
     /// Threads that cast and decode; `None`: one per processor. Read when a volume is opened.
     pub threads: Option<usize>,
     /// Whether box, orientation, scale and colours are drawn beside the volume.
@@ -114,6 +116,8 @@ impl Default for Settings {
             host_memory_bytes: 512 << 20,
             max_error: 0.5 / 255.0,
             interaction_ms: 33,
+            // Which alone says how far pixels may be off.
+            backend: Backend::Cpu,
             threads: None,
             decorations: Decorations::Off,
             beside: Beside::Nothing,

@@ -8,14 +8,17 @@ use eframe::egui::{Key, Modifiers};
 use supervol_runtime::frame::maps::work_in_colors;
 use supervol_runtime::frame::stated::in_colors;
 use supervol_runtime::frame::{Backend, RenderOptions};
+use supervol_runtime::preset::section::{face_on, plane_across};
 use supervol_runtime::renderer::{render_with_errors, render_with_maps};
-use supervol_viewer::worker::Settings;
+use supervol_runtime::scene::Scene;
+use supervol_runtime::slices::{Interpolation, SliceSpec};
+use supervol_viewer::worker::{Message, Settings};
 
 use support::{Fault, Session};
 
 fn session() -> Session {
     let settings = Settings { threads: Some(2), ..Settings::default() };
-    Session::in_bricks("marschner-lobb", [64, 16], supervol_runtime::scene::Scene::default(), settings)
+    Session::in_bricks("marschner-lobb", [64, 16], Scene::default(), settings)
 }
 
 #[test]
@@ -117,5 +120,41 @@ fn bricks_that_fail_are_marked_until_they_can_be_read() {
         }
     }
     assert!(session.viewer().picture().expect("a picture").marks.is_empty());
+    session.assert_is_as_rendered();
+}
+
+/// Sections have no volume to draw: the processor's. The processor's picture comes back bit for bit.
+#[test]
+fn pictures_may_be_drawn_by_a_graphics_device() {
+    let mut session = session();
+    session.rest();
+    let plain = session.pixels();
+    session.click("GPU");
+    session.rest();
+    let picture = session.viewer().picture().expect("a picture");
+    assert_eq!((picture.stats.backend, picture.is_converged), ("gpu", true));
+    let drawn = session.pixels();
+    let largest = plain.iter().zip(&drawn).flat_map(|(a, b)| (0..3).map(|c| a[c].abs_diff(b[c]))).max();
+    assert!(largest <= Some(1), "{largest:?} of 255 from the processor's");
+    session.press(Modifiers::NONE, Key::ArrowRight);
+    session.rest();
+    assert!(session.pixels() != drawn);
+    assert_eq!(session.viewer().picture().expect("a picture").stats.backend, "gpu");
+    session.press(Modifiers::COMMAND | Modifiers::SHIFT, Key::C);
+    assert!(matches!(session.viewer().message(), Some(Message::Done(line)) if line.contains("--backend gpu")));
+    let volume = session.viewer().scene().clone();
+    let opened = session.viewer().opened().expect("open").clone();
+    let (normal, offset) = plane_across(&opened.facts, 2, 30.0);
+    let interpolation = Interpolation::Linear;
+    let slice = SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new() };
+    let open = Scene { image: volume.image.clone(), ..Scene::default() };
+    let section = face_on(&open, &opened.facts, slice, 1.0).expect("there is a section").complete(&opened.facts, None);
+    for (scene, backend) in [(section, "cpu"), (volume, "gpu")] {
+        session.edit(|edited| *edited = scene);
+        session.rest();
+        assert_eq!(session.viewer().picture().expect("a picture").stats.backend, backend);
+    }
+    session.click("CPU");
+    session.rest();
     session.assert_is_as_rendered();
 }

@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use eframe::egui::{self, DragValue, TextEdit, Ui};
 use supervol_preprocess::output::{OutputFile, check_distinct};
 use supervol_preprocess::{BuildError, Existing};
+use supervol_runtime::frame::Backend;
 use supervol_runtime::image::{GREY_LEVELS, ImageFormat};
-use supervol_runtime::scene::{RAY_LIMIT, Scene};
+use supervol_runtime::scene::{Mode, RAY_LIMIT, Scene};
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::animate::AnimationDialog;
@@ -260,6 +261,11 @@ pub(crate) fn command_line(
     if settings.decorations == Decorations::On {
         line += " --decorate";
     }
+    line += match settings.backend {
+        Backend::Auto => "",
+        Backend::Gpu if scene.mode != Some(Mode::Slice) => " --backend gpu",
+        Backend::Cpu | Backend::Gpu | Backend::Reference => " --backend cpu",
+    };
     if settings.max_error != default.max_error {
         let _ = write!(line, " --max-error {}/255", settings.max_error * GREY_LEVELS);
     }

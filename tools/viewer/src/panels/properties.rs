@@ -2,6 +2,7 @@
 
 use eframe::egui::{self, Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
 use supervol_runtime::facts::DataKind;
+use supervol_runtime::frame::Backend;
 use supervol_runtime::image::GREY_LEVELS;
 use supervol_runtime::preset::colormap;
 use supervol_runtime::preset::looks;
@@ -30,6 +31,20 @@ const DENSITIES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 const MEMORY_MIB: std::ops::RangeInclusive<u64> = 64..=65_536;
 /// Least and greatest time for interaction that can be chosen, ms.
 const INTERACTION_MS: std::ops::RangeInclusive<u64> = 10..=1000;
+/// Who may cast the rays.
+const BACKENDS: [(Backend, &str, &str); 3] = [
+    (Backend::Cpu, "CPU", "The processor, which also says how far each pixel may be off (--backend cpu)"),
+    (
+        Backend::Gpu,
+        "GPU",
+        "The graphics device, whichever there is; sections are drawn by the processor (--backend gpu)",
+    ),
+    (
+        Backend::Auto,
+        "auto",
+        "A graphics device where there is one that is no processor itself, else the CPU (--backend auto)",
+    ),
+];
 /// What can be seen of how a picture was made.
 const INSPECTIONS: [(Inspect, &str, &str); 4] = [
     (Inspect::Nothing, "nothing", "The picture; bricks that could not be read are marked all the same, in red"),
@@ -392,6 +407,12 @@ fn quality(viewer: &mut Viewer, ui: &mut Ui) {
             .suffix(" ms");
         let words = "Time after which a change shows a picture, if coarse at first";
         ui.add(drag).on_hover_text(words).accessible_name("Time for interaction");
+    });
+    ui.horizontal_wrapped(|ui| {
+        ui.label("Drawn by");
+        for (backend, name, words) in BACKENDS {
+            ui.selectable_value(&mut settings.backend, backend, name).on_hover_text(words);
+        }
     });
     ui.horizontal_wrapped(|ui| {
         ui.label("Inspect");

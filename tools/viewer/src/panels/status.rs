@@ -165,7 +165,12 @@ fn numbers(viewer: &Viewer, ui: &mut Ui, picture: &Picture) {
         let label = format!("{} could not be read", failure.brick);
         ui.colored_label(ui.visuals().error_fg_color, label).on_hover_text(words);
     }
-    ui.label(format!("CPU, {} threads", stats.threads)).on_hover_text("Who casts the rays");
+    let why = stats.no_gpu_because.as_ref().map_or(String::new(), |why| format!("; no GPU, because {why}"));
+    let words = match stats.backend {
+        "gpu" => format!("GPU{}", if stats.adapter_is_software { " (a processor)" } else { "" }),
+        _ => format!("CPU, {} threads", stats.threads),
+    };
+    ui.label(words).on_hover_text(format!("Who casts the rays{why}"));
 }
 
 fn mebibytes(bytes: u64) -> u64 {

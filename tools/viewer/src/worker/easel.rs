@@ -10,7 +10,7 @@ use supervol_runtime::frame::stated::in_colors;
 use supervol_runtime::frame::{Backend, Progress, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::renderer::Renderer;
-use supervol_runtime::scene::{ResolvedScene, Scene, SceneError};
+use supervol_runtime::scene::{Mode, ResolvedScene, Scene, SceneError};
 use supervol_runtime::stop::Canceller;
 use supervol_runtime::volume::Volume;
 
@@ -45,6 +45,8 @@ pub(super) struct Easel {
     began: Instant,
     decorations: Decorations,
     inspect: Inspect,
+    /// Who casts the rays of the present picture.
+    backend: Backend,
 }
 
 /// With what pictures of the volume are made.
@@ -65,7 +67,7 @@ pub(super) fn options(desk: &Arc<Desk>, settings: &Settings) -> RenderOptions {
         Beside::Panels => shares(settings.host_memory_bytes)[0],
     };
     RenderOptions {
-        backend: Backend::Cpu,
+        backend: settings.backend,
         host_memory_bytes,
         threads: settings.threads,
         max_error: settings.max_error,
@@ -93,7 +95,7 @@ impl Easel {
         let volume = Volume::of(opened.container.clone());
         let renderer = Renderer::new(volume, options(desk, settings)).map_err(|e| e.to_string())?;
         desk.tell(|news| (news.opened, news.frame) = (Some(opened.clone()), None));
-        let Settings { decorations, inspect, .. } = *settings;
+        let Settings { decorations, inspect, backend, .. } = *settings;
         Ok(Self {
             opened,
             renderer,
@@ -106,6 +108,7 @@ impl Easel {
             began: Instant::now(),
             decorations,
             inspect,
+            backend,
         })
     }
 
@@ -127,6 +130,7 @@ impl Easel {
     /// From now on pictures are made like this, from the next view on. What is loaded stays.
     pub(super) fn set(&mut self, desk: &Arc<Desk>, settings: &Settings) {
         self.renderer.set_options(options(desk, settings));
+        self.backend = settings.backend;
         match settings.beside {
             Beside::Nothing => self.sections = None,
             Beside::Panels => self.sections.iter_mut().for_each(|s| s.set(options_of_sections(settings))),
@@ -136,7 +140,7 @@ impl Easel {
     }
 
     /// Begins a picture, and shows what there is of it within the time for interaction.
-    pub(super) fn begin(&mut self, desk: &Desk, view: View, settings: &Settings) {
+    pub(super) fn begin(&mut self, desk: &Arc<Desk>, view: View, settings: &Settings) {
         if view.volume != self.opened.number {
             return;
         }
@@ -144,6 +148,7 @@ impl Easel {
         self.looks_left = 0;
         match self.resolved(desk, &view.scene) {
             Ok(scene) => {
+                self.choose_backend(desk, scene.mode, settings);
                 self.scene = Some(scene.clone());
                 self.renderer.set_scene(scene);
             }
@@ -155,7 +160,16 @@ impl Easel {
         }
         self.view = Some(view);
         self.is_settled = false;
-        self.advance(desk, Duration::from_millis(settings.interaction_ms));
+        self.advance(desk, Some(Duration::from_millis(settings.interaction_ms)));
+    }
+
+    /// Sections are drawn by the processor, also where pictures are to be a GPU's.
+    fn choose_backend(&mut self, desk: &Arc<Desk>, mode: Mode, settings: &Settings) {
+        let wanted = if mode == Mode::Slice { Backend::Cpu } else { settings.backend };
+        if self.backend != wanted {
+            self.backend = wanted;
+            self.renderer.set_options(options(desk, &Settings { backend: wanted, ..*settings }));
+        }
     }
 
     /// The scene as it is drawn. Files that it names and that the one before did not may take a while to read, and that is told.
@@ -207,7 +221,8 @@ impl Easel {
         } else if self.is_settled {
             self.look_ahead(desk);
         } else {
-            self.advance(desk, REFINEMENT);
+            // A graphics device is not stopped again and again: it is either quick, or each time costs it too much.
+            self.advance(desk, (self.backend == Backend::Cpu).then_some(REFINEMENT));
         }
     }
 
@@ -236,8 +251,9 @@ impl Easel {
         }
     }
 
-    fn advance(&mut self, desk: &Desk, time: Duration) {
-        match self.renderer.advance(Some(Instant::now() + time)) {
+    /// Until it has converged, where no time is given, or somebody has another wish.
+    fn advance(&mut self, desk: &Desk, time: Option<Duration>) {
+        match self.renderer.advance(time.map(|time| Instant::now() + time)) {
             Ok(step) => {
                 self.is_settled = step.is_converged;
                 self.show(desk, step.is_converged);
