@@ -5,6 +5,7 @@ mod support;
 use std::sync::Arc;
 
 use eframe::egui::{Key, Modifiers};
+use supervol_preprocess::Existing;
 use supervol_runtime::frame::maps::work_in_colors;
 use supervol_runtime::frame::stated::in_colors;
 use supervol_runtime::frame::{Backend, RenderOptions};
@@ -12,7 +13,7 @@ use supervol_runtime::preset::section::{face_on, plane_across};
 use supervol_runtime::renderer::{render_with_errors, render_with_maps};
 use supervol_runtime::scene::Scene;
 use supervol_runtime::slices::{Interpolation, SliceSpec};
-use supervol_viewer::worker::{Message, Settings};
+use supervol_viewer::worker::{Export, Message, Settings};
 
 use support::{Fault, Session};
 
@@ -149,6 +150,10 @@ fn pictures_may_be_drawn_by_a_graphics_device() {
     let slice = SliceSpec { normal, offset, opacity: 1.0, interpolation, filter: None, colors: Vec::new() };
     let open = Scene { image: volume.image.clone(), ..Scene::default() };
     let section = face_on(&open, &opened.facts, slice, 1.0).expect("there is a section").complete(&opened.facts, None);
+    // A panel's section is exported while the picture is the device's.
+    let path = session.folder.path().join("section.png");
+    session.export(Export { scene: section.clone(), path: path.clone(), existing: Existing::Keep });
+    session.until("the section is written", |s| path.exists() && s.viewer().is_at_rest());
     for (scene, backend) in [(section, "cpu"), (volume, "gpu")] {
         session.edit(|edited| *edited = scene);
         session.rest();

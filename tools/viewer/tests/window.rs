@@ -219,8 +219,12 @@ fn a_source_file_is_built_into_the_cache_once() {
     session.rest();
     let source = support::npy(session.folder.path());
     for _ in 0..2 {
+        // The second time it is open already.
+        let before = session.viewer().opened().map(|o| o.number);
         session.harness.state_mut().open(&source);
-        session.until("it is open", |s| s.viewer().opened().is_some_and(|o| o.source == source));
+        session.until("it is open", |s| {
+            s.viewer().opened().is_some_and(|o| o.source == source && Some(o.number) != before)
+        });
         session.rest();
         session.assert_is_as_rendered();
     }

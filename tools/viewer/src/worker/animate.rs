@@ -1,6 +1,7 @@
 //! Animations for a folder: picture after picture by the renderer that draws for the screen, as `render --turntable` and `--path` do.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde_json::{Value, json};
 use supervol_decorations::frames::{Frames, Others};
@@ -59,7 +60,7 @@ impl Easel {
     /// Draws the pictures that are missing until all are there or somebody cancels.
     pub(super) fn animate(
         &mut self,
-        desk: &std::sync::Arc<Desk>,
+        desk: &Arc<Desk>,
         animation: &Animation,
         settings: &Settings,
     ) -> Result<Message, String> {
@@ -90,12 +91,12 @@ impl Easel {
         for (done, frame) in missing.iter().enumerate() {
             let progress = [cameras.len() - missing.len() + done, cameras.len()];
             desk.tell(|news| news.busy = Some(Busy::Animating(animation.folder.clone(), progress)));
-            drawn = self.draw_frame(&frames, *frame);
+            drawn = self.draw_frame(desk, (&frames, *frame), settings);
             if !matches!(drawn, Ok(true)) {
                 break;
             }
         }
-        self.resume();
+        self.resume(desk, settings);
         let folder = animation.folder.display();
         drawn.map(|is_done| match is_done {
             true => Message::Done(format!(
@@ -109,12 +110,17 @@ impl Easel {
     }
 
     /// Draws and writes one picture; whether nobody has cancelled.
-    fn draw_frame(&mut self, frames: &Frames<'_>, frame: usize) -> Result<bool, String> {
+    fn draw_frame(
+        &mut self,
+        desk: &Arc<Desk>,
+        (frames, frame): (&Frames<'_>, usize),
+        settings: &Settings,
+    ) -> Result<bool, String> {
         let path = frames.path(frame);
         check_distinct(&path, frames.inputs.iter().copied()).map_err(|e| e.to_string())?;
         let output = OutputFile::begin(&path, Existing::ReplacePicture).map_err(|e| e.to_string())?;
         let scene = frames.scene(frame).resolve(&self.opened.facts).map_err(|e| e.to_string())?;
-        self.renderer.set_scene(scene.clone());
+        self.aim(desk, scene.clone(), settings);
         let step = self.renderer.advance(None).map_err(|e| e.to_string())?;
         let Some(picture) = self.renderer.picture().filter(|_| !step.is_cancelled && step.is_converged) else {
             return Ok(false);

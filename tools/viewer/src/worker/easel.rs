@@ -148,9 +148,8 @@ impl Easel {
         self.looks_left = 0;
         match self.resolved(desk, &view.scene) {
             Ok(scene) => {
-                self.choose_backend(desk, scene.mode, settings);
                 self.scene = Some(scene.clone());
-                self.renderer.set_scene(scene);
+                self.aim(desk, scene, settings);
             }
             Err(error) => {
                 self.is_settled = true;
@@ -163,13 +162,14 @@ impl Easel {
         self.advance(desk, Some(Duration::from_millis(settings.interaction_ms)));
     }
 
-    /// Sections are drawn by the processor, also where pictures are to be a GPU's.
-    fn choose_backend(&mut self, desk: &Arc<Desk>, mode: Mode, settings: &Settings) {
-        let wanted = if mode == Mode::Slice { Backend::Cpu } else { settings.backend };
+    /// From now on this is drawn: sections by the processor, also where pictures are to be a GPU's.
+    pub(super) fn aim(&mut self, desk: &Arc<Desk>, scene: ResolvedScene, settings: &Settings) {
+        let wanted = if scene.mode == Mode::Slice { Backend::Cpu } else { settings.backend };
         if self.backend != wanted {
             self.backend = wanted;
             self.renderer.set_options(options(desk, &Settings { backend: wanted, ..*settings }));
         }
+        self.renderer.set_scene(scene);
     }
 
     /// The scene as it is drawn. Files that it names and that the one before did not may take a while to read, and that is told.
@@ -299,9 +299,9 @@ impl Easel {
     }
 
     /// Goes on with the view's picture, after another one was drawn. One that had converged stays on the screen.
-    pub(super) fn resume(&mut self) {
-        if let Some(scene) = &self.scene {
-            self.renderer.set_scene(scene.clone());
+    pub(super) fn resume(&mut self, desk: &Arc<Desk>, settings: &Settings) {
+        if let Some(scene) = self.scene.clone() {
+            self.aim(desk, scene, settings);
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Pictures for a file: drawn to the end by the renderer that draws for the screen, so that they share its bricks and its budget.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use supervol_preprocess::Existing;
 use supervol_preprocess::output::{OutputFile, check_distinct};
@@ -8,7 +9,7 @@ use supervol_runtime::image::ImageFormat;
 use supervol_runtime::scene::Scene;
 
 use super::easel::Easel;
-use super::{Busy, Desk, Message, lock};
+use super::{Busy, Desk, Message, Settings, lock};
 
 /// A picture for a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,7 +24,7 @@ pub struct Export {
 
 impl Easel {
     /// Draws the picture until it has converged or somebody cancels, and writes it.
-    pub(super) fn export(&mut self, desk: &Desk, export: &Export) -> Result<Message, String> {
+    pub(super) fn export(&mut self, desk: &Arc<Desk>, export: &Export, settings: &Settings) -> Result<Message, String> {
         let format = ImageFormat::from_path(&export.path).map_err(|e| e.to_string())?;
         let scene = export.scene.resolve(&self.opened.facts).map_err(|e| e.to_string())?;
         let read = [self.opened.source.as_path(), self.opened.path.as_path()];
@@ -31,7 +32,7 @@ impl Easel {
         let output = OutputFile::begin(&export.path, export.existing).map_err(|e| e.to_string())?;
         desk.tell(|news| news.busy = Some(Busy::Exporting(export.path.clone(), [0, scene.image_size[1]])));
         lock(&desk.wishes).export_canceller = Some(self.renderer.canceller());
-        self.renderer.set_scene(scene.clone());
+        self.aim(desk, scene.clone(), settings);
         let step = self.renderer.advance(None);
         let written = step.map_err(|e| e.to_string()).and_then(|step| {
             let Some(picture) = self.renderer.picture().filter(|_| step.is_converged) else {
@@ -47,7 +48,7 @@ impl Easel {
                 _ => Message::Failure(format!("{path} is written, but {failed} bricks could not be read")),
             })
         });
-        self.resume();
+        self.resume(desk, settings);
         written
     }
 }

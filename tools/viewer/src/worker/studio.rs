@@ -74,7 +74,7 @@ impl Studio {
         match work {
             Work::Settings(_) => easel.set(desk, settings),
             Work::Export(wish) => {
-                let message = easel.export(desk, &wish).unwrap_or_else(Message::Failure);
+                let message = easel.export(desk, &wish, settings).unwrap_or_else(Message::Failure);
                 end_export(desk, message);
             }
             Work::Animation(wish) => {
