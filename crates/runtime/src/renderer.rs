@@ -154,6 +154,12 @@ impl Renderer {
         self.canceller.clone()
     }
 
+    /// How pictures are made.
+    #[must_use]
+    pub fn options(&self) -> &RenderOptions {
+        &self.options
+    }
+
     /// From now on pictures are made like this, the present one anew; what is loaded stays, as far as the budgets let it. The
     /// number of threads stays what it was.
     pub fn set_options(&mut self, options: RenderOptions) {

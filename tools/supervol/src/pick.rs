@@ -37,7 +37,6 @@ pub fn run(
     pixels: &[[u32; 2]],
     format: Format,
 ) -> Result<(), Failure> {
-    crate::progress::announce_files(scene);
     let resolved = scene.resolve(facts).map_err(Failure::command)?;
     let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone()).map_err(with_render)?;
     renderer.set_scene(resolved);

@@ -35,7 +35,7 @@ use crate::look::{LookArguments, warnings};
 use crate::output::{self, Force, PictureFile, RenderOutputs};
 use crate::panels::Panels;
 use crate::pick;
-use crate::progress::{RayBar, Reporter};
+use crate::progress::{RayBar, Reporter, announce_files};
 use crate::quantity::{self, show_bytes};
 use crate::sequence::Sequence;
 use crate::terminal;
@@ -345,7 +345,7 @@ impl Arguments {
         facts: &VolumeFacts,
     ) -> Result<(Scene, Option<Motion>), Failure> {
         // Memory is counted later on: what the overview took is given back first.
-        let overview = self.look.asks_overview(&scene).then(|| overview(container)).flatten();
+        let overview = self.look.asks_overview(&scene).then(|| overview(container, facts)).flatten();
         let has_camera = scene.camera.is_some();
         let shown = self.look.scene(&scene, container, facts, overview.as_ref());
         let mut shown = shown.map_err(|failure| failure.named(self.scene.as_deref()))?;
@@ -400,6 +400,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let panels: Vec<(String, Scene)> = looks.iter().map(named).collect::<Result<_, Failure>>()?;
         let inputs: Vec<&Path> = inputs.into_iter().chain(panels.iter().flat_map(|(_, scene)| scene.files())).collect();
         let file = RenderOutputs::begin(output, [None; 3], &inputs, arguments.force)?.picture;
+        // All panels are cut by the same.
+        panels.first().iter().for_each(|(_, scene)| announce_files(scene));
         let (decorate, allow_failed) = (arguments.decorates(output), arguments.allow_failed);
         let panels = Panels { container: &container, facts: &facts, panels: &panels, grid, decorate, allow_failed };
         return panels.run(file, (path, output), &arguments.options(start));
@@ -409,6 +411,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.print_scene {
         let text = serde_json::to_string_pretty(&scene).map_err(|e| Failure::Machine(e.to_string()))?;
         writeln!(terminal::stdout(), "{text}").map_err(with_output)?;
+    }
+    if !arguments.pick.is_empty() || arguments.output.is_some() {
+        announce_files(&scene);
     }
     if !arguments.pick.is_empty() {
         let format = if arguments.json { pick::Format::Json } else { pick::Format::Text };
@@ -476,12 +481,13 @@ pub fn check_any_read(stats: &FrameStats) -> Result<(), Failure> {
 
 /// A picture for somebody who asked for none in particular, written out.
 pub fn default_scene(container: &Container) -> Scene {
-    Scene::default().complete(&VolumeFacts::of(container), overview(container).as_ref())
+    let facts = VolumeFacts::of(container);
+    Scene::default().complete(&facts, overview(container, &facts).as_ref())
 }
 
 /// What a coarse level tells; nothing where it cannot be read, which whoever draws the picture will say.
-fn overview(container: &Container) -> Option<Overview> {
-    Overview::read(container).ok().flatten()
+fn overview(container: &Container, facts: &VolumeFacts) -> Option<Overview> {
+    Overview::read(container, facts).ok().flatten()
 }
 
 /// A scene that stands on the command line where the name of its file could.
@@ -531,7 +537,6 @@ pub fn picture(
     check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
     let Subject { container, facts, scene, .. } = *subject;
-    crate::progress::announce_files(scene);
     let resolved = scene.resolve(facts).map_err(Failure::command)?;
     if check.is_some() {
         check::check_fits(container, &resolved, options).map_err(with_render)?;

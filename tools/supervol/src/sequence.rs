@@ -50,7 +50,6 @@ impl Sequence<'_> {
             let there = counted((self.cameras.len() - missing.len()) as u64, "picture");
             crate::progress::announce(&format!("{}: {there} are there already", self.folder.display()));
         }
-        crate::progress::announce_files(self.subject.scene);
         let start = Instant::now();
         let volume = Volume::of(Arc::clone(self.subject.container));
         let mut renderer = Renderer::new(volume, options.clone()).map_err(with_render)?;

@@ -269,13 +269,29 @@ impl Container {
     /// # Errors
     /// If it cannot be read or decoded.
     pub fn read_brick(&self, key: BrickKey, entry: &BrickEntry) -> Result<Vec<u8>, ContainerError> {
+        let record = self.read_record(key, entry)?;
+        let mut voxels = vec![0; self.shape(key).bytes()];
+        self.decode_brick(key, entry, &record, &mut voxels)?;
+        Ok(voxels)
+    }
+
+    /// Reads the macro-cell ranges of one brick, and decodes no voxel: [`Self::macro_cells`].
+    ///
+    /// # Errors
+    /// If the record cannot be read, or its checksum does not fit.
+    pub fn read_macro_cells(&self, key: BrickKey, entry: &BrickEntry) -> Result<Vec<ValueRange>, ContainerError> {
+        let record = self.read_record(key, entry)?;
+        check_record(key, entry, &record)?;
+        Ok(self.macro_cells(key, entry, &record))
+    }
+
+    /// The bytes of a record, empty where there is none; not checked.
+    fn read_record(&self, key: BrickKey, entry: &BrickEntry) -> Result<Vec<u8>, ContainerError> {
         let mut record = vec![0; entry.record_bytes() as usize];
         if !record.is_empty() {
             read(self.source.as_ref(), &key.to_string(), entry.offset, &mut record)?;
         }
-        let mut voxels = vec![0; self.shape(key).bytes()];
-        self.decode_brick(key, entry, &record, &mut voxels)?;
-        Ok(voxels)
+        Ok(record)
     }
 
     /// Macro-cell ranges of a record, x fastest, stored values; a uniform or absent brick's cells all have its range.
@@ -296,6 +312,16 @@ pub(crate) fn shape_of(descriptor: &Descriptor, key: BrickKey) -> BrickShape {
     BrickShape { voxel_type: descriptor.voxel_type, extent: descriptor.pyramid.stored_extent(key) }
 }
 
+/// Whether a record is the one that was written; bricks of one value have none.
+fn check_record(key: BrickKey, entry: &BrickEntry, record: &[u8]) -> Result<(), ContainerError> {
+    let sum = checksum(record);
+    if entry.codec == Codec::Uniform || sum == entry.checksum {
+        return Ok(());
+    }
+    let (expected, found) = (format!("{:016x}", entry.checksum), format!("{sum:016x}"));
+    Err(ContainerError::invalid(format!("{key}: checksum of its record"), entry.offset, expected, found))
+}
+
 /// Decodes a record that `entry` describes; see [`Container::decode_brick`].
 ///
 /// # Errors
@@ -314,11 +340,7 @@ pub fn decode_record(
         out.chunks_exact_mut(voxel.len()).for_each(|v| v.copy_from_slice(voxel));
         return Ok(());
     }
-    let sum = checksum(record);
-    if sum != entry.checksum {
-        let (expected, found) = (format!("{:016x}", entry.checksum), format!("{sum:016x}"));
-        return Err(ContainerError::invalid(format!("{key}: checksum of its record"), entry.offset, expected, found));
-    }
+    check_record(key, entry, record)?;
     let payload = &record[..entry.payload_bytes as usize];
     codec::decode_into(entry.codec, shape, payload, out).map_err(|source| ContainerError::Decode {
         key,

@@ -15,6 +15,7 @@ use crate::raycast::scalar::quadrature::shaded_pair_count;
 pub const FAR: f32 = 1e30;
 /// How far beyond a face a leap ends, voxels: a few roundings.
 pub const LEAP_MARGIN: f32 = 2e-5;
+
 /// Number of a macro cell among those of all slots.
 #[must_use]
 pub fn macro_place(slot: u32, core: u32, [x, y, z]: [u32; 3]) -> u32 {

@@ -19,7 +19,8 @@ use crate::transfer_function::TransferFunction;
 
 /// Most voxels of the level that is read: 8 bytes each.
 const VOXEL_LIMIT: u64 = 1 << 18;
-/// Most bricks whose macro cells are read, and most bytes of their records.
+/// Most macro cells that are read, 40 bytes each; most bricks that they are of, and bytes of their records.
+const CELL_LIMIT: u64 = 1 << 18;
 const BRICK_LIMIT: u64 = 512;
 const RECORDS_LIMIT_BYTES: u64 = 16 << 20;
 /// Most labels between the least and the greatest of a macro cell that are looked at one by one.
@@ -54,7 +55,10 @@ impl LabelCells {
     /// Those of the finest level that is small enough, if one is.
     fn read(container: &Container) -> Result<Option<Self>, ContainerError> {
         for (number, level) in container.pyramid().levels().iter().enumerate() {
-            if level.bricks.iter().map(|&n| u64::from(n)).product::<u64>() <= BRICK_LIMIT
+            let cells = level.dims.0.map(|n| n.div_ceil(MACRO_CELL as u64));
+            let cells = cells.iter().fold(1, |product: u64, &n| product.saturating_mul(n));
+            if cells <= CELL_LIMIT
+                && level.brick_count() <= BRICK_LIMIT
                 && let Some(cells) = Self::of_level(container, Lod(number as u8), level)?
             {
                 return Ok(Some(cells));
@@ -77,11 +81,9 @@ impl LabelCells {
         let core = pyramid.layout().core() as f64;
         let mut cells = Vec::new();
         for (key, entry) in keys.into_iter().zip(entries) {
-            let mut record = vec![0; entry.record_bytes() as usize];
-            container.read_at(entry.offset, &mut record)?;
             let [nx, ny, _] = pyramid.macro_cells(key);
             let first = DVec3::from_array(key.brick().0.map(f64::from)) * core;
-            for (i, range) in container.macro_cells(key, &entry, &record).into_iter().enumerate() {
+            for (i, range) in container.read_macro_cells(key, &entry)?.into_iter().enumerate() {
                 let cell = [i % nx, i / nx % ny, i / (nx * ny)].map(|n| (n * MACRO_CELL) as f64);
                 // The middle of the cell's region, which begins half a voxel before its first.
                 let middle = (first + DVec3::from_array(cell) + 0.5 * MACRO_CELL as f64) * voxels - HALF_VOXEL;
@@ -105,19 +107,19 @@ impl LabelCells {
 }
 
 impl Overview {
-    /// Reads the overview of a container; `None` where even its coarsest level is too large.
+    /// Reads the overview of a container with these facts; `None` where even its coarsest level is too large.
     ///
     /// # Errors
-    /// If a brick cannot be read.
-    pub fn read(container: &Container) -> Result<Option<Self>, ContainerError> {
+    /// If a brick of the level cannot be read.
+    pub fn read(container: &Container, facts: &VolumeFacts) -> Result<Option<Self>, ContainerError> {
         let levels = container.pyramid().levels();
         let fits = |level: &Level| level.dims.voxels().is_some_and(|n| n <= VOXEL_LIMIT);
         let Some(number) = levels.iter().position(fits) else { return Ok(None) };
         let (scale, offset) = (container.descriptor().scale, container.descriptor().offset);
         let reader = LevelReader::new(container, Lod(number as u8), 0);
         let values = reader.values(reader.whole(), |stored| stored * scale + offset)?;
-        let is_of_labels = VolumeFacts::of(container).kind == DataKind::Labels;
-        let cells = if is_of_labels { LabelCells::read(container)? } else { None };
+        // A fine brick that cannot be read is no reason to know nothing: whoever draws it says so.
+        let cells = if facts.kind == DataKind::Labels { LabelCells::read(container).ok().flatten() } else { None };
         Ok(Some(Self { dims: reader.whole().extent(), level: levels[number], values, cells }))
     }
 

@@ -136,21 +136,21 @@ fn parts(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
 /// passed over by a drag.
 fn part_number(part: Option<u64>, (name, words): (&str, &str), ui: &mut Ui) -> Option<u64> {
     let mut number = part.map_or(-1, |number| number as i64);
+    let pressed = |ui: &mut Ui, label: &str, which: &str, is_possible: bool| {
+        let button = ui.add_enabled(is_possible, Button::new(label).small()).on_hover_text(words);
+        button.accessible_name(format!("{name}, {which}")).clicked()
+    };
     ui.label(name);
-    for (label, step) in [("<", -1), (">", 1)] {
-        let which = if step < 0 { "previous" } else { "next" };
-        let button = ui.add_enabled(number + step >= -1, Button::new(label).small()).on_hover_text(words);
-        if button.accessible_name(format!("{name}, {which}")).clicked() {
-            number += step;
-        }
-        if step < 0 {
-            let typed =
-                DragValue::new(&mut number).range(-1..=i64::from(u32::MAX)).speed(0.0).update_while_editing(false);
-            let shown = |number: f64, _| if number < 0.0 { "-".into() } else { number.to_string() };
-            let understood = |text: &str| if text.trim() == "-" { Some(-1.0) } else { text.trim().parse().ok() };
-            let response = ui.add(typed.custom_formatter(shown).custom_parser(understood)).on_hover_text(words);
-            response.accessible_name(name);
-        }
+    if pressed(ui, "<", "previous", number >= 0) {
+        number -= 1;
+    }
+    let shown = |number: f64, _| if number < 0.0 { "-".into() } else { number.to_string() };
+    let understood = |text: &str| if text.trim() == "-" { Some(-1.0) } else { text.trim().parse().ok() };
+    let typed = DragValue::new(&mut number).range(-1..=i64::from(u32::MAX)).speed(0.0).update_while_editing(false);
+    let response = ui.add(typed.custom_formatter(shown).custom_parser(understood)).on_hover_text(words);
+    response.accessible_name(name);
+    if pressed(ui, ">", "next", true) {
+        number += 1;
     }
     u64::try_from(number).ok()
 }

@@ -45,8 +45,6 @@ pub(super) struct Easel {
     began: Instant,
     decorations: Decorations,
     inspect: Inspect,
-    /// Who casts the rays of the present picture.
-    backend: Backend,
 }
 
 /// With what pictures of the volume are made.
@@ -95,7 +93,7 @@ impl Easel {
         let volume = Volume::of(opened.container.clone());
         let renderer = Renderer::new(volume, options(desk, settings)).map_err(|e| e.to_string())?;
         desk.tell(|news| (news.opened, news.frame) = (Some(opened.clone()), None));
-        let Settings { decorations, inspect, backend, .. } = *settings;
+        let Settings { decorations, inspect, .. } = *settings;
         Ok(Self {
             opened,
             renderer,
@@ -108,7 +106,6 @@ impl Easel {
             began: Instant::now(),
             decorations,
             inspect,
-            backend,
         })
     }
 
@@ -130,7 +127,6 @@ impl Easel {
     /// From now on pictures are made like this, from the next view on. What is loaded stays.
     pub(super) fn set(&mut self, desk: &Arc<Desk>, settings: &Settings) {
         self.renderer.set_options(options(desk, settings));
-        self.backend = settings.backend;
         match settings.beside {
             Beside::Nothing => self.sections = None,
             Beside::Panels => self.sections.iter_mut().for_each(|s| s.set(options_of_sections(settings))),
@@ -165,8 +161,7 @@ impl Easel {
     /// From now on this is drawn: sections by the processor, also where pictures are to be a GPU's.
     pub(super) fn aim(&mut self, desk: &Arc<Desk>, scene: ResolvedScene, settings: &Settings) {
         let wanted = if scene.mode == Mode::Slice { Backend::Cpu } else { settings.backend };
-        if self.backend != wanted {
-            self.backend = wanted;
+        if self.renderer.options().backend != wanted {
             self.renderer.set_options(options(desk, &Settings { backend: wanted, ..*settings }));
         }
         self.renderer.set_scene(scene);
@@ -222,7 +217,7 @@ impl Easel {
             self.look_ahead(desk);
         } else {
             // A graphics device is not stopped again and again: it is either quick, or each time costs it too much.
-            self.advance(desk, (self.backend == Backend::Cpu).then_some(REFINEMENT));
+            self.advance(desk, (self.renderer.options().backend == Backend::Cpu).then_some(REFINEMENT));
         }
     }
 

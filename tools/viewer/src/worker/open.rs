@@ -37,7 +37,7 @@ fn opened(container: Container, wish: Open, number: u64, preview_of: Option<[u64
     let facts = VolumeFacts::of(&container);
     let container = Arc::new(placed(container, &facts, wish.exaggeration));
     let facts = VolumeFacts::of(&container);
-    let overview = Overview::read(&container).ok().flatten();
+    let overview = Overview::read(&container, &facts).ok().flatten();
     let mut scene = wish.scene.complete(&facts, overview.as_ref());
     scene.vertical_exaggeration = (wish.exaggeration != 1.0).then_some(wish.exaggeration);
     let is_camera_asked = wish.scene.camera.is_some();
