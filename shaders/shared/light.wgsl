@@ -103,8 +103,7 @@ fn integrate_chord(chord: LightChord) -> LightPart {
     let emitting = select(opacity / select(kappa, 1.0, is_clear), extent, is_clear);
     let order = extent * extent / (12.0 + tau * (6.0 + 1.2 * tau));
     let between = b.value - a.value;
-    let ordered = between.rgb * kappa - means.rgb * between.w;
-    let color = clamp(means.rgb * emitting - order * ordered, vec3<f32>(0.0), vec3<f32>(opacity));
+    let ordered = order * (between.rgb * kappa - means.rgb * between.w);
 
     // What the line misses.
     let bump = abs(middle - 0.5 * (first + last));
@@ -116,6 +115,11 @@ fn integrate_chord(chord: LightChord) -> LightPart {
     let high = max(max(first, last), middle) + margin;
     let sums = light_sums(high, 1.0) - light_sums(low, 0.0);
     let of_mean = 0.5 * sums.x * average * extent;
+    // No more than order can do to colours that differ so much.
+    let reach = opacity * (1.0 - 0.5 * transmittance);
+    let greatest = vec3<f32>(0.5 * min(sums.y, 1.0) * reach * reach);
+    let emitted = means.rgb * emitting - clamp(ordered, -greatest, greatest);
+    let color = clamp(emitted, vec3<f32>(0.0), vec3<f32>(opacity));
     let uneven = min(0.25 * sums.x * abs(rise) / max(kappa, 1.0e-12), 1.0);
     let of_order = opacity * sums.y * (0.06 + 0.84 * uneven) * tau / (4.0 + tau);
     let error = clamp(of_mean, 0.0, 1.0) + of_order;

@@ -13,7 +13,7 @@ struct Lit {
     specular: vec3<f32>,
     // Greatest |n.h| of all lights.
     nearest: vec3<f32>,
-    // What diffuse light may be off by where one side goes over into the other between two places; whether it does.
+    // What light may be off by where one side goes over into the other between two places; whether it does.
     of_sides: f32,
     goes_over: bool,
 }
@@ -29,19 +29,30 @@ fn lit_along(gradients: mat3x3<f32>, to_eye: vec3<f32>) -> Lit {
         let light = scene.tables.lights[i];
         let cosines = (light.to_light * gradients) * inverse;
         lit.diffuse += config.diffuse * light.intensity * abs(cosines);
-        // The triangles between |cosine| and the line over it, if the cosine itself is a line between two places.
-        let products = max(-cosines.xy * cosines.yz, vec2<f32>(0.0));
-        let widths = max(abs(cosines.xy - cosines.yz), vec2<f32>(TINY));
-        lit.of_sides += 0.5 * config.diffuse * light.intensity * dot(products, 1.0 / widths);
-        lit.goes_over = lit.goes_over || any(products > vec2<f32>(0.0));
+        let dips = dips_between(cosines, abs(cosines));
+        lit.of_sides += config.diffuse * light.intensity * (dips.x + dips.y);
+        lit.goes_over = lit.goes_over || any(cosines.xy * cosines.yz < vec2<f32>(0.0));
         let between = light.to_light + to_eye;
-        let facing = abs(between * gradients) * inverse / max(length(between), TINY);
-        lit.nearest = max(lit.nearest, facing);
-        lit.specular += config.specular * light.intensity * highlights(min(facing * facing, vec3<f32>(1.0)));
+        let facing = (between * gradients) * inverse / max(length(between), TINY);
+        lit.nearest = max(lit.nearest, abs(facing));
+        let powers = highlights(min(facing * facing, vec3<f32>(1.0)));
+        lit.specular += config.specular * light.intensity * powers;
+        if (config.shininess < KINKED_BELOW) {
+            let dips = dips_between(facing, powers);
+            lit.of_sides += config.specular * light.intensity * (dips.x + dips.y);
+            lit.goes_over = lit.goes_over || any(facing.xy * facing.yz < vec2<f32>(0.0));
+        }
     }
     lit.diffuse = select(vec3<f32>(1.0), lit.diffuse, has_normal);
     lit.specular = select(vec3<f32>(0.0), lit.specular, has_normal);
     return lit;
+}
+
+// By how much the mean of a light is less than that of lines between its values at three places, where its cosine has another sign at
+// the next place and passes by zero on a line: the triangles between them, of each half.
+fn dips_between(cosines: vec3<f32>, lights: vec3<f32>) -> vec2<f32> {
+    let triangles = 0.5 * lights.xy * lights.yz / max(lights.xy + lights.yz, vec2<f32>(TINY));
+    return select(vec2<f32>(0.0), triangles, cosines.xy * cosines.yz < vec2<f32>(0.0));
 }
 
 // |n.h| to the power of the shininess, from its squares.
@@ -71,6 +82,24 @@ fn bend_of(f: vec3<f32>) -> f32 {
     return abs((f.x - f.y) + (f.z - f.y));
 }
 
+// Share of a smooth f's second difference that its mean may be off by, from the inverse lengths of gradients.
+fn share_of_bend(inverse: vec3<f32>) -> f32 {
+    return select(BEND_SHARE, STEEP_SHARE, least_of(inverse) < STEEP_FALL * greatest_of(inverse));
+}
+
+// Share of the highlights that their mean may be off by, for a normal that turns so far (a square), and over so many widths of a
+// highlight: a wide one is as the diffuse light is.
+fn error_of_highlight(turn: f32, widths: f32) -> f32 {
+    return min(HIGHLIGHT_SHARE * widths * widths + TURN_SHARE * turn * turn, 1.0);
+}
+
+// What cutting off at 1 makes of the mean of colours that is not cut off of their mean.
+fn cut_from_colors(range: f32, low: f32, most: f32) -> f32 {
+    let apart = max(max(1.0 - most, low - 1.0), 0.0);
+    let reach = max(range - apart, 0.0);
+    return CUT_SHARE * reach * reach / max(range, TINY);
+}
+
 // A part of a ray after shading.
 fn shade_part(plain: LightPart, gradients: mat3x3<f32>, to_eye: vec3<f32>) -> LightPart {
     let lit = lit_along(gradients, to_eye);
@@ -86,18 +115,18 @@ fn shade_part(plain: LightPart, gradients: mat3x3<f32>, to_eye: vec3<f32>) -> Li
     let bend = max(bend_of(brightest), bend_of(lit.specular));
     let uneven = COLOR_SHARE * plain.colors + plain.misplaced;
     let has_kink = lit.goes_over || lit.inverse.x * lit.inverse.y * lit.inverse.z <= 0.0;
-    var of_place = select(BEND_SHARE, KINK_SHARE, has_kink) * bend + range * uneven;
+    var of_place = select(share_of_bend(lit.inverse), KINK_SHARE, has_kink) * bend + range * uneven;
     let most = greatest_of(brightest);
-    let half_colors = 0.5 * plain.colors;
-    if (most + half_colors > 1.0) {
+    let spread = plain.colors * greatest_of(lit.diffuse);
+    if (most + spread > 1.0) {
         for (var c = 0u; c < 3u; c += 1u) {
             let f = min(color[c] * lit.diffuse + lit.specular, vec3<f32>(1.0));
             part.color[c] = opacity * mean_along(f, plain.front_share);
         }
-        let low = least_of(least_of(color) * lit.diffuse + lit.specular) - half_colors;
-        let of_colors = CUT_SHARE * min(most + half_colors - 1.0, plain.colors);
-        let of_cut = KINK_SHARE * (0.5 * range + bend) + range * uneven + of_colors;
-        of_place = select(of_place, of_cut, low < 1.0);
+        let low = least_of(least_of(color) * lit.diffuse + lit.specular);
+        let is_cut = most + 0.5 * spread > 1.0 && low < 1.0 + 0.5 * spread;
+        let of_cut = KINK_SHARE * (0.5 * range + bend) + range * uneven;
+        of_place = select(of_place, of_cut, is_cut) + cut_from_colors(spread, low, most);
     }
     of_place = max(of_place, lit.of_sides) + error_of_turn(gradients, lit);
     // What the part itself is off by is lit as the part is; its opacity is not.
@@ -114,12 +143,16 @@ fn error_of_turn(gradients: mat3x3<f32>, lit: Lit) -> f32 {
     let squares = vec3<f32>(
         dot(gradients[0], gradients[0]), dot(gradients[1], gradients[1]), dot(gradients[2], gradients[2]));
     let scale = lit.inverse.xy * lit.inverse.yz;
-    let turns = select(vec2<f32>(0.0), max(2.0 - 2.0 * ab * scale, vec2<f32>(0.0)), scale > vec2<f32>(0.0));
+    let between = select(vec2<f32>(0.0), max(2.0 - 2.0 * ab * scale, vec2<f32>(0.0)), scale > vec2<f32>(0.0));
+    // There and back again between two places.
+    let second = length((gradients[0] - gradients[1]) + (gradients[2] - gradients[1]));
+    let aside = DEPARTURE_SHARE * second * greatest_of(lit.inverse);
+    let turns = min(between + vec2<f32>(aside * aside), vec2<f32>(GREATEST_TURN));
     let turn = turns.x + turns.y;
     let widths = turn * config.shininess;
     let reach = greatest_of(lit.nearest) + HIGHLIGHT_REACH * sqrt(max(turns.x, turns.y));
     let seen = highlights(vec3<f32>(min(reach * reach, 1.0))).x;
-    let of_highlight = min(HIGHLIGHT_SHARE * widths * widths, 1.0) * seen * config.specular * config.light_sum;
+    let of_highlight = error_of_highlight(turn, widths) * seen * config.specular * config.light_sum;
     let of_turn = turn * turn * TURN_SHARE * config.diffuse * config.light_sum;
     // Share of the part in which the gradient may be too short: if it varies evenly, on the chord through a sphere, which
     // is taken twice as wide, since it does not vary quite evenly.
@@ -130,7 +163,7 @@ fn error_of_turn(gradients: mat3x3<f32>, lit: Lit) -> f32 {
     let lacks = (lit.inverse.xy + lit.inverse.yz) <= vec2<f32>(0.0);
     let is_passed = (ab < squares.xy) & (ab < squares.yz) & (nearest < vec2<f32>(floor * floor)) & !lacks;
     let flat = select(vec2<f32>(0.0), min(floor * inverseSqrt(way), vec2<f32>(1.0)), is_passed);
-    let bow = BOW_SHARE * length((gradients[0] - gradients[1]) + (gradients[2] - gradients[1]));
+    let bow = BOW_SHARE * second;
     let reach_between = sqrt(max(squares.xy, squares.yz)) + vec2<f32>(bow);
     let is_hidden = lacks & (reach_between >= vec2<f32>(0.5 * floor));
     let uncertain = flat + select(vec2<f32>(0.0), vec2<f32>(0.5), is_hidden);

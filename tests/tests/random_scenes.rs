@@ -44,17 +44,35 @@ fn random_scenes_keep_the_error() {
     assert!(greatest > smallest && smallest > 0.0, "the error that is asked for changes nothing: {found:#?}");
 }
 
-/// Of the 1,000 scenes of the bench, two that were further off than 0.1 once:
-/// - 978, by 0.65: a gradient became too short for a normal between the end of a cell and the light next to it, and a remainder of a cell
-///   that could not be cut was left to a rule that does not see that;
-/// - 934: a chord over which colour stays the same, and then turns: it was taken to turn all the way.
+/// Scenes, by seed and number, of which a pixel was further off once than was asked for, or than was stated of it:
+/// - 1/978: a gradient became too short for a normal between the end of a cell and the light next to it, and a remainder of a cell that could
+///   not be cut was left to a rule that does not see that; later a wide highlight that goes over from one side into the other;
+/// - 1/934: a chord over which colour stays the same, and then turns: it was taken to turn all the way;
+/// - 1/330: a normal that turns over in a two-hundredth of a cell, left to roots that sample light at even distances;
+/// - 1/999: nearly all of a normal's turn close to where the gradient nearly vanishes;
+/// - 2/564, 2/991: the same as 330, but it was the reference that did not see it;
+/// - 2/10, 2/546: colours that differ by more than their mean is away from white, of which some are cut off at 1;
+/// - 3/191, 3/648: a normal that turns over between a cell's end and the first of the places at which its light is taken;
+/// - 5/835, 6/737, 6/860: a normal that turns aside between two places and back again;
+/// - 5/655: roots that were as good as half a level, whatever was asked for;
+/// - 3/147, 3/304, 3/883: a thin shell in a long chord: more than order can do was made of the order of its colours.
 #[test]
-fn scenes_that_were_further_off_than_asked() {
-    for scene in [934, 978] {
-        let options = Options { seed: SEED, first: scene, scenes: 1, threads: 2, backend: Backend::Cpu };
-        let found = with_context(|context| run(context, options)).unwrap_or_else(|e| panic!("scene {scene}: {e}"));
+fn scenes_that_were_further_off_than_asked_or_stated() {
+    let scenes: [(u64, &[u64]); 5] = [
+        (1, &[330, 934, 978, 999]),
+        (2, &[10, 546, 564, 991]),
+        (3, &[147, 191, 304, 648, 883]),
+        (5, &[655, 835]),
+        (6, &[737, 860]),
+    ];
+    for (seed, first) in scenes.iter().flat_map(|(seed, scenes)| scenes.iter().map(|&scene| (*seed, scene))) {
+        let options = Options { seed, first, scenes: 1, threads: 2, backend: Backend::Cpu };
+        let found = with_context(|context| run(context, options)).unwrap_or_else(|e| panic!("scene {first}: {e}"));
         println!("{found:#?}");
-        assert!(found.scenes_above().is_empty(), "scene {scene} is further off than was asked for: {found:#?}");
+        assert!(found.scenes_above().is_empty(), "{seed}/{first} is further off than was asked for: {found:#?}");
+        assert!(found.scenes_not_judged.is_empty(), "{seed}/{first}: the reference did not converge: {found:#?}");
+        let is_stated = found.stated.iter().all(|at| at.scenes_above_stated.is_empty());
+        assert!(is_stated, "{seed}/{first} is further off than is stated of a pixel: {found:#?}");
     }
 }
 

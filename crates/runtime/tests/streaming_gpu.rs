@@ -203,6 +203,28 @@ fn bands_are_kept_when_it_is_time_to_stop() {
     assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING);
 }
 
+/// A pass may take longer than there is time, as on slow adapters: what its rays wait for is fetched all the same, and they go on.
+#[test]
+fn steps_that_are_over_before_a_pass_is_come_some_way() {
+    if !has_adapter() {
+        return;
+    }
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let options = options(Backend::Gpu);
+    let scene = scene_of_size(&volume, r#""dvr""#, [160, 120], 25);
+    let (expected, _) = render(&container, &scene, &options).unwrap();
+    let mut renderer = Renderer::new(OpenVolume::of(container), options).unwrap();
+    renderer.set_scene(scene);
+    let mut steps = 1;
+    while !renderer.advance(Some(Instant::now())).unwrap().is_converged {
+        steps += 1;
+        assert!(steps < 3_000, "rays wait for bricks that nobody fetches");
+    }
+    eprintln!("{steps} steps");
+    assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING);
+}
+
 #[test]
 fn time_budgets_and_failed_bricks_work_the_same_way() {
     if !has_adapter() {

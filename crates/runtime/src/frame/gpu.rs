@@ -301,16 +301,13 @@ impl Engine for GpuCaster {
         // Who completes a picture stops only when somebody says so.
         let stop = if self.is_paused_when_due { self.stop.clone() } else { self.stop.instead_at(None) };
         let feedback = self.renderer.cast_pass_until(&stop)?;
-        if feedback.is_stopped {
-            return Err(RenderError::Cancelled);
-        }
         self.counters.add(&feedback.counters);
         Ok(Advance {
             wanted: feedback.misses.into_iter().map(|miss| miss.key).collect(),
             used: feedback.uses,
             remaining: feedback.unfinished_rays,
             stood_in: feedback.counters.parent_bricks,
-            is_stopped: false,
+            is_stopped: feedback.is_stopped,
         })
     }
 

@@ -54,6 +54,8 @@ pub struct FinishedBands {
     pixels: Vec<[f32; 4]>,
     rows: u32,
     count: u64,
+    /// What the rays of the band in progress wait for.
+    wanted: Vec<BrickKey>,
 }
 
 impl<'a> FrameWalk<'a> {
@@ -115,7 +117,7 @@ impl<'a> FrameWalk<'a> {
             self.rows_finished = first;
             self.streamer.begin_band();
             engine.begin(first..first.saturating_add(rows).min(height))?;
-            self.complete_band(engine)?;
+            self.complete_band(engine, &mut bands.wanted)?;
             bands.pixels.extend(engine.image()?.pixels);
             bands.count += 1;
             bands.rows = first.saturating_add(rows).min(height);
@@ -175,30 +177,38 @@ impl<'a> FrameWalk<'a> {
         self.streamer.begin_frame();
     }
 
-    /// The passes of a band until nothing of it waits.
-    fn complete_band(&mut self, engine: &mut dyn Engine) -> Result<(), RenderError> {
-        let (mut waiting, mut remaining) = (0, 0);
+    /// The passes of a band until nothing of it waits. Where it is cancelled, `wanted` has what its rays wait for: that is
+    /// fetched first when it goes on, since a pass may take longer than there is time.
+    fn complete_band(&mut self, engine: &mut dyn Engine, wanted: &mut Vec<BrickKey>) -> Result<(), RenderError> {
+        let mut remaining = 0;
         for pass in 1..=PASS_LIMIT {
             if self.stop.is_cancelled() {
                 return Err(RenderError::Cancelled);
+            }
+            let is_going_on = pass > 1 || !wanted.is_empty();
+            // When the time is up nothing more is fetched: the next pass waits for nothing.
+            if is_going_on && !self.stop.is_late() {
+                self.fetch(pass, (wanted, remaining), engine, None)?;
             }
             let is_late = self.stop.is_late();
             let on_missing = if is_late { OnMissing::UseParent } else { OnMissing::Wait };
             let report = self.pass(engine, on_missing)?;
             if is_late {
                 self.stats.converged &= report.stood_in == 0;
-                self.stats.bricks_missing_at_deadline += waiting;
+                self.stats.bricks_missing_at_deadline += wanted.len() as u64;
             }
-            if report.remaining == 0 {
+            (*wanted, remaining) = (report.wanted, report.remaining);
+            if report.is_stopped {
+                // Asked for, not waited for.
+                self.fetch(pass, (wanted, remaining), engine, None)?;
+                return Err(RenderError::Cancelled);
+            }
+            if remaining == 0 {
+                wanted.clear();
                 return Ok(());
             }
             if is_late {
-                return Err(no_progress(pass, &report));
-            }
-            (waiting, remaining) = (report.wanted.len() as u64, report.remaining);
-            // When the time is up nothing more is fetched: the next pass waits for nothing.
-            if !self.stop.is_late() {
-                self.fetch(pass, &report, engine, None)?;
+                return Err(no_progress(pass, wanted, remaining));
             }
         }
         Err(RenderError::TooManyPasses { remaining })
@@ -218,7 +228,7 @@ impl<'a> FrameWalk<'a> {
             remaining = report.remaining;
             // Also when the time is up, so that what rays wait for is there in the next step, however short steps are; then nobody
             // waits for it.
-            self.fetch(pass, &report, engine, Some(patience))?;
+            self.fetch(pass, (&report.wanted, remaining), engine, Some(patience))?;
             if self.stop.is_due() {
                 return Ok(false);
             }
@@ -246,18 +256,18 @@ impl<'a> FrameWalk<'a> {
         Ok(report)
     }
 
-    /// Fetches what the rays of a pass wait for, and hands it to the caster; see [`Room::patience`].
+    /// Fetches what so many rays wait for, and hands it to the caster; see [`Room::patience`].
     fn fetch(
         &mut self,
         pass: u64,
-        report: &Advance,
+        (wanted, remaining): (&[BrickKey], u64),
         engine: &mut dyn Engine,
         patience: Option<Duration>,
     ) -> Result<(), RenderError> {
         let room = Room { bricks: engine.room(), stop: self.stop.clone(), patience };
-        let fetched = self.streamer.fetch(&report.wanted, room)?;
+        let fetched = self.streamer.fetch(wanted, room)?;
         if !fetched.is_progress() && !self.stop.is_due() {
-            return Err(no_progress(pass, report));
+            return Err(no_progress(pass, wanted, remaining));
         }
         engine.update(&self.streamer.view(OnMissing::Wait), &fetched)
     }
@@ -305,7 +315,7 @@ impl<'a> FrameWalk<'a> {
 }
 
 /// A mistake of ours: the engine waits, and nothing could be done for it.
-fn no_progress(pass: u64, report: &Advance) -> RenderError {
-    let first = report.wanted.first().map_or("none".into(), ToString::to_string);
-    RenderError::NoProgress { pass, remaining: report.remaining, wanted: report.wanted.len(), first }
+fn no_progress(pass: u64, wanted: &[BrickKey], remaining: u64) -> RenderError {
+    let first = wanted.first().map_or("none".into(), ToString::to_string);
+    RenderError::NoProgress { pass, remaining, wanted: wanted.len(), first }
 }

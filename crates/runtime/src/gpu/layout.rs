@@ -531,7 +531,7 @@ shared_struct! {
 }
 
 /// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 31] {
+fn borrowed_constants() -> [(&'static str, &'static str, String); 36] {
     let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
     [
         ("APRON", "i32", apron.to_string()),
@@ -550,11 +550,16 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 31] {
         ("ISO_LIMIT", "u32", format!("{}u", crate::scene::ISO_LIMIT)),
         ("KINK_SHARE", "f32", format!("{:?}", shade::KINK_SHARE)),
         ("BEND_SHARE", "f32", format!("{:?}", shade::BEND_SHARE)),
+        ("STEEP_SHARE", "f32", format!("{:?}", shade::STEEP_SHARE)),
+        ("STEEP_FALL", "f32", format!("{:?}", shade::STEEP_FALL)),
         ("COLOR_SHARE", "f32", format!("{:?}", shade::COLOR_SHARE)),
         ("CUT_SHARE", "f32", format!("{:?}", shade::CUT_SHARE)),
         ("TURN_SHARE", "f32", format!("{:?}", shade::TURN_SHARE)),
         ("HIGHLIGHT_SHARE", "f32", format!("{:?}", shade::HIGHLIGHT_SHARE)),
         ("HIGHLIGHT_REACH", "f32", format!("{:?}", shade::HIGHLIGHT_REACH)),
+        ("KINKED_BELOW", "f32", format!("{:?}", shade::KINKED_BELOW)),
+        ("DEPARTURE_SHARE", "f32", format!("{:?}", shade::DEPARTURE_SHARE)),
+        ("GREATEST_TURN", "f32", format!("{:?}", shade::GREATEST_TURN)),
         ("BOW_SHARE", "f32", format!("{:?}", shade::BOW_SHARE)),
         ("FAR", "f32", format!("{:?}", twins::FAR)),
         ("LEAP_MARGIN", "f32", format!("{:?}", twins::LEAP_MARGIN)),

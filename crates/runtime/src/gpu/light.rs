@@ -117,11 +117,12 @@ pub fn integrate_chord(table: &LightTable, chord: &LightChord) -> LightPart {
     let emitting = if tau < 1e-6 { extent } else { opacity / kappa };
     let order = extent * extent / (12.0 + tau * (6.0 + 1.2 * tau));
     let between = |c: usize| b.value[c] - a.value[c];
-    let color = std::array::from_fn(|c| {
-        let ordered = between(c) * kappa - means[c] * between(3);
-        (means[c] * emitting - order * ordered).clamp(0.0, opacity)
-    });
     let [error, misplaced, colors] = error_of(table, chord, kappa);
+    let most = 0.5 * colors * (opacity * (1.0 - 0.5 * transmittance)).powi(2);
+    let color = std::array::from_fn(|c| {
+        let ordered = order * (between(c) * kappa - means[c] * between(3));
+        (means[c] * emitting - ordered.clamp(-most, most)).clamp(0.0, opacity)
+    });
     let dim = 1e-3 * kappa + DIM;
     let (at_front, at_back) = (a.value[3].max(0.0) + dim, b.value[3].max(0.0) * transmittance + dim);
     LightPart { color, transmittance, error, front_share: at_front / (at_front + at_back), misplaced, colors }
@@ -135,7 +136,8 @@ pub fn shade_part(lighting: &Lighting, part: &LightPart, gradients: [Vec3; 3], t
     let splat = <S as Simd>::splat;
     // Of places in space it needs to know nothing.
     let lighting = PacketLighting::new(lighting, &Geometry::IDENTITY, [1; 3], 1.0);
-    let lit = lighting.at::<S, 3>(&gradients.map(|g| g.to_array().map(splat)), &to_eye.to_array().map(splat));
+    let to_eye = to_eye.to_array().map(splat);
+    let lit = lighting.at::<S, 3>(&gradients.map(|g| g.to_array().map(splat)), &to_eye);
     let part = Part::<S> {
         color: part.color.map(splat),
         tau: splat(-part.transmittance.ln()),
@@ -145,7 +147,7 @@ pub fn shade_part(lighting: &Lighting, part: &LightPart, gradients: [Vec3; 3], t
         misplaced: splat(part.misplaced),
         colors: splat(part.colors),
     };
-    let ([r, g, b], error) = lighting.shade::<S>(&part, &lit);
+    let ([r, g, b], error) = lighting.shade::<S>(&part, &lit, &to_eye);
     [r, g, b, error].map(|lanes| {
         let mut numbers = [0.0; LANES_LIMIT];
         S::store(lanes, &mut numbers);

@@ -4,7 +4,8 @@
 //! transfer function's definition. A ray's segment is cut at the faces of the trilinear cells (index coordinates that
 //! are integers), because the field bends there; each *piece* is cut again where s crosses a control point, found by
 //! dense sampling and bisection, and each part is sampled at midpoints and halved until doubling the samples changes
-//! nothing any more. So it converges under steep transfer functions as well.
+//! nothing any more and no normal turns far between them: where the gradient passes close by zero, light may change within less
+//! than any fixed number of samples sees. So it converges under steep transfer functions as well.
 //! It holds the whole volume in memory: fit for small volumes only.
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -26,6 +27,11 @@ const SAMPLES: usize = 16;
 const TOLERANCE: f64 = 4e-6;
 /// Most halvings of an interval; reaching it is counted.
 const DEPTH_LIMIT: u32 = 30;
+/// Most that the normal may turn from sample to sample, as a length, where highlights are wide; by how much less where they are not, the
+/// shininess says.
+const NORMAL_CHANGE: f64 = 0.5;
+/// Shininess of highlights that are as wide as that.
+const WIDE_SHININESS: f64 = 4.0;
 /// Relative distance from a piece's ends at which they are sampled: on the ends themselves rounding could choose the
 /// neighbouring cell, which may be absent. Also the distance, voxels, within which an end lies on a plane of voxels.
 const END_INSET: f64 = 1e-9;
@@ -300,13 +306,14 @@ impl<'a> Frame<'a> {
         cuts
     }
 
-    /// An interval, halved until doubling its samples changes nothing.
+    /// An interval, halved until doubling its samples changes nothing, and nothing that shows can hide between them.
     fn refined(&self, pieces: &Pieces, t0: f64, t1: f64, depth: u32) -> (DVec3, f64) {
         let middle = 0.5 * (t0 + t1);
         let coarse = self.piece(pieces, t0, t1, SAMPLES);
         let fine = behind(self.piece(pieces, t0, middle, SAMPLES), self.piece(pieces, middle, t1, SAMPLES));
         let change = (fine.0 - coarse.0).abs().max_element().max((fine.1 - coarse.1).abs());
-        if change < TOLERANCE {
+        let hides = || 1.0 - fine.1 > TOLERANCE && depth < DEPTH_LIMIT && self.turns_far(pieces, [t0, t1]);
+        if change < TOLERANCE && !hides() {
             // Midpoints are of second order: doubling leaves a third of the change as the error (Richardson).
             return (fine.0 + (fine.0 - coarse.0) / 3.0, fine.1 + (fine.1 - coarse.1) / 3.0);
         }
@@ -315,6 +322,20 @@ impl<'a> Frame<'a> {
             return fine;
         }
         behind(self.refined(pieces, t0, middle, depth + 1), self.refined(pieces, middle, t1, depth + 1))
+    }
+
+    /// Whether the normal turns so far from sample to sample, from end to end, that light may shine between two of them only.
+    fn turns_far(&self, pieces: &Pieces, ends: [f64; 2]) -> bool {
+        let Some(shading) = &self.scene.shading else { return false };
+        let most = NORMAL_CHANGE / (shading.shininess / WIDE_SHININESS).max(1.0).sqrt();
+        let [first, last] = inset(ends);
+        let normal = |i: usize| {
+            let t = first + (last - first) * i as f64 / SAMPLES as f64;
+            let gradient = self.world_from_index_gradient * self.volume.gradient(pieces.ray.at(t))?;
+            (gradient.length() >= self.gradient_floor).then(|| gradient.try_normalize()).flatten()
+        };
+        let normals: [Option<DVec3>; SAMPLES + 1] = std::array::from_fn(normal);
+        normals.windows(2).any(|pair| matches!(pair, [Some(a), Some(b)] if a.distance(*b) > most))
     }
 
     fn piece(&self, pieces: &Pieces, t0: f64, t1: f64, samples: usize) -> (DVec3, f64) {

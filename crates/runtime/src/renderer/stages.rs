@@ -13,7 +13,7 @@ use crate::image::Image;
 use crate::raycast::gpu::GpuDevice;
 use crate::scene::ResolvedScene;
 use crate::stats::FrameStats;
-use crate::stop::Stop;
+use crate::stop::{LEAST_STEP, Stop};
 
 /// The best picture of a scene so far.
 #[derive(Debug, Clone)]
@@ -41,13 +41,14 @@ pub fn draw(
     stop: &Stop,
     best: Option<Best>,
 ) -> Result<Best, RenderError> {
-    let mut best = match (best, stop.deadline()) {
-        (Some(best), _) => best,
+    let (mut best, stop) = match (best, stop.deadline()) {
+        // However short steps are, each comes some way.
+        (Some(best), _) => (best, stop.not_before(Instant::now() + LEAST_STEP)),
         (None, Some(_)) => {
             let (began, pixel) = (Instant::now(), sketch_pixel(scene));
             let at_once = stop.instead_at(Some(began));
             let begun = Begun { pixel, is_paused_when_due: false, before: FrameStats::default() };
-            stage(backend, resident, scene, options, &at_once, begun)?
+            (stage(backend, resident, scene, options, &at_once, begun)?, stop.clone())
         }
         (None, None) => {
             let begun = Begun { pixel: 1, is_paused_when_due: true, before: FrameStats::default() };
@@ -62,7 +63,7 @@ pub fn draw(
             (Some(left), None) => next_pixel(best.pixel, best.took, left),
         };
         let begun = Begun { pixel, is_paused_when_due: true, before: best.stats.clone() };
-        match stage(backend, resident, scene, options, stop, begun) {
+        match stage(backend, resident, scene, options, &stop, begun) {
             Ok(better) => best = better,
             Err(RenderError::Cancelled) => best.begun = Some(pixel),
             Err(error) => return Err(error),

@@ -155,7 +155,7 @@ impl Easel {
         }
         self.view = Some(view);
         self.is_settled = false;
-        self.advance(desk, Some(Duration::from_millis(settings.interaction_ms)));
+        self.advance(desk, Duration::from_millis(settings.interaction_ms));
     }
 
     /// From now on this is drawn: sections by the processor, also where pictures are to be a GPU's.
@@ -216,8 +216,7 @@ impl Easel {
         } else if self.is_settled {
             self.look_ahead(desk);
         } else {
-            // A graphics device is not stopped again and again: it is either quick, or each time costs it too much.
-            self.advance(desk, (self.renderer.options().backend == Backend::Cpu).then_some(REFINEMENT));
+            self.advance(desk, REFINEMENT);
         }
     }
 
@@ -246,9 +245,9 @@ impl Easel {
         }
     }
 
-    /// Until it has converged, where no time is given, or somebody has another wish.
-    fn advance(&mut self, desk: &Desk, time: Option<Duration>) {
-        match self.renderer.advance(time.map(|time| Instant::now() + time)) {
+    /// For so long, or until it has converged, or somebody has another wish.
+    fn advance(&mut self, desk: &Desk, time: Duration) {
+        match self.renderer.advance(Some(Instant::now() + time)) {
             Ok(step) => {
                 self.is_settled = step.is_converged;
                 self.show(desk, step.is_converged);

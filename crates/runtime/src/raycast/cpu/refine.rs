@@ -281,7 +281,7 @@ impl<L: Lookup> Refine<'_, L> {
         }
         let mut part = integrate::<S, L>(table, S::splat(narrow), &trial.chord);
         if let Some(lighting) = self.lighting {
-            (part.color, part.error) = lighting.shade::<S>(&part, &along);
+            (part.color, part.error) = lighting.shade::<S>(&part, &along, &cuts.to_eye);
         }
         cuts.end_part(&trial, &part, &along[2]);
     }

@@ -108,7 +108,7 @@ impl CellShader<'_> {
     ) -> ([S::F; 3], S::F) {
         let one = S::splat(1.0);
         let lit = self.lighting.at::<S, 3>(&along.gradients, to_eye);
-        let (mut color, mut error) = self.lighting.shade::<S>(part, &lit);
+        let (mut color, mut error) = self.lighting.shade::<S>(part, &lit, to_eye);
         // Where the rest leaves room for it, the light alone may be made certain; but not where normals begin or end, which may be between
         // the cell's end and the place next to it.
         let is_unsettled = S::lt(one, error * per_error) & shows & LightAt::have_normals(&lit);
@@ -116,7 +116,7 @@ impl CellShader<'_> {
             let of_rest = self.lighting.error_but_light::<S>(part, &lit);
             let is_turning = is_unsettled & S::lt(of_rest.at_most * per_error, S::splat(REST_SHARE));
             if S::bits(is_turning) != 0 {
-                let mut cells = TurningCells::new::<S>(part, along, to_eye, &color, of_rest.certain);
+                let mut cells = TurningCells::new::<S>(self.lighting, part, along, to_eye, &color, of_rest.certain);
                 S::apart(SettleLight { lighting: self.lighting, cells: &mut cells, lanes: S::bits(is_turning) });
                 let (lit, settled) = cells.outcome::<S>();
                 color = for_three!(c => S::select(is_turning, lit[c], color[c]));

@@ -3,12 +3,12 @@
 //! The gradient along a cell is known: one cubic per axis. So is what the cell adds without light, and where that comes
 //! from. The light is taken in the middle of [`PLACES`] equal parts, weighted like [`PacketLighting::shade`] weights it. What
 //! that misses: kinks, by second differences; what may lie between two places, by how far the normal turns from one to the
-//! next; and light that varies unevenly, by how much it varies at all. Refinement proper ([`super::refine`]) would take as
+//! next, and to the cell's ends; and light that varies unevenly, by how much it varies at all. Refinement proper ([`super::refine`]) would take as
 //! many places one after the other, and integrate the cell's parts again at each.
 
 use super::integrate::{Part, cubic_at, cubic_through};
 use super::shade::{
-    HIGHLIGHT_REACH, HIGHLIGHT_SHARE, KINK_SHARE, LightAt, PacketLighting, TURN_SHARE, UNEVEN_SHARE, uneven,
+    HIGHLIGHT_REACH, KINK_SHARE, LightAt, PacketLighting, TURN_SHARE, UNEVEN_SHARE, error_of_highlight, uneven,
 };
 use super::shaded_cells::AlongRay;
 use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes, load_from};
@@ -56,6 +56,7 @@ impl TurningCells {
     /// Cells that add this, where the gradient and the eye are there, with their colours and errors so far.
     #[inline(always)]
     pub fn new<S: Simd>(
+        lighting: &PacketLighting<'_>,
         part: &Part<S>,
         along: &AlongRay<S>,
         to_eye: &[S::F; 3],
@@ -66,6 +67,10 @@ impl TurningCells {
         let opacity = one - part.transmittance;
         let per_opacity = one / S::max(opacity, S::splat(f32::MIN_POSITIVE));
         let [begin, middle, end] = along.gradients;
+        let cubics = for_three!(a => cubic_through::<S>([begin[a], middle[a], end[a]], along.cubics[a]));
+        let beyond = lighting.error_between::<S>(&begin, &gradient_at::<S>(&cubics, MIDDLES[0]))
+            + lighting.error_between::<S>(&end, &gradient_at::<S>(&cubics, MIDDLES[PLACES - 1]));
+        let of_ends = S::min(beyond * S::splat(0.5 * PART), one);
         let mut cells = Self {
             plain: for_three!(c => stored::<S>(part.color[c] * per_opacity)),
             opacity: stored::<S>(opacity),
@@ -73,12 +78,11 @@ impl TurningCells {
             uneven: stored::<S>(S::splat(UNEVEN_SHARE) * uneven(part)),
             gradients: [[[0.0; LANES_LIMIT]; 4]; 3],
             to_eye: for_three!(a => stored::<S>(to_eye[a])),
-            error: stored::<S>(of_part),
+            error: stored::<S>(S::mul_add(opacity, of_ends, of_part)),
             color: for_three!(c => stored::<S>(color[c])),
         };
-        for a in 0..3 {
-            let cubic = cubic_through::<S>([begin[a], middle[a], end[a]], along.cubics[a]);
-            for (into, coefficient) in cells.gradients[a].iter_mut().zip(cubic) {
+        for (gradients, cubic) in cells.gradients.iter_mut().zip(cubics) {
+            for (into, coefficient) in gradients.iter_mut().zip(cubic) {
                 S::store(coefficient, into);
             }
         }
@@ -97,6 +101,12 @@ impl TurningCells {
     pub fn outcome<S: Simd>(&self) -> ([S::F; 3], S::F) {
         (for_three!(c => S::load(&self.color[c])), S::load(&self.error))
     }
+}
+
+/// The gradient at u.
+#[inline(always)]
+fn gradient_at<S: Simd>(cubics: &[[S::F; 4]; 3], u: f32) -> [S::F; 3] {
+    for_three!(a => cubic_at::<S>(cubics[a], S::splat(u)))
 }
 
 #[inline(always)]
@@ -214,7 +224,7 @@ fn missed<S: Simd>(lighting: &PacketLighting<'_>, uneven: f32, places: &Places) 
         let nearest = S::min(S::mul_add(S::sqrt(turn), S::splat(HIGHLIGHT_REACH), nearest), one);
         let [seen] = lighting.highlights::<S, 1>([nearest * nearest]);
         let widths = turn * S::splat(lighting.lighting.shininess);
-        let highlight = S::min(widths * widths * S::splat(HIGHLIGHT_SHARE), one) * seen;
+        let highlight = error_of_highlight::<S>(turn, widths) * seen;
         let of_highlight = highlight * S::splat(lighting.lighting.specular * lighting.light);
         let share = S::splat(TURN_SHARE * lighting.lighting.diffuse * lighting.light);
         let of_turn = S::mul_add(turn * turn, share, of_highlight);
@@ -274,7 +284,7 @@ mod tests {
             along.cubics = three(gradients[3]);
             let to_eye = three([0.0, 0.0, 1.0]);
             let zero = S::splat(0.0);
-            let mut cells = TurningCells::new::<S>(&part, &along, &to_eye, &[zero; 3], zero);
+            let mut cells = TurningCells::new::<S>(lighting, &part, &along, &to_eye, &[zero; 3], zero);
             SettleLight { lighting, cells: &mut cells, lanes: 1 }.run::<S>();
             let mut exact = [0.0; 3];
             let cubics = for_three!(a => cubic_through::<S>(

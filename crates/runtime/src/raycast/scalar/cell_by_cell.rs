@@ -12,6 +12,9 @@ use crate::raycast::cpu::{RayCounters, RayState, TERMINATION_OPACITY};
 use crate::raycast::volume::{DecodedBrick, Voxels};
 use crate::scene::Mode;
 
+/// Density of Gauss pairs where a cell is to be integrated as well as any error asks for: their error falls with the fourth power of it.
+const EXACT_DENSITY: f32 = 4.0;
+
 /// How finely cells are integrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CellRule {
@@ -114,7 +117,7 @@ pub(crate) fn gather_exact_cell(
     if t[0] < t[1] {
         state.t = t[0];
         let counters = &mut RayCounters::default();
-        let cells = CellByCell { pairs: CellRule::DEFAULT.pairs };
+        let cells = CellByCell { pairs: Pairs::Adaptive { density: EXACT_DENSITY } };
         match visit.voxels() {
             Voxels::U8(voxels) => cells.gather_cell(&visit, (voxels, index), t, state, counters),
             Voxels::U16(voxels) => cells.gather_cell(&visit, (voxels, index), t, state, counters),

@@ -14,6 +14,12 @@ use crate::raycast::cpu::{CpuFrame, RayCounters, RayState, SurfaceCrossing};
 use crate::scene::ISO_LIMIT;
 use crate::transfer_function::RenderTransferFunction;
 
+/// Turn of the normal, as a length, from which a part of a chord is halved: where the gradient passes by zero, the normal turns over in
+/// a small share of it.
+const PART_NORMAL_CHANGE: f32 = 1.0;
+/// Most halvings of a part.
+const HALVINGS: u32 = 12;
+
 /// One chord: the field along it, and the gradient where the frame is shaded and the gradient is known.
 pub struct Chord {
     /// Least and greatest corner of its cell.
@@ -98,16 +104,37 @@ pub fn gather_dvr(
     }
     let knots = tf.knots_in(chord.low, chord.high);
     if knots.is_empty() || knots.len() > KNOT_LIMIT {
-        counters.samples += gather_part(frame, setup, pairs, chord, [0.0, 1.0], state);
+        counters.samples += gather_turning(frame, setup, pairs, chord, [0.0, 1.0], state, HALVINGS);
         return;
     }
     let splits = splits_of_chord(&chord.cubic, knots);
     for part in splits.as_slice().windows(2).filter(|part| part[0] < part[1]) {
-        counters.samples += gather_part(frame, setup, pairs, chord, [part[0], part[1]], state);
+        counters.samples += gather_turning(frame, setup, pairs, chord, [part[0], part[1]], state, HALVINGS);
     }
 }
 
-/// One part of a chord, between two splits, by Gauss pairs; returns the number of samples.
+/// One part of a chord, between two splits, halved where the normal turns far; returns the number of samples.
+fn gather_turning(
+    frame: &CpuFrame,
+    setup: &ShadeSetup<'_>,
+    pairs: Pairs,
+    chord: &Chord,
+    [begin, end]: [Real; 2],
+    state: &mut RayState,
+    halvings: u32,
+) -> u64 {
+    let is_halved = halvings > 0
+        && matches!(pairs, Pairs::Adaptive { .. })
+        && normal_change(setup, chord, [begin, end]).is_some_and(|change| change > PART_NORMAL_CHANGE);
+    if !is_halved {
+        return gather_part(frame, setup, pairs, chord, [begin, end], state);
+    }
+    let middle = 0.5 * (begin + end);
+    let halves = [[begin, middle], [middle, end]];
+    halves.into_iter().map(|half| gather_turning(frame, setup, pairs, chord, half, state, halvings - 1)).sum()
+}
+
+/// One part of a chord by Gauss pairs; returns the number of samples.
 #[inline]
 fn gather_part(
     frame: &CpuFrame,
@@ -144,12 +171,19 @@ fn gather_part(
 #[inline]
 fn wanted_pairs(tf: &RenderTransferFunction, setup: &ShadeSetup<'_>, chord: &Chord, u: [Real; 2]) -> u32 {
     let plain = pairs_between(tf, &chord.cubic, u, chord.h);
-    let (Some(_), Some(gradient)) = (setup.lighting, &chord.gradient) else { return plain };
+    let Some(change) = normal_change(setup, chord, u) else { return plain };
     let middle = 0.5 * (u[0] + u[1]);
-    let normal = |u: Real| (setup.world_from_level_gradient * gradient.at(u)).normalize_or_zero();
-    let [a, m, b] = [u[0], middle, u[1]].map(normal);
     let tau = tf.extinction(tf.classify(chord.value(middle))[3]) * (chord.h * (u[1] - u[0])) as f32;
-    plain.max(shaded_pair_count(a.distance(m) + m.distance(b), tau))
+    plain.max(shaded_pair_count(change, tau))
+}
+
+/// How far the normal turns from a part's beginning over its middle to its end, as a length; `None` where there is none.
+#[inline]
+fn normal_change(setup: &ShadeSetup<'_>, chord: &Chord, [begin, end]: [Real; 2]) -> Option<f32> {
+    let (Some(_), Some(gradient)) = (setup.lighting, &chord.gradient) else { return None };
+    let normal = |u: Real| (setup.world_from_level_gradient * gradient.at(u)).normalize_or_zero();
+    let [a, m, b] = [begin, 0.5 * (begin + end), end].map(normal);
+    Some(a.distance(m) + m.distance(b))
 }
 
 /// That many pairs times the density; not touched where the density is 1.
