@@ -372,6 +372,18 @@ impl Arguments {
     }
 }
 
+/// Refuses a level that the container does not have.
+fn check_level(level: LevelChoice, path: &Path, container: &Container) -> Result<(), Failure> {
+    let coarsest = container.pyramid().coarsest();
+    match level {
+        LevelChoice::Fixed(lod) if lod > coarsest => {
+            let message = format!("--level {}: {} has levels 0 to {}", lod.0, path.display(), coarsest.0);
+            Err(Failure::Command(message))
+        }
+        LevelChoice::Fixed(_) | LevelChoice::Auto => Ok(()),
+    }
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let start = Instant::now();
@@ -384,13 +396,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         None => Scene::default(),
     };
     let container = Arc::new(arguments.look.placed(container, &scene));
-    if let LevelChoice::Fixed(lod) = arguments.level
-        && lod > container.pyramid().coarsest()
-    {
-        let message =
-            format!("--level {}: {} has levels 0 to {}", lod.0, path.display(), container.pyramid().coarsest().0);
-        return Err(Failure::Command(message));
-    }
+    check_level(arguments.level, path, &container)?;
     let facts = arguments.look.facts(&container);
     let inputs = [Some(path), Some(&arguments.volume), arguments.scene.as_ref(), arguments.path.as_ref()];
     let inputs: Vec<&Path> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();

@@ -174,8 +174,8 @@ impl<S: Simd> LightAt<S> {
     /// Inverse lengths of the longest and the shortest gradient at three places.
     #[inline(always)]
     fn inverse_lengths(along: &[Self; 3]) -> [S::F; 2] {
-        let [a, b, c] = for_three!(i => along[i].inverse_length);
-        [S::min(S::min(a, b), c), S::max(S::max(a, b), c)]
+        let inverse = for_three!(i => along[i].inverse_length);
+        [least_of::<S>(inverse), greatest_of::<S>(inverse)]
     }
 
     /// Share of a part, of which these are the three places, in which there may be a normal although neither end of that half has
@@ -279,7 +279,7 @@ impl<'a> PacketLighting<'a> {
         let opacity = one - part.transmittance;
         let per_opacity = one / S::max(opacity, S::splat(f32::MIN_POSITIVE));
         let plain = for_three!(c => part.color[c] * per_opacity);
-        let strongest = S::max(S::max(plain[0], plain[1]), plain[2]);
+        let strongest = greatest_of::<S>(plain);
         let (diffuse, specular) = (for_three!(i => along[i].diffuse), for_three!(i => along[i].specular));
         let (mean_diffuse, mean_specular) = (mean_along::<S>(part, diffuse), mean_along::<S>(part, specular));
         let of_specular = opacity * mean_specular;
@@ -293,17 +293,17 @@ impl<'a> PacketLighting<'a> {
         let has_kink = goes_over | !LightAt::have_normals(along);
         let share = S::select(has_kink, S::splat(KINK_SHARE), share_of_bend::<S>(along));
         let mut of_place = S::mul_add(share, bend, range * uneven);
-        let most = S::max(S::max(brightest[0], brightest[1]), brightest[2]);
-        let spread = part.colors * S::max(S::max(diffuse[0], diffuse[1]), diffuse[2]);
+        let most = greatest_of::<S>(brightest);
+        let spread = part.colors * greatest_of::<S>(diffuse);
         let is_near = S::lt(one, most + spread);
         if S::bits(is_near) != 0 {
             for c in 0..3 {
                 let f = for_three!(i => S::min(along[i].of(plain[c]), one));
                 color[c] = S::select(is_near, opacity * mean_along::<S>(part, f), color[c]);
             }
-            let darkest = S::min(S::min(plain[0], plain[1]), plain[2]);
+            let darkest = least_of::<S>(plain);
             let dark = for_three!(i => along[i].of(darkest));
-            let low = S::min(S::min(dark[0], dark[1]), dark[2]);
+            let low = least_of::<S>(dark);
             let half = spread * S::splat(0.5);
             let is_cut = S::lt(one, most + half) & S::lt(low, one + half);
             let of_cut = S::mul_add(S::splat(KINK_SHARE), S::mul_add(range, S::splat(0.5), bend), range * uneven);
@@ -313,7 +313,7 @@ impl<'a> PacketLighting<'a> {
         let of_place = S::max(of_place, of_sides) + self.error_of_turn::<S>(along);
         // What the part itself is off by is lit as the part is; its opacity is not.
         let lit = for_three!(i => along[i].diffuse + along[i].specular);
-        let gain = S::max(S::max(S::max(lit[0], lit[1]), lit[2]), one);
+        let gain = S::max(greatest_of::<S>(lit), one);
         (color, S::mul_add(opacity, S::min(of_place, one), part.error * gain))
     }
 
@@ -321,14 +321,14 @@ impl<'a> PacketLighting<'a> {
     #[inline(always)]
     pub fn error_but_light<S: Simd>(&self, part: &Part<S>, along: &[LightAt<S>; 3]) -> ErrorButLight<S> {
         let opacity = S::splat(1.0) - part.transmittance;
-        let strongest = S::max(S::max(part.color[0], part.color[1]), part.color[2]);
-        let darkest = S::min(S::min(part.color[0], part.color[1]), part.color[2]);
+        let strongest = greatest_of::<S>(part.color);
+        let darkest = least_of::<S>(part.color);
         let lit = |color: S::F| for_three!(i => S::mul_add(color, along[i].diffuse, opacity * along[i].specular));
         let (brightest, dark) = (lit(strongest), lit(darkest));
-        let most = S::max(S::max(brightest[0], brightest[1]), brightest[2]);
-        let low = S::min(S::min(dark[0], dark[1]), dark[2]);
+        let most = greatest_of::<S>(brightest);
+        let low = least_of::<S>(dark);
         let diffuse = for_three!(i => along[i].diffuse);
-        let spread = opacity * part.colors * S::max(S::max(diffuse[0], diffuse[1]), diffuse[2]);
+        let spread = opacity * part.colors * greatest_of::<S>(diffuse);
         let cut = cut_from_colors::<S>(spread, [low, most], opacity);
         let certain = S::mul_add(part.error, S::splat(self.gain), cut);
         let varies = range_of::<S>(diffuse);
@@ -340,7 +340,6 @@ impl<'a> PacketLighting<'a> {
     /// short for a normal, or long enough, between two places only.
     #[inline(always)]
     fn error_of_turn<S: Simd>(&self, along: &[LightAt<S>; 3]) -> S::F {
-        let lighting = self.lighting;
         let mut turn = S::splat(0.0);
         let second = LightAt::second_difference(along);
         let [_, inverse] = LightAt::inverse_lengths(along);
@@ -352,27 +351,32 @@ impl<'a> PacketLighting<'a> {
             widest = S::max(widest, of_pair);
             flat = flat + LightAt::without_normal(&along[a], &along[b], self.floor());
         }
-        let widths = turn * S::splat(lighting.shininess);
-        let highlight = error_of_highlight::<S>(turn, widths);
-        let nearest = S::max(S::max(along[0].nearest, along[2].nearest), along[1].nearest);
+        let nearest = greatest_of::<S>(for_three!(i => along[i].nearest));
         let nearest = S::mul_add(S::sqrt(widest), S::splat(HIGHLIGHT_REACH), nearest);
         let [seen] = self.highlights::<S, 1>([S::min(nearest * nearest, S::splat(1.0))]);
-        let of_highlight = highlight * seen * S::splat(lighting.specular * self.light);
-        let of_turn = S::mul_add(turn * turn, S::splat(TURN_SHARE * lighting.diffuse * self.light), of_highlight);
-        S::mul_add(flat, S::splat(self.gain), of_turn)
+        S::mul_add(flat, S::splat(self.gain), self.missed_by_turn::<S>(turn, seen))
+    }
+
+    /// What may be missed of the light where the normal turns so far (a square), of highlights that are this strong at most. A wide highlight
+    /// is as diffuse light is.
+    #[inline(always)]
+    pub fn missed_by_turn<S: Simd>(&self, turn: S::F, seen: S::F) -> S::F {
+        let Lighting { diffuse, specular, shininess, .. } = *self.lighting;
+        let (square, widths) = (turn * turn, turn * S::splat(shininess));
+        let of_width = widths * widths * S::splat(HIGHLIGHT_SHARE);
+        let highlight = S::min(S::mul_add(square, S::splat(TURN_SHARE), of_width), S::splat(1.0));
+        let of_highlight = highlight * seen * S::splat(specular * self.light);
+        S::mul_add(square, S::splat(TURN_SHARE * diffuse * self.light), of_highlight)
     }
 
     /// What may lie between two places with these gradients, and at neither, of the light: by how far the normal turns.
     #[inline(always)]
     pub fn error_between<S: Simd>(&self, a: &[S::F; 3], b: &[S::F; 3]) -> S::F {
-        let lighting = self.lighting;
         let floor = S::splat(f32::MIN_POSITIVE);
         let product = S::sqrt(S::max(dot::<S>(a, a), floor)) * S::sqrt(S::max(dot::<S>(b, b), floor));
         let cosine = dot::<S>(a, b) / S::max(product, floor);
         let turn = S::max(S::mul_add(S::splat(-2.0), cosine, S::splat(2.0)), S::splat(0.0));
-        let of_highlight = error_of_highlight::<S>(turn, turn * S::splat(lighting.shininess));
-        let of_diffuse = turn * turn * S::splat(TURN_SHARE * lighting.diffuse * self.light);
-        S::mul_add(of_highlight, S::splat(lighting.specular * self.light), of_diffuse)
+        self.missed_by_turn::<S>(turn, S::splat(1.0))
     }
 
     /// What the second difference can miss of light of which one side goes over into the other between two places: in the middle,
@@ -481,14 +485,6 @@ fn share_of_bend<S: Simd>(along: &[LightAt<S>; 3]) -> S::F {
     S::select(is_steep, S::splat(STEEP_SHARE), S::splat(BEND_SHARE))
 }
 
-/// Share of the highlights that their mean may be off by, for a normal that turns so far (a square), and over so many widths of a
-/// highlight: a wide one is as the diffuse light is.
-#[inline(always)]
-pub fn error_of_highlight<S: Simd>(turn: S::F, widths: S::F) -> S::F {
-    let of_width = widths * widths * S::splat(HIGHLIGHT_SHARE);
-    S::min(S::mul_add(turn * turn, S::splat(TURN_SHARE), of_width), S::splat(1.0))
-}
-
 /// The mean over a part of what varies as a quadratic between three places, where light comes from.
 #[inline(always)]
 fn mean_along<S: Simd>(part: &Part<S>, f: [S::F; 3]) -> S::F {
@@ -503,8 +499,18 @@ fn bend_of<S: Simd>(f: [S::F; 3]) -> S::F {
 }
 
 #[inline(always)]
+fn greatest_of<S: Simd>(f: [S::F; 3]) -> S::F {
+    S::max(S::max(f[0], f[1]), f[2])
+}
+
+#[inline(always)]
+fn least_of<S: Simd>(f: [S::F; 3]) -> S::F {
+    S::min(S::min(f[0], f[1]), f[2])
+}
+
+#[inline(always)]
 fn range_of<S: Simd>(f: [S::F; 3]) -> S::F {
-    S::max(S::max(f[0], f[2]), f[1]) - S::min(S::min(f[0], f[2]), f[1])
+    greatest_of::<S>(f) - least_of::<S>(f)
 }
 
 #[cfg(test)]

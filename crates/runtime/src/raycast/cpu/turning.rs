@@ -7,9 +7,7 @@
 //! many places one after the other, and integrate the cell's parts again at each.
 
 use super::integrate::{Part, cubic_at, cubic_through};
-use super::shade::{
-    HIGHLIGHT_REACH, KINK_SHARE, LightAt, PacketLighting, TURN_SHARE, UNEVEN_SHARE, error_of_highlight, uneven,
-};
+use super::shade::{HIGHLIGHT_REACH, KINK_SHARE, LightAt, PacketLighting, UNEVEN_SHARE, uneven};
 use super::shaded_cells::AlongRay;
 use super::simd::{LANES_LIMIT, Simd, Task, for_three, lanes, load_from};
 use super::walk::PerLane;
@@ -223,11 +221,7 @@ fn missed<S: Simd>(lighting: &PacketLighting<'_>, uneven: f32, places: &Places) 
         let nearest = S::max(load_from::<S>(&places.nearest, first), load_from::<S>(&places.nearest, first + 1));
         let nearest = S::min(S::mul_add(S::sqrt(turn), S::splat(HIGHLIGHT_REACH), nearest), one);
         let [seen] = lighting.highlights::<S, 1>([nearest * nearest]);
-        let widths = turn * S::splat(lighting.lighting.shininess);
-        let highlight = error_of_highlight::<S>(turn, widths) * seen;
-        let of_highlight = highlight * S::splat(lighting.lighting.specular * lighting.light);
-        let share = S::splat(TURN_SHARE * lighting.lighting.diffuse * lighting.light);
-        let of_turn = S::mul_add(turn * turn, share, of_highlight);
+        let of_turn = lighting.missed_by_turn::<S>(turn, seen);
         let of_next = S::mul_add(rise, S::splat(uneven), of_turn * S::splat(PART));
         sum = sum + S::select(has_next, of_next, zero);
         sum = sum + S::select(has_second, bend * S::splat(KINK_SHARE * PART), zero);

@@ -104,17 +104,17 @@ pub fn gather_dvr(
     }
     let knots = tf.knots_in(chord.low, chord.high);
     if knots.is_empty() || knots.len() > KNOT_LIMIT {
-        counters.samples += gather_turning(frame, setup, pairs, chord, [0.0, 1.0], state, HALVINGS);
+        counters.samples += gather_part(frame, setup, pairs, chord, [0.0, 1.0], state, HALVINGS);
         return;
     }
     let splits = splits_of_chord(&chord.cubic, knots);
     for part in splits.as_slice().windows(2).filter(|part| part[0] < part[1]) {
-        counters.samples += gather_turning(frame, setup, pairs, chord, [part[0], part[1]], state, HALVINGS);
+        counters.samples += gather_part(frame, setup, pairs, chord, [part[0], part[1]], state, HALVINGS);
     }
 }
 
-/// One part of a chord, between two splits, halved where the normal turns far; returns the number of samples.
-fn gather_turning(
+/// One part of a chord, between two splits, by Gauss pairs, in halves where the normal turns far; returns the number of samples.
+fn gather_part(
     frame: &CpuFrame,
     setup: &ShadeSetup<'_>,
     pairs: Pairs,
@@ -123,34 +123,21 @@ fn gather_turning(
     state: &mut RayState,
     halvings: u32,
 ) -> u64 {
-    let is_halved = halvings > 0
-        && matches!(pairs, Pairs::Adaptive { .. })
-        && normal_change(setup, chord, [begin, end]).is_some_and(|change| change > PART_NORMAL_CHANGE);
-    if !is_halved {
-        return gather_part(frame, setup, pairs, chord, [begin, end], state);
-    }
-    let middle = 0.5 * (begin + end);
-    let halves = [[begin, middle], [middle, end]];
-    halves.into_iter().map(|half| gather_turning(frame, setup, pairs, chord, half, state, halvings - 1)).sum()
-}
-
-/// One part of a chord by Gauss pairs; returns the number of samples.
-#[inline]
-fn gather_part(
-    frame: &CpuFrame,
-    setup: &ShadeSetup<'_>,
-    pairs: Pairs,
-    chord: &Chord,
-    [begin, end]: [Real; 2],
-    state: &mut RayState,
-) -> u64 {
     let tf = &frame.transfer_function;
-    let pairs = match pairs {
-        Pairs::Adaptive { density } => denser(wanted_pairs(tf, setup, chord, [begin, end]), density),
+    let wanted = match pairs {
+        Pairs::Adaptive { density } => {
+            let change = normal_change(setup, chord, [begin, end]);
+            if halvings > 0 && change.is_some_and(|change| change > PART_NORMAL_CHANGE) {
+                let middle = 0.5 * (begin + end);
+                let halves = [[begin, middle], [middle, end]].into_iter();
+                return halves.map(|half| gather_part(frame, setup, pairs, chord, half, state, halvings - 1)).sum();
+            }
+            denser(wanted_pairs(tf, chord, [begin, end], change), density)
+        }
         Pairs::Fixed(pairs) => pairs.clamp(1, PAIR_LIMIT),
     };
-    let step = (end - begin) / Real::from(pairs);
-    for i in 0..pairs {
+    let step = (end - begin) / Real::from(wanted);
+    for i in 0..wanted {
         let mut kappa = [0.0; 2];
         let mut color = [[0.0; 3]; 2];
         for (point, offset) in [GAUSS_OFFSET, 1.0 - GAUSS_OFFSET].into_iter().enumerate() {
@@ -164,14 +151,14 @@ fn gather_part(
         let (c, opacity) = integrate_pair(kappa, color, (step * chord.h) as f32);
         composite(state, c, opacity);
     }
-    u64::from(2 * pairs)
+    u64::from(2 * wanted)
 }
 
-/// Gauss pairs that the transfer function, and the normal where the chord is shaded, want between two splits.
+/// Gauss pairs that the transfer function, and the normal's change where the chord is shaded, want between two splits.
 #[inline]
-fn wanted_pairs(tf: &RenderTransferFunction, setup: &ShadeSetup<'_>, chord: &Chord, u: [Real; 2]) -> u32 {
+fn wanted_pairs(tf: &RenderTransferFunction, chord: &Chord, u: [Real; 2], change: Option<f32>) -> u32 {
     let plain = pairs_between(tf, &chord.cubic, u, chord.h);
-    let Some(change) = normal_change(setup, chord, u) else { return plain };
+    let Some(change) = change else { return plain };
     let middle = 0.5 * (u[0] + u[1]);
     let tau = tf.extinction(tf.classify(chord.value(middle))[3]) * (chord.h * (u[1] - u[0])) as f32;
     plain.max(shaded_pair_count(change, tau))
