@@ -109,6 +109,8 @@ pub trait Voxel: bytemuck::Pod + PartialEq + PartialOrd + Send + Sync + 'static 
     fn from_f64(value: f64) -> Self;
     /// The nearest value of this type to a whole number (saturating; floats: ties to even).
     fn from_whole(value: i64) -> Self;
+    /// As [`Voxel::from_whole`], of a number that vectors hold more of.
+    fn from_word(value: i32) -> Self;
     /// Reads one voxel from exactly `size_of::<Self>()` little-endian bytes.
     fn read_le(bytes: &[u8]) -> Self;
     /// Writes the voxel as little-endian bytes.
@@ -116,26 +118,30 @@ pub trait Voxel: bytemuck::Pod + PartialEq + PartialOrd + Send + Sync + 'static 
 }
 
 macro_rules! voxel {
-    ($t:ty, $tag:ident, |$v:ident| $from:expr, |$w:ident| $from_whole:expr) => {
+    ($t:ty, $tag:ident, |$v:ident| $from:expr, |$w:ident| $from_whole:expr, |$i:ident| $from_word:expr) => {
         impl Voxel for $t {
             const TYPE: VoxelType = VoxelType::$tag;
-            #[inline]
+            #[inline(always)]
             fn to_f64(self) -> f64 {
                 self as f64
             }
-            #[inline]
+            #[inline(always)]
             fn from_f64($v: f64) -> Self {
                 $from
             }
-            #[inline]
+            #[inline(always)]
             fn from_whole($w: i64) -> Self {
                 $from_whole
             }
-            #[inline]
+            #[inline(always)]
+            fn from_word($i: i32) -> Self {
+                $from_word
+            }
+            #[inline(always)]
             fn read_le(bytes: &[u8]) -> Self {
                 Self::from_le_bytes(bytes.try_into().expect("the caller hands exactly one voxel's bytes"))
             }
-            #[inline]
+            #[inline(always)]
             fn write_le(self, out: &mut [u8]) {
                 out.copy_from_slice(&self.to_le_bytes());
             }
@@ -143,14 +149,25 @@ macro_rules! voxel {
     };
 }
 // `as` from float to integer saturates and maps NaN to 0, which is what the contract above says.
-voxel!(u8, U8, |v| v.round_ties_even() as u8, |w| w.clamp(i64::from(u8::MIN), i64::from(u8::MAX)) as u8);
-voxel!(i8, I8, |v| v.round_ties_even() as i8, |w| w.clamp(i64::from(i8::MIN), i64::from(i8::MAX)) as i8);
-voxel!(u16, U16, |v| v.round_ties_even() as u16, |w| w.clamp(i64::from(u16::MIN), i64::from(u16::MAX)) as u16);
-voxel!(i16, I16, |v| v.round_ties_even() as i16, |w| w.clamp(i64::from(i16::MIN), i64::from(i16::MAX)) as i16);
-voxel!(u32, U32, |v| v.round_ties_even() as u32, |w| w.clamp(i64::from(u32::MIN), i64::from(u32::MAX)) as u32);
-voxel!(i32, I32, |v| v.round_ties_even() as i32, |w| w.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32);
-voxel!(f32, F32, |v| v as f32, |w| w as f32);
-voxel!(f64, F64, |v| v, |w| w as f64);
+macro_rules! whole_voxel {
+    ($t:ty, $tag:ident, |$i:ident| $from_word:expr) => {
+        voxel!(
+            $t,
+            $tag,
+            |v| v.round_ties_even() as $t,
+            |w| w.clamp(i64::from(<$t>::MIN), i64::from(<$t>::MAX)) as $t,
+            |$i| $from_word
+        );
+    };
+}
+whole_voxel!(u8, U8, |i| i.clamp(u8::MIN.into(), u8::MAX.into()) as u8);
+whole_voxel!(i8, I8, |i| i.clamp(i8::MIN.into(), i8::MAX.into()) as i8);
+whole_voxel!(u16, U16, |i| i.clamp(u16::MIN.into(), u16::MAX.into()) as u16);
+whole_voxel!(i16, I16, |i| i.clamp(i16::MIN.into(), i16::MAX.into()) as i16);
+whole_voxel!(u32, U32, |i| i.max(0) as u32);
+whole_voxel!(i32, I32, |i| i);
+voxel!(f32, F32, |v| v as f32, |w| w as f32, |i| i as f32);
+voxel!(f64, F64, |v| v, |w| w as f64, |i| f64::from(i));
 
 /// Calls a generic function once for the Rust type behind a [`VoxelType`]: `with_voxel!(t, V => f::<V>(x))`.
 #[macro_export]
@@ -215,10 +232,10 @@ impl Absence {
     }
 
     /// Whether this stored value is a hole.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn is_absent(self, stored: f64) -> bool {
-        !stored.is_finite() || self.nodata == Some(stored)
+        !stored.is_finite() | (self.nodata == Some(stored))
     }
 
     /// The stored value that marks a hole at coarser levels, where all finer voxels are absent.

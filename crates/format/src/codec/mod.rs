@@ -19,6 +19,7 @@ pub mod raw;
 mod repeats;
 pub mod rle;
 pub mod trimmed;
+mod vectors;
 pub mod wavelet;
 pub mod zstd;
 

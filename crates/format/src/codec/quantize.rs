@@ -9,6 +9,9 @@
 //! floats: there `i * step` is exact in the voxel's own type for all indices up to the limit, and nothing is off by more
 //! than half a step. What has a larger index, or would be taken for a hole, or is one, stays as it is.
 
+use std::marker::PhantomData;
+
+use super::vectors::{Vectorized, vectorized};
 use crate::voxel_type::{Absence, Voxel};
 use crate::{VoxelType, with_voxel};
 
@@ -69,63 +72,68 @@ impl Quantizer {
     }
 
     /// The index of a voxel; saturating.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn index<V: Voxel>(self, voxel: V) -> i32 {
-        // A double of this size has no bits behind the point: the sum is rounded there. Greater indices end in saturation.
+        // A number of this size has no bits behind the point: a sum is rounded there, and its lowest bits are the whole number.
         const ROUNDER: f64 = 1.5 * (1u64 << 52) as f64;
-        (voxel.to_f64() / self.step + ROUNDER - ROUNDER) as i32
+        if is_small(V::TYPE) && self.step % 2.0 == 1.0 {
+            // At least 1 / (2 step) from any tie, where singles are off by 2^-22 of the index.
+            return rounded(voxel.to_f64() as f32 * (1.0 / self.step as f32));
+        }
+        let steps = (voxel.to_f64() / self.step).max(f64::from(i32::MIN)).min(f64::from(i32::MAX));
+        (steps + ROUNDER).to_bits() as i32
     }
 
     /// The voxel that an index stands for.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn voxel<V: Voxel>(self, index: i32) -> V {
         if V::TYPE.is_float() {
             V::from_f64(f64::from(index) * self.step)
+        } else if is_small(V::TYPE) {
+            // No step of a small integer is longer than this; and what is cut off here is beyond its limits in any case.
+            let step = self.step as i32;
+            let limit = i32::MAX / step.max(1);
+            V::from_word(index.clamp(-limit, limit) * step)
         } else if self.step == 1.0 {
-            V::from_whole(i64::from(index))
+            V::from_word(index)
         } else {
             V::from_whole(i64::from(index).saturating_mul(self.step as i64))
         }
     }
 
-    /// As [`Self::voxel`], for many of them.
-    pub(crate) fn voxels<V: Voxel>(self) -> impl Fn(i32) -> V + Copy {
-        // No step of a small integer is longer than this; and what is cut off here is beyond its limits in any case.
-        let step = self.step as i32;
-        let limit = i32::MAX / step.max(1);
-        move |index| {
-            if V::TYPE.is_float() || V::TYPE.bytes() == 4 {
-                self.voxel(index)
-            } else {
-                V::from_whole(i64::from(index.clamp(-limit, limit) * step))
-            }
-        }
+    /// The index of a voxel, and whether that is exactly what its index stands for.
+    #[inline(always)]
+    pub(super) fn indexed<V: Voxel>(self, voxel: V) -> (i32, bool) {
+        let index = self.index(voxel);
+        let stands_for: V = self.voxel(index);
+        // -0 is not 0.
+        let same_sign =
+            !V::TYPE.is_float() || stands_for.to_f64().is_sign_negative() == voxel.to_f64().is_sign_negative();
+        let is_same = (stands_for == voxel) & same_sign;
+        (index, is_same & (index.unsigned_abs() <= INDEX_LIMIT as u32))
     }
 
     /// The index of a voxel that is exactly what its index stands for.
-    #[inline]
-    pub(crate) fn exact_index<V: Voxel>(self, voxel: V) -> Option<i32> {
-        let index = self.index(voxel);
-        let same = bytemuck::bytes_of(&self.voxel::<V>(index)) == bytemuck::bytes_of(&voxel);
-        (same && index.unsigned_abs() <= INDEX_LIMIT as u32).then_some(index)
+    #[inline(always)]
+    pub(super) fn exact_index<V: Voxel>(self, voxel: V) -> Option<i32> {
+        let (index, is_exact) = self.indexed(voxel);
+        is_exact.then_some(index)
     }
 
+    #[inline(always)]
     fn snapped<V: Voxel>(self, voxel: V, absence: Absence) -> V {
-        let value = voxel.to_f64();
-        if absence.is_absent(value) {
-            return voxel;
+        let moved: V = self.voxel(self.index(voxel));
+        if is_small(V::TYPE) && !absence.possible(V::TYPE) {
+            // All of them have a multiple near by, and none is a hole.
+            return moved;
         }
-        let index = self.index(voxel);
-        let moved: V = self.voxel(index);
         let limit = if V::TYPE == VoxelType::F32 { SINGLE_INDEX_LIMIT } else { INDEX_LIMIT };
-        let is_near = (moved.to_f64() - value).abs() <= self.bound(V::TYPE);
-        if is_near && index.unsigned_abs() <= limit as u32 && !absence.is_absent(moved.to_f64()) {
-            moved
-        } else {
-            voxel
-        }
+        let is_near = (moved.to_f64() - voxel.to_f64()).abs() <= self.bound(V::TYPE);
+        let is_known = self.index(voxel).unsigned_abs() <= limit as u32;
+        let is_hole = absence.is_absent(voxel.to_f64()) | absence.is_absent(moved.to_f64());
+        if is_near & is_known & !is_hole { moved } else { voxel }
     }
 
     /// Moves each voxel to the nearest multiple of the step; the greatest distance that one was moved, stored units.
@@ -134,18 +142,54 @@ impl Quantizer {
     /// If the bytes are no whole number of voxels.
     pub fn snap(self, voxel_type: VoxelType, absence: Absence, voxels: &mut [u8]) -> f64 {
         assert_eq!(voxels.len() % voxel_type.bytes(), 0, "{} bytes of {voxel_type} voxels", voxels.len());
-        with_voxel!(voxel_type, V => {
-            let mut farthest = 0.0f64;
-            for bytes in voxels.chunks_exact_mut(size_of::<V>()) {
-                let voxel = V::read_le(bytes);
-                let moved = self.snapped(voxel, absence);
-                if moved != voxel && !absence.is_absent(voxel.to_f64()) {
-                    farthest = farthest.max((moved.to_f64() - voxel.to_f64()).abs());
-                }
-                moved.write_le(bytes);
+        with_voxel!(voxel_type, V => vectorized(Snapping { quantizer: self, absence, voxels, typed: PhantomData::<V> }))
+    }
+}
+
+/// The nearest whole number to one that is not beyond 2^22; written for vectors.
+#[inline(always)]
+fn rounded(number: f32) -> i32 {
+    /// As in [`Quantizer::index`].
+    const ROUNDER: f32 = 1.5 * (1u32 << 23) as f32;
+    (number + ROUNDER).to_bits().wrapping_sub(ROUNDER.to_bits()) as i32
+}
+
+/// Whether singles hold all voxels of a type, which are whole numbers.
+fn is_small(voxel_type: VoxelType) -> bool {
+    !voxel_type.is_float() && voxel_type.bytes() < 4
+}
+
+/// See [`Quantizer::snap`].
+struct Snapping<'a, V> {
+    quantizer: Quantizer,
+    absence: Absence,
+    voxels: &'a mut [u8],
+    typed: PhantomData<V>,
+}
+
+impl<V: Voxel> Vectorized for Snapping<'_, V> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run(self) -> f64 {
+        let Self { quantizer, absence, voxels, .. } = self;
+        // Of whole numbers, or of the bits of doubles that are not negative, which are ordered as these are: the greatest of either is
+        // what vectors find.
+        let (mut whole, mut bits) = (0, 0);
+        for bytes in voxels.chunks_exact_mut(size_of::<V>()) {
+            let voxel = V::read_le(bytes);
+            let moved = quantizer.snapped(voxel, absence);
+            moved.write_le(bytes);
+            if is_small(V::TYPE) {
+                let [from, to] = [voxel, moved].map(|v| rounded(v.to_f64() as f32));
+                whole = whole.max((from - to).abs());
+            } else {
+                let by = (moved.to_f64() - voxel.to_f64()).abs();
+                // What stays as it is may be no number.
+                bits = bits.max(if by > 0.0 { by.to_bits() } else { 0 });
             }
-            farthest
-        })
+        }
+        f64::from(whole).max(f64::from_bits(bits))
     }
 }
 
@@ -155,15 +199,19 @@ pub(crate) fn common_step<V: Voxel>(voxels: &[V], absence: Absence) -> Option<Qu
     if !V::TYPE.is_float() {
         return Some(Quantizer::WHOLE);
     }
-    let (mut lowest_bit, mut greatest) = (i32::MAX, 0.0f64);
+    let (mut lowest_bit, mut greatest, mut limit) = (i32::MAX, 0.0f64, f64::INFINITY);
     for value in voxels.iter().map(|v| v.to_f64()).filter(|&v| v != 0.0 && !absence.is_absent(v)) {
         let bits = value.to_bits();
         let exponent = (bits >> 52 & 0x7ff) as i32 - 1075;
         let mantissa = bits & ((1 << 52) - 1) | 1 << 52;
-        lowest_bit = lowest_bit.min(exponent + mantissa.trailing_zeros() as i32);
+        let lowest = exponent + mantissa.trailing_zeros() as i32;
+        if lowest < lowest_bit {
+            lowest_bit = lowest;
+            limit = f64::from(INDEX_LIMIT) * 2f64.powi(lowest);
+        }
         greatest = greatest.max(value.abs());
         // Most fields of floats are no multiples of anything: a few voxels show it.
-        if greatest / 2f64.powi(lowest_bit) > f64::from(INDEX_LIMIT) {
+        if greatest > limit {
             return None;
         }
     }
@@ -192,14 +240,31 @@ mod tests {
             let quantizer = Quantizer::within(VoxelType::I8, f64::from(error)).expect("an error of 1 and more");
             for voxel in i8::MIN..=i8::MAX {
                 let (moved, by) = snap_one(quantizer, voxel, NO_HOLES);
-                let index = quantizer.index(voxel) * 1_000_000;
-                assert_eq!(quantizer.voxels::<i8>()(index), quantizer.voxel::<i8>(index));
+                let far = i32::from(quantizer.index(voxel).signum() as i8) * i32::MAX;
+                assert_eq!(quantizer.voxel::<i8>(far), [i8::MIN, 0, i8::MAX][(far.signum() + 1) as usize]);
                 assert_eq!((i32::from(moved) - i32::from(voxel)).abs(), by as i32);
                 assert!(by <= f64::from(error), "{voxel} became {moved} within {error}");
                 assert_eq!(snap_one(quantizer, moved, NO_HOLES), (moved, 0.0), "twice is once");
                 assert_eq!(quantizer.exact_index(moved).map(|i| quantizer.voxel(i)), Some(moved));
             }
         }
+    }
+
+    /// In singles as in doubles.
+    #[test]
+    fn small_integers_go_to_the_nearest_multiple() {
+        for step in (1..=255).step_by(2).chain([1001, 21_845, 32_767, 65_535, 131_071]) {
+            let quantizer = Quantizer::new(VoxelType::U16, f64::from(step)).expect("a whole step");
+            for voxel in 0..=u16::MAX {
+                let nearest = (f64::from(voxel) / f64::from(step)).round_ties_even();
+                assert_eq!(f64::from(quantizer.index(voxel)), nearest, "{voxel} in steps of {step}");
+                let signed = voxel.wrapping_sub(1 << 15).cast_signed();
+                let nearest = (f64::from(signed) / f64::from(step)).round_ties_even();
+                assert_eq!(f64::from(quantizer.index(signed)), nearest, "{signed} in steps of {step}");
+            }
+        }
+        let even = Quantizer::new(VoxelType::U8, 2.0).expect("a whole step");
+        assert_eq!([3u8, 5].map(|voxel| even.index(voxel)), [2, 2], "ties go to even indices");
     }
 
     #[test]

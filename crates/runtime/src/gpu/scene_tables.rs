@@ -12,7 +12,7 @@ use super::layout::{
     GpuIso, GpuLevel, GpuLight, GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
 };
 use super::light_table::LightTable;
-use crate::raycast::cpu::{CELL_SHARE, END_SHARE, LEAST_SHADED_SHARE, Skipping, TERMINATION_OPACITY};
+use crate::raycast::cpu::{END_SHARE, LEAST_SHADED_SHARE, Skipping, TERMINATION_OPACITY, cell_error};
 use crate::raycast::scalar::quadrature::PAIR_ERROR;
 use crate::raycast::scalar::shade::Lighting;
 use crate::raycast::volume::ValueMap;
@@ -111,7 +111,7 @@ pub fn config(
         light_offset,
         light_unit: light.unit,
         light_most: light.most,
-        cell_error: (CELL_SHARE * max_error) as f32,
+        cell_error: cell_error(max_error) as f32,
         // The error of a Gauss pair falls with the fourth power of its width.
         pair_share: (PAIR_ERROR / max_error).sqrt().sqrt() as f32,
         miss_limit: MISS_LIMIT,

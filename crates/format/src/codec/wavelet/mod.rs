@@ -28,11 +28,12 @@ mod tokens;
 mod transform;
 
 use ::zstd::bulk::{Compressor, Decompressor};
-use tokens::{BITS_PADDING, Tokens};
-use transform::{Band, bands};
+use tokens::{BITS_PADDING, Decoding, Encoding, Tokens};
+use transform::{Band, Sample, bands};
 
 use super::quantize::{Quantizer, common_step};
 use super::repeats::{Places, Repeats};
+use super::vectors::{Vectorized, vectorized};
 use super::{BrickShape, CodecError};
 use crate::voxel_type::{Absence, Voxel};
 use crate::with_voxel;
@@ -61,18 +62,12 @@ enum Transform {
 }
 
 impl Transform {
-    fn apply(self, samples: &mut [i32], extent: [usize; 3]) {
-        match self {
-            Self::Differences => transform::difference(samples, extent),
-            Self::Lifting => transform::lift(samples, extent),
-        }
+    fn apply<S: Sample>(self, samples: &mut [S], extent: [usize; 3]) {
+        vectorized(Applying { transform: self, samples, extent });
     }
 
-    fn undo(self, samples: &mut [i32], extent: [usize; 3]) {
-        match self {
-            Self::Differences => transform::undo_difference(samples, extent),
-            Self::Lifting => transform::unlift(samples, extent),
-        }
+    fn undo<S: Sample>(self, samples: &mut [S], extent: [usize; 3]) {
+        vectorized(Undoing { transform: self, samples, extent });
     }
 
     /// Bands in the order in which they are coded.
@@ -99,6 +94,42 @@ impl Transform {
     }
 }
 
+struct Applying<'a, S> {
+    transform: Transform,
+    samples: &'a mut [S],
+    extent: [usize; 3],
+}
+
+impl<S: Sample> Vectorized for Applying<'_, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        match self.transform {
+            Transform::Differences => transform::difference(self.samples, self.extent),
+            Transform::Lifting => transform::lift(self.samples, self.extent),
+        }
+    }
+}
+
+struct Undoing<'a, S> {
+    transform: Transform,
+    samples: &'a mut [S],
+    extent: [usize; 3],
+}
+
+impl<S: Sample> Vectorized for Undoing<'_, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        match self.transform {
+            Transform::Differences => transform::undo_difference(self.samples, self.extent),
+            Transform::Lifting => transform::unlift(self.samples, self.extent),
+        }
+    }
+}
+
 /// Encodes the voxels of a brick as multiples of `step`, or of the longest step that they all are multiples of. None where
 /// some are not, where holes are not all alike, or where the payload is not smaller than `limit` bytes.
 ///
@@ -113,11 +144,15 @@ pub fn encode_if_smaller(
 ) -> Result<Option<Vec<u8>>, CodecError> {
     with_voxel!(shape.voxel_type, V => {
         let voxels: Vec<V> = voxels.chunks_exact(size_of::<V>()).map(V::read_le).collect();
-        encode_typed(shape.extent, &voxels, absence, step, limit)
+        if V::TYPE.bytes() == 1 {
+            encode_typed::<V, i16>(shape.extent, &voxels, absence, step, limit)
+        } else {
+            encode_typed::<V, i32>(shape.extent, &voxels, absence, step, limit)
+        }
     })
 }
 
-fn encode_typed<V: Voxel>(
+fn encode_typed<V: Voxel, S: Sample>(
     extent: [usize; 3],
     voxels: &[V],
     absence: Absence,
@@ -125,7 +160,7 @@ fn encode_typed<V: Voxel>(
     limit: usize,
 ) -> Result<Option<Vec<u8>>, CodecError> {
     let Some(quantizer) = step.or_else(|| common_step(voxels, absence)) else { return Ok(None) };
-    let Some(Indices { samples, holes }) = Indices::of(voxels, quantizer, absence) else { return Ok(None) };
+    let Some(Indices::<S> { samples, holes }) = Indices::of(voxels, quantizer, absence) else { return Ok(None) };
     let of_samples = Repeats::of(&samples, extent);
     let repeats = holes.iter().fold(of_samples, |repeats, (_, mask)| repeats.and(Repeats::of(mask, extent)));
     let (start, coded) = repeats.coded(extent);
@@ -151,13 +186,13 @@ fn encode_typed<V: Voxel>(
 }
 
 /// Indices of voxels.
-struct Indices {
-    samples: Vec<i32>,
+struct Indices<S> {
+    samples: Vec<S>,
     /// The bits of the voxel in every hole, and 1 where one is.
-    holes: Option<(u64, Vec<i32>)>,
+    holes: Option<(u64, Vec<S>)>,
 }
 
-impl Indices {
+impl<S: Sample> Indices<S> {
     /// None where a voxel is no multiple of the step, or holes differ.
     fn of<V: Voxel>(voxels: &[V], quantizer: Quantizer, absence: Absence) -> Option<Self> {
         let bits = |v: &V| {
@@ -168,9 +203,16 @@ impl Indices {
         let holes_possible = absence.possible(V::TYPE);
         if !V::TYPE.is_float() && quantizer == Quantizer::WHOLE && !holes_possible {
             // Integers are their own indices, up to the limit.
-            let samples: Vec<i32> = voxels.iter().map(|v| v.to_f64() as i32).collect();
+            let samples = voxels.iter().map(|v| S::wrap(v.to_f64() as i32)).collect();
             let fits = V::TYPE.bytes() < 4 || voxels.iter().all(|&v| quantizer.exact_index(v).is_some());
             return fits.then_some(Self { samples, holes: None });
+        }
+        if !holes_possible || absence.nodata.is_none() {
+            // Whatever is no number is no multiple either.
+            let mut samples = vec![S::default(); voxels.len()];
+            if vectorized(Indexing { voxels, quantizer, samples: &mut samples }) {
+                return Some(Self { samples, holes: None });
+            }
         }
         let is_hole = |v: &V| holes_possible && absence.is_absent(v.to_f64());
         let mut samples = Vec::with_capacity(voxels.len());
@@ -184,22 +226,45 @@ impl Indices {
             } else {
                 before = quantizer.exact_index(*voxel)?;
             }
-            samples.push(before);
+            samples.push(S::wrap(before));
         }
-        let mask = || voxels.iter().map(|v| i32::from(is_hole(v))).collect();
+        let mask = || voxels.iter().map(|v| S::wrap(i32::from(is_hole(v)))).collect();
         Some(Self { samples, holes: fill.map(|fill| (fill, mask())) })
     }
 }
 
+/// Finds the indices of voxels; false where one is no multiple of the step.
+struct Indexing<'a, V, S> {
+    voxels: &'a [V],
+    quantizer: Quantizer,
+    samples: &'a mut [S],
+}
+
+impl<V: Voxel, S: Sample> Vectorized for Indexing<'_, V, S> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        let Self { voxels, quantizer, samples } = self;
+        let mut others = 0u8;
+        for (sample, &voxel) in samples.iter_mut().zip(voxels) {
+            let (index, is_exact) = quantizer.indexed(voxel);
+            others |= u8::from(!is_exact);
+            *sample = S::wrap(index);
+        }
+        others == 0
+    }
+}
+
 /// Part of a box.
-fn cut(samples: &[i32], extent: [usize; 3], part: Band) -> Vec<i32> {
+fn cut<S: Sample>(samples: &[S], extent: [usize; 3], part: Band) -> Vec<S> {
     let mut out = Vec::with_capacity(part.samples());
     rows_of(part, extent).for_each(|row| out.extend_from_slice(&samples[row]));
     out
 }
 
 /// Part of a box of which nothing else is needed.
-fn cut_off(samples: Vec<i32>, extent: [usize; 3], part: Band) -> Vec<i32> {
+fn cut_off<S: Sample>(samples: Vec<S>, extent: [usize; 3], part: Band) -> Vec<S> {
     if part.extent() == extent { samples } else { cut(&samples, extent, part) }
 }
 
@@ -215,7 +280,7 @@ fn rows_of(part: Band, extent: [usize; 3]) -> impl Iterator<Item = std::ops::Ran
 }
 
 /// The transform whose coefficients take less room, as far as their mean sizes in the middle of the box tell.
-fn choose(samples: &[i32], extent: [usize; 3]) -> Transform {
+fn choose<S: Sample>(samples: &[S], extent: [usize; 3]) -> Transform {
     let start = extent.map(|n| n.saturating_sub(PROBED) / 2);
     let middle = Band { start, end: std::array::from_fn(|a| start[a] + extent[a].min(PROBED)) };
     let probe = cut(samples, extent, middle);
@@ -228,10 +293,10 @@ fn choose(samples: &[i32], extent: [usize; 3]) -> Transform {
 }
 
 /// Bits that the coefficients take if those of each slice of a band have a geometric distribution.
-fn estimate(transform: Transform, coefficients: &[i32], extent: [usize; 3]) -> f64 {
+fn estimate<S: Sample>(transform: Transform, coefficients: &[S], extent: [usize; 3]) -> f64 {
     let of_slice = |slice: Band| {
         let of_row = |row: std::ops::Range<usize>| {
-            coefficients[row].iter().map(|c: &i32| 2 * u64::from(c.unsigned_abs())).sum::<u64>()
+            coefficients[row].iter().map(|c| 2 * u64::from(c.number().unsigned_abs())).sum::<u64>()
         };
         let mean = rows_of(slice, extent).map(of_row).sum::<u64>() as f64 / slice.samples() as f64;
         let bits = if mean == 0.0 { 0.0 } else { (mean + 1.0) * (mean + 1.0).log2() - mean * mean.log2() };
@@ -252,7 +317,12 @@ struct ChunkWriter {
 
 impl ChunkWriter {
     /// Writes all coefficients; false as soon as the payload is not smaller than the limit.
-    fn push_all(&mut self, transform: Transform, coefficients: &[i32], extent: [usize; 3]) -> Result<bool, CodecError> {
+    fn push_all<S: Sample>(
+        &mut self,
+        transform: Transform,
+        coefficients: &[S],
+        extent: [usize; 3],
+    ) -> Result<bool, CodecError> {
         let mut gathered = Vec::new();
         for chunk in transform.chunks(extent) {
             gathered.clear();
@@ -260,7 +330,8 @@ impl ChunkWriter {
             for band in chunk.into_iter().filter(|_| !is_whole_box) {
                 rows_of(band, extent).for_each(|row| gathered.extend_from_slice(&coefficients[row]));
             }
-            let Tokens { tokens, bits } = Tokens::of(if is_whole_box { coefficients } else { &gathered });
+            let coefficients = if is_whole_box { coefficients } else { &gathered };
+            let Tokens { tokens, bits } = vectorized(Encoding { coefficients });
             let frame = self.compressor.compress(&tokens).map_err(zstd_failed)?;
             for length in [tokens.len(), frame.len(), bits.len()] {
                 let length = u32::try_from(length).expect("a brick has fewer than 2^32 voxels");
@@ -281,6 +352,16 @@ impl ChunkWriter {
 /// # Errors
 /// If the payload is none that [`encode_if_smaller`] makes for this shape.
 pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
+    with_voxel!(shape.voxel_type, V => {
+        if V::TYPE.bytes() == 1 {
+            decode_typed::<V, i16>(shape, payload, out)
+        } else {
+            decode_typed::<V, i32>(shape, payload, out)
+        }
+    })
+}
+
+fn decode_typed<V: Voxel, S: Sample>(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
     let wrong = |reason: String| CodecError::Wavelet { reason };
     let Some((&[tag, flags, ref step @ ..], mut rest)) = payload.split_first_chunk::<HEAD_BYTES>() else {
         return Err(wrong(format!("{} bytes; expected at least {HEAD_BYTES}", payload.len())));
@@ -301,24 +382,22 @@ pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<
     } else {
         let (fill, behind) = rest.split_first_chunk::<8>().ok_or_else(|| wrong("no voxel for its holes".into()))?;
         rest = behind;
-        Some((*fill, scratch.take_all(&mut rest, Transform::Differences, coded)?))
+        Some((*fill, scratch.take_all::<S>(&mut rest, Transform::Differences, coded)?))
     };
-    let samples = scratch.take_all(&mut rest, transform, coded)?;
+    let samples = scratch.take_all::<S>(&mut rest, transform, coded)?;
     if !rest.is_empty() {
         return Err(wrong(format!("{} bytes behind the last chunk; expected none", rest.len())));
     }
     let places = Places { from, coded, extent: shape.extent };
-    with_voxel!(shape.voxel_type, V => {
-        // Apart, so that the compiler sees the common case without the step.
-        if quantizer == Quantizer::WHOLE {
-            write(&places, &samples, out, Quantizer::WHOLE.voxels::<V>());
-        } else {
-            write(&places, &samples, out, quantizer.voxels::<V>());
-        }
-        if let Some((fill, mask)) = holes {
-            fill_holes(&places, &mask, &fill[..size_of::<V>()], out);
-        }
-    });
+    // Apart, so that the compiler sees the common case without the step.
+    if quantizer == Quantizer::WHOLE {
+        vectorized(Writing { places: &places, samples: &samples, out, voxel: V::from_word });
+    } else {
+        vectorized(Writing { places: &places, samples: &samples, out, voxel: |index| quantizer.voxel::<V>(index) });
+    }
+    if let Some((fill, mask)) = holes {
+        fill_holes(&places, &mask, &fill[..size_of::<V>()], out);
+    }
     Ok(())
 }
 
@@ -331,31 +410,30 @@ struct Scratch {
     decompressor: Decompressor<'static>,
     tokens: Vec<u8>,
     bits: Vec<u8>,
-    gathered: Vec<i32>,
 }
 
 impl Scratch {
     fn new() -> Result<Self, CodecError> {
         let decompressor = Decompressor::new().map_err(zstd_failed)?;
-        Ok(Self { decompressor, tokens: Vec::new(), bits: Vec::new(), gathered: Vec::new() })
+        Ok(Self { decompressor, tokens: Vec::new(), bits: Vec::new() })
     }
 
     /// Reads and undoes a transform; moves `payload` behind it.
-    fn take_all(
+    fn take_all<S: Sample>(
         &mut self,
         payload: &mut &[u8],
         transform: Transform,
         extent: [usize; 3],
-    ) -> Result<Vec<i32>, CodecError> {
-        let mut samples = vec![0; extent.iter().product()];
+    ) -> Result<Vec<S>, CodecError> {
+        let mut samples = vec![S::default(); extent.iter().product()];
+        let mut gathered = Vec::new();
         for chunk in transform.chunks(extent) {
             if chunk.iter().any(|band| band.extent() == extent) {
                 self.take_chunk(payload, &mut samples)?;
                 continue;
             }
-            let mut gathered = std::mem::take(&mut self.gathered);
             gathered.clear();
-            gathered.resize(chunk.iter().map(|band| band.samples()).sum(), 0);
+            gathered.resize(chunk.iter().map(|band| band.samples()).sum(), S::default());
             self.take_chunk(payload, &mut gathered)?;
             let mut at = 0;
             for row in chunk.into_iter().flat_map(|band| rows_of(band, extent)) {
@@ -363,14 +441,13 @@ impl Scratch {
                 samples[row].copy_from_slice(&gathered[at..at + length]);
                 at += length;
             }
-            self.gathered = gathered;
         }
         transform.undo(&mut samples, extent);
         Ok(samples)
     }
 
     /// Reads a chunk of as many coefficients as `out`, which holds zeros, has room for; moves `payload` behind it.
-    fn take_chunk(&mut self, payload: &mut &[u8], out: &mut [i32]) -> Result<(), CodecError> {
+    fn take_chunk<S: Sample>(&mut self, payload: &mut &[u8], out: &mut [S]) -> Result<(), CodecError> {
         let coefficients = out.len();
         let wrong = |reason: String| CodecError::Wavelet { reason };
         let cut_short = || wrong("a chunk is cut short".into());
@@ -391,7 +468,7 @@ impl Scratch {
         self.bits.clear();
         self.bits.extend_from_slice(bits);
         self.bits.extend([0; BITS_PADDING]);
-        if found == tokens && tokens::decode(&self.tokens, &self.bits, out) {
+        if found == tokens && vectorized(Decoding { tokens: &self.tokens, bits: &self.bits, out }) {
             Ok(())
         } else {
             Err(wrong(format!(
@@ -401,20 +478,36 @@ impl Scratch {
     }
 }
 
-fn write<V: Voxel>(places: &Places, samples: &[i32], out: &mut [u8], voxel: impl Fn(i32) -> V) {
-    let size = size_of::<V>();
-    let [low, n] = [places.from[0], places.coded[0]];
-    for (row, first) in out.chunks_exact_mut(places.extent[0] * size).zip(places.rows()) {
-        let coded = row[low * size..(low + n) * size].chunks_exact_mut(size);
-        coded.zip(&samples[first..first + n]).for_each(|(bytes, &index)| voxel(index).write_le(bytes));
-        places.repeat_along(row, size);
+/// Writes the voxels that samples stand for, and repeats those that are not coded along x.
+struct Writing<'a, S, F> {
+    places: &'a Places,
+    samples: &'a [S],
+    out: &'a mut [u8],
+    voxel: F,
+}
+
+impl<S: Sample, V: Voxel, F: Fn(i32) -> V> Vectorized for Writing<'_, S, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { places, samples, out, voxel } = self;
+        let size = size_of::<V>();
+        let [low, n] = [places.from[0], places.coded[0]];
+        for (row, first) in out.chunks_exact_mut(places.extent[0] * size).zip(places.rows()) {
+            let coded = row[low * size..(low + n) * size].chunks_exact_mut(size);
+            for (bytes, &index) in coded.zip(&samples[first..first + n]) {
+                voxel(index.number()).write_le(bytes);
+            }
+            places.repeat_along(row, size);
+        }
     }
 }
 
-fn fill_holes(places: &Places, mask: &[i32], fill: &[u8], out: &mut [u8]) {
+fn fill_holes<S: Sample>(places: &Places, mask: &[S], fill: &[u8], out: &mut [u8]) {
     for (row, first) in out.chunks_exact_mut(places.extent[0] * fill.len()).zip(places.rows()) {
         for (x, voxel) in row.chunks_exact_mut(fill.len()).enumerate() {
-            if mask[first + places.source(0, x)] != 0 {
+            if mask[first + places.source(0, x)] != S::default() {
                 voxel.copy_from_slice(fill);
             }
         }

@@ -14,6 +14,9 @@
 //! | 128 to 231 | greater ones | 2 |
 //! | 232 to 255 | nothing: refused | |
 
+use super::super::vectors::Vectorized;
+use super::transform::Sample;
+
 /// Tokens of one kind of number.
 #[derive(Clone, Copy)]
 struct Numbers {
@@ -31,6 +34,7 @@ const END: u8 = VALUES.token_of(u32::MAX).0 + 1;
 
 impl Numbers {
     /// The token of a number, how many bits follow, and those.
+    #[inline(always)]
     const fn token_of(self, u: u32) -> (u8, u32, u32) {
         if u < 1 << self.direct_bits {
             return (self.first + u as u8, 0, 0);
@@ -54,59 +58,36 @@ impl Numbers {
     }
 }
 
-/// What a token means.
+/// What a token means, in one word: who decodes looks it up at once.
 #[derive(Clone, Copy)]
+#[repr(C, align(8))]
 struct Meaning {
-    /// Least u.
-    least: u32,
     /// Bits that follow.
     bits: u8,
-    /// All ones for a coefficient, 0 for a run.
-    is_value: u32,
+    /// Whether it is a run.
+    is_run: bool,
+    /// Least u, and one.
+    least: u32,
 }
 
 /// Meanings by token; those that mean nothing are runs longer than any brick.
 const MEANINGS: [Meaning; 256] = {
-    let mut all = [Meaning { least: u32::MAX >> 1, bits: 0, is_value: 0 }; 256];
+    let mut all = [Meaning { bits: 0, is_run: true, least: u32::MAX >> 1 }; 256];
     let mut token = 0;
     while token < END as usize {
-        let is_value = token >= VALUES.first as usize;
-        let numbers = if is_value { VALUES } else { RUNS };
+        let is_run = token < VALUES.first as usize;
+        let numbers = if is_run { RUNS } else { VALUES };
         let (least, bits) = numbers.least_of(token as u32 - numbers.first as u32);
-        all[token] = Meaning { least, bits: bits as u8, is_value: if is_value { u32::MAX } else { 0 } };
+        all[token] = Meaning { bits: bits as u8, is_run, least: least.wrapping_add(1) };
         token += 1;
     }
     all
 };
 
-/// What a token without bits does: the coefficient it writes, and how many it moves on.
-#[derive(Clone, Copy)]
-struct Direct {
-    coefficient: i32,
-    /// 1 to [`LONGEST_DIRECT_RUN`]; more in tokens that have bits.
-    count: u32,
-}
-
-const LONGEST_DIRECT_RUN: usize = 1 << RUNS.direct_bits;
-/// What stands in the table for tokens that have bits, or mean nothing.
-const NOT_DIRECT: Direct = Direct { coefficient: 0, count: 1 << 8 };
-
-const DIRECT: [Direct; 256] = {
-    let mut all = [NOT_DIRECT; 256];
-    let mut token = 0;
-    while token < END as usize {
-        let Meaning { least, bits, is_value } = MEANINGS[token];
-        if bits == 0 {
-            let coefficient = if is_value == 0 { 0 } else { unzigzag(least + 1) };
-            all[token] = Direct { coefficient, count: if is_value == 0 { least + 1 } else { 1 } };
-        }
-        token += 1;
-    }
-    all
-};
-
-/// Tokens that are looked at together: where none of them has bits, they are decoded without looking for any.
-const GROUP: usize = 8;
+/// Tokens that are looked at together: where each stands for one coefficient without bits, they are decoded at once.
+const GROUP: usize = 16;
+/// Tokens that are looked at together otherwise.
+const HALF: usize = GROUP / 2;
 
 /// Tokens and bits of some coefficients.
 #[derive(Debug, Default)]
@@ -115,43 +96,111 @@ pub struct Tokens {
     pub bits: Vec<u8>,
 }
 
-impl Tokens {
-    pub fn of(coefficients: &[i32]) -> Self {
-        let mut out = Self { tokens: Vec::with_capacity(coefficients.len()), bits: Vec::new() };
-        let mut writer = BitWriter::default();
-        let mut zeros = 0u32;
+/// Most groups that are encoded one by one before the next one is tried at once.
+const MOST_PASSED_OVER: u32 = 31;
+
+/// Makes [`Tokens`] of coefficients.
+pub struct Encoding<'a, S> {
+    pub coefficients: &'a [S],
+}
+
+impl<S: Sample> Vectorized for Encoding<'_, S> {
+    type Output = Tokens;
+
+    #[inline(always)]
+    fn run(self) -> Tokens {
+        let mut writer =
+            Writer { tokens: vec![0; self.coefficients.len()], end: 0, zeros: 0, bits: BitWriter::default() };
+        let (groups, rest) = self.coefficients.as_chunks::<GROUP>();
+        // Groups that are not tried: more and more where trying is in vain.
+        let (mut passed_over, mut left) = (0, 0);
+        for group in groups {
+            if *group == [S::default(); GROUP] {
+                writer.zeros += GROUP as u32;
+            } else if left > 0 {
+                left -= 1;
+                writer.push_each(group);
+            } else if writer.push_singles(group) {
+                passed_over = 0;
+            } else {
+                passed_over = (2 * passed_over + 1).min(MOST_PASSED_OVER);
+                left = passed_over;
+                writer.push_each(group);
+            }
+        }
+        writer.push_each(rest);
+        writer.push_zeros();
+        writer.tokens.truncate(writer.end);
+        Tokens { tokens: writer.tokens, bits: writer.bits.finish() }
+    }
+}
+
+/// Where encoding has come to.
+struct Writer {
+    /// Those before the end.
+    tokens: Vec<u8>,
+    end: usize,
+    /// Zeros that have no token yet.
+    zeros: u32,
+    bits: BitWriter,
+}
+
+impl Writer {
+    /// Encodes coefficients if each of them, but for a last zero, has a token without bits; else nothing happens. Written for
+    /// vectors.
+    #[inline(always)]
+    fn push_singles<S: Sample>(&mut self, group: &[S; GROUP]) -> bool {
+        let numbers = group.map(S::zigzagged);
+        let mut others = 0u8;
+        for number in numbers {
+            others |= u8::from(number > 1 << VALUES.direct_bits);
+        }
+        for i in 1..GROUP {
+            others |= u8::from(numbers[i - 1] | numbers[i] == 0);
+        }
+        if others != 0 || (self.zeros > 0 && numbers[0] == 0) {
+            return false;
+        }
+        self.push_zeros();
+        let Some(room) = self.tokens.get_mut(self.end..).and_then(<[u8]>::first_chunk_mut::<GROUP>) else {
+            return false;
+        };
+        *room = numbers.map(|number| if number == 0 { RUNS.first } else { VALUES.first - 1 + number as u8 });
+        self.zeros = u32::from(numbers[GROUP - 1] == 0);
+        self.end += GROUP - self.zeros as usize;
+        true
+    }
+
+    /// Encodes coefficients one by one.
+    #[inline(always)]
+    fn push_each<S: Sample>(&mut self, coefficients: &[S]) {
         for &coefficient in coefficients {
-            if coefficient == 0 {
-                zeros += 1;
+            if coefficient == S::default() {
+                self.zeros += 1;
                 continue;
             }
-            if zeros > 0 {
-                out.push(RUNS, zeros - 1, &mut writer);
-                zeros = 0;
-            }
-            out.push(VALUES, zigzag(coefficient) - 1, &mut writer);
+            self.push_zeros();
+            self.push(VALUES, coefficient.zigzagged() - 1);
         }
-        if zeros > 0 {
-            out.push(RUNS, zeros - 1, &mut writer);
-        }
-        writer.finish(&mut out.bits);
-        out
     }
 
-    #[inline]
-    fn push(&mut self, numbers: Numbers, u: u32, writer: &mut BitWriter) {
+    /// Encodes the zeros that have no token yet.
+    #[inline(always)]
+    fn push_zeros(&mut self) {
+        if self.zeros > 0 {
+            self.push(RUNS, self.zeros - 1);
+            self.zeros = 0;
+        }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, numbers: Numbers, u: u32) {
         let (token, count, bits) = numbers.token_of(u);
-        self.tokens.push(token);
-        writer.push(bits, count, &mut self.bits);
+        // There is room for as many tokens as there are coefficients.
+        self.tokens[self.end] = token;
+        self.end += 1;
+        self.bits.push(bits, count);
     }
-}
-
-fn zigzag(v: i32) -> u32 {
-    ((v << 1) ^ (v >> 31)) as u32
-}
-
-const fn unzigzag(z: u32) -> i32 {
-    (z >> 1) as i32 ^ -((z & 1) as i32)
 }
 
 /// Bits on their way to bytes, lowest first.
@@ -159,86 +208,185 @@ const fn unzigzag(z: u32) -> i32 {
 struct BitWriter {
     word: u64,
     filled: u32,
+    out: Vec<u8>,
 }
 
 impl BitWriter {
-    #[inline]
-    fn push(&mut self, bits: u32, count: u32, out: &mut Vec<u8>) {
+    #[inline(always)]
+    fn push(&mut self, bits: u32, count: u32) {
         self.word |= u64::from(bits) << self.filled;
         self.filled += count;
         if self.filled >= 32 {
-            out.extend_from_slice(&(self.word as u32).to_le_bytes());
+            self.out.extend_from_slice(&(self.word as u32).to_le_bytes());
             self.word >>= 32;
             self.filled -= 32;
         }
     }
 
-    fn finish(self, out: &mut Vec<u8>) {
-        out.extend_from_slice(&self.word.to_le_bytes()[..self.filled.div_ceil(8) as usize]);
+    fn finish(mut self) -> Vec<u8> {
+        self.out.extend_from_slice(&self.word.to_le_bytes()[..self.filled.div_ceil(8) as usize]);
+        self.out
     }
 }
 
 /// Bytes that a reader of bits may look at beyond the last bit.
 pub const BITS_PADDING: usize = 8;
+/// Bits that are there behind any in the word that holds it.
+const BITS_AT_ONCE: u32 = u64::BITS - 7;
 
-/// Undoes [`Tokens::of`]. `bits` is followed by [`BITS_PADDING`] more bytes. Coefficients that no token names are left as
-/// they are: `out` must hold zeros. False where tokens and bits are not those of exactly so many coefficients.
-#[must_use]
-pub fn decode(tokens: &[u8], bits: &[u8], out: &mut [i32]) -> bool {
-    let Some(bits_bytes) = bits.len().checked_sub(BITS_PADDING) else { return false };
-    let (mut place, mut bit) = (0usize, 0usize);
-    let (groups, rest) = tokens.as_chunks::<GROUP>();
-    for group in groups {
-        match out.get_mut(place..place + GROUP * LONGEST_DIRECT_RUN).and_then(|room| decode_direct(group, room)) {
-            Some(count) => place += count,
-            None if decode_each(group, bits, &mut bit, out, &mut place) => {}
-            None => return false,
+/// Undoes [`Encoding`]: false where tokens and bits are not those of exactly so many coefficients.
+pub struct Decoding<'a, S> {
+    pub tokens: &'a [u8],
+    /// Followed by [`BITS_PADDING`] more bytes.
+    pub bits: &'a [u8],
+    /// Zeros before, the coefficients afterwards.
+    pub out: &'a mut [S],
+}
+
+impl<S: Sample> Vectorized for Decoding<'_, S> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        let Self { tokens, bits, out } = self;
+        let Some(bits_bytes) = bits.len().checked_sub(BITS_PADDING) else { return false };
+        let mut reader = Reader { bits, bit: 0, out, place: 0 };
+        let (groups, rest) = tokens.as_chunks::<GROUP>();
+        for group in groups {
+            if reader.take_singles(group) {
+                continue;
+            }
+            for half in group.as_chunks::<HALF>().0 {
+                if !reader.take_half(half) {
+                    return false;
+                }
+            }
         }
+        // A run beyond the end is noticed here; less than a byte of padding may be left of the bits.
+        let is_whole =
+            reader.take_each(rest) && reader.place == reader.out.len() && reader.bit.div_ceil(8) == bits_bytes;
+        for number in reader.out {
+            *number = number.unzigzagged();
+        }
+        is_whole
     }
-    // A run beyond the end is noticed here; less than a byte of padding may be left of the bits.
-    decode_each(rest, bits, &mut bit, out, &mut place) && place == out.len() && bit.div_ceil(8) == bits_bytes
 }
 
-/// Decodes tokens if none of them has bits: the number of coefficients.
-#[inline]
-fn decode_direct(group: &[u8; GROUP], room: &mut [i32]) -> Option<usize> {
-    let direct = group.map(|token| DIRECT[usize::from(token)]);
-    if direct.iter().any(|d| d.count == NOT_DIRECT.count) {
-        return None;
-    }
-    let mut place = 0;
-    for Direct { coefficient, count } in direct {
-        // Below the room's length, since no token moves on by more than the longest direct run.
-        *room.get_mut(place)? = coefficient;
-        place += count as usize;
-    }
-    Some(place)
-}
-
-/// Decodes tokens one by one; false where they do not fit.
-#[inline]
-fn decode_each(tokens: &[u8], bits: &[u8], bit: &mut usize, out: &mut [i32], place: &mut usize) -> bool {
+/// Whether all tokens are of a kind: all are looked at, which vectors do at once.
+#[inline(always)]
+fn are_all<const COUNT: usize>(tokens: &[u8; COUNT], are: impl Fn(u8) -> bool) -> bool {
+    let mut others = 0;
     for &token in tokens {
-        let Meaning { least, bits: count, is_value } = MEANINGS[usize::from(token)];
-        let Some(word) = bits.get(*bit / 8..).and_then(<[u8]>::first_chunk::<8>) else { return false };
-        let rest = (u64::from_le_bytes(*word) >> (*bit % 8)) as u32 & ((1 << count) - 1);
-        *bit += usize::from(count);
-        let u = least + rest;
-        let Some(target) = out.get_mut(*place) else { return false };
-        // Zero for a run, which begins with one.
-        *target = unzigzag(u.wrapping_add(1) & is_value);
-        *place += 1 + (u & !is_value) as usize;
+        others |= u8::from(!are(token));
     }
-    true
+    others == 0
+}
+
+/// Bits of all of them together.
+#[inline(always)]
+fn bits_of(meanings: &[Meaning; HALF]) -> u32 {
+    let mut count = 0;
+    for meaning in meanings {
+        count += u32::from(meaning.bits);
+    }
+    count
+}
+
+/// Where decoding has come to.
+struct Reader<'a, S> {
+    bits: &'a [u8],
+    /// The next of them.
+    bit: usize,
+    out: &'a mut [S],
+    /// The next coefficient.
+    place: usize,
+}
+
+impl<S: Sample> Reader<'_, S> {
+    /// Decodes tokens if each stands for one coefficient without bits; else nothing happens. Written for vectors of bytes.
+    #[inline(always)]
+    fn take_singles(&mut self, group: &[u8; GROUP]) -> bool {
+        if !are_all(group, |token| (token == RUNS.first) | (token.wrapping_sub(VALUES.first) < 1 << VALUES.direct_bits))
+        {
+            return false;
+        }
+        let Some(room) = self.room::<GROUP>() else { return false };
+        // A run of one zero becomes the zigzag number 0.
+        let numbers = group.map(|token| token.saturating_sub(VALUES.first - 1));
+        *room = numbers.map(|number| S::wrap(i32::from(number)));
+        self.place += GROUP;
+        true
+    }
+
+    /// Decodes tokens whose bits stand in one word, or one by one where they do not; false where they do not fit.
+    #[inline(always)]
+    fn take_half(&mut self, tokens: &[u8; HALF]) -> bool {
+        let meanings = tokens.map(|token| MEANINGS[usize::from(token)]);
+        let count = bits_of(&meanings);
+        if count > BITS_AT_ONCE {
+            return self.take_each(tokens);
+        }
+        let Some(mut word) = self.word() else { return false };
+        self.bit += count as usize;
+        for meaning in meanings {
+            if !self.take(meaning, word as u32) {
+                return false;
+            }
+            word >>= meaning.bits;
+        }
+        true
+    }
+
+    /// Decodes tokens one by one; false where they do not fit.
+    #[inline(always)]
+    fn take_each(&mut self, tokens: &[u8]) -> bool {
+        for &token in tokens {
+            let meaning = MEANINGS[usize::from(token)];
+            let Some(word) = self.word() else { return false };
+            self.bit += usize::from(meaning.bits);
+            if !self.take(meaning, word as u32) {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Where the next coefficients go, if there are so many.
+    #[inline(always)]
+    fn room<const COUNT: usize>(&mut self) -> Option<&mut [S; COUNT]> {
+        self.out.get_mut(self.place..)?.first_chunk_mut()
+    }
+
+    /// The next bits, at least [`BITS_AT_ONCE`] or all that there are.
+    #[inline(always)]
+    fn word(&self) -> Option<u64> {
+        let bytes = self.bits.get(self.bit / 8..).and_then(<[u8]>::first_chunk::<8>)?;
+        Some(u64::from_le_bytes(*bytes) >> (self.bit % 8))
+    }
+
+    /// Decodes one token, whose bits are the lowest of these; false where it does not fit.
+    #[inline(always)]
+    fn take(&mut self, Meaning { bits: count, is_run, least }: Meaning, bits: u32) -> bool {
+        let number = least.wrapping_add(bits & ((1 << count) - 1));
+        let Some(target) = self.out.get_mut(self.place) else { return false };
+        *target = S::wrap(if is_run { 0 } else { number as i32 });
+        self.place += if is_run { number as usize } else { 1 };
+        true
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::vectors::vectorized;
     use super::*;
     use proptest::prelude::*;
 
+    fn decode(tokens: &[u8], bits: &[u8], out: &mut [i32]) -> bool {
+        vectorized(Decoding { tokens, bits, out })
+    }
+
     fn round_trip(coefficients: &[i32]) -> Tokens {
-        let mut coded = Tokens::of(coefficients);
+        let mut coded = vectorized(Encoding { coefficients });
         coded.bits.extend([0; BITS_PADDING]);
         let mut out = vec![0; coefficients.len()];
         assert!(decode(&coded.tokens, &coded.bits, &mut out), "{} coefficients", coefficients.len());

@@ -283,7 +283,12 @@ impl PacketTables {
 }
 
 /// Share of the largest error that one cell may be off by: errors have either sign, and few cells of a ray are near it.
-pub(crate) const CELL_SHARE: f64 = 0.28;
+const CELL_SHARE: f64 = 0.28;
+/// Greatest error of which that is the share. Of greater ones, fewer cells are cut into parts whose error falls far below it, and more
+/// cells of a ray are near it.
+const FULL_SHARE_UP_TO: f64 = 1.0 / 255.0;
+/// Power of the error with which the share falls beyond.
+const FALL_OF_SHARE: f64 = 0.125;
 /// Share of the largest error that extinction, in parts of itself, may be off by.
 pub(crate) const FIT_SHARE: f64 = 0.25;
 /// Share of the largest error that is left out behind the point where a ray ends.
@@ -301,9 +306,14 @@ fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     if is_far { middle as f32 } else { 0.0 }
 }
 
+/// What one cell may be off by where a pixel may be off by this.
+pub(crate) fn cell_error(max_error: f64) -> f64 {
+    CELL_SHARE * max_error * (FULL_SHARE_UP_TO / max_error).min(1.0).powf(FALL_OF_SHARE)
+}
+
 fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision {
     Precision {
-        cell_error: (CELL_SHARE * max_error) as f32,
+        cell_error: cell_error(max_error) as f32,
         last_transmittance: (END_SHARE * max_error) as f32,
         least_shaded: (LEAST_SHADED_SHARE * max_error) as f32,
         has_steps,
