@@ -63,11 +63,11 @@ enum Transform {
 
 impl Transform {
     fn apply<S: Sample>(self, samples: &mut [S], extent: [usize; 3]) {
-        vectorized(Applying { transform: self, samples, extent });
+        vectorized(Transforming { transform: self, way: Way::There, samples, extent });
     }
 
     fn undo<S: Sample>(self, samples: &mut [S], extent: [usize; 3]) {
-        vectorized(Undoing { transform: self, samples, extent });
+        vectorized(Transforming { transform: self, way: Way::Back, samples, extent });
     }
 
     /// Bands in the order in which they are coded.
@@ -94,38 +94,30 @@ impl Transform {
     }
 }
 
-struct Applying<'a, S> {
+enum Way {
+    There,
+    Back,
+}
+
+/// Applies or undoes a transform.
+struct Transforming<'a, S> {
     transform: Transform,
+    way: Way,
     samples: &'a mut [S],
     extent: [usize; 3],
 }
 
-impl<S: Sample> Vectorized for Applying<'_, S> {
+impl<S: Sample> Vectorized for Transforming<'_, S> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        match self.transform {
-            Transform::Differences => transform::difference(self.samples, self.extent),
-            Transform::Lifting => transform::lift(self.samples, self.extent),
-        }
-    }
-}
-
-struct Undoing<'a, S> {
-    transform: Transform,
-    samples: &'a mut [S],
-    extent: [usize; 3],
-}
-
-impl<S: Sample> Vectorized for Undoing<'_, S> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        match self.transform {
-            Transform::Differences => transform::undo_difference(self.samples, self.extent),
-            Transform::Lifting => transform::unlift(self.samples, self.extent),
+        let Self { transform, way, samples, extent } = self;
+        match (transform, way) {
+            (Transform::Differences, Way::There) => transform::difference(samples, extent),
+            (Transform::Differences, Way::Back) => transform::undo_difference(samples, extent),
+            (Transform::Lifting, Way::There) => transform::lift(samples, extent),
+            (Transform::Lifting, Way::Back) => transform::unlift(samples, extent),
         }
     }
 }
