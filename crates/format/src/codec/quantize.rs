@@ -124,14 +124,15 @@ impl Quantizer {
 
     #[inline(always)]
     fn snapped<V: Voxel>(self, voxel: V, absence: Absence) -> V {
-        let moved: V = self.voxel(self.index(voxel));
+        let index = self.index(voxel);
+        let moved: V = self.voxel(index);
         if is_small(V::TYPE) && !absence.possible(V::TYPE) {
             // All of them have a multiple near by, and none is a hole.
             return moved;
         }
         let limit = if V::TYPE == VoxelType::F32 { SINGLE_INDEX_LIMIT } else { INDEX_LIMIT };
         let is_near = (moved.to_f64() - voxel.to_f64()).abs() <= self.bound(V::TYPE);
-        let is_known = self.index(voxel).unsigned_abs() <= limit as u32;
+        let is_known = index.unsigned_abs() <= limit as u32;
         let is_hole = absence.is_absent(voxel.to_f64()) | absence.is_absent(moved.to_f64());
         if is_near & is_known & !is_hole { moved } else { voxel }
     }
@@ -240,8 +241,8 @@ mod tests {
             let quantizer = Quantizer::within(VoxelType::I8, f64::from(error)).expect("an error of 1 and more");
             for voxel in i8::MIN..=i8::MAX {
                 let (moved, by) = snap_one(quantizer, voxel, NO_HOLES);
-                let far = i32::from(quantizer.index(voxel).signum() as i8) * i32::MAX;
-                assert_eq!(quantizer.voxel::<i8>(far), [i8::MIN, 0, i8::MAX][(far.signum() + 1) as usize]);
+                let side = quantizer.index(voxel).signum();
+                assert_eq!(quantizer.voxel::<i8>(side * i32::MAX), [i8::MIN, 0, i8::MAX][(side + 1) as usize]);
                 assert_eq!((i32::from(moved) - i32::from(voxel)).abs(), by as i32);
                 assert!(by <= f64::from(error), "{voxel} became {moved} within {error}");
                 assert_eq!(snap_one(quantizer, moved, NO_HOLES), (moved, 0.0), "twice is once");

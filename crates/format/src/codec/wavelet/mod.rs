@@ -193,12 +193,6 @@ impl<S: Sample> Indices<S> {
             u64::from_le_bytes(bytes)
         };
         let holes_possible = absence.possible(V::TYPE);
-        if !V::TYPE.is_float() && quantizer == Quantizer::WHOLE && !holes_possible {
-            // Integers are their own indices, up to the limit.
-            let samples = voxels.iter().map(|v| S::wrap(v.to_f64() as i32)).collect();
-            let fits = V::TYPE.bytes() < 4 || voxels.iter().all(|&v| quantizer.exact_index(v).is_some());
-            return fits.then_some(Self { samples, holes: None });
-        }
         if !holes_possible || absence.nodata.is_none() {
             // Whatever is no number is no multiple either.
             let mut samples = vec![S::default(); voxels.len()];
