@@ -1,7 +1,8 @@
 // Casts one ray per invocation: on from where it stopped, until it is finished, lacks a brick, or has done its share.
 
 @group(1) @binding(0) var<storage, read_write> states: array<RayState>;
-@group(1) @binding(1) var<uniform> job: Dispatch;
+@group(1) @binding(1) var<storage, read_write> errors: array<RayErrors>;
+@group(1) @binding(2) var<uniform> job: Dispatch;
 
 @compute @workgroup_size(64)
 fn raycast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
@@ -12,8 +13,14 @@ fn raycast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocati
         var state = states[place];
         let waits = state.status == STATUS_WAITING && job.later_round != 0u;
         if (state.status != STATUS_DONE && !waits) {
+            if (has_flag(FLAG_ERRORS)) {
+                ray_errors = errors[place];
+            }
             cast_ray(ray_of_pixel(pixel_of(place)), &state);
             states[place] = state;
+            if (has_flag(FLAG_ERRORS)) {
+                errors[place] = ray_errors;
+            }
             count_in_group(state.status);
         }
     }

@@ -42,6 +42,9 @@ struct Feedback {
 @group(0) @binding(10) var cache_2: texture_3d<u32>;
 @group(0) @binding(11) var cache_3: texture_3d<u32>;
 
+// What bricks may be off by; pages say which is theirs. Read where `FLAG_ERRORS` is set.
+@group(0) @binding(12) var<storage, read> deviations: array<GpuDeviation>;
+
 // `scene.config`, read once by every entry.
 var<private> config: Config;
 

@@ -32,6 +32,12 @@ const PAGE_RESIDENT: u32 = 4u;
 const PAGE_STATE: u32 = 255u;
 // Page table: the brick is too coarse; look at its children.
 const PAGE_REFINE: u32 = 256u;
+// Page table: bits of a page from here on are the number of what the brick may be off by.
+const PAGE_DEVIATION_SHIFT: u32 = 9u;
+// Number of the deviation of what is exact.
+const DEVIATION_NONE: u32 = 0u;
+// Number of the deviation of a brick of which nothing is known.
+const DEVIATION_UNKNOWN: u32 = 1u;
 // What a ray gathers.
 const MODE_DVR: u32 = 0u;
 // See above.
@@ -58,13 +64,15 @@ const FLAG_LIGHT: u32 = 32u;
 const FLAG_SURFACES: u32 = 64u;
 // Flag: voxels are bytes; a texel of a cache texture holds four rows of them (gpu/cache.rs).
 const FLAG_BYTES: u32 = 128u;
+// Flag: what rays may be off by is summed up (errors.wgsl).
+const FLAG_ERRORS: u32 = 256u;
 // Bytes: voxels from a texel to the next one, along x and y.
 const STEP_OF_BYTES: u32 = 3u;
 // 16-bit numbers: voxels from a texel to the next one along x.
 const STEP_OF_HALVES: u32 = 7u;
 // Floats: voxels from a texel to the next one along x.
 const STEP_OF_FLOATS: u32 = 3u;
-// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/refine.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.
+// Explained where Rust defines them: format/src/brick.rs, lod/deviation.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/refine.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
 const KNOT_LIMIT: u32 = 8u;
@@ -101,6 +109,7 @@ const PARTS_PER_ROOT: f32 = 1.4;
 const LEAST_SHARE: f32 = 0.25;
 const EASY: f32 = 0.125;
 const HARD: f32 = 16.0;
+const PER_OPACITY: array<f32, 7> = array<f32, 7>(0.0, 0.0009765625, 0.00390625, 0.015625, 0.0625, 0.25, 1.0);
 
 // Where one cache texture's slots lie.
 struct SlotGrid {
@@ -375,6 +384,39 @@ struct RayState {
     sides: u32,
     // Mode iso: one bit for each surface that was crossed already: only first crossings count.
     crossed: u32,
+}
+
+// What a ray may be off by so far; 1 is white. What is infinite elsewhere is `FAR` here.
+struct RayErrors {
+    // Mode dvr: sum over its cells.
+    cells: f32,
+    // What coarser bricks may do, modes dvr and iso; mode mean: that of values, times world lengths; modes mip and minip: how far below the
+    // exact value may be.
+    levels: f32,
+    // Modes dvr and iso: least of that and the transmittance at all places so far; modes mip and minip: how far above the exact value may be.
+    bound: f32,
+    // Mode dvr: how much less optical depth there may be in front.
+    thinner: f32,
+    // 1 where a voxel may be there in one level and not in another.
+    presence_may_change: u32,
+}
+
+// What is drawn of a brick, against level 0: `lod::deviation::Deviation`. World lengths, render values; infinity is `FAR`.
+struct GpuDeviation {
+    // Mode dvr: error per length beside each of `PER_OPACITY`.
+    per_length: array<f32, 7>,
+    // Mode dvr: most that the drawn extinction is above the exact one.
+    thinner: f32,
+    // Greatest extinction that may be drawn or exact; `FAR` where a surface may lie beneath.
+    kappa_max: f32,
+    // Most that a value is off; `FAR` where one may be there or not.
+    value: f32,
+    // Least exact value; above the greatest one where there is none.
+    least: f32,
+    // Greatest exact value.
+    greatest: f32,
+    // 1 where a voxel may be absent in the brick or beneath.
+    presence_may_change: u32,
 }
 
 // A part of a ray, of several that solids leave; `RayState` says what the numbers are.

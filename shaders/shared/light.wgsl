@@ -47,10 +47,10 @@ fn light_at(value: f32) -> LightAt {
     return LightAt(bitcast<vec4<i32>>(start), y * (left + (0.5 * y) * rise), left + y * rise);
 }
 
-// Bends and variation of colour below a value's bin, or below the bin behind it.
-fn light_sums(value: f32, behind: f32) -> vec2<f32> {
+// Bends and variation of colour below a value's bin, or below the bin behind it; variation of colour in that bin, and in the one before it.
+fn light_sums(value: f32, behind: f32) -> vec4<f32> {
     let texel = light_texel(min(light_bin(value) + behind, f32(LIGHT_BINS)));
-    return bitcast<vec2<f32>>(textureLoad(light_table, texel + vec2<u32>(2u, 0u), 0).xy);
+    return bitcast<vec4<f32>>(textureLoad(light_table, texel + vec2<u32>(2u, 0u), 0));
 }
 
 // The field along a part of a ray: at its beginning, middle and end, and the coefficient of the third power.
@@ -65,8 +65,10 @@ struct LightPart {
     // Premultiplied colour, and the share of light from behind that gets through.
     color: vec3<f32>,
     transmittance: f32,
-    // Bound on the error of both.
+    // Bound on the error of both, beside `fit`.
     error: f32,
+    // What the table may be off by: bins are blunt, and whole numbers rounded. Shorter parts are off by as much.
+    fit: f32,
     // Light from the front end, over that from both, if it varies evenly between them.
     front_share: f32,
     // By what share of the part light that varies evenly may be misplaced.
@@ -77,7 +79,7 @@ struct LightPart {
 
 // Nothing at all.
 fn no_part() -> LightPart {
-    return LightPart(vec3<f32>(0.0), 1.0, 0.0, 0.0, 0.0, 0.0);
+    return LightPart(vec3<f32>(0.0), 1.0, 0.0, 0.0, 0.0, 0.0, 0.0);
 }
 
 // Integrates a chord.
@@ -113,7 +115,9 @@ fn integrate_chord(chord: LightChord) -> LightPart {
     let margin = most + 0.05 * cubic;
     let low = min(min(first, last), middle) - margin;
     let high = max(max(first, last), middle) + margin;
-    let sums = light_sums(high, 1.0) - light_sums(low, 0.0);
+    let sums_high = light_sums(high, 1.0);
+    let sums_low = light_sums(low, 0.0);
+    let sums = sums_high.xy - sums_low.xy;
     let of_mean = 0.5 * sums.x * average * extent;
     // No more than order can do to colours that differ so much.
     let reach = opacity * (1.0 - 0.5 * transmittance);
@@ -121,8 +125,15 @@ fn integrate_chord(chord: LightChord) -> LightPart {
     let emitted = means.rgb * emitting - clamp(ordered, -greatest, greatest);
     let color = clamp(emitted, vec3<f32>(0.0), vec3<f32>(opacity));
     let uneven = min(0.25 * sums.x * abs(rise) / max(kappa, 1.0e-12), 1.0);
-    let of_order = opacity * sums.y * (0.06 + 0.84 * uneven) * tau / (4.0 + tau);
+    // Colour may also be the uneven one: even, and then not. Beyond the last bin it does not change.
+    let slope_high = select(sums_high.w, 0.0, high >= f32(LIGHT_BINS));
+    let even_colors = min(sums_low.z, slope_high) * (light_bin(high) + 1.0 - light_bin(low));
+    let out_of_order = 0.84 * max(sums.y * uneven, sums.y - even_colors) + 0.06 * sums.y;
+    let of_order = opacity * out_of_order * tau / (4.0 + tau);
     let error = clamp(of_mean, 0.0, 1.0) + of_order;
+    // Within a bin a line stands for what bends there; its ends are rounded roots.
+    let of_bin = 0.5 * sums.x + 2.0 * sqrt(kappa * config.light_most) * (1.0 / f32(GREATEST_ROOT)) + config.light_unit;
+    let fit = min(of_bin * extent / max(abs(rise), 1.0), 1.0);
     // Where both ends are dark, the light in between comes from anywhere.
     let dim = 1.0e-3 * kappa + TINY;
     let at_front = max(a.value.w, 0.0) + dim;
@@ -130,5 +141,5 @@ fn integrate_chord(chord: LightChord) -> LightPart {
     // Evenly from end to end is not how light falls off in a part that is nearly opaque.
     let fall = 0.03 * tau * tau / (1.0 + 0.1 * tau * tau);
     let front_share = at_front / (at_front + at_back);
-    return LightPart(color, transmittance, error, front_share, 0.6 * uneven + fall, min(sums.y, 1.0));
+    return LightPart(color, transmittance, error, fit, front_share, 0.6 * uneven + fall, min(sums.y, 1.0));
 }

@@ -132,6 +132,7 @@ fn shade_part(plain: LightPart, gradients: mat3x3<f32>, to_eye: vec3<f32>) -> Li
     // What the part itself is off by is lit as the part is; its opacity is not.
     let gain = max(greatest_of(lit.diffuse + lit.specular), 1.0);
     part.error = opacity * min(of_place, 1.0) + plain.error * gain;
+    part.fit = plain.fit * gain;
     return part;
 }
 

@@ -229,6 +229,9 @@ fn try_part(
     let is_taken = ratio <= max(size, LEAST_SHARE) || size <= SHORTEST;
     (*walk).next = next_size(size, ratio, is_taken);
     if (is_taken) {
+        if (has_flag(FLAG_ERRORS)) {
+            ray_errors.cells += (part.error + part.fit) * (*walk).transmittance;
+        }
         (*walk).color += (*walk).transmittance * part.color;
         (*walk).transmittance *= part.transmittance;
         (*walk).at = end;

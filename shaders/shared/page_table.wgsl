@@ -84,6 +84,8 @@ struct Page {
     entry: u32,
     state: u32,
     payload: u32,
+    // Number of what it may be off by.
+    deviation: u32,
 }
 
 fn page_of(region: Region) -> Page {
@@ -98,5 +100,5 @@ fn page_of(region: Region) -> Page {
         entry = entry_of(level, brick);
         page = page_table[entry];
     }
-    return Page(brick, level, entry, page.x & PAGE_STATE, page.y);
+    return Page(brick, level, entry, page.x & PAGE_STATE, page.y, page.x >> PAGE_DEVIATION_SHIFT);
 }

@@ -32,7 +32,11 @@ fn cast_ray(ray: PixelRay, state: ptr<function, RayState>) {
             base = ray_from(ray, (*state).strides);
         }
         let leave = min(region_leave(base, region), segment_end(state));
+        let before = *state;
         cast_page(page, base, leave, state);
+        if (has_flag(FLAG_ERRORS) && page.deviation != DEVIATION_NONE) {
+            note_levels(page, before, ((*state).t - before.t) * base.length, state);
+        }
         is_inside = (*state).t < leave;
         (*state).status = select(STATUS_ACTIVE, STATUS_INSIDE, is_inside);
     }

@@ -15,25 +15,30 @@ use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
 use supervol_runtime::volume::Volume;
 use supervol_tests::fields::{Content, Field, options};
-use supervol_tests::pictures::{Subject, finest};
+use supervol_tests::pictures::{Subject, finest, gpu_name};
 
 const SIZE: &str = r#""image": {"width": 24, "height": 20}"#;
 /// What the reference itself may be off, grey levels.
 const REFERENCE: f64 = 0.01;
 
+/// A renderer that states errors.
+fn renderer(subject: &Subject, backend: Backend) -> Renderer {
+    let options = RenderOptions { predict_error: true, ..finest(backend) };
+    Renderer::new(Volume::of(subject.container.clone()), options).expect("threads")
+}
+
 /// A picture, what each of its pixels may be off by, and its statistics.
 fn stated(
-    subject: &Subject,
+    renderer: &mut Renderer,
     scene: &ResolvedScene,
     level: LevelChoice,
     budget: Option<Duration>,
 ) -> (Image, Image, FrameStats) {
-    let options = RenderOptions { level, predict_error: true, ..finest(Backend::Cpu) };
-    let mut renderer = Renderer::new(Volume::of(subject.container.clone()), options).expect("threads");
+    renderer.set_options(RenderOptions { level, ..renderer.options().clone() });
     renderer.set_scene(scene.clone());
     renderer.advance(budget.map(|budget| Instant::now() + budget)).expect("a picture");
     let (errors, stats) = (renderer.error_map().expect("somebody asked"), renderer.stats());
-    (renderer.into_picture().expect("there is one"), errors, stats)
+    (renderer.picture().expect("there is one").into_owned(), errors, stats)
 }
 
 /// Greatest distance of a pixel from the exact one that is above what is stated, and the greatest of all; grey levels.
@@ -67,57 +72,91 @@ fn waves() -> Field {
     })
 }
 
-/// Every mode, level and kind of content, with random transfer functions: what is stated is never less than what is measured.
-#[test]
-fn no_pixel_is_farther_off_than_is_stated() {
+/// What a test draws of one kind of content.
+struct Drawn<'a> {
+    backend: Backend,
+    levels: &'a [LevelChoice],
+    /// Random transfer functions for each mode.
+    functions: usize,
+    /// Most that may be stated of pictures of the finest level, grey levels.
+    most_of_finest: f64,
+}
+
+/// Every mode and level with random transfer functions: what is stated is never less than what is measured.
+fn assert_stated(name: &str, field: &Field, drawn: &Drawn<'_>, random: &mut Random) {
+    let subject = Subject::new(name, field as &dyn VolumeSource, &options(16));
+    let mut renderer = renderer(&subject, drawn.backend);
+    let iso =
+        format!(r#""mode": "iso", "iso": [{{"value": {:?}, "color": [1, 0.5, 0], "alpha": 0.6}}]"#, subject.value(0.6));
+    let mut statements = 0;
+    for mode in [
+        r#""mode": "dvr""#,
+        r#""mode": "dvr", "shading": {}"#,
+        r#""mode": "mip""#,
+        r#""mode": "minip""#,
+        r#""mode": "mean""#,
+        &iso,
+    ] {
+        let (mut tightest, mut useful) = (f64::INFINITY, 0);
+        for _ in 0..drawn.functions {
+            let function = random_function(random, &subject);
+            let scene = subject.scene(&[&subject.outside(), SIZE, &function, mode]);
+            let exact = subject.finest(&scene, Backend::Reference);
+            for &level in drawn.levels {
+                let (picture, errors, stats) = stated(&mut renderer, &scene, level, None);
+                let (beyond, largest) = beyond(&picture, &exact, &errors);
+                let said = stats.error_stated.expect("ray casters state their error");
+                assert!(beyond <= REFERENCE, "{name}, {mode}, {level:?}: {beyond} above, {said:?}; {function}");
+                assert!(said.largest_grey_levels + 1e-4 >= largest && said.pixels_unknown == 0, "{said:?}");
+                if largest > 0.5 {
+                    tightest = tightest.min(said.largest_grey_levels / largest);
+                    useful += usize::from(said.largest_grey_levels < 250.0);
+                }
+                if level == LevelChoice::Fixed(Lod(0)) {
+                    assert!(said.levels_grey_levels == 0.0 && !said.presence_may_change, "{said:?}");
+                    assert!(said.largest_grey_levels < drawn.most_of_finest, "{name}, {mode}: {said:?}");
+                }
+            }
+        }
+        println!("{name}, {mode}: stated / measured at best {tightest:.2}; {useful} statements below 250 levels");
+        statements += useful;
+    }
+    assert!(statements >= drawn.functions, "{name}: only {statements} pictures are off and said to be");
+}
+
+const LEVELS: [LevelChoice; 4] =
+    [LevelChoice::Auto, LevelChoice::Fixed(Lod(0)), LevelChoice::Fixed(Lod(1)), LevelChoice::Fixed(Lod(2))];
+
+fn contents() -> [(&'static str, Field); 5] {
     let field = |content| Field::of(content, [40, 33, 27], VoxelType::U8);
-    let fields: [(&str, Field); 5] = [
+    [
         ("waves", waves()),
         ("noise", field(Content::Noise)),
         ("smooth", field(Content::Smooth)),
         ("holes", field(Content::Holes)),
         ("shells", field(Content::Shells)),
-    ];
-    let levels =
-        [LevelChoice::Auto, LevelChoice::Fixed(Lod(0)), LevelChoice::Fixed(Lod(1)), LevelChoice::Fixed(Lod(2))];
+    ]
+}
+
+#[test]
+fn no_pixel_is_farther_off_than_is_stated() {
     let mut random = Random::new(7);
-    for (name, field) in fields {
-        let subject = Subject::new(name, &field as &dyn VolumeSource, &options(16));
-        let iso = format!(
-            r#""mode": "iso", "iso": [{{"value": {:?}, "color": [1, 0.5, 0], "alpha": 0.6}}]"#,
-            subject.value(0.6)
-        );
-        for mode in [
-            r#""mode": "dvr""#,
-            r#""mode": "dvr", "shading": {}"#,
-            r#""mode": "mip""#,
-            r#""mode": "minip""#,
-            r#""mode": "mean""#,
-            &iso,
-        ] {
-            let (mut tightest, mut useful) = (f64::INFINITY, 0);
-            for _ in 0..4 {
-                let function = random_function(&mut random, &subject);
-                let scene = subject.scene(&[&subject.outside(), SIZE, &function, mode]);
-                let exact = subject.finest(&scene, Backend::Reference);
-                for level in levels {
-                    let (picture, errors, stats) = stated(&subject, &scene, level, None);
-                    let (beyond, largest) = beyond(&picture, &exact, &errors);
-                    let said = stats.error_stated.expect("packets state their error");
-                    assert!(beyond <= REFERENCE, "{name}, {mode}, {level:?}: {beyond} above, {said:?}; {function}");
-                    assert!(said.largest_grey_levels + 1e-4 >= largest && said.pixels_unknown == 0, "{said:?}");
-                    if largest > 0.5 {
-                        tightest = tightest.min(said.largest_grey_levels / largest);
-                        useful += usize::from(said.largest_grey_levels < 250.0);
-                    }
-                    if level == LevelChoice::Fixed(Lod(0)) {
-                        assert!(said.levels_grey_levels == 0.0 && !said.presence_may_change, "{said:?}");
-                        assert!(said.largest_grey_levels < 4.0, "{name}, {mode}: {said:?}");
-                    }
-                }
-            }
-            println!("{name}, {mode}: stated / measured at best {tightest:.2}; {useful} statements below 250 levels");
-        }
+    let drawn = Drawn { backend: Backend::Cpu, levels: &LEVELS, functions: 4, most_of_finest: 4.0 };
+    for (name, field) in contents() {
+        assert_stated(name, &field, &drawn, &mut random);
+    }
+}
+
+/// The same by a graphics device.
+#[test]
+fn no_pixel_of_a_device_is_farther_off_than_is_stated() {
+    if gpu_name().is_none() {
+        return;
+    }
+    let mut random = Random::new(8);
+    let drawn = Drawn { backend: Backend::Gpu, levels: &LEVELS[..3], functions: 2, most_of_finest: 6.0 };
+    for (name, field) in contents() {
+        assert_stated(name, &field, &drawn, &mut random);
     }
 }
 
@@ -127,7 +166,7 @@ fn voxels_that_may_be_there_or_not_are_told() {
     let subject = Subject::new("holes", &Field::of(Content::Holes, [40; 3], VoxelType::U8), &options(16));
     let seen = subject.transfer_function(&[(0.0, [1.0; 3], 0.05), (1.0, [0.5; 3], 0.1)]);
     let scene = subject.scene(&[&subject.outside(), SIZE, &seen]);
-    let (_, _, coarse) = stated(&subject, &scene, LevelChoice::Fixed(Lod(1)), None);
+    let (_, _, coarse) = stated(&mut renderer(&subject, Backend::Cpu), &scene, LevelChoice::Fixed(Lod(1)), None);
     assert!(coarse.error_stated.is_some_and(|said| said.presence_may_change), "{coarse:#?}");
 }
 
@@ -138,12 +177,14 @@ fn unfinished_pictures_state_what_they_do_not_know() {
     let seen = subject.transfer_function(&[(0.3, [0.9, 0.3, 0.1], 0.0), (0.8, [0.2, 0.7, 0.9], 0.4)]);
     let scene = subject.scene(&[&subject.outside(), r#""image": {"width": 140, "height": 100}"#, &seen]);
     let exact = subject.finest(&scene, Backend::Reference);
-    let (picture, errors, stats) = stated(&subject, &scene, LevelChoice::Auto, Some(Duration::ZERO));
+    let (picture, errors, stats) =
+        stated(&mut renderer(&subject, Backend::Cpu), &scene, LevelChoice::Auto, Some(Duration::ZERO));
     let said = stats.error_stated.unwrap();
     assert!(said.pixels_unknown == 14_000 && said.largest_grey_levels > 100.0, "{said:?}");
     let (beyond, largest) = beyond(&picture, &exact, &errors);
     assert!(beyond <= REFERENCE && largest > 1.0, "{beyond}, {largest}");
-    let (_, _, whole) = stated(&subject, &scene, LevelChoice::Auto, Some(Duration::from_secs(60)));
+    let (_, _, whole) =
+        stated(&mut renderer(&subject, Backend::Cpu), &scene, LevelChoice::Auto, Some(Duration::from_secs(60)));
     let whole = whole.error_stated.unwrap();
     assert!(whole.pixels_unknown == 0 && whole.largest_grey_levels < 4.0, "{whole:?}");
 }
@@ -171,7 +212,7 @@ fn moved_voxels_are_part_of_what_is_stated() {
             let scene = exact.scene(&[&exact.outside(), SIZE, &function, mode]);
             let reference = exact.finest(&scene, Backend::Reference);
             for level in [LevelChoice::Auto, LevelChoice::Fixed(Lod(0)), LevelChoice::Fixed(Lod(1))] {
-                let (picture, errors, stats) = stated(&moved, &scene, level, None);
+                let (picture, errors, stats) = stated(&mut renderer(&moved, Backend::Cpu), &scene, level, None);
                 let (beyond, largest) = beyond(&picture, &reference, &errors);
                 let said = stats.error_stated.expect("packets state their error");
                 assert!(beyond <= REFERENCE, "{mode}, {level:?}: {beyond} above, {said:?}; {function}");

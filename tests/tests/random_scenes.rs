@@ -89,6 +89,14 @@ fn random_scenes_keep_the_error_on_the_gpu() {
     for at in found.errors.iter().filter(|at| at.asked_grey_levels >= 0.5) {
         assert!(at.scenes_above.is_empty(), "further off than was asked for: {at:#?}");
     }
+    for at in &found.errors {
+        let predicted = at.predicted.as_ref().unwrap_or_else(|| panic!("nothing was predicted: {at:#?}"));
+        assert!(predicted.scenes_above.is_empty(), "further off than predicted: {at:#?}");
+    }
+    for at in &found.stated {
+        assert!(at.scenes_above_stated.is_empty(), "further off than is stated of a pixel: {at:#?}");
+        assert!(at.pixels > 1000 && at.largest_share_of_stated > 0.05, "{at:#?}");
+    }
     let [smallest, greatest] = [0, ERRORS.len() - 1].map(|i| found.errors[i].largest_grey_levels);
     assert!(greatest > smallest && smallest > 0.0, "the error that is asked for changes nothing: {found:#?}");
 }

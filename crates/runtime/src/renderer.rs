@@ -422,7 +422,7 @@ impl Renderer {
             Work::Nothing => None,
             Work::InSteps(drawing) => drawing.into_pictures(),
             Work::AtOnce(image, _) => Some((image, Maps::default())),
-            Work::InStages(best) => Some((best.image, Maps::default())),
+            Work::InStages(best) => Some(best.into_pictures()),
             Work::InLayers(layers) => {
                 Some((layers.picture()?, Maps { errors: layers.error_map(), work: layers.work_map() }))
             }
@@ -436,7 +436,8 @@ impl Renderer {
         match &self.work {
             Work::InSteps(drawing) => drawing.error_map(),
             Work::InLayers(layers) => layers.error_map(),
-            Work::Nothing | Work::InStages(_) | Work::AtOnce(..) => None,
+            Work::InStages(best) => best.error_map(),
+            Work::Nothing | Work::AtOnce(..) => None,
         }
     }
 
@@ -458,7 +459,8 @@ impl Renderer {
         match &self.work {
             Work::InSteps(drawing) => stats.error_stated = drawing.error_stated(),
             Work::InLayers(layers) => stats.error_stated = layers.error_stated(),
-            Work::Nothing | Work::AtOnce(..) | Work::InStages(_) => {}
+            Work::InStages(best) => stats.error_stated = best.error_stated(),
+            Work::Nothing | Work::AtOnce(..) => {}
         }
         stats
     }

@@ -151,7 +151,7 @@ fn gpu_far_image(
     let geometry = &Geometry::IDENTITY;
     let volume = GpuVolume { pyramid, geometry, value_map, value_range, storage: VoxelStorage::F32 };
     let options = GpuOptions { memory_bytes: 64 << 20, ..GpuOptions::default() };
-    let mut renderer = GpuRenderer::new(gpu, &volume, scene, FINEST, options).expect("a renderer");
+    let mut renderer = GpuRenderer::new(gpu, &volume, scene, FINEST, options, None).expect("a renderer");
     for other in pyramid.keys_of(Lod(0)).filter(|&k| k != far.key) {
         renderer.set_state(other, PageEntry::Nothing);
     }
@@ -169,7 +169,7 @@ fn a_budget_too_small_says_what_is_needed() {
     let scene = volume.scene(SCENE);
     let new = |memory_bytes| {
         let options = GpuOptions { memory_bytes, ..GpuOptions::default() };
-        GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options)
+        GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options, None)
     };
     let Err(GpuError::Budget { needed, min_slots: 2, .. }) = new(1000) else { panic!("1000 bytes were enough") };
     assert!(matches!(new(needed - 1), Err(GpuError::Budget { .. })));
@@ -186,7 +186,7 @@ fn feedback_names_misses_uses_and_evictions() {
     let scene = volume.scene(SCENE);
     let memory_bytes = volume.memory_for(&gpu, &scene, FINEST, 2);
     let options = GpuOptions { memory_bytes, ..GpuOptions::default() };
-    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options).unwrap();
+    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options, None).unwrap();
     let first = renderer.cast_pass().unwrap();
     assert!(first.misses.len() > 2 && first.uses.is_empty());
     assert_eq!(first.misses.iter().map(|m| m.rays).sum::<u64>(), first.unfinished_rays);
@@ -227,7 +227,7 @@ fn another_look_or_view_uploads_no_brick() {
     let volume = volume();
     let options = GpuOptions { memory_bytes: 64 << 20, ..GpuOptions::default() };
     let first = volume.scene(SCENE);
-    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &first, FINEST, options).unwrap();
+    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &first, FINEST, options, None).unwrap();
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
     let bytes = renderer.stats().counters.upload_bytes;
     let view = SCENE.replace("[75, 55, 95]", "[-60, 70, 40]");
@@ -256,7 +256,7 @@ fn a_pass_that_is_stopped_goes_on() {
     let large = SCENE.replace(r#""width": 32, "height": 24"#, r#""width": 128, "height": 96"#);
     let scene = volume.scene(&large);
     let options = GpuOptions { memory_bytes: 64 << 20, ..GpuOptions::default() };
-    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options).unwrap();
+    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options, None).unwrap();
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
     let stopped = renderer.cast_pass_until(&Stop::at(Some(Instant::now()))).unwrap();
     // A fast adapter has cast all of them at once.
@@ -273,7 +273,7 @@ fn bands_are_rows_of_the_picture() {
     let volume = volume();
     let scene = volume.scene(SCENE);
     let options = GpuOptions { memory_bytes: 64 << 20, ..GpuOptions::default() };
-    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options).unwrap();
+    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options, None).unwrap();
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
     renderer.cast_pass().unwrap();
     let whole = renderer.image().unwrap();
@@ -299,7 +299,7 @@ fn memory_growth(gpu: &GpuDevice, frames: u64, passes: u64) -> Option<(u64, u64)
     let volume = volume();
     let options = GpuOptions { memory_bytes: 16 << 20, ..GpuOptions::default() };
     let mut renderer =
-        GpuRenderer::new(gpu, &volume.gpu_volume(), &volume.scene(SCENE), FINEST, options).expect("a renderer");
+        GpuRenderer::new(gpu, &volume.gpu_volume(), &volume.scene(SCENE), FINEST, options, None).expect("a renderer");
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
     let mut before = 0;
     for frame in 0..frames {
@@ -344,7 +344,7 @@ fn wrong_bricks_are_refused() {
     let volume = volume();
     let scene = volume.scene(SCENE);
     let options = GpuOptions { memory_bytes: 16 << 20, ..GpuOptions::default() };
-    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options).unwrap();
+    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options, None).unwrap();
     let good = &volume.bricks[&BrickKey::new(Lod(0), BrickIndex([0; 3]))];
     let refused = |renderer: &mut GpuRenderer, brick: &DecodedBrick| {
         assert!(matches!(renderer.insert(brick), Err(GpuError::Brick { .. })));
@@ -365,12 +365,12 @@ fn a_lost_device_is_reported_and_replaced() {
     let volume = volume();
     let scene = volume.scene(SCENE);
     let options = GpuOptions { memory_bytes: 16 << 20, ..GpuOptions::default() };
-    let mut renderer = GpuRenderer::new(&lost, &volume.gpu_volume(), &scene, FINEST, options).unwrap();
+    let mut renderer = GpuRenderer::new(&lost, &volume.gpu_volume(), &scene, FINEST, options, None).unwrap();
     renderer.cast_pass().unwrap();
     lost.device.destroy();
     assert!(matches!(renderer.cast_pass(), Err(GpuError::DeviceLost { .. })));
     assert!(matches!(renderer.image(), Err(GpuError::DeviceLost { .. })));
-    let again = GpuRenderer::new(&lost, &volume.gpu_volume(), &scene, FINEST, options);
+    let again = GpuRenderer::new(&lost, &volume.gpu_volume(), &scene, FINEST, options, None);
     assert!(matches!(again, Err(GpuError::DeviceLost { .. })));
 
     let Some(fresh) = gpu() else { return };

@@ -239,7 +239,7 @@ fn samples_by_error(gpu: &GpuDevice, scene: &str) -> Vec<u64> {
     let expected = volume.reference_image(&scene);
     let mut samples = Vec::new();
     let options = GpuOptions { max_error: 16.0 / 255.0, ..GpuOptions::default() };
-    let mut renderer = GpuRenderer::new(gpu, &volume.gpu_volume(), &scene, FINEST, options).expect("a renderer");
+    let mut renderer = GpuRenderer::new(gpu, &volume.gpu_volume(), &scene, FINEST, options, None).expect("a renderer");
     volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
     for levels in [16.0, 2.0, 0.5, 0.1] {
         renderer.set_max_error(levels / 255.0);

@@ -279,7 +279,7 @@ fn gpu_results(
     let volume = setting.volume();
     let places = FeedbackPlaces { grids, slots: 1 };
     let light = LightTable::new(&setting.scene.transfer_function, setting.map.shift, 1e-3);
-    let exactness = Exactness { skipping: Skipping::On, max_error: 0.5 / 255.0 };
+    let exactness = Exactness { skipping: Skipping::On, max_error: 0.5 / 255.0, sums_errors: false };
     let mut config =
         scene_tables::config(&volume, &setting.scene, &tf, &light, exactness, places).expect("a configuration");
     let tables = scene_tables::tables(&volume, &setting.scene).expect("tables");

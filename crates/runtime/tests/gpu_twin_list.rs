@@ -40,6 +40,7 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
             "try_part",
             "is_in_cell",
             "gradient_of",
+            "note_levels",
         ],
     ),
     (
@@ -58,6 +59,7 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
         &[
             "stored_cell",
             "no_part",
+            "no_errors",
             "shaded",
             "composite",
             "composite_surface",

@@ -209,7 +209,7 @@ fn setting() -> Setting {
     let light = LightTable::new(&scene.transfer_function, volume.map.shift, 1e-3);
     let shading = scene.shading.as_ref().expect("the scene is shaded");
     let lighting = Lighting::new(shading, &volume.geometry, volume.range.width());
-    let exactness = Exactness { skipping: Skipping::On, max_error: 0.5 / 255.0 };
+    let exactness = Exactness { skipping: Skipping::On, max_error: 0.5 / 255.0, sums_errors: false };
     let places = FeedbackPlaces { grids: GRIDS, slots: 42 };
     let mut config =
         scene_tables::config(&volume.gpu_volume(), &scene, &tf, &light, exactness, places).expect("a configuration");

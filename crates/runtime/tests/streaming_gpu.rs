@@ -153,6 +153,51 @@ fn the_next_picture_reads_and_uploads_nothing() {
     assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING);
 }
 
+/// Which levels are fine enough is no answer of the table of contents: it changes with what is asked for.
+#[test]
+fn a_level_that_is_asked_for_is_drawn_from_then_on() {
+    if !has_adapter() {
+        return;
+    }
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let scene = the_scene(&volume, r#""dvr""#);
+    let mut renderer = Renderer::new(OpenVolume::of(container.clone()), options(Backend::Gpu)).unwrap();
+    renderer.set_scene(scene.clone());
+    for level in [0, 1, 0] {
+        let options = RenderOptions { level: LevelChoice::Fixed(Lod(level)), ..options(Backend::Gpu) };
+        renderer.set_options(options.clone());
+        assert!(renderer.advance(None).unwrap().is_converged);
+        let (expected, _) = render(&container, &scene, &options).unwrap();
+        assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING, "level {level}");
+    }
+    let stats = renderer.stats();
+    assert_eq!(stats.device.page_ins, 0, "level 0 was there: {stats:#?}");
+}
+
+/// A sketch leaves its bricks to the picture that follows it, which is larger.
+#[test]
+fn what_a_sketch_has_uploaded_stays() {
+    if !has_adapter() {
+        return;
+    }
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let coarsest = LevelChoice::Fixed(container.pyramid().coarsest());
+    let options = RenderOptions { level: coarsest, predict_error: true, ..options(Backend::Gpu) };
+    let scene = scene_of_size(&volume, r#""dvr""#, [200, 150], 25);
+    let mut renderer = Renderer::new(OpenVolume::of(container), options).unwrap();
+    renderer.set_scene(scene);
+    let step = renderer.advance(Some(Instant::now())).unwrap();
+    assert!(!step.is_converged && renderer.stats().device.page_ins == 1, "a sketch of the coarsest level");
+    let unknown = renderer.stats().error_stated.unwrap();
+    assert_eq!(unknown.pixels_unknown, 200 * 150, "of pixels that are larger than asked for nothing is known");
+    assert!(renderer.advance(None).unwrap().is_converged);
+    let stats = renderer.stats();
+    assert_eq!(stats.device.page_ins, 0, "{stats:#?}");
+    assert_eq!(stats.error_stated.unwrap().pixels_unknown, 0);
+}
+
 /// A deadline leaves a whole picture behind, and nothing that is wrong: with more time it becomes the picture that is wanted.
 #[test]
 fn what_a_deadline_left_out_is_drawn_with_more_time() {

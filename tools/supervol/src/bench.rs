@@ -40,7 +40,7 @@ pub struct Arguments {
     #[arg(long)]
     peers: bool,
     /// Measure frames along a path instead: orbit, dolly, drag (the transfer function), or a file (see benches/paths)
-    #[arg(long, value_name = "NAME|FILE.json", conflicts_with = "peers")]
+    #[arg(long, value_name = "NAME|FILE.json", conflicts_with = "peers", group = "cast")]
     path: Option<String>,
     /// Hand over each frame of the path after this time, and measure how far it is from the converged one
     #[arg(long, value_name = "MS", requires = "path", value_parser = quantity::milliseconds)]
@@ -51,8 +51,8 @@ pub struct Arguments {
     /// Error of the frames of the path that is aimed for, a share of full scale [default: 1, levels by the size of voxels alone]
     #[arg(long, value_name = "E", requires = "path", value_parser = quantity::picture_error)]
     max_error: Option<f64>,
-    /// Who casts the rays of the path
-    #[arg(long, value_name = "BACKEND", requires = "path", default_value = "cpu")]
+    /// Who casts the rays of the path, or of the random scenes
+    #[arg(long, value_name = "BACKEND", requires = "cast", default_value = "cpu")]
     backend: PathBackend,
     /// Along the path, a cube of N voxels along an edge of which nothing is stored: every byte is computed when it is read.
     /// 10321 is 1 TiB
@@ -65,7 +65,7 @@ pub struct Arguments {
     /// Instead, draw N random scenes (volume, transfer function, camera, shading, clipping; mode dvr) at --max-error 0.1,
     /// 0.5, 2 and 8 of 255, and compare them with the reference; exit code 1 if one is further off than was asked for.
     /// 1000 scenes take some 7 minutes on one core
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000),
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000), group = "cast",
           conflicts_with_all = ["peers", "path", "leaping", "quick", "scene", "volume", "size", "edge", "pixels", "repeats", "record"])]
     random_scenes: Option<u64>,
     /// Seed of the random scenes

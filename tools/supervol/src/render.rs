@@ -155,7 +155,7 @@ pub struct Arguments {
     source: SourceArguments,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum BackendName {
     Auto,
     Cpu,
@@ -226,8 +226,8 @@ impl Arguments {
         let passed = u64::try_from(start.elapsed().as_millis()).unwrap_or(u64::MAX);
         RenderOptions {
             backend: match self.backend.unwrap_or(BackendName::Auto) {
-                // Graphics devices do not say it.
-                BackendName::Auto if self.error_map.is_some() || self.work_map.is_some() => Backend::Cpu,
+                // Graphics devices do not count it.
+                BackendName::Auto if self.work_map.is_some() => Backend::Cpu,
                 BackendName::Auto => Backend::Auto,
                 BackendName::Cpu => Backend::Cpu,
                 BackendName::Gpu => Backend::Gpu,
@@ -280,12 +280,13 @@ impl Arguments {
     /// Refuses options that cannot be meant together.
     fn check(&self) -> Result<(), Failure> {
         let is_said = self.print_scene || !self.pick.is_empty();
-        let is_not_cpu = matches!(self.backend, Some(BackendName::Gpu | BackendName::Reference));
+        let is_reference = self.backend == Some(BackendName::Reference);
+        let is_not_cpu = is_reference || self.backend == Some(BackendName::Gpu);
         let moves = self.turntable.is_some() || self.path.is_some();
         let wrong = if is_said && self.output.as_deref().is_some_and(output::is_standard) {
             "-o -: expected a file for the picture: --print-scene and --pick write to standard output"
-        } else if self.error_map.is_some() && is_not_cpu {
-            "--error-map: only --backend cpu says how far pixels may be off"
+        } else if self.error_map.is_some() && is_reference {
+            "--error-map: --backend reference is what pictures are held against; cpu and gpu say how far their pixels may be off"
         } else if self.work_map.is_some() && is_not_cpu {
             "--work-map: only --backend cpu counts what rays cost"
         } else if self.frame_format.is_some() && !moves {

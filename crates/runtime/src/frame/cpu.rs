@@ -137,6 +137,10 @@ impl Engine for CpuCaster {
         Ok(self.band.image(&self.states))
     }
 
+    fn pixel_maps(&self) -> Maps {
+        Maps { errors: self.band.error_pixels(&self.states), work: self.band.work_pixels(&self.states) }
+    }
+
     fn totals(&self) -> EngineTotals {
         EngineTotals {
             rays: self.counters,
@@ -156,9 +160,5 @@ impl InSteps for CpuCaster {
     fn finished_pixels(&mut self) -> Image {
         self.note_band();
         self.band.finished_pixels(&self.states)
-    }
-
-    fn pixel_maps(&self) -> Maps {
-        Maps { errors: self.band.error_pixels(&self.states), work: self.band.work_pixels(&self.states) }
     }
 }

@@ -110,6 +110,11 @@ pub trait Engine {
     /// If a device fails.
     fn image(&mut self) -> Result<Image, RenderError>;
 
+    /// What is known of the finished pixels of the band besides, where that was asked for and the engine can say it.
+    fn pixel_maps(&self) -> Maps {
+        Maps::default()
+    }
+
     /// Sums so far.
     fn totals(&self) -> EngineTotals;
 }
@@ -121,7 +126,4 @@ pub trait InSteps: Engine {
 
     /// The pixels of the band that are finished; NaN elsewhere.
     fn finished_pixels(&mut self) -> Image;
-
-    /// What is known of these pixels besides, where that was asked for.
-    fn pixel_maps(&self) -> Maps;
 }

@@ -9,30 +9,37 @@ use std::time::{Duration, Instant};
 
 use supervol_format::{BrickKey, Container, Pyramid, VoxelType};
 
-use super::engine::{Advance, Engine, EngineTotals};
+use super::engine::{Advance, Engine, EngineErrors, EngineTotals};
+use super::maps::Maps;
+use super::setting::with_data_scale;
 use super::walk::FinishedBands;
 use super::{FrameWalk, RenderError, RenderOptions, plan_host_for, streamer_for};
 use crate::counters::{DeviceCounters, RayCounters};
 use crate::facts::value_map;
 use crate::image::Image;
 use crate::lod::LodChoice;
+use crate::lod::deviation::{Deviation, Deviations};
+use crate::raycast::cpu::levels::ErrorsByReason;
 use crate::raycast::gpu::{
-    GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, Insertion, PageEntry, VoxelStorage,
+    BandErrors, DeviationOf, GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, Insertion, PageEntry,
+    VoxelStorage,
 };
 use crate::raycast::volume::{BrickView, Resident};
-use crate::scene::ResolvedScene;
+use crate::scene::{IsoSpec, Mode, ResolvedScene};
 use crate::stats::FrameStats;
 use crate::stop::Stop;
 use crate::streamer::budget::{CasterBytes, HostPlan};
+use crate::streamer::classify::may_have_holes;
 use crate::streamer::{Fetched, HostView, OnMissing, Streamer};
+use crate::transfer_function::TransferFunction;
 use crate::units::InUnits;
 
 /// A device, and what it holds from picture to picture: bricks, tables, pipelines.
 pub(crate) struct GpuBackend {
     device: GpuDevice,
     caster: Option<GpuCaster>,
-    /// Which of the streamer's answers its page table holds: [`Streamer::answers`].
-    answers: Option<u64>,
+    /// What its page table holds.
+    answers: Option<Answers>,
     /// The picture whose rays stopped where they were.
     paused: Option<Paused>,
 }
@@ -42,6 +49,44 @@ struct Paused {
     scene: ResolvedScene,
     lod: LodChoice,
     bands: FinishedBands,
+}
+
+/// What decides which answers a page table holds.
+#[derive(PartialEq)]
+struct Answers {
+    /// Those of the streamer: [`Streamer::answers`].
+    number: u64,
+    /// Which levels are fine enough.
+    lod: LodChoice,
+    /// Under which look it is said what bricks may be off by.
+    stated: Option<StatedLook>,
+}
+
+/// What of a scene decides how far bricks may be off.
+#[derive(PartialEq)]
+struct StatedLook {
+    mode: Mode,
+    transfer_function: TransferFunction,
+    iso: Vec<IsoSpec>,
+    is_shaded: bool,
+}
+
+impl StatedLook {
+    fn of(scene: &ResolvedScene) -> Self {
+        let ResolvedScene { mode, transfer_function, iso, shading, .. } = scene;
+        let (transfer_function, iso) = (transfer_function.clone(), iso.clone());
+        Self { mode: *mode, transfer_function, iso, is_shaded: shading.is_some() }
+    }
+}
+
+/// A finished picture.
+pub(crate) struct GpuDrawn {
+    pub(crate) image: Image,
+    pub(crate) stats: FrameStats,
+    /// What else was asked for of its pixels.
+    pub(crate) maps: Maps,
+    /// What its rays may be off by at most, where that was asked for.
+    pub(crate) errors: ErrorsByReason,
 }
 
 /// The ray caster in WGSL.
@@ -55,6 +100,10 @@ struct GpuCaster {
     rows: Range<u32>,
     /// What the device had done before this picture.
     before: DeviceCounters,
+    /// What levels do to rays, where that is summed up; of the picture so far; of the pixels of the last band.
+    deviations: Option<Arc<Deviations>>,
+    errors: ErrorsByReason,
+    error_pixels: Option<Image>,
 }
 
 /// What a picture is made from.
@@ -68,6 +117,8 @@ pub(crate) struct GpuPicture<'a> {
     pub(crate) is_paused_when_due: bool,
     /// What pictures before it, for the same scene, have cost.
     pub(crate) before: FrameStats,
+    /// The largest picture of the scene: rays along x and y, and whether it is asked what they may be off by.
+    pub(crate) room: ([u32; 2], bool),
 }
 
 impl GpuBackend {
@@ -93,22 +144,18 @@ impl GpuBackend {
         streamer: &mut Streamer,
         picture: &GpuPicture<'_>,
         reopen: &dyn Fn() -> Result<GpuDevice, GpuError>,
-    ) -> Result<(Image, FrameStats), RenderError> {
+    ) -> Result<GpuDrawn, RenderError> {
         let lost = match self.draw_once(streamer, picture) {
             Err(RenderError::Gpu(GpuError::DeviceLost { message })) => message,
             other => return other,
         };
         let Ok(second) = reopen() else { return Err(GpuError::DeviceLost { message: lost }.into()) };
         *self = Self::new(second);
-        let (image, stats) = self.draw_once(streamer, picture)?;
-        Ok((image, FrameStats { gpu_lost_because: Some(lost), ..stats }))
+        let drawn = self.draw_once(streamer, picture)?;
+        Ok(GpuDrawn { stats: FrameStats { gpu_lost_because: Some(lost), ..drawn.stats }, ..drawn })
     }
 
-    fn draw_once(
-        &mut self,
-        streamer: &mut Streamer,
-        picture: &GpuPicture<'_>,
-    ) -> Result<(Image, FrameStats), RenderError> {
+    fn draw_once(&mut self, streamer: &mut Streamer, picture: &GpuPicture<'_>) -> Result<GpuDrawn, RenderError> {
         // Where something goes wrong, nothing half done is kept.
         let (caster, paused) = (self.caster.take(), self.paused.take());
         let GpuPicture { scene, options, plan, stop, .. } = *picture;
@@ -118,8 +165,10 @@ impl GpuBackend {
                 (caster.resumed(picture), paused.bands)
             }
             (caster, _) => {
-                let keeps_answers = self.answers == Some(streamer.answers());
-                self.answers = Some(streamer.answers());
+                let stated = options.predict_error.then(|| StatedLook::of(scene));
+                let answers = Some(Answers { number: streamer.answers(), lod, stated });
+                let keeps_answers = self.answers == answers;
+                self.answers = answers;
                 (self.begin(caster, streamer, picture, keeps_answers)?, FinishedBands::default())
             }
         };
@@ -127,8 +176,9 @@ impl GpuBackend {
             FrameWalk::new(streamer, plan, options, Instant::now()).until(stop.clone()).after(picture.before.clone());
         match walk.run_on(&mut caster, scene.image_size, &mut bands) {
             Ok(image) => {
+                let (stats, errors) = (FrameStats { backend: "gpu", ..walk.into_stats() }, caster.errors);
                 self.caster = Some(caster);
-                Ok((image, FrameStats { backend: "gpu", ..walk.into_stats() }))
+                Ok(GpuDrawn { image, stats, maps: bands.into_maps(), errors })
             }
             Err(RenderError::Cancelled) => {
                 self.paused = Some(Paused { scene: scene.clone(), lod, bands });
@@ -160,9 +210,13 @@ impl GpuBackend {
             storage: storage(descriptor.voxel_type),
         };
         let lod = options.lod();
+        let deviations =
+            options.predict_error.then(|| Arc::new(with_data_scale(container, |data| Deviations::new(scene, data))));
+        let deviation_of = || deviations.as_ref().map(|of| deviation_of(container.clone(), of.clone()));
         let kept = match caster {
             Some(mut kept) => {
                 kept.renderer.set_max_error(options.max_error);
+                kept.renderer.set_deviations(deviation_of());
                 kept.renderer.set_scene(&volume, scene, lod, keeps_answers)?.then_some(kept.renderer)
             }
             None => None,
@@ -171,10 +225,12 @@ impl GpuBackend {
             memory_bytes: options.gpu_memory_bytes,
             skipping: options.skipping,
             max_error: options.max_error,
+            sums_errors: picture.room.1,
+            room: Some(picture.room.0),
         };
         let mut renderer = match kept {
             Some(renderer) => renderer,
-            None => GpuRenderer::new(&self.device, &volume, scene, lod, gpu_options)?,
+            None => GpuRenderer::new(&self.device, &volume, scene, lod, gpu_options, deviation_of())?,
         };
         if !keeps_answers {
             let is_too_coarse = |key: &BrickKey| streamer.is_too_coarse(*key);
@@ -189,8 +245,19 @@ impl GpuBackend {
             stop: stop.clone(),
             is_paused_when_due: picture.is_paused_when_due,
             rows: 0..0,
+            deviations,
+            errors: ErrorsByReason::default(),
+            error_pixels: None,
         })
     }
+}
+
+/// What the table of contents says of how far bricks may be off.
+fn deviation_of(container: Arc<Container>, deviations: Arc<Deviations>) -> DeviationOf {
+    Box::new(move |key| match container.entry(key) {
+        Ok(entry) => deviations.of(key, &entry, may_have_holes(&container, key, &entry)),
+        Err(_) => Deviation::UNKNOWN,
+    })
 }
 
 /// One picture on `device`, or on what `reopen` gives should that be lost, on the calling thread's pool.
@@ -208,8 +275,10 @@ pub fn render_gpu_surviving(
     let stop = Stop::at(options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms)));
     let mut streamer = streamer_for(container, scene, options, plan);
     let before = FrameStats::default();
-    let picture = GpuPicture { scene, options, plan, stop: &stop, is_paused_when_due: false, before };
-    GpuBackend::new(device).draw(&mut streamer, &picture, reopen)
+    let room = ([scene.camera.width, scene.camera.height], options.predict_error);
+    let picture = GpuPicture { scene, options, plan, stop: &stop, is_paused_when_due: false, before, room };
+    let GpuDrawn { image, stats, .. } = GpuBackend::new(device).draw(&mut streamer, &picture, reopen)?;
+    Ok((image, stats))
 }
 
 /// How bricks of this type are decoded: see [`crate::raycast::volume::Voxels`].
@@ -317,13 +386,31 @@ impl Engine for GpuCaster {
     }
 
     fn image(&mut self) -> Result<Image, RenderError> {
-        Ok(self.renderer.image()?)
+        let Some(deviations) = &self.deviations else { return Ok(self.renderer.image()?) };
+        let (image, errors) = self.renderer.image_with_errors(deviations)?;
+        if let Some(BandErrors { pixels, greatest, ended_early }) = errors {
+            self.errors = self.errors.or(greatest);
+            self.counters.rays_terminated_early += ended_early;
+            self.error_pixels = Some(pixels);
+        }
+        Ok(image)
+    }
+
+    fn pixel_maps(&self) -> Maps {
+        Maps { errors: self.error_pixels.clone(), work: None }
     }
 
     fn totals(&self) -> EngineTotals {
         let stats = self.renderer.stats();
         let counters = stats.counters.since(&self.before);
-        // The GPU does not tell which of its finished rays ended early.
-        EngineTotals { rays: self.counters, device: Some(GpuStats { counters, ..stats }), ..EngineTotals::default() }
+        let [ray_ends, transfer_function, rounding] = self.renderer.common_errors();
+        let ErrorsByReason { cells, levels, .. } = self.errors;
+        let states_errors = self.deviations.is_some() && self.renderer.sums_cells();
+        EngineTotals {
+            rays: self.counters,
+            errors: states_errors.then_some(EngineErrors { cells, levels, ray_ends, transfer_function, rounding }),
+            device: Some(GpuStats { counters, ..stats }),
+            ..EngineTotals::default()
+        }
     }
 }

@@ -52,10 +52,20 @@ pub struct Bands {
 #[derive(Debug, Default)]
 pub struct FinishedBands {
     pixels: Vec<[f32; 4]>,
+    /// What else is asked for of them.
+    maps: Maps,
     rows: u32,
     count: u64,
     /// What the rays of the band in progress wait for.
     wanted: Vec<BrickKey>,
+}
+
+impl FinishedBands {
+    /// What is known of the pixels of the picture besides; unknown of those of other bands.
+    #[must_use]
+    pub fn into_maps(self) -> Maps {
+        self.maps
+    }
 }
 
 impl<'a> FrameWalk<'a> {
@@ -112,6 +122,7 @@ impl<'a> FrameWalk<'a> {
             self.keep_coarse_levels(engine)?;
         }
         bands.pixels.reserve_exact(width as usize * height as usize - bands.pixels.len());
+        bands.maps.begin(self.options, image_size);
         let rows = self.plan.band_rows.min(engine.band_rows());
         for first in (bands.rows..height).step_by(rows as usize) {
             self.rows_finished = first;
@@ -119,6 +130,7 @@ impl<'a> FrameWalk<'a> {
             engine.begin(first..first.saturating_add(rows).min(height))?;
             self.complete_band(engine, &mut bands.wanted)?;
             bands.pixels.extend(engine.image()?.pixels);
+            bands.maps.write_over(first, engine.pixel_maps());
             bands.count += 1;
             bands.rows = first.saturating_add(rows).min(height);
             self.stats.bands += 1;

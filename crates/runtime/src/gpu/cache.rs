@@ -6,6 +6,7 @@
 //! eight voxels of a cell come by two fetches (of bytes) or four (docs/decisions/017-one-loop-of-antiderivatives.md).
 //! Everything is written through the queue; what is on its way is bounded by the plan's staging bytes.
 
+use super::deviations::DeviationTable;
 use super::device::{GpuDevice, GpuError};
 use super::layout::SlotGrid;
 use super::memory::{MemoryPlan, TEXTURE_LIMIT};
@@ -113,6 +114,8 @@ pub struct GpuCache {
     pub proximity: wgpu::Buffer,
     /// Slots whose proximity is to be made.
     pub slot_list: wgpu::Buffer,
+    /// What bricks may be off by.
+    pub deviations: DeviationTable,
     /// Page table entries to be written before the next pass: (entry, (state, payload)), in the order of the calls.
     pending: Vec<(u32, [u32; 2])>,
     storage: VoxelStorage,
@@ -138,6 +141,8 @@ pub struct CacheShape<'a> {
     pub cells: usize,
     /// Page table entries.
     pub entries: u64,
+    /// Whether it will be asked what bricks may be off by.
+    pub sums_errors: bool,
 }
 
 impl GpuCache {
@@ -146,7 +151,7 @@ impl GpuCache {
     /// # Errors
     /// Out of memory, or a size the device refuses.
     pub fn new(gpu: &GpuDevice, shape: &CacheShape<'_>) -> Result<Self, GpuError> {
-        let CacheShape { plan, storage, edge, cells, entries } = *shape;
+        let CacheShape { plan, storage, edge, cells, entries, sums_errors } = *shape;
         let slot = storage.texels([edge; 3]);
         let mut grids = [SlotGrid { slots: [1; 3], first: u32::MAX }; TEXTURE_LIMIT];
         let mut textures = Vec::new();
@@ -175,6 +180,7 @@ impl GpuCache {
             macro_ranges,
             proximity,
             slot_list,
+            deviations: DeviationTable::new(gpu, sums_errors)?,
             pending: Vec::new(),
             storage,
             slot,
@@ -260,11 +266,12 @@ impl GpuCache {
         self.pending.push((entry, page));
     }
 
-    /// Writes the noted entries: runs of neighbours at once, the last note of an entry wins.
+    /// Writes the noted entries: runs of neighbours at once, the last note of an entry wins; and the deviations that they number.
     ///
     /// # Errors
     /// A lost device.
     pub fn flush_pages(&mut self) -> Result<(), GpuError> {
+        self.deviations.flush();
         let mut pending = std::mem::take(&mut self.pending);
         // A stable sort keeps the notes of one entry in order; of these only the last is kept.
         pending.sort_by_key(|&(entry, _)| entry);
@@ -288,6 +295,7 @@ impl GpuCache {
     /// Forgets what all entries of the page table are: all are missing.
     pub fn clear_pages(&mut self) {
         self.pending.clear();
+        self.deviations.clear();
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.clear_buffer(&self.page_table, 0, None);
         self.gpu.queue.submit([encoder.finish()]);

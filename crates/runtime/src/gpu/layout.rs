@@ -8,6 +8,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::cache::VoxelStorage;
 use super::twins;
+use crate::lod::deviation::PER_OPACITY;
 use crate::raycast::cpu::{refine, shade, walk};
 use crate::raycast::scalar::quadrature;
 
@@ -30,7 +31,7 @@ wgsl_type! {
     u32 => "u32", i32 => "i32", f32 => "f32",
     [u32; 2] => "vec2<u32>", [f32; 2] => "vec2<f32>",
     [u32; 3] => "vec3<u32>", [i32; 3] => "vec3<i32>", [f32; 3] => "vec3<f32>",
-    [u32; 4] => "vec4<u32>", [f32; 4] => "vec4<f32>",
+    [u32; 4] => "vec4<u32>", [f32; 4] => "vec4<f32>", [f32; 7] => "array<f32, 7>",
 }
 
 /// Text and field offsets of one shared struct.
@@ -139,6 +140,12 @@ shared_constants! {
     PAGE_STATE = 0xff;
     /// Page table: the brick is too coarse; look at its children.
     PAGE_REFINE = 0x100;
+    /// Page table: bits of a page from here on are the number of what the brick may be off by.
+    PAGE_DEVIATION_SHIFT = 9;
+    /// Number of the deviation of what is exact.
+    DEVIATION_NONE = 0;
+    /// Number of the deviation of a brick of which nothing is known.
+    DEVIATION_UNKNOWN = 1;
     /// What a ray gathers.
     MODE_DVR = 0;
     /// See above.
@@ -165,6 +172,8 @@ shared_constants! {
     FLAG_SURFACES = 64;
     /// Flag: voxels are bytes; a texel of a cache texture holds four rows of them (gpu/cache.rs).
     FLAG_BYTES = 128;
+    /// Flag: what rays may be off by is summed up (errors.wgsl).
+    FLAG_ERRORS = 256;
     /// Bytes: voxels from a texel to the next one, along x and y.
     STEP_OF_BYTES = VoxelStorage::U8.texel_step();
     /// 16-bit numbers: voxels from a texel to the next one along x.
@@ -475,6 +484,43 @@ shared_struct! {
 }
 
 shared_struct! {
+    /// What a ray may be off by so far; 1 is white. What is infinite elsewhere is `FAR` here.
+    RayErrors {
+        /// Mode dvr: sum over its cells.
+        cells: f32,
+        /// What coarser bricks may do, modes dvr and iso; mode mean: that of values, times world lengths; modes mip and minip: how far below the
+        /// exact value may be.
+        levels: f32,
+        /// Modes dvr and iso: least of that and the transmittance at all places so far; modes mip and minip: how far above the exact value may be.
+        bound: f32,
+        /// Mode dvr: how much less optical depth there may be in front.
+        thinner: f32,
+        /// 1 where a voxel may be there in one level and not in another.
+        presence_may_change: u32,
+    }
+}
+
+shared_struct! {
+    /// What is drawn of a brick, against level 0: `lod::deviation::Deviation`. World lengths, render values; infinity is `FAR`.
+    GpuDeviation {
+        /// Mode dvr: error per length beside each of `PER_OPACITY`.
+        per_length: [f32; 7],
+        /// Mode dvr: most that the drawn extinction is above the exact one.
+        thinner: f32,
+        /// Greatest extinction that may be drawn or exact; `FAR` where a surface may lie beneath.
+        kappa_max: f32,
+        /// Most that a value is off; `FAR` where one may be there or not.
+        value: f32,
+        /// Least exact value; above the greatest one where there is none.
+        least: f32,
+        /// Greatest exact value.
+        greatest: f32,
+        /// 1 where a voxel may be absent in the brick or beneath.
+        presence_may_change: u32,
+    }
+}
+
+shared_struct! {
     /// A part of a ray, of several that solids leave; `RayState` says what the numbers are.
     RayPart {
         /// Place of the ray; none where it lies beyond the band's places.
@@ -531,7 +577,7 @@ shared_struct! {
 }
 
 /// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 36] {
+fn borrowed_constants() -> [(&'static str, &'static str, String); 37] {
     let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
     [
         ("APRON", "i32", apron.to_string()),
@@ -570,6 +616,11 @@ fn borrowed_constants() -> [(&'static str, &'static str, String); 36] {
         ("LEAST_SHARE", "f32", format!("{:?}", refine::LEAST_SHARE)),
         ("EASY", "f32", format!("{:?}", refine::EASY)),
         ("HARD", "f32", format!("{:?}", refine::HARD)),
+        (
+            "PER_OPACITY",
+            "array<f32, 7>",
+            format!("array<f32, 7>({})", PER_OPACITY.map(|a| format!("{a:?}")).join(", ")),
+        ),
     ]
 }
 
@@ -590,6 +641,8 @@ pub fn structs() -> Vec<StructLayout> {
         View::layout(),
         Scene::layout(),
         RayState::layout(),
+        RayErrors::layout(),
+        GpuDeviation::layout(),
         RayPart::layout(),
         Dispatch::layout(),
         GpuCounters::layout(),
@@ -601,7 +654,7 @@ pub fn structs() -> Vec<StructLayout> {
 pub fn wgsl() -> String {
     let mut text = "// Constants and structs shared with Rust. Written by gpu/layout.rs; do not edit.\n\n".to_owned();
     text.push_str(&constants_wgsl());
-    text.push_str("// Explained where Rust defines them: format/src/brick.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/refine.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.\n");
+    text.push_str("// Explained where Rust defines them: format/src/brick.rs, lod/deviation.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/refine.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.\n");
     for (name, ty, value) in borrowed_constants() {
         text.push_str(&format!("const {name}: {ty} = {value};\n"));
     }

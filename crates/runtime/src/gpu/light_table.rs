@@ -8,7 +8,8 @@
 //!    means over several bins are, whatever steps and bends lie between (`raycast::cpu::integrate` says how they are used);
 //! 2. the same four channels just behind the bin's beginning and just before its end, as roots of their shares of the greatest: a line with the
 //!    bin's mean;
-//! 3. sums up to the bin's beginning: changes of slope per bin, variation of visible colour. Their differences bound what a rule of integration can miss.
+//! 3. sums up to the bin's beginning: changes of slope per bin, variation of visible colour; and that variation in the bin, and in the one before
+//!    it. Their differences bound what a rule of integration can miss.
 //!
 //! Pieces as packets on the CPU look them up (`transfer_function::pieces`) take a search and twice as many texels; a bin is
 //! found by one conversion, however many control points there are. What it costs: a kink is blunt by a bin.
@@ -71,9 +72,11 @@ impl LightTable {
         let pieces = TransferPieces::new(source, shift, tolerance);
         let per_bin = width / f64::from(LIGHT_BINS);
         let scale = source.unit_distance();
-        let edges: Vec<At> = (0..=LIGHT_BINS).map(|i| at(&pieces, first + per_bin * f64::from(i))).collect();
+        // What bends where a bin begins is the bin's, and of no value before it; what bends at the end is the last bin's.
+        let edge = |i: u32| at(&pieces, first + per_bin * f64::from(i), i < LIGHT_BINS);
+        let edges: Vec<At> = (0..=LIGHT_BINS).map(edge).collect();
         // Below the first bin: none of the function's steps and bends, and no area.
-        let before = At { antiderivative: [0.0; CHANNELS], ..at(&pieces, first - width) };
+        let before = At { antiderivative: [0.0; CHANNELS], ..at(&pieces, first - width, false) };
         let whole = edges.iter().flat_map(|edge| edge.antiderivative).fold(0.0, f64::max) * scale / per_bin;
         let unit = whole.max(f64::from(f32::MIN_POSITIVE)) / f64::from(i32::MAX - 1);
         let most = points.iter().map(|p| source.kappa(p.alpha)).fold(f64::MIN_POSITIVE, f64::max);
@@ -82,6 +85,7 @@ impl LightTable {
             words[4 * (BIN_TEXELS * place + i)..][..4].copy_from_slice(&texel);
         };
         let mut is_resolved = !pieces.has_steps();
+        let mut colors_before = 0.0;
         for place in 0..PLACES {
             let begin = if place == 0 { &before } else { &edges[place - 1] };
             let is_outside = place == 0 || place + 1 == PLACES;
@@ -103,7 +107,9 @@ impl LightTable {
             write(0, place, k);
             write(1, place, packed(ends, most));
             let [bends, color] = begin.sums;
-            write(2, place, [bends * scale * per_bin, color, 0.0, 0.0].map(|v| (v as f32).to_bits()));
+            let colors = if is_outside { 0.0 } else { edges[place].sums[1] - color };
+            write(2, place, [bends * scale * per_bin, color, colors, colors_before].map(|v| (v as f32).to_bits()));
+            colors_before = colors;
         }
         Self {
             words,
@@ -171,8 +177,9 @@ fn channels_at(pieces: &TransferPieces, value: f64, is_left: bool) -> [f64; CHAN
     })
 }
 
-fn at(pieces: &TransferPieces, value: f64) -> At {
-    let i = piece_of(pieces, value, false);
+/// At a value, with the bends that lie there or without them.
+fn at(pieces: &TransferPieces, value: f64, is_left: bool) -> At {
+    let i = piece_of(pieces, value, is_left);
     let of = |column, c| f64::from(pieces.column(column, c)[i]);
     let y = value - of(Column::Anchor, 0);
     let antiderivative = std::array::from_fn(|c| {

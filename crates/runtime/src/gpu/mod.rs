@@ -11,13 +11,15 @@
 //! - [`scene_tables`]: a scene as the shaders read it;
 //! - [`slots`]: which brick sits in which slot, and who must leave;
 //! - [`cache`]: the cache textures, the page table and the macro ranges on the GPU;
+//! - [`deviations`]: what bricks may be off by;
 //! - [`table`]: what shaders look up at any place;
 //! - [`twins`]: shader functions in Rust that nothing but tests calls;
 //! - [`feedback`]: what the rays say: misses, uses, counters.
 //!
-//! Only core WebGPU is required: no optional feature, six storage buffers, 3D textures of unsigned integers.
+//! Only core WebGPU is required: no optional feature, eight storage buffers, 3D textures of unsigned integers.
 
 pub mod cache;
+pub mod deviations;
 pub mod device;
 pub mod feedback;
 pub mod layout;

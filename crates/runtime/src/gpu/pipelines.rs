@@ -58,6 +58,8 @@ pub struct SceneBindings<'a> {
     pub feedback: &'a wgpu::Buffer,
     /// Cache textures, [`TEXTURE_LIMIT`] of them.
     pub textures: &'a [wgpu::TextureView],
+    /// What bricks may be off by.
+    pub deviations: &'a wgpu::Buffer,
 }
 
 #[derive(Clone, Copy)]
@@ -89,6 +91,7 @@ impl Pipelines {
         let mut scene_entries: Vec<_> = (0..).zip(SCENE_TABLES).map(|(i, access)| entry(i, access)).collect();
         let cache = (SCENE_TABLES.len() as u32..).take(TEXTURE_LIMIT);
         scene_entries.extend(cache.map(|i| texture_entry(i, wgpu::TextureViewDimension::D3)));
+        scene_entries.push(entry(scene_entries.len() as u32, Access::Read));
         gpu.checked("the compute pipelines", || {
             let scene_layout = layout(gpu, &scene_entries);
             let make = |shader: &ShaderModule, buffers: &[Access]| {
@@ -98,9 +101,9 @@ impl Pipelines {
             };
             Self {
                 classify_cells: make(&CLASSIFY_CELLS, &[Access::Read]),
-                begin_rays: make(&BEGIN_RAYS, &[Access::ReadWrite]),
+                begin_rays: make(&BEGIN_RAYS, &[Access::ReadWrite, Access::ReadWrite]),
                 begin_parts: make(&BEGIN_PARTS, &[Access::ReadWrite, Access::Read]),
-                raycast: make(&RAYCAST, &[Access::ReadWrite, Access::Job]),
+                raycast: make(&RAYCAST, &[Access::ReadWrite, Access::ReadWrite, Access::Job]),
                 gather_misses: make(&GATHER_MISSES, &[]),
                 scene_layout,
             }
@@ -118,6 +121,7 @@ impl Pipelines {
         let mut resources: Vec<_> = first.map(wgpu::Buffer::as_entire_binding).into_iter().chain(tables).collect();
         resources.extend(last.map(wgpu::Buffer::as_entire_binding));
         resources.extend(b.textures.iter().map(wgpu::BindingResource::TextureView));
+        resources.push(b.deviations.as_entire_binding());
         bind(gpu, &self.scene_layout, resources)
     }
 }

@@ -8,8 +8,9 @@ use super::cache::VoxelStorage;
 use super::device::GpuError;
 use super::feedback::{MISS_LIMIT, use_words, wait_words};
 use super::layout::{
-    Config, FLAG_ABSENT, FLAG_BYTES, FLAG_FLOAT, FLAG_HOLES, FLAG_LIGHT, FLAG_SHADED, FLAG_SKIPPING, FLAG_SURFACES,
-    GpuIso, GpuLevel, GpuLight, GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid, Tables,
+    Config, FLAG_ABSENT, FLAG_BYTES, FLAG_ERRORS, FLAG_FLOAT, FLAG_HOLES, FLAG_LIGHT, FLAG_SHADED, FLAG_SKIPPING,
+    FLAG_SURFACES, GpuIso, GpuLevel, GpuLight, GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid,
+    Tables,
 };
 use super::light_table::LightTable;
 use crate::raycast::cpu::{END_SHARE, LEAST_SHADED_SHARE, Skipping, TERMINATION_OPACITY, cell_error};
@@ -41,6 +42,8 @@ pub struct Exactness {
     pub skipping: Skipping,
     /// Largest error of any channel of any pixel that is aimed at, 1 being white.
     pub max_error: f64,
+    /// Whether it is summed up what rays may be off by.
+    pub sums_errors: bool,
 }
 
 /// What the tables need to know of the device's memory.
@@ -65,7 +68,7 @@ pub fn config(
     options: Exactness,
     places: FeedbackPlaces,
 ) -> Result<Config, GpuError> {
-    let Exactness { skipping, max_error } = options;
+    let Exactness { skipping, max_error, sums_errors } = options;
     let [light_centre, light_scale, light_offset] = light.bins_of_stored(volume.storage, volume.value_map);
     let (world, map) = (volume.geometry.linear(), volume.value_map);
     let lighting = scene.shading.as_ref().map(|s| Lighting::new(s, volume.geometry, volume.value_range.width()));
@@ -81,6 +84,7 @@ pub fn config(
         (has_holes, FLAG_HOLES),
         (scene.mode == Mode::Dvr && light.is_resolved, FLAG_LIGHT),
         (scene.mode == Mode::Iso || scene.has_inner_surfaces(), FLAG_SURFACES),
+        (sums_errors, FLAG_ERRORS),
     ];
     let mut config = Config {
         world_x: column(world.x_axis),

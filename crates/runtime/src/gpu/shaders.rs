@@ -44,6 +44,7 @@ const RAY: &[ShaderFile] = &[
     file!("shared/cell.wgsl"),
     file!("shared/light_walk.wgsl"),
     file!("shared/feedback.wgsl"),
+    file!("shared/errors.wgsl"),
     file!("shared/walk.wgsl"),
 ];
 
@@ -84,8 +85,12 @@ pub const TEST_WALK: ShaderModule = ShaderModule { name: "test_walk", shared: RA
 /// For the tests: places in textures, marks of surfaces.
 pub const TEST_SLOTS: ShaderModule = ShaderModule { name: "test_slots", shared: RAY, entry: file!("test_slots.wgsl") };
 
+/// For the tests: what coarser bricks do to rays.
+pub const TEST_ERRORS: ShaderModule =
+    ShaderModule { name: "test_errors", shared: RAY, entry: file!("test_errors.wgsl") };
+
 /// What the tests run beside [`DRAWING`].
-pub const TESTING: [ShaderModule; 5] = [TEST_TWINS, TEST_LIGHT, TEST_PLACES, TEST_WALK, TEST_SLOTS];
+pub const TESTING: [ShaderModule; 6] = [TEST_TWINS, TEST_LIGHT, TEST_PLACES, TEST_WALK, TEST_SLOTS, TEST_ERRORS];
 
 /// What pictures are made by.
 pub const DRAWING: [ShaderModule; 5] = [RAYCAST, BEGIN_RAYS, BEGIN_PARTS, CLASSIFY_CELLS, GATHER_MISSES];

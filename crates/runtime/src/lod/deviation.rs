@@ -43,17 +43,17 @@ const VALUE_ROUNDING: f64 = 1e-5;
 /// Parts of a brick's range of values that are looked at one by one.
 const PARTS: usize = 64;
 /// a of each pair, see the module.
-const PER_OPACITY: [f64; 7] = [0.0, 1.0 / 1024.0, 1.0 / 256.0, 1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0, 1.0];
+pub const PER_OPACITY: [f64; 7] = [0.0, 1.0 / 1024.0, 1.0 / 256.0, 1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0, 1.0];
 
 /// What is drawn of one brick, against level 0; see the module. World lengths, data values, 1 is white.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Deviation {
     /// Mode `dvr`: b for each a of [`PER_OPACITY`].
-    per_length: [f64; PER_OPACITY.len()],
+    pub(crate) per_length: [f64; PER_OPACITY.len()],
     /// Mode `dvr`: most that the drawn extinction is above the exact one.
-    thinner: f64,
+    pub(crate) thinner: f64,
     /// Greatest extinction that may be drawn or exact; infinite in mode `iso` where a surface may lie beneath.
-    kappa_max: f64,
+    pub(crate) kappa_max: f64,
     /// Most that a value is off; infinite where one may be there or not.
     pub value: f64,
     /// Greatest and least exact value; empty where there is none.
@@ -118,19 +118,34 @@ impl Deviation {
     }
 }
 
+/// A ray that is finished.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FinishedRay {
+    /// Light from behind that is left out, since the ray ended early.
+    pub behind: f64,
+    /// `mip`, `minip`, `mean`: its value, data units; NaN where there is none.
+    pub value: f64,
+    /// `mean`: world length over which there is one.
+    pub length: f64,
+    /// What its cells may be off by, and whatever else is no coarser level's; 1 is white.
+    pub own: f64,
+    /// Colour times opacity, and opacity.
+    pub pixel: [f32; 4],
+}
+
 /// What the bricks that a ray has passed may do to it; see the module.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RayDeviation {
     /// `dvr`, `iso`: what the bricks so far may do, summed up; `mean`: what values are off, times the length.
-    sum: f64,
+    pub(crate) sum: f64,
     /// `dvr`, `iso`: least of the sum and the transmittance at all places so far.
-    bound: f64,
+    pub(crate) bound: f64,
     /// `dvr`: how much less optical depth there may be in front.
-    thinner: f64,
+    pub(crate) thinner: f64,
     /// `mip`, `minip`: how far the exact value may be below.
-    below: f64,
+    pub(crate) below: f64,
     /// And above.
-    above: f64,
+    pub(crate) above: f64,
 }
 
 impl RayDeviation {
@@ -341,6 +356,23 @@ impl Deviations {
             (drawn - least).max(high * extent.high[3] - drawn)
         };
         (0..4).map(off).fold(0.0, f64::max)
+    }
+
+    /// What a finished ray may be off by: for all reasons, and because of levels alone; 1 is white.
+    #[must_use]
+    pub fn of_finished(&self, levels: &RayDeviation, ray: &FinishedRay) -> [f64; 2] {
+        let FinishedRay { behind, value, length, own, pixel, .. } = *ray;
+        let reach = match self.mode {
+            Mode::Dvr | Mode::Iso | Mode::Slice => {
+                let of_levels = levels.of_ray(behind) - behind;
+                return [(of_levels + own + behind).min(1.0), of_levels];
+            }
+            Mode::Mip | Mode::Minip => levels.reach(),
+            Mode::Mean => levels.mean_reach(length),
+        };
+        let rounding = self.of_value(value, [0.0; 2], pixel);
+        let of_levels = if reach == [0.0; 2] { 0.0 } else { self.of_value(value, reach, pixel) - rounding };
+        [(of_levels + own + rounding).min(1.0), of_levels]
     }
 
     /// A stored range in data units.

@@ -54,12 +54,12 @@ impl Region {
         }
     }
 
-    /// See [`Drawing::error_map`]; devices state no errors.
+    /// See [`Drawing::error_map`].
     #[must_use]
     pub fn error_map(&self) -> Option<Image> {
         match self {
             Self::InSteps(drawing) => drawing.error_map(),
-            Self::InStages(..) => None,
+            Self::InStages(_, best) => best.as_ref()?.error_map(),
         }
     }
 

@@ -7,9 +7,12 @@ use std::time::{Duration, Instant};
 
 use super::drawing::{next_pixel, options_for, sketch_pixel, with_pixels};
 use super::resident::Resident;
-use crate::frame::gpu::{GpuBackend, GpuPicture};
+use crate::frame::gpu::{GpuBackend, GpuDrawn, GpuPicture};
+use crate::frame::maps::Maps;
+use crate::frame::stated::{ErrorStated, complete};
 use crate::frame::{RenderError, RenderOptions};
 use crate::image::Image;
+use crate::raycast::cpu::levels::ErrorsByReason;
 use crate::raycast::gpu::GpuDevice;
 use crate::scene::ResolvedScene;
 use crate::stats::FrameStats;
@@ -27,6 +30,32 @@ pub struct Best {
     /// The size of pixels that was begun and is not finished.
     begun: Option<u32>,
     took: Duration,
+    /// What its pixels may be off by, where that is asked for; NaN where nothing is known.
+    errors: Option<Image>,
+    /// What its rays may be off by, reason by reason.
+    by_reason: ErrorsByReason,
+}
+
+impl Best {
+    /// What each pixel may be off by, grey, 1 being white, where that is asked for.
+    #[must_use]
+    pub fn error_map(&self) -> Option<Image> {
+        Some(complete(self.errors.clone()?, &self.image))
+    }
+
+    /// The same in numbers.
+    #[must_use]
+    pub fn error_stated(&self) -> Option<ErrorStated> {
+        let unknown = self.stats.pixels_unfinished;
+        Some(ErrorStated::of(self.errors.as_ref()?, &self.image, self.by_reason, unknown))
+    }
+
+    /// The picture, and the map.
+    #[must_use]
+    pub fn into_pictures(self) -> (Image, Maps) {
+        let errors = self.errors.map(|known| complete(known, &self.image));
+        (self.image, Maps { errors, work: None })
+    }
 }
 
 /// Makes the picture better while there is time; without a deadline, until it is finished.
@@ -94,11 +123,16 @@ fn stage(
 ) -> Result<Best, RenderError> {
     let began = Instant::now();
     let Begun { pixel, is_paused_when_due, before } = begun;
-    let (seen, options) = (with_pixels(scene, pixel), options_for(resident.container(), options, pixel));
+    let room = ([scene.camera.width, scene.camera.height], options.predict_error);
+    // Shaders that sum up errors are others: whoever wants that of the last picture has all drawn by the same.
+    let options =
+        RenderOptions { predict_error: options.predict_error, ..options_for(resident.container(), options, pixel) };
+    let seen = with_pixels(scene, pixel);
     resident.aim(&seen, &options);
     let plan = resident.plan();
-    let picture = GpuPicture { scene: &seen, options: &options, plan, stop, is_paused_when_due, before };
-    let (image, mut stats) = backend.draw(resident.streamer(), &picture, &GpuDevice::open)?;
+    let picture = GpuPicture { scene: &seen, options: &options, plan, stop, is_paused_when_due, before, room };
+    let GpuDrawn { image, mut stats, maps, errors: by_reason } =
+        backend.draw(resident.streamer(), &picture, &GpuDevice::open)?;
     if pixel > 1 {
         stats.converged = false;
         (stats.pixels_unfinished, stats.coarsest_pixel) = (scene.pixels(), pixel);
@@ -106,5 +140,10 @@ fn stage(
         (stats.pixels_unfinished, stats.coarsest_pixel) = (0, 0);
     }
     let image = image.enlarged(pixel, scene.image_size);
-    Ok(Best { image, stats, pixel, begun: None, took: began.elapsed() })
+    // Of pixels that are taken from larger ones nothing is known.
+    let (errors, by_reason) = match pixel {
+        1 => (maps.errors, by_reason),
+        _ => (maps.errors.map(|_| Image::unknown(scene.image_size)), ErrorsByReason::default()),
+    };
+    Ok(Best { image, stats, pixel, begun: None, took: began.elapsed(), errors, by_reason })
 }

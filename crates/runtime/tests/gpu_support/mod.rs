@@ -153,7 +153,7 @@ impl TestVolume {
     ) -> (Image, GpuStats) {
         let memory_bytes = self.memory_for(gpu, scene, lod, slots);
         let options = GpuOptions { memory_bytes, skipping, ..GpuOptions::default() };
-        let mut renderer = GpuRenderer::new(gpu, &self.gpu_volume(), scene, lod, options).expect("a renderer");
+        let mut renderer = GpuRenderer::new(gpu, &self.gpu_volume(), scene, lod, options, None).expect("a renderer");
         for (&key, &state) in &self.states {
             renderer.set_state(key, state);
         }
@@ -179,7 +179,7 @@ impl TestVolume {
     /// The least budget with which this many slots fit.
     pub fn memory_for(&self, gpu: &GpuDevice, scene: &ResolvedScene, lod: LodChoice, slots: u64) -> u64 {
         let options = GpuOptions { memory_bytes: 0, ..GpuOptions::default() };
-        match GpuRenderer::new(gpu, &self.gpu_volume(), scene, lod, options) {
+        match GpuRenderer::new(gpu, &self.gpu_volume(), scene, lod, options, None) {
             Err(GpuError::Budget { needed, slot_bytes, min_slots, .. }) => {
                 needed + slots.saturating_sub(min_slots) * slot_bytes * 16 / 15 + 16 * u64::from(slots > min_slots)
             }

@@ -42,7 +42,7 @@ pub struct Options {
     pub scenes: u64,
     /// Threads of the renderer and of the reference.
     pub threads: usize,
-    /// Who draws: packets on the CPU, or a GPU, which neither predicts nor states errors.
+    /// Who draws: packets on the CPU, or a GPU, which predicts nothing where the transfer function has steps.
     pub backend: Backend,
 }
 
@@ -65,7 +65,7 @@ pub struct Found {
     pub seconds: f64,
     /// By error asked for.
     pub errors: Vec<AtError>,
-    /// By level that is asked for: what is stated of pixels against level 0; nothing on a GPU.
+    /// By level that is asked for: what is stated of pixels against level 0.
     pub stated: Vec<AtLevel>,
 }
 
@@ -82,7 +82,7 @@ pub struct AtError {
     pub p999_grey_levels: f64,
     /// Scenes with a greater error than was asked for.
     pub scenes_above: Vec<u64>,
-    /// Against what the renderer predicted; nothing on a GPU.
+    /// Against what the renderer predicted, where it did.
     pub predicted: Option<AgainstPredicted>,
 }
 
@@ -100,7 +100,7 @@ pub struct AgainstPredicted {
 /// The differences at one error while scenes are drawn.
 struct Differences {
     sizes: Vec<f32>,
-    /// One a scene, grey levels, and what was found against them; none on a GPU.
+    /// One a scene, grey levels, and what was found against them; those of a GPU that has steps have none.
     predicted: Vec<f64>,
     against_predicted: AgainstPredicted,
     at: AtError,
@@ -153,8 +153,9 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
             }
             differences.add(number, &picture, &exact, predicted);
         }
-        for pixels in stated.iter_mut().filter(|_| options.backend == Backend::Cpu) {
-            pixels.draw(number, &volume, &scene, &exact, options.threads)?;
+        for pixels in &mut stated {
+            let aimed = RenderOptions { backend: options.backend, ..aimed_at(0.5, options.threads) };
+            pixels.draw(number, &volume, &scene, &exact, aimed)?;
         }
         let done = number - options.first + 1;
         pace.tell(|| progress(done, options.scenes, start.elapsed().as_secs_f64(), &differences));
@@ -168,10 +169,7 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
         scenes_not_judged: not_judged,
         seconds: start.elapsed().as_secs_f64(),
         errors: differences.into_iter().map(Differences::finish).collect(),
-        stated: match options.backend {
-            Backend::Cpu => stated.into_iter().map(Pixels::finish).collect(),
-            _ => Vec::new(),
-        },
+        stated: stated.into_iter().map(Pixels::finish).collect(),
     })
 }
 

@@ -7,7 +7,6 @@ use supervol_runtime::image::{GREY_LEVELS, Image, greatest};
 use supervol_runtime::renderer::render_with_errors;
 use supervol_runtime::scene::ResolvedScene;
 
-use super::aimed_at;
 use crate::context::ChartError;
 use crate::volume::Volume;
 
@@ -56,9 +55,9 @@ impl Pixels {
         volume: &Volume,
         scene: &ResolvedScene,
         exact: &Image,
-        threads: usize,
+        aimed: RenderOptions,
     ) -> Result<(), ChartError> {
-        let options = RenderOptions { level: LevelChoice::Fixed(Lod(self.level)), ..aimed_at(0.5, threads) };
+        let options = RenderOptions { level: LevelChoice::Fixed(Lod(self.level)), ..aimed };
         let (picture, errors, stats) = render_with_errors(&volume.container, scene, &options)?;
         let errors = errors.ok_or_else(|| ChartError::Broken(format!("nothing is stated: {stats:?}")))?;
         self.add(number, &picture, exact, &errors);

@@ -8,7 +8,7 @@ use supervol_format::{BrickKey, Lod};
 use super::CpuFrame;
 use super::packets::{CastTile, PacketTables};
 use super::tile::{Gathered, TILE_RAYS};
-use crate::lod::deviation::{Deviation, Deviations, RayDeviation};
+use crate::lod::deviation::{Deviation, Deviations, FinishedRay, RayDeviation};
 use crate::raycast::volume::Resident;
 use crate::scene::Mode;
 
@@ -139,26 +139,19 @@ pub(super) fn errors_of(
         let transmittance = gathered.transmittance[ray];
         let has_ended = frame.mode == Mode::Dvr && transmittance <= tables.end_error();
         let behind = if has_ended { transmittance } else { 0.0 };
-        let ray_levels = &levels.rays[ray];
-        let (value, reach) = match frame.mode {
-            Mode::Dvr | Mode::Iso | Mode::Slice => (f64::NAN, [0.0; 2]),
-            Mode::Mip | Mode::Minip => (gathered.value[ray], ray_levels.reach()),
-            Mode::Mean => (gathered.value[ray] / gathered.length[ray], ray_levels.mean_reach(gathered.length[ray])),
+        let (cells, length) = (gathered.error[ray], gathered.length[ray]);
+        let value = if frame.mode == Mode::Mean { gathered.value[ray] / length } else { gathered.value[ray] };
+        let finished = FinishedRay {
+            behind,
+            value: value + frame.map.shift,
+            length,
+            own: cells + tables.own_error(frame, 1.0 - transmittance),
+            pixel: pixels[ray],
         };
-        let of_value = |reach| deviations.of_value(value + frame.map.shift, reach, pixels[ray]);
-        let rounding = of_value([0.0; 2]);
-        let of_levels = if has_transmittance(frame.mode) {
-            ray_levels.of_ray(behind) - behind
-        } else if reach == [0.0; 2] {
-            0.0
-        } else {
-            of_value(reach) - rounding
-        };
-        let cells = gathered.error[ray];
+        let [off, of_levels] = deviations.of_finished(&levels.rays[ray], &finished);
         greatest.levels = greatest.levels.max(of_levels);
         greatest.cells = greatest.cells.max(cells);
-        let own = cells + behind + rounding + tables.own_error(frame, 1.0 - transmittance);
-        (of_levels + own).min(1.0) as f32
+        off as f32
     });
     Some(Box::new(TileErrors { of_rays, greatest }))
 }

@@ -78,7 +78,7 @@ use crate::scene::{Mode, ResolvedScene};
 use crate::stop::Stop;
 use crate::transfer_function::RenderTransferFunction;
 use levels::ErrorsByReason;
-pub(crate) use packets::{END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE, cell_error};
+pub(crate) use packets::{END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE, cell_error, fit_error, own_error, rounding_error};
 use packets::{PacketTables, cast_tiles, tiles_of};
 use pixels::{Tile, error_pixels_of, pixels_of, work_pixels_of};
 pub use quality::{Caster, CpuQuality, MAX_ERROR_LIMITS, PacketRule};

@@ -59,8 +59,8 @@ pub struct PacketTables {
     table: Table,
     pub(super) set: InstructionSet,
     precision: Precision,
-    /// What extinction and emission may be off by, in parts of the extinction.
-    fit: f64,
+    /// What a pixel may be off by.
+    max_error: f64,
     view: View,
     pub(super) pixel_rays: PixelRays,
     pub(super) to_index: ToIndex,
@@ -150,8 +150,7 @@ impl PacketTables {
     pub fn new(frame: &CpuFrame, source: &TransferFunction, rule: PacketRule, made_bytes: u64) -> Self {
         let max_error = rule.max_error.clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
         let origin = origin_of(source, frame.map.shift);
-        let fit = FIT_SHARE * max_error;
-        let pieces = TransferPieces::new(source, frame.map.shift + f64::from(origin), fit);
+        let pieces = TransferPieces::new(source, frame.map.shift + f64::from(origin), FIT_SHARE * max_error);
         let precision = precision_of(max_error, pieces.has_steps(), rule.sums_errors);
         let for_levels = if rule.sums_errors { made_bytes / LEVELS_SHARE } else { 0 };
         let set = rule.instructions.unwrap_or_else(InstructionSet::best);
@@ -167,7 +166,7 @@ impl PacketTables {
             origin,
             set,
             precision,
-            fit,
+            max_error,
             view,
             pixel_rays: frame.camera.rays(),
             to_index: ToIndex::new(&frame.geometry),
@@ -199,30 +198,20 @@ impl PacketTables {
         f64::from(self.precision.last_transmittance)
     }
 
-    /// What the fit of the transfer function may do to a ray, 1 being white: extinction and emission are each off by at most
-    /// this share of the extinction, and no ray gathers more than one whole.
+    /// See [`fit_error`].
     pub fn fit_error(&self) -> f64 {
-        2.0 * self.fit
+        fit_error(self.max_error)
     }
 
-    /// What `f32` does to a ray that has gathered something, 1 being white: sums over the cells of a brick.
+    /// See [`rounding_error`].
     pub fn rounding_error(&self, frame: &CpuFrame) -> f64 {
-        // A ray leaves a cell through a plane of voxels.
-        let cells_per_brick = 3 * frame.pyramid.layout().core() + 1;
-        ROUNDINGS * cells_per_brick as f64 * HALF_EPSILON
+        rounding_error(frame.pyramid.layout().core())
     }
 
-    /// What is not of any single cell: what a ray of this opacity may be off by in mode `dvr`; in others, what is aimed at.
+    /// See [`own_error`].
     pub fn own_error(&self, frame: &CpuFrame, opacity: f64) -> f64 {
-        match frame.mode {
-            Mode::Dvr if opacity > 0.0 => {
-                // Of surfaces no more is known than that they aim at this, as in mode `iso`.
-                let of_surfaces = if frame.inner.is_some() { self.fit / FIT_SHARE } else { 0.0 };
-                self.fit_error() * opacity + self.rounding_error(frame) + of_surfaces
-            }
-            Mode::Iso if opacity > 0.0 => self.fit / FIT_SHARE,
-            _ => 0.0,
-        }
+        // Of surfaces no more is known than that they aim at this, as in mode `iso`.
+        own_error(frame.mode, opacity, (self.max_error, frame.inner.is_some()), frame.pyramid.layout().core())
     }
 
     /// How to go through a brick.
@@ -304,6 +293,30 @@ fn origin_of(source: &TransferFunction, shift: f64) -> f32 {
     let middle = 0.5 * first + 0.5 * last;
     let is_far = middle.is_finite() && middle.abs() > last - first;
     if is_far { middle as f32 } else { 0.0 }
+}
+
+/// What `f32` does to a ray that has gathered something, 1 being white: sums over the cells of a brick whose core has so many voxels along an edge.
+pub(crate) fn rounding_error(core: usize) -> f64 {
+    // A ray leaves a cell through a plane of voxels.
+    let cells_per_brick = 3 * core + 1;
+    ROUNDINGS * cells_per_brick as f64 * HALF_EPSILON
+}
+
+/// What the fit of the transfer function's pieces may do to a ray where a pixel may be off by this: extinction and emission are each off by at
+/// most this share of the extinction, and no ray gathers more than one whole.
+pub(crate) fn fit_error(max_error: f64) -> f64 {
+    2.0 * FIT_SHARE * max_error
+}
+
+/// What is not of any single cell: what a ray of this opacity may be off by in mode `dvr`, and in mode `iso` what is aimed at. There, and where
+/// something else `only_aims` at the error that is asked for, no more is known than that; `core`: see [`rounding_error`].
+pub(crate) fn own_error(mode: Mode, opacity: f64, (max_error, only_aims): (f64, bool), core: usize) -> f64 {
+    let aimed_at = if only_aims || mode == Mode::Iso { max_error } else { 0.0 };
+    match mode {
+        Mode::Dvr if opacity > 0.0 => fit_error(max_error) * opacity + rounding_error(core) + aimed_at,
+        Mode::Iso if opacity > 0.0 => aimed_at,
+        _ => 0.0,
+    }
 }
 
 /// What one cell may be off by where a pixel may be off by this.

@@ -27,12 +27,15 @@ pub use crate::gpu::device::{GpuDevice, GpuError, may_have_hardware};
 pub use crate::gpu::feedback::PassFeedback;
 pub use crate::gpu::scene_tables::GpuVolume;
 
-use super::cpu::{FIT_SHARE, MAX_ERROR_LIMITS, PacketRule, Skipping};
+use super::cpu::levels::ErrorsByReason;
+use super::cpu::{END_SHARE, FIT_SHARE, MAX_ERROR_LIMITS, PacketRule, Skipping, fit_error, own_error, rounding_error};
 use super::volume::{DecodedBrick, Voxels};
 use crate::counters::{DeviceCounters, milliseconds};
 use crate::gpu::cache::{CacheShape, EMPTY_RANGE, GpuCache};
+use crate::gpu::deviations;
 use crate::gpu::layout::{
-    PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, RayState, Scene,
+    DEVIATION_NONE, DEVIATION_UNKNOWN, PAGE_DEVIATION_SHIFT, PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING, PAGE_REFINE,
+    PAGE_RESIDENT, PAGE_UNIFORM, RayErrors, RayState, Scene,
 };
 use crate::gpu::light_table::LightTable;
 use crate::gpu::memory::{MemoryPlan, MemoryRequest, SLOT_LIMIT};
@@ -41,6 +44,7 @@ use crate::gpu::rays::{RayGrid, ViewLines};
 use crate::gpu::scene_tables::{self, Exactness, FeedbackPlaces};
 use crate::gpu::slots::{SlotIndex, Slots};
 use crate::image::Image;
+use crate::lod::deviation::{Deviation, Deviations, FinishedRay};
 use crate::lod::{LodChoice, LodRule};
 use crate::scene::{Mode, ResolvedScene};
 use crate::stop::Stop;
@@ -57,11 +61,21 @@ pub struct GpuOptions {
     /// Largest error of any channel of any pixel that is aimed at in mode `dvr`, 1 being white; brought to
     /// [`MAX_ERROR_LIMITS`].
     pub max_error: f64,
+    /// Whether there is room to sum up what rays may be off by.
+    pub sums_errors: bool,
+    /// Rays along x and y of the largest picture for which there is room; `None`: the first one's.
+    pub room: Option<[u32; 2]>,
 }
 
 impl Default for GpuOptions {
     fn default() -> Self {
-        Self { memory_bytes: 1 << 30, skipping: Skipping::On, max_error: PacketRule::DEFAULT.max_error }
+        Self {
+            memory_bytes: 1 << 30,
+            skipping: Skipping::On,
+            max_error: PacketRule::DEFAULT.max_error,
+            sums_errors: false,
+            room: None,
+        }
     }
 }
 
@@ -79,6 +93,20 @@ pub enum PageEntry {
     Uniform(f32),
     /// It cannot be had: its parent is drawn.
     Failed,
+}
+
+/// What a brick may be off by under a look, for pictures that say it.
+pub type DeviationOf = Box<dyn Fn(BrickKey) -> Deviation + Send>;
+
+/// What the rays of a band may be off by.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BandErrors {
+    /// Of each pixel the mean over its rays: grey, 1 being white.
+    pub pixels: Image,
+    /// The greatest of all rays, reason by reason.
+    pub greatest: ErrorsByReason,
+    /// Rays in mode `dvr` that ended before they left the volume.
+    pub ended_early: u64,
 }
 
 /// What became of a brick that was offered.
@@ -124,8 +152,13 @@ pub struct GpuRenderer {
     parts: PartsInProgress,
     /// Slots whose bricks came since the last pass: what of them shows is not known yet.
     unclassified: Vec<SlotIndex>,
+    /// What bricks may be off by, if that is summed up.
+    deviation_of: Option<DeviationOf>,
     stats: GpuStats,
 }
+
+/// Below this, tables and `f32` do not let roots and pairs of Gauss reach the error that is asked for.
+const LEAST_AIMED: f64 = 0.25 / 255.0;
 
 /// What belongs to one picture.
 struct Picture {
@@ -143,6 +176,10 @@ struct Picture {
     failed: Vec<u32>,
     /// What solids leave of its rays, where there are any.
     parts: Option<RayParts>,
+    /// What is taken off every data value.
+    shift: f64,
+    /// Whether there are surfaces inside the volume.
+    has_surfaces: bool,
 }
 
 /// How far the rays of a band have come, of which solids leave several parts.
@@ -158,7 +195,12 @@ struct PartsInProgress {
 }
 
 impl Picture {
-    fn new(volume: &GpuVolume<'_>, scene: &ResolvedScene, lod: LodChoice, options: &GpuOptions) -> Self {
+    fn new(
+        volume: &GpuVolume<'_>,
+        scene: &ResolvedScene,
+        lod: LodChoice,
+        (options, sums_errors): (&GpuOptions, bool),
+    ) -> Self {
         let [least, most] = MAX_ERROR_LIMITS;
         let max_error = options.max_error.clamp(least, most);
         let shift = volume.value_map.shift;
@@ -170,7 +212,7 @@ impl Picture {
             size: [scene.camera.width, scene.camera.height],
             tf: RenderTransferFunction::new(&transfer_function, shift),
             light: LightTable::new(&transfer_function, shift, FIT_SHARE * max_error),
-            exactness: Exactness { skipping: options.skipping, max_error },
+            exactness: Exactness { skipping: options.skipping, max_error, sums_errors },
             refine: bricks_to_refine(volume.pyramid, &lod),
             lod,
             failed: Vec::new(),
@@ -180,17 +222,30 @@ impl Picture {
                 volume.pyramid.level_at(Lod::FINEST).dims,
                 &scene.clip,
             ),
+            shift,
+            has_surfaces: scene.has_inner_surfaces(),
         }
     }
 
-    fn capacity(&self, entries: u64) -> Capacity {
+    /// What it needs, and what a picture of so many rays with the same transfer function does.
+    fn capacity(&self, entries: u64, sums_errors: bool) -> Capacity {
         let [width, height] = self.size;
-        Capacity::new(RayGrid { width, height }, self.subgrid, &self.tf, entries)
+        Capacity::new((RayGrid { width, height }, self.subgrid), &self.tf, entries, sums_errors)
+    }
+
+    /// The same with room for larger pictures to come.
+    fn capacity_with_room(&self, entries: u64, options: &GpuOptions) -> Capacity {
+        let own = self.capacity(entries, options.sums_errors);
+        options.room.map_or(own, |[width, height]| {
+            let grid = RayGrid { width, height };
+            own.with_rays_of(&Capacity::new((grid, 1), &self.tf, entries, options.sums_errors))
+        })
     }
 }
 
 impl GpuRenderer {
-    /// A renderer of one volume, and of one scene to begin with; nothing is resident.
+    /// A renderer of one volume, and of one scene to begin with; nothing is resident. What rays may be off by is summed up where somebody says
+    /// it of bricks, and there is room ([`GpuOptions::sums_errors`]).
     ///
     /// # Errors
     /// [`GpuError::Budget`] where the memory does not suffice, [`GpuError::TableLimit`] where the volume has too many
@@ -201,10 +256,12 @@ impl GpuRenderer {
         scene: &ResolvedScene,
         lod: LodChoice,
         options: GpuOptions,
+        deviation_of: Option<DeviationOf>,
     ) -> Result<Self, GpuError> {
+        let deviation_of = deviation_of.filter(|_| options.sums_errors);
         let pyramid = volume.pyramid;
-        let picture = Picture::new(volume, scene, lod, &options);
-        let capacity = picture.capacity(pyramid.brick_count());
+        let picture = Picture::new(volume, scene, lod, (&options, deviation_of.is_some()));
+        let capacity = picture.capacity_with_room(pyramid.brick_count(), &options);
         let plan = plan_memory(device, volume, &capacity, options)?;
         let shape = CacheShape {
             plan: &plan,
@@ -212,6 +269,7 @@ impl GpuRenderer {
             edge: scene_tables::slot_edge(pyramid),
             cells: (pyramid.layout().core() / MACRO_CELL).pow(3),
             entries: pyramid.brick_count(),
+            sums_errors: options.sums_errors,
         };
         let cache = GpuCache::new(device, &shape)?;
         let slots = usize::try_from(plan.slots).expect("slots are below 2^24");
@@ -227,6 +285,7 @@ impl GpuRenderer {
             picture,
             parts: PartsInProgress::default(),
             unclassified: Vec::new(),
+            deviation_of,
             stats: GpuStats {
                 adapter: device.name(),
                 planned_bytes: plan.total_bytes,
@@ -245,6 +304,11 @@ impl GpuRenderer {
         self.options.max_error = max_error;
     }
 
+    /// What bricks may be off by from the next picture on, if that is to be summed up: then the answers are the same only if this is.
+    pub fn set_deviations(&mut self, deviation_of: Option<DeviationOf>) {
+        self.deviation_of = deviation_of;
+    }
+
     /// Begins another picture of the same volume: whether there is room for one of this size. Bricks stay resident. What was
     /// said of others is forgotten, as is which are too coarse, unless `keeps_answers` says that the answers would be the
     /// same; what had failed is asked for again in any case.
@@ -258,8 +322,9 @@ impl GpuRenderer {
         lod: LodChoice,
         keeps_answers: bool,
     ) -> Result<bool, GpuError> {
-        let mut picture = Picture::new(volume, scene, lod, &self.options);
-        if !self.capacity.holds(&picture.capacity(self.pyramid.brick_count())) {
+        let sums_errors = self.deviation_of.is_some();
+        let mut picture = Picture::new(volume, scene, lod, (&self.options, sums_errors));
+        if !self.capacity.holds(&picture.capacity(self.pyramid.brick_count(), sums_errors)) {
             return Ok(false);
         }
         if keeps_answers {
@@ -314,7 +379,12 @@ impl GpuRenderer {
     /// Rows of the picture that are cast at once.
     #[must_use]
     pub fn band_rows(&self) -> u32 {
-        pass::band_rows(self.picture.size[0], self.picture.subgrid)
+        pass::band_rows(self.picture.size[0], self.picture.subgrid, self.sums_errors())
+    }
+
+    /// Whether it is summed up what rays may be off by.
+    fn sums_errors(&self) -> bool {
+        self.picture.exactness.sums_errors
     }
 
     /// Rays along an edge of a pixel.
@@ -352,7 +422,20 @@ impl GpuRenderer {
     fn set_page(&mut self, entry: u32, state: u32, payload: u32) {
         let coarse = entry.checked_sub(self.first_coarse_entry());
         let refine = coarse.is_some_and(|i| self.picture.refine[i as usize]);
-        self.cache.set_page(entry, [state | if refine { PAGE_REFINE } else { 0 }, payload]);
+        let deviation = self.deviation_number(entry, state) << PAGE_DEVIATION_SHIFT;
+        self.cache.set_page(entry, [state | deviation | if refine { PAGE_REFINE } else { 0 }, payload]);
+    }
+
+    /// Number of what may be off where a page in this state is drawn.
+    fn deviation_number(&mut self, entry: u32, state: u32) -> u32 {
+        match (&self.deviation_of, state) {
+            (None, _) | (_, PAGE_MISSING) => DEVIATION_NONE,
+            (_, PAGE_FAILED) => DEVIATION_UNKNOWN,
+            (Some(deviation_of), _) => {
+                let key = self.pyramid.key(u64::from(entry)).expect("entries below the count have keys");
+                self.cache.deviations.number_of(&deviation_of(key), self.picture.shift)
+            }
+        }
     }
 
     /// Bricks that fit the budget.
@@ -480,13 +563,53 @@ impl GpuRenderer {
     pub fn image(&mut self) -> Result<Image, GpuError> {
         let RayGrid { width, height } = self.caster.grid();
         let mut pixels = vec![[0.0; 4]; width as usize * height as usize];
-        let (mode, tf, subgrid) = (self.picture.mode, &self.picture.tf, self.picture.subgrid);
-        self.caster.read_states(|[x, y], state| {
+        let Picture { mode, tf, subgrid, .. } = &self.picture;
+        self.caster.read_rays(false, |[x, y], state, _| {
             if x < width && y < height {
-                pixels[y as usize * width as usize + x as usize] = pixel(mode, tf, state);
+                pixels[y as usize * width as usize + x as usize] = pixel(*mode, tf, state);
             }
         })?;
-        Ok(Image { width, height, pixels }.downsampled(subgrid))
+        Ok(Image { width, height, pixels }.downsampled(*subgrid))
+    }
+
+    /// The same, and what it may be off by where that is summed up, by the same rule that said it of bricks.
+    ///
+    /// # Errors
+    /// A lost device.
+    pub fn image_with_errors(&mut self, deviations: &Deviations) -> Result<(Image, Option<BandErrors>), GpuError> {
+        if !self.sums_errors() {
+            return Ok((self.image()?, None));
+        }
+        let RayGrid { width, height } = self.caster.grid();
+        let mut pixels = vec![[0.0; 4]; width as usize * height as usize];
+        let mut off = pixels.clone();
+        let (mut greatest, mut ended_early) = (ErrorsByReason::default(), 0);
+        let (picture, core) = (&self.picture, self.pyramid.layout().core());
+        self.caster.read_rays(true, |[x, y], state, errors| {
+            if x < width && y < height {
+                let ray = y as usize * width as usize + x as usize;
+                pixels[ray] = pixel(picture.mode, &picture.tf, state);
+                let (error, by_reason) = picture.error_of(deviations, state, errors, (pixels[ray], core));
+                off[ray] = [error, error, error, 1.0];
+                greatest = greatest.or(by_reason);
+                ended_early += u64::from(picture.has_ended(state));
+            }
+        })?;
+        let [image, off] = [pixels, off].map(|pixels| Image { width, height, pixels }.downsampled(picture.subgrid));
+        Ok((image, Some(BandErrors { pixels: off, greatest, ended_early })))
+    }
+
+    /// Whether what cells miss is part of what is summed up: in mode `dvr` without steps.
+    #[must_use]
+    pub fn sums_cells(&self) -> bool {
+        self.sums_errors() && self.picture.mode == Mode::Dvr && self.picture.light.is_resolved
+    }
+
+    /// What is not summed up ray by ray, 1 being white: what lies behind the end of a ray, what the fit of the transfer function and `f32` do.
+    #[must_use]
+    pub fn common_errors(&self) -> [f64; 3] {
+        let max_error = self.picture.exactness.max_error;
+        [END_SHARE * max_error, fit_error(max_error), rounding_error(self.pyramid.layout().core())]
     }
 
     /// Statistics since the renderer was made.
@@ -541,6 +664,45 @@ impl GpuRenderer {
     #[must_use]
     pub fn skipping(&self) -> Skipping {
         self.options.skipping
+    }
+}
+
+impl Picture {
+    /// Whether a finished ray ended before it left the volume.
+    fn has_ended(&self, state: &RayState) -> bool {
+        self.mode == Mode::Dvr && state.transmittance <= (END_SHARE * self.exactness.max_error) as f32
+    }
+
+    /// What a finished ray may be off by, and for which reasons; `core`: voxels along an edge of a full brick's core.
+    fn error_of(
+        &self,
+        deviations: &Deviations,
+        state: &RayState,
+        errors: &RayErrors,
+        (pixel, core): ([f32; 4], usize),
+    ) -> (f32, ErrorsByReason) {
+        let max_error = self.exactness.max_error;
+        let transmittance = f64::from(state.transmittance);
+        // Roots and pairs of Gauss, like surfaces, aim at the error that is asked for, and nobody sums up what they miss.
+        let only_aims = self.has_surfaces || !self.light.is_resolved;
+        let aimed = if self.light.is_resolved { max_error } else { max_error.max(LEAST_AIMED) };
+        let length = f64::from(state.present);
+        let value = match self.mode {
+            Mode::Mip | Mode::Minip | Mode::Mean if length <= 0.0 => f64::NAN,
+            Mode::Mean => f64::from(state.color[0]) / length,
+            _ => f64::from(state.color[0]),
+        };
+        let cells = f64::from(errors.cells);
+        let finished = FinishedRay {
+            behind: if self.has_ended(state) { transmittance } else { 0.0 },
+            value: value + self.shift,
+            length,
+            own: cells + own_error(self.mode, 1.0 - transmittance, (aimed, only_aims), core),
+            pixel,
+        };
+        let [off, levels] = deviations.of_finished(&deviations::of_ray(self.mode, errors), &finished);
+        let by_reason = ErrorsByReason { cells, levels, presence_may_change: errors.presence_may_change != 0 };
+        (off as f32, by_reason)
     }
 }
 

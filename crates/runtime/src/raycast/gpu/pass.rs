@@ -14,9 +14,12 @@ use bytemuck::Zeroable;
 
 use crate::counters::milliseconds;
 use crate::gpu::cache::GpuCache;
+use crate::gpu::deviations::DeviationTable;
 use crate::gpu::device::{GpuDevice, GpuError};
 use crate::gpu::feedback::{MISS_LIMIT, PassFeedback, buffer_words, read_misses, read_uses, read_words};
-use crate::gpu::layout::{Dispatch, FLAG_LIGHT, GpuCounters, GpuPoint, RayPart, RayState, Scene, View, WORKGROUP_RAYS};
+use crate::gpu::layout::{
+    Dispatch, FLAG_LIGHT, GpuCounters, GpuPoint, RayErrors, RayPart, RayState, Scene, View, WORKGROUP_RAYS,
+};
 use crate::gpu::light_table::{LightTable, TEXELS};
 use crate::gpu::pipelines::{Pipeline, Pipelines, SceneBindings, Variant};
 use crate::gpu::rays::{RayGrid, TILE};
@@ -26,7 +29,7 @@ use crate::gpu::table::Table;
 use crate::stop::Stop;
 use crate::transfer_function::RenderTransferFunction;
 
-/// Most bytes of ray states: larger pictures are cast in bands.
+/// Most bytes of ray states, and of what rays may be off by: larger pictures are cast in bands.
 const STATES_LIMIT: u64 = 64 << 20;
 /// Texels of a control point: of four words each.
 const POINT_TEXELS: usize = size_of::<GpuPoint>() / 16;
@@ -75,10 +78,15 @@ pub(super) fn work_limit(gpu: &GpuDevice, flags: u32) -> u32 {
     }
 }
 
+/// Bytes of a ray on the device, for who sums up errors or does not.
+const fn ray_bytes(sums_errors: bool) -> u64 {
+    (size_of::<RayState>() + if sums_errors { size_of::<RayErrors>() } else { 0 }) as u64
+}
+
 /// Rows of rays, for whole pixels of so many rows each, that fit [`STATES_LIMIT`] in a picture of this width; at least one
 /// pixel's.
-pub(super) fn band_rows(width: u32, subgrid: u32) -> u32 {
-    let row_of_tiles = RayGrid { width, height: TILE }.places() * size_of::<RayState>() as u64;
+pub(super) fn band_rows(width: u32, subgrid: u32, sums_errors: bool) -> u32 {
+    let row_of_tiles = RayGrid { width, height: TILE }.places() * ray_bytes(sums_errors);
     let rows = (STATES_LIMIT / row_of_tiles).min(u64::from(u32::MAX / TILE)) as u32 * TILE;
     (rows - rows % subgrid).max(subgrid)
 }
@@ -94,23 +102,39 @@ pub(super) struct Capacity {
     pub(super) index: usize,
     /// Entries of the page table.
     pub(super) entries: u64,
+    /// Whether there is room for what rays may be off by.
+    pub(super) sums_errors: bool,
 }
 
 impl Capacity {
     /// For pictures of this size, or smaller ones, with this transfer function.
-    pub(super) fn new(grid: RayGrid, subgrid: u32, tf: &RenderTransferFunction, entries: u64) -> Self {
-        let band = RayGrid { height: grid.height.min(band_rows(grid.width, subgrid)), ..grid };
-        Self { places: band.places(), points: tf.points.len(), index: tf.bins.len() + tf.knots.len(), entries }
+    pub(super) fn new(
+        (grid, subgrid): (RayGrid, u32),
+        tf: &RenderTransferFunction,
+        entries: u64,
+        sums_errors: bool,
+    ) -> Self {
+        let band = RayGrid { height: grid.height.min(band_rows(grid.width, subgrid, sums_errors)), ..grid };
+        let index = tf.bins.len() + tf.knots.len();
+        Self { places: band.places(), points: tf.points.len(), index, entries, sums_errors }
+    }
+
+    /// The same with room for as many rays as `other` has.
+    pub(super) fn with_rays_of(self, other: &Self) -> Self {
+        Self { places: self.places.max(other.places), ..self }
     }
 
     /// Whether it is enough for what needs `other`.
     pub(super) fn holds(&self, other: &Self) -> bool {
-        self.places >= other.places && self.points >= other.points && self.index >= other.index
+        let has_room = self.places >= other.places && self.points >= other.points && self.index >= other.index;
+        has_room && (self.sums_errors || !other.sums_errors)
     }
 
     /// Bytes of everything that is allocated for it; feedback counts twice, for it is read back.
     pub(super) fn bytes(&self, slots: u64) -> u64 {
         self.places * size_of::<RayState>() as u64
+            + self.error_bytes()
+            + DeviationTable::bytes(self.sums_errors)
             + 4 * (buffer_words(slots, self.entries) + read_words(slots))
             + Table::bytes(self.points * POINT_TEXELS, 4)
             + Table::bytes(self.index, 1)
@@ -118,13 +142,18 @@ impl Capacity {
             + size_of::<Scene>() as u64
             + RUNS_IN_FLIGHT as u64 * COUNTERS_BYTES
             + PARTS_BYTES
-            + read_back_bytes(self.places)
+            + self.read_back_bytes()
     }
-}
 
-/// Bytes of the read-back buffer for ray states.
-fn read_back_bytes(places: u64) -> u64 {
-    (places * size_of::<RayState>() as u64).min(READ_BACK_LIMIT)
+    /// Bytes of what rays may be off by; one place is there in any case.
+    fn error_bytes(&self) -> u64 {
+        size_of::<RayErrors>() as u64 * if self.sums_errors { self.places } else { 1 }
+    }
+
+    /// Bytes of the read-back buffer for rays.
+    fn read_back_bytes(&self) -> u64 {
+        (self.places * ray_bytes(self.sums_errors)).min(READ_BACK_LIMIT)
+    }
 }
 
 /// Feedback in the GPU's terms.
@@ -198,6 +227,8 @@ pub(super) struct Caster {
     light: Table,
     feedback: wgpu::Buffer,
     states: wgpu::Buffer,
+    /// What rays may be off by: one place where nobody asked.
+    errors: wgpu::Buffer,
     parts: wgpu::Buffer,
     job: wgpu::Buffer,
     /// Counters of the runs in flight, one after the other, and which is next.
@@ -225,11 +256,12 @@ impl Caster {
         let light = Table::new(gpu, "the transfer function's light", TEXELS, 4)?;
         let feedback = gpu.buffer("feedback", 4 * buffer_words(slots, capacity.entries), storage)?;
         let states = gpu.buffer("ray states", capacity.places * size_of::<RayState>() as u64, storage)?;
+        let errors = gpu.buffer("what rays may be off by", capacity.error_bytes(), storage)?;
         let parts = gpu.buffer("parts of rays", PARTS_BYTES, storage)?;
         let job = gpu.buffer("a dispatch", size_of::<Dispatch>() as u64, uniform)?;
         let counters = (0..RUNS_IN_FLIGHT).map(|_| gpu.read_buffer("counters", COUNTERS_BYTES));
         let counters = counters.collect::<Result<_, _>>()?;
-        let read_back = gpu.read_buffer("read-back", read_bytes.max(read_back_bytes(capacity.places)))?;
+        let read_back = gpu.read_buffer("read-back", read_bytes.max(capacity.read_back_bytes()))?;
         Ok(Self {
             bound: None,
             gpu: gpu.clone(),
@@ -239,6 +271,7 @@ impl Caster {
             light,
             feedback,
             states,
+            errors,
             parts,
             job,
             counters,
@@ -270,14 +303,15 @@ impl Caster {
             proximity: &cache.proximity,
             feedback: &self.feedback,
             textures: &cache.views,
+            deviations: &cache.deviations.buffer,
         };
         Ok(Bound {
             variant,
             scene: pipelines.bind_scene(gpu, &bindings)?,
             classify: pipelines.classify_cells.bind(gpu, &[&cache.slot_list], None)?,
-            begin: pipelines.begin_rays.bind(gpu, &[&self.states], None)?,
+            begin: pipelines.begin_rays.bind(gpu, &[&self.states, &self.errors], None)?,
             begin_parts: pipelines.begin_parts.bind(gpu, &[&self.states, &self.parts], None)?,
-            cast: pipelines.raycast.bind(gpu, &[&self.states], Some(&self.job))?,
+            cast: pipelines.raycast.bind(gpu, &[&self.states, &self.errors], Some(&self.job))?,
             gather: pipelines.gather_misses.bind(gpu, &[], None)?,
             pipelines,
         })
@@ -508,22 +542,34 @@ impl Caster {
         })
     }
 
-    /// Hands every ray's state and pixel of the band to `visit`; pixels may lie beyond the grid's edge.
-    pub(super) fn read_states(&mut self, mut visit: impl FnMut([u32; 2], &RayState)) -> Result<(), GpuError> {
-        let state_bytes = size_of::<RayState>() as u64;
+    /// Hands every ray's pixel and state to `visit`, and what it may be off by where that is summed up; pixels may lie beyond the grid's edge.
+    pub(super) fn read_rays(
+        &mut self,
+        sums_errors: bool,
+        mut visit: impl FnMut([u32; 2], &RayState, &RayErrors),
+    ) -> Result<(), GpuError> {
         let (grid, places) = (self.grid, self.grid.places());
-        let rays_at_once = READ_BACK_LIMIT / state_bytes;
+        let [state_bytes, error_bytes] = [size_of::<RayState>() as u64, size_of::<RayErrors>() as u64];
+        let rays_at_once = READ_BACK_LIMIT / ray_bytes(sums_errors);
         for first in (0..places).step_by(rays_at_once as usize) {
-            let bytes = rays_at_once.min(places - first) * state_bytes;
+            let rays = rays_at_once.min(places - first);
             let mut encoder = self.encoder();
+            let mut bytes = rays * state_bytes;
             encoder.copy_buffer_to_buffer(&self.states, first * state_bytes, &self.read_back, 0, bytes);
+            if sums_errors {
+                let (from, size) = (first * error_bytes, rays * error_bytes);
+                encoder.copy_buffer_to_buffer(&self.errors, from, &self.read_back, bytes, size);
+                bytes += size;
+            }
             self.gpu.queue.submit([encoder.finish()]);
             self.gpu.read(&self.read_back, bytes, |bytes| {
-                let mut state = RayState::zeroed();
-                for (place, raw) in (first..).zip(bytes.chunks_exact(state_bytes as usize)) {
-                    bytemuck::bytes_of_mut(&mut state).copy_from_slice(raw);
-                    visit(grid.pixel(place), &state);
-                }
+                let (states, errors) = bytes.split_at((rays * state_bytes) as usize);
+                let states = states.chunks_exact(state_bytes as usize).map(bytemuck::pod_read_unaligned::<RayState>);
+                let errors = errors.chunks_exact(error_bytes as usize).map(bytemuck::pod_read_unaligned::<RayErrors>);
+                let errors = errors.chain(std::iter::repeat(RayErrors::zeroed()));
+                (first..).zip(states.zip(errors)).for_each(|(place, (state, errors))| {
+                    visit(grid.pixel(place), &state, &errors);
+                });
             })?;
         }
         Ok(())
@@ -556,12 +602,13 @@ mod tests {
     #[test]
     fn rays_of_a_band_keep_to_their_limit() {
         for (width, subgrid) in [(1, 1), (1920, 1), (3840, 1), (7680, 3), (20_000, 5), (40_000, 2)] {
-            let rows = band_rows(width, subgrid);
-            let bytes = |rows: u32| RayGrid { width, height: rows }.places() * size_of::<RayState>() as u64;
+            let rows = band_rows(width, subgrid, false);
+            let bytes = |rows: u32| RayGrid { width, height: rows }.places() * ray_bytes(false);
             assert!(rows.is_multiple_of(subgrid) && bytes(rows) <= STATES_LIMIT, "{width}, {subgrid}: {rows}");
             assert!(bytes(rows.saturating_add(2 * TILE)) > STATES_LIMIT || width == 1, "{width}, {subgrid}: {rows}");
         }
-        assert_eq!(band_rows(100_000_000, 3), 3, "a row of pixels is cast whatever it takes");
-        assert_eq!((band_rows(1920, 1), band_rows(3840, 1)), (728, 360));
+        assert_eq!(band_rows(100_000_000, 3, true), 3, "a row of pixels is cast whatever it takes");
+        assert_eq!([1920, 3840].map(|width| band_rows(width, 1, false)), [728, 360]);
+        assert_eq!([1920, 3840].map(|width| band_rows(width, 1, true)), [512, 256]);
     }
 }
