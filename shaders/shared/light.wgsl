@@ -3,7 +3,7 @@
 //
 // Values are bins of the transfer function (gpu/light_table.rs), extents are in unit distances.
 
-// Width, in bins, below which the mean of an interval is that of its ends.
+// Width, in bins, up to which the mean of an interval is that of its ends.
 const NARROW: f32 = 1.0;
 // 1 over the square of the greatest root.
 const PER_SQUARE: f32 = 1.0 / (f32(GREATEST_ROOT) * f32(GREATEST_ROOT));
@@ -90,9 +90,12 @@ fn integrate_chord(chord: LightChord) -> LightPart {
     // The line with the field's mean and the difference between its ends.
     let rise = last - first;
     let mean = middle * (4.0 / 6.0) + (first + last) * (1.0 / 6.0);
-    let a = light_at(mean - 0.5 * rise);
-    let b = light_at(mean + 0.5 * rise);
-    let is_narrow = abs(rise) <= NARROW;
+    let begin = mean - 0.5 * rise;
+    let end = mean + 0.5 * rise;
+    let a = light_at(begin);
+    let b = light_at(end);
+    // In one bin as well: far outside of all, antiderivatives would cancel.
+    let is_narrow = abs(rise) <= NARROW || light_bin(begin) == light_bin(end);
     let per_rise = 1.0 / select(rise, 1.0, is_narrow);
     let of_sums = (vec4<f32>(b.start - a.start) * config.light_unit + (b.rest - a.rest)) * per_rise;
     let means = max(select(of_sums, 0.5 * (a.value + b.value), is_narrow), vec4<f32>(0.0));

@@ -95,10 +95,23 @@ fn random_scenes_keep_the_error_on_the_gpu() {
     }
     for at in &found.stated {
         assert!(at.scenes_above_stated.is_empty(), "further off than is stated of a pixel: {at:#?}");
-        assert!(at.pixels > 1000 && at.largest_share_of_stated > 0.05, "{at:#?}");
+        assert!(at.pixels > 300 && at.largest_share_of_stated > 0.05, "{at:#?}");
     }
     let [smallest, greatest] = [0, ERRORS.len() - 1].map(|i| found.errors[i].largest_grey_levels);
     assert!(greatest > smallest && smallest > 0.0, "the error that is asked for changes nothing: {found:#?}");
+}
+
+/// On the GPU, 7/197: of values two million bins away from a narrow function antiderivatives cancelled, and no part was cut for it.
+#[test]
+fn scenes_that_were_further_off_on_the_gpu() {
+    if gpu_name().is_none() {
+        return;
+    }
+    let options = Options { seed: 7, first: 197, scenes: 1, threads: 2, backend: Backend::Gpu };
+    let found = with_context(|context| run(context, options)).unwrap_or_else(|e| panic!("scene 197: {e}"));
+    println!("{found:#?}");
+    assert!(found.scenes_above().is_empty(), "further off than was asked for: {found:#?}");
+    assert!(found.stated.iter().all(|at| at.scenes_above_stated.is_empty()), "further off than is stated: {found:#?}");
 }
 
 #[test]

@@ -76,8 +76,15 @@ impl PixelRays {
     #[inline]
     #[must_use]
     pub fn ray(&self, x: u32, y: u32) -> Ray {
+        self.ray_at([f64::from(x), f64::from(y)])
+    }
+
+    /// The same.
+    #[inline(always)]
+    #[must_use]
+    pub fn ray_at(&self, pixel: [f64; 2]) -> Ray {
         let camera = &self.camera;
-        let offset = self.offset([f64::from(x), f64::from(y)]);
+        let offset = self.offset(pixel);
         match camera.projection {
             Projection::Perspective { .. } => {
                 Ray { origin: camera.eye, direction: (camera.forward + offset).normalize(), t_min: 0.0 }
@@ -89,7 +96,7 @@ impl PixelRays {
     }
 
     /// How far the centre of a pixel lies from the view's middle: world length, at distance 1 for perspective cameras.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn offset(&self, [x, y]: [f64; 2]) -> DVec3 {
         let camera = &self.camera;
@@ -162,6 +169,7 @@ impl Camera {
 
     /// Normalised device coordinates of a pixel's centre: x to the right, y up, both in (-1, 1) where the pixel does not stand
     /// over.
+    #[inline(always)]
     #[must_use]
     pub fn ndc(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         [(x + 0.5) * 2.0 / self.extent[0] - 1.0, 1.0 - (y + 0.5) * 2.0 / self.extent[1]]

@@ -47,6 +47,13 @@ impl Clip {
         let bytes = |solid: &Solid| if let Shape::Mesh(placed) = &solid.shape { placed.mesh.bytes() } else { 0 };
         self.solids.iter().map(bytes).sum()
     }
+
+    /// What the domain and the clip box leave along an axis: index coordinates.
+    #[must_use]
+    pub fn slab_of(&self, dims: Dims, axis: usize) -> [f64; 2] {
+        let (low, high) = (-HALF_VOXEL, dims.0[axis] as f64 - HALF_VOXEL);
+        self.index_box.map_or([low, high], |corners| [low.max(corners[0][axis]), high.min(corners[1][axis])])
+    }
 }
 
 /// A ray in index space: `origin + t * direction`, t still a world length.
@@ -73,14 +80,14 @@ impl ToIndex {
     }
 
     /// A world point in index space.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn point(&self, world: DVec3) -> [f64; 3] {
         (self.index_from_world * (world - self.origin)).to_array()
     }
 
     /// The ray in index space.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn ray(&self, ray: &Ray) -> IndexRay {
         IndexRay { origin: self.point(ray.origin), direction: (self.index_from_world * ray.direction).to_array() }
@@ -123,11 +130,7 @@ pub fn clip_parts(ray: &Ray, index_ray: &IndexRay, dims: Dims, clip: &Clip) -> V
 pub fn clip_ray(ray: &Ray, index_ray: &IndexRay, dims: Dims, clip: &Clip) -> Option<Segment> {
     let mut interval = (ray.t_min, f64::INFINITY);
     for axis in 0..3 {
-        let (mut low, mut high) = (-HALF_VOXEL, dims.0[axis] as f64 - HALF_VOXEL);
-        if let Some([box_low, box_high]) = clip.index_box {
-            low = low.max(box_low[axis]);
-            high = high.min(box_high[axis]);
-        }
+        let [low, high] = clip.slab_of(dims, axis);
         interval = clip_slab(index_ray.origin[axis], index_ray.direction[axis], low, high, interval)?;
     }
     for plane in &clip.planes {
@@ -142,25 +145,47 @@ pub fn clip_ray(ray: &Ray, index_ray: &IndexRay, dims: Dims, clip: &Clip) -> Opt
 /// The t in `interval` with `low <= origin + t * direction <= high`.
 #[must_use]
 pub fn clip_slab(origin: f64, direction: f64, low: f64, high: f64, interval: (f64, f64)) -> Option<(f64, f64)> {
-    if direction == 0.0 {
-        return (low <= origin && origin <= high).then_some(interval);
-    }
-    let (a, b) = ((low - origin) / direction, (high - origin) / direction);
-    let (near, far) = if direction > 0.0 { (a, b) } else { (b, a) };
-    // 0 / tiny is 0 and x / tiny may be infinite, never NaN; max and min keep the interval's side where it is.
-    let clipped = (interval.0.max(near), interval.1.min(far));
+    let clipped = cut(interval, slab(origin, direction, [low, high]));
     (clipped.0 < clipped.1).then_some(clipped)
 }
 
 /// The t in `interval` with `distance + t * rate >= 0`.
 #[must_use]
 pub fn clip_half_space(distance: f64, rate: f64, interval: (f64, f64)) -> Option<(f64, f64)> {
-    if rate == 0.0 {
-        return (distance >= 0.0).then_some(interval);
-    }
-    let t = -distance / rate;
-    let clipped = if rate > 0.0 { (interval.0.max(t), interval.1) } else { (interval.0, interval.1.min(t)) };
+    let clipped = cut(interval, half_space(distance, rate));
     (clipped.0 < clipped.1).then_some(clipped)
+}
+
+/// Every t, and none.
+const ALWAYS: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
+const NEVER: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
+
+/// The t with `low <= origin + t * direction <= high`; without a branch, so that many rays can be cut at once.
+#[inline(always)]
+#[must_use]
+pub fn slab(origin: f64, direction: f64, [low, high]: [f64; 2]) -> (f64, f64) {
+    // 0 / tiny is 0 and x / tiny may be infinite; NaN only where the direction is 0, which is looked at below.
+    let (a, b) = ((low - origin) / direction, (high - origin) / direction);
+    let across = if direction > 0.0 { (a, b) } else { (b, a) };
+    let along = if (low <= origin) & (origin <= high) { ALWAYS } else { NEVER };
+    if direction == 0.0 { along } else { across }
+}
+
+/// The t with `distance + t * rate >= 0`; without a branch.
+#[inline(always)]
+#[must_use]
+pub fn half_space(distance: f64, rate: f64) -> (f64, f64) {
+    let t = -distance / rate;
+    let across = if rate > 0.0 { (t, ALWAYS.1) } else { (ALWAYS.0, t) };
+    let along = if distance >= 0.0 { ALWAYS } else { NEVER };
+    if rate == 0.0 { along } else { across }
+}
+
+/// What two intervals share; its end does not lie behind its beginning where that is nothing.
+#[inline(always)]
+#[must_use]
+pub fn cut((a0, a1): (f64, f64), (b0, b1): (f64, f64)) -> (f64, f64) {
+    (if b0 > a0 { b0 } else { a0 }, if b1 < a1 { b1 } else { a1 })
 }
 
 #[cfg(test)]

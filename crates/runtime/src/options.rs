@@ -79,8 +79,8 @@ pub struct RenderOptions {
     /// [`MAX_ERROR_LIMITS`](crate::raycast::cpu::MAX_ERROR_LIMITS), and chooses levels where they are chosen automatically.
     /// From 1 on any picture will do, and voxels are as large as a pixel.
     pub max_error: f64,
-    /// Whether the statistics say how far the picture may be off (`error_predicted`): 1 to 2 % of the time, on the CPU in
-    /// mode `dvr`.
+    /// Whether it is said how far the picture may be off: of each pixel (`error_stated`), and in mode `dvr` term by term (`error_predicted`). 1 to
+    /// 2 % of the time on the CPU, 3 to 6 % on graphics devices.
     pub predict_error: bool,
     /// Whether it is counted what the rays of each pixel cost, for a map of that: several times the time, on the CPU. Nothing else of the
     /// picture changes.

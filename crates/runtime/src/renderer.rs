@@ -344,7 +344,7 @@ impl Renderer {
             }
             let Work::InLayers(layers) = work else { unreachable!("it has just been made so") };
             let caster_bytes = match device {
-                Some(_) => CasterBytes::ON_DEVICE,
+                Some(_) => CasterBytes::on_device(options.predict_error),
                 None => options.ray_caster().bytes(container.pyramid().layout().core()),
             };
             let caster_bytes = layers.bytes(caster_bytes);
@@ -357,7 +357,7 @@ impl Renderer {
         let Self { volume, options, pool, drawer, has_deadline, resident, work, .. } = self;
         let container = volume.container();
         let caster_bytes = match drawer {
-            Drawer::Gpu { .. } => CasterBytes::ON_DEVICE,
+            Drawer::Gpu { .. } => CasterBytes::on_device(options.predict_error),
             _ => options.ray_caster().bytes(container.pyramid().layout().core()),
         };
         pool.install(|| {

@@ -271,7 +271,13 @@ pub fn render_gpu_surviving(
     scene: &ResolvedScene,
     options: &RenderOptions,
 ) -> Result<(Image, FrameStats), RenderError> {
-    let plan = plan_host_for(CasterBytes::ON_DEVICE, container, scene, options, options.time_budget_ms.is_some())?;
+    let plan = plan_host_for(
+        CasterBytes::on_device(options.predict_error),
+        container,
+        scene,
+        options,
+        options.time_budget_ms.is_some(),
+    )?;
     let stop = Stop::at(options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms)));
     let mut streamer = streamer_for(container, scene, options, plan);
     let before = FrameStats::default();

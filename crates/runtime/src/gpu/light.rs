@@ -14,7 +14,7 @@ use crate::raycast::cpu::shade::PacketLighting;
 use crate::raycast::cpu::simd::{LANES_LIMIT, Portable, Simd};
 use crate::raycast::scalar::shade::Lighting;
 
-/// Width, in bins, below which the mean of an interval is that of its ends.
+/// Width, in bins, up to which the mean of an interval is that of its ends.
 pub const NARROW: f32 = 1.0;
 /// 1 over the square of the greatest root.
 const PER_SQUARE: f32 = 1.0 / (GREATEST_ROOT as f32 * GREATEST_ROOT as f32);
@@ -105,8 +105,9 @@ pub fn integrate_chord(table: &LightTable, chord: &LightChord) -> LightPart {
     let ([first, middle, last], extent) = (chord.values, chord.extent);
     let rise = last - first;
     let mean = middle * (4.0 / 6.0) + (first + last) * (1.0 / 6.0);
-    let [a, b] = [-0.5, 0.5].map(|share| light_at(table, mean + share * rise));
-    let is_narrow = rise.abs() <= NARROW;
+    let ends = [-0.5, 0.5].map(|share| mean + share * rise);
+    let [a, b] = ends.map(|value| light_at(table, value));
+    let is_narrow = rise.abs() <= NARROW || light_bin(ends[0]) == light_bin(ends[1]);
     let means: [f32; 4] = std::array::from_fn(|c| {
         let whole = b.start[c].wrapping_sub(a.start[c]).cast_signed() as f32 * table.unit;
         let of_sums = (whole + (b.rest[c] - a.rest[c])) / rise;
@@ -230,6 +231,22 @@ mod tests {
         let part = integrate_chord(&table, &LightChord { values: [-300.0, -190.0, -70.0], cubic: 20.0, extent: 1.0 });
         assert_eq!((part.color, part.transmittance, part.error), ([0.0; 3], 1.0, 0.0), "{part:?}");
         assert!(part.fit < 1e-6, "{part:?}");
+    }
+
+    /// Beside the function its ends go on for ever: there, means are exact however far away that is.
+    #[test]
+    fn parts_far_from_a_narrow_function_are_exact() {
+        let point = |value, alpha| ControlPoint { value, color: [0.9, 0.3, 0.1], alpha };
+        let tf = TransferFunction::new(vec![point(0.681, 0.165), point(0.6815, 0.7)], 1.0).unwrap();
+        let table = LightTable::new(&tf, 0.0, 1e-3);
+        for (value, alpha) in [(-2.1e6, 0.165), (2.1e6, 0.7)] {
+            for rise in [0.5, 1.5, 7.0, 300.0] {
+                let values = [0.0, 0.5, 1.0].map(|u| value + u * rise);
+                let part = integrate_chord(&table, &LightChord { values, cubic: 0.0, extent: 1.0 });
+                let off = f64::from(part.transmittance) - (1.0 - alpha);
+                assert!(off.abs() < 1e-5 && part.error == 0.0, "{value}, {rise}: {off}, {part:?}");
+            }
+        }
     }
 
     /// The error that a part states is never far below the one that it has, whatever bends lie in it.

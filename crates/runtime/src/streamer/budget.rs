@@ -116,6 +116,12 @@ impl CasterBytes {
     /// Everything lies on a device, and the whole picture is cast at once.
     pub const ON_DEVICE: Self =
         Self { bands: Bands::Whole, tile_side: 1, tile: 0, thread: 0, made_of_brick: 0, of_pixel: 0 };
+
+    /// The same; errors, where they are stated, lie in host memory once a band is read.
+    #[must_use]
+    pub const fn on_device(states_errors: bool) -> Self {
+        Self { of_pixel: if states_errors { 2 * PIXEL_BYTES } else { 0 }, ..Self::ON_DEVICE }
+    }
 }
 
 /// What a frame needs memory for.

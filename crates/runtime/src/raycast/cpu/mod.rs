@@ -17,6 +17,7 @@
 //! compared with goes ray by ray through [`scalar`].
 
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
+mod begin;
 pub mod blocks;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 mod fetch;
@@ -68,7 +69,7 @@ use super::scalar::shade::Lighting;
 use super::scalar::{self, Integrator};
 use super::volume::{BrickView, KnownEntry, Resident, ValueMap};
 use crate::camera::{Camera, Ray};
-use crate::clip::{Clip, IndexRay, Segment, clip_parts, clip_ray};
+use crate::clip::{Clip, IndexRay, Segment, clip_parts};
 pub use crate::counters::RayCounters;
 use crate::frame::engine::EngineErrors;
 use crate::image::Image;
@@ -591,11 +592,6 @@ impl CpuFrame {
     /// The parts of a ray that are drawn, front to back.
     pub(crate) fn parts_of(&self, ray: &Ray, index_ray: &IndexRay) -> Vec<Segment> {
         clip_parts(ray, index_ray, self.pyramid.level_at(Lod::FINEST).dims, &self.clip)
-    }
-
-    /// A ray through the volume, whatever solids leave of it.
-    pub(crate) fn whole_of(&self, ray: &Ray, index_ray: &IndexRay) -> Option<Segment> {
-        clip_ray(ray, index_ray, self.pyramid.level_at(Lod::FINEST).dims, &self.clip)
     }
 }
 

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use supervol_format::brick::APRON;
 use supervol_format::{BrickKey, Lod};
 
+use super::begin::MakeRays;
 use super::blocks::cloud_of_blocks;
 use super::fetch::Stored;
 use super::leap::{Ahead, BLOCK, ProximityCloud};
@@ -389,11 +390,11 @@ pub(super) fn cast_tiles(
             begin_tile((frame, tables), corner, tile, rays, &mut feedback);
             let begun = rays.going();
             if begun > 0 {
-                rays.bound();
+                dispatch(tables.set, BoundRays(rays));
                 CastTile { view, frame, tables, corner, rays, queues, feedback: &mut feedback }.run();
             }
             while frame.cuts_rays() && begin_next_part((frame, tables), corner, rays) {
-                rays.bound();
+                dispatch(tables.set, BoundRays(rays));
                 CastTile { view, frame, tables, corner, rays, queues, feedback: &mut feedback }.run();
             }
             *tile = end_tile((frame, tables), rays);
@@ -434,22 +435,41 @@ fn begin_tile(
         rays.gathered.work = Some(Box::new(NO_WORK));
     }
     let size = [frame.camera.width, frame.rows.len() as u32];
-    for ray in 0..TILE_RAYS {
-        let place = place_of(ray);
-        let [x, y] = [corner[0] + place[0], corner[1] + place[1]];
-        let is_outside = x >= size[0] || y >= size[1];
-        if is_outside || waiting.is_some_and(|gathered| gathered.waiting[ray].is_none()) {
-            continue;
-        }
-        let world_ray = tables.pixel_rays.ray(x, frame.rows.start + y);
-        let index_ray = tables.to_index.ray(&world_ray);
-        match rays.ahead.part(frame, (ray, &world_ray, &index_ray), rays.gathered.part) {
-            None => feedback.counters.rays_finished += u64::from(!frame.cuts_rays()),
-            Some(segment) => {
+    let is_asked = |ray: usize| {
+        let is_inside = (0..2).all(|a| corner[a] + place_of(ray)[a] < size[a]);
+        is_inside && waiting.is_none_or(|gathered| gathered.waiting[ray].is_some())
+    };
+    let corner = [corner[0], frame.rows.start + corner[1]];
+    if frame.cuts_rays() {
+        for ray in (0..TILE_RAYS).filter(|&ray| is_asked(ray)) {
+            let [x, y] = place_of(ray);
+            let world_ray = tables.pixel_rays.ray(corner[0] + x, corner[1] + y);
+            let index_ray = tables.to_index.ray(&world_ray);
+            if let Some(segment) = rays.ahead.part(frame, (ray, &world_ray, &index_ray), rays.gathered.part) {
                 let t0 = waiting.map_or(segment.t0, |gathered| gathered.t[ray]);
                 rays.set(ray, &index_ray, Segment { t0, ..segment });
             }
         }
+        return;
+    }
+    let PacketTables { pixel_rays, to_index, set, .. } = tables;
+    let dims = frame.pyramid.level_at(Lod::FINEST).dims;
+    dispatch(*set, MakeRays { pixel_rays, to_index, clip: &frame.clip, dims, corner, rays });
+    if let Some(gathered) = waiting {
+        rays.gathered.t = gathered.t;
+    }
+    feedback.counters.rays_finished += rays.keep(is_asked);
+}
+
+/// Computes the bounds of a tile's rays.
+struct BoundRays<'a>(&'a mut TileRays);
+
+impl Task for BoundRays<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self) {
+        self.0.bound();
     }
 }
 

@@ -43,16 +43,13 @@ impl PartsAhead {
         }
     }
 
-    /// One of the parts of a ray of the tile: the first is number 0.
+    /// One of the parts of a ray of the tile that solids may cut: the first is number 0.
     pub(super) fn part(
         &mut self,
         frame: &CpuFrame,
         (ray, world_ray, index_ray): (usize, &Ray, &IndexRay),
         part: usize,
     ) -> Option<Segment> {
-        if !frame.cuts_rays() {
-            return frame.whole_of(world_ray, index_ray).filter(|_| part == 0);
-        }
         self.rays.resize_with(TILE_RAYS, KnownParts::default);
         let KnownParts { first, parts, is_all } = &mut self.rays[ray];
         if part >= *first + parts.len() && !*is_all {

@@ -27,7 +27,7 @@ const BLOCK_SIDE: u32 = 4;
 
 /// Place in the tile of ray number `ray`: neighbours in number are neighbours in the picture.
 #[must_use]
-pub fn place_of(ray: usize) -> [u32; 2] {
+pub const fn place_of(ray: usize) -> [u32; 2] {
     let ray = ray as u32;
     let (block, inside) = (ray / (BLOCK_SIDE * BLOCK_SIDE), ray % (BLOCK_SIDE * BLOCK_SIDE));
     let blocks = TILE_SIDE / BLOCK_SIDE;
@@ -104,11 +104,11 @@ impl Gathered {
 /// The rays of a tile on their way.
 #[derive(Debug, Clone)]
 pub struct TileRays {
-    origin: [PerRay; 3],
-    direction: [PerRay; 3],
-    inverse: [PerRay; 3],
+    pub(super) origin: [PerRay; 3],
+    pub(super) direction: [PerRay; 3],
+    pub(super) inverse: [PerRay; 3],
     /// Where each ray ends; before every entry for rays that go no further in this pass.
-    stop: PerRay,
+    pub(super) stop: PerRay,
     /// What the rays have gathered.
     pub gathered: Gathered,
     /// Surfaces that rays meet in the present brick, in order along each ray, of frames that list them.
@@ -152,6 +152,22 @@ pub struct BrickGrid {
     pub inverse_scale: [f64; 3],
     /// First core voxel.
     pub start: [f64; 3],
+}
+
+/// Least and greatest number of the rays that are on their way.
+#[inline(always)]
+fn extremes(numbers: &PerRay, stop: &PerRay) -> [f64; 2] {
+    // As many side by side as the widest registers hold.
+    const SIDE: usize = 8;
+    let (mut low, mut high) = ([f64::INFINITY; SIDE], [f64::NEG_INFINITY; SIDE]);
+    for (numbers, stop) in numbers.chunks_exact(SIDE).zip(stop.chunks_exact(SIDE)) {
+        for i in 0..SIDE {
+            let is_going = stop[i] > f64::NEG_INFINITY;
+            low[i] = if is_going & (numbers[i] < low[i]) { numbers[i] } else { low[i] };
+            high[i] = if is_going & (numbers[i] > high[i]) { numbers[i] } else { high[i] };
+        }
+    }
+    [low.into_iter().fold(f64::INFINITY, f64::min), high.into_iter().fold(f64::NEG_INFINITY, f64::max)]
 }
 
 impl TileRays {
@@ -220,6 +236,22 @@ impl TileRays {
         self.going += 1;
     }
 
+    /// Of rays that are all on their way, keeps those that `is_asked` names; rays that have none are counted.
+    pub fn keep(&mut self, is_asked: impl Fn(usize) -> bool) -> u64 {
+        let mut without_way = 0;
+        for ray in 0..TILE_RAYS {
+            if !is_asked(ray) {
+                self.stop[ray] = f64::NEG_INFINITY;
+            } else if self.stop[ray] > f64::NEG_INFINITY {
+                self.going += 1;
+                self.has_parallel |= (0..3).any(|a| self.direction[a][ray] == 0.0);
+            } else {
+                without_way += 1;
+            }
+        }
+        without_way
+    }
+
     /// Rays that go on in this pass.
     #[must_use]
     pub fn going(&self) -> usize {
@@ -233,22 +265,15 @@ impl TileRays {
     }
 
     /// Computes the bounds, once all rays are set.
+    #[inline(always)]
     pub fn bound(&mut self) {
-        let mut bounds = Bounds {
-            origin: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
-            inverse: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
-            t: [f64::INFINITY, f64::NEG_INFINITY],
+        let of = |numbers: &PerRay| extremes(numbers, &self.stop);
+        let [begins, ends] = [of(&self.gathered.t), of(&self.stop)];
+        self.bounds = Bounds {
+            origin: [0, 1, 2].map(|a| of(&self.origin[a])),
+            inverse: [0, 1, 2].map(|a| of(&self.inverse[a])),
+            t: [begins[0].min(ends[0]), begins[1].max(ends[1])],
         };
-        let extend = |range: &mut [f64; 2], value: f64| *range = [range[0].min(value), range[1].max(value)];
-        for ray in (0..TILE_RAYS).filter(|&ray| self.stop[ray] > f64::NEG_INFINITY) {
-            for a in 0..3 {
-                extend(&mut bounds.origin[a], self.origin[a][ray]);
-                extend(&mut bounds.inverse[a], self.inverse[a][ray]);
-            }
-            extend(&mut bounds.t, self.gathered.t[ray]);
-            extend(&mut bounds.t, self.stop[ray]);
-        }
-        self.bounds = bounds;
     }
 
     /// Whether some ray may meet the box: never falsely no.
