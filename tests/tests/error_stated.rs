@@ -18,6 +18,14 @@ use supervol_tests::fields::{Content, Field, options};
 use supervol_tests::pictures::{Subject, finest, gpu_name};
 
 const SIZE: &str = r#""image": {"width": 24, "height": 20}"#;
+/// Modes without surfaces.
+const MODES: [&str; 5] = [
+    r#""mode": "dvr""#,
+    r#""mode": "dvr", "shading": {}"#,
+    r#""mode": "mip""#,
+    r#""mode": "minip""#,
+    r#""mode": "mean""#,
+];
 /// What the reference itself may be off, grey levels.
 const REFERENCE: f64 = 0.01;
 
@@ -89,14 +97,7 @@ fn assert_stated(name: &str, field: &Field, drawn: &Drawn<'_>, random: &mut Rand
     let iso =
         format!(r#""mode": "iso", "iso": [{{"value": {:?}, "color": [1, 0.5, 0], "alpha": 0.6}}]"#, subject.value(0.6));
     let mut statements = 0;
-    for mode in [
-        r#""mode": "dvr""#,
-        r#""mode": "dvr", "shading": {}"#,
-        r#""mode": "mip""#,
-        r#""mode": "minip""#,
-        r#""mode": "mean""#,
-        &iso,
-    ] {
+    for mode in MODES.into_iter().chain([&*iso]) {
         let (mut tightest, mut useful) = (f64::INFINITY, 0);
         for _ in 0..drawn.functions {
             let function = random_function(random, &subject);
@@ -200,13 +201,7 @@ fn moved_voxels_are_part_of_what_is_stated() {
     assert!(bound > 0.0 && exact.container.descriptor().voxel_error() == 0.0);
     let mut random = Random::new(11);
     let mut largest_of_all = 0.0f64;
-    for mode in [
-        r#""mode": "dvr""#,
-        r#""mode": "dvr", "shading": {}"#,
-        r#""mode": "mip""#,
-        r#""mode": "minip""#,
-        r#""mode": "mean""#,
-    ] {
+    for mode in MODES {
         for _ in 0..6 {
             let function = random_function(&mut random, &exact);
             let scene = exact.scene(&[&exact.outside(), SIZE, &function, mode]);

@@ -79,7 +79,7 @@ impl PixelRays {
         self.ray_at([f64::from(x), f64::from(y)])
     }
 
-    /// The same.
+    /// The same, by numbers that a loop over many pixels need not convert.
     #[inline(always)]
     #[must_use]
     pub fn ray_at(&self, pixel: [f64; 2]) -> Ray {

@@ -113,10 +113,10 @@ pub struct FrameStats {
     /// Pieces of rays at which the reference integrator did not stand still.
     pub reference_capped_pieces: u64,
     /// How far the picture may be from the exact one, by what is known without measuring, term by term, each with whether it
-    /// is a bound: of pictures in mode `dvr` by packets of rays; null for others, and where nobody asked.
+    /// is a bound: of pictures in mode `dvr` by packets of rays, or by a graphics device and without steps; null for others, and where nobody asked.
     pub error_predicted: Option<ErrorPredicted>,
     /// How far each pixel may be from the exact picture of the finest level, whatever level was asked for and however far the
-    /// picture has come: of pictures by packets of rays; null for others, and where nobody asked.
+    /// picture has come: of pictures by packets of rays or by a graphics device; null for others, and where nobody asked.
     pub error_stated: Option<ErrorStated>,
     /// Distance from the exact picture where that was measured; null where nobody asked.
     pub error_measured: Option<ErrorMeasured>,

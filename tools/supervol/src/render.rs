@@ -108,7 +108,7 @@ pub struct Arguments {
     /// Threads; all processors by default
     #[arg(long, value_parser = quantity::threads)]
     threads: Option<NonZero<usize>>,
-    /// Write what happened, as JSON. `error_predicted` (CPU, dvr) says how far the picture may be from the exact one and
+    /// Write what happened, as JSON. `error_predicted` (dvr; on graphics devices where the transfer function has no steps) says how far the picture may be from the exact one and
     /// why, in grey levels of 255: `total`, and its terms `cells`, `ray_ends`, `transfer_function`, `levels` and `rounding`,
     /// each with `is_bound`: true where it is never more, false where it is an estimate. `error_stated` says it against
     /// the finest level, whatever was drawn. Summing it up takes 1 to 2 % of the time of casting, on graphics devices 3 to 6 %

@@ -137,7 +137,7 @@ impl Engine for CpuCaster {
         Ok(self.band.image(&self.states))
     }
 
-    fn pixel_maps(&self) -> Maps {
+    fn pixel_maps(&mut self) -> Maps {
         Maps { errors: self.band.error_pixels(&self.states), work: self.band.work_pixels(&self.states) }
     }
 

@@ -111,7 +111,7 @@ pub trait Engine {
     fn image(&mut self) -> Result<Image, RenderError>;
 
     /// What is known of the finished pixels of the band besides, where that was asked for and the engine can say it.
-    fn pixel_maps(&self) -> Maps {
+    fn pixel_maps(&mut self) -> Maps {
         Maps::default()
     }
 

@@ -25,13 +25,12 @@ use crate::raycast::gpu::{
     VoxelStorage,
 };
 use crate::raycast::volume::{BrickView, Resident};
-use crate::scene::{IsoSpec, Mode, ResolvedScene};
+use crate::scene::ResolvedScene;
 use crate::stats::FrameStats;
 use crate::stop::Stop;
 use crate::streamer::budget::{CasterBytes, HostPlan};
 use crate::streamer::classify::may_have_holes;
 use crate::streamer::{Fetched, HostView, OnMissing, Streamer};
-use crate::transfer_function::TransferFunction;
 use crate::units::InUnits;
 
 /// A device, and what it holds from picture to picture: bricks, tables, pipelines.
@@ -54,29 +53,12 @@ struct Paused {
 /// What decides which answers a page table holds.
 #[derive(PartialEq)]
 struct Answers {
-    /// Those of the streamer: [`Streamer::answers`].
+    /// Those of the streamer, which are others for another look: [`Streamer::answers`].
     number: u64,
     /// Which levels are fine enough.
     lod: LodChoice,
-    /// Under which look it is said what bricks may be off by.
-    stated: Option<StatedLook>,
-}
-
-/// What of a scene decides how far bricks may be off.
-#[derive(PartialEq)]
-struct StatedLook {
-    mode: Mode,
-    transfer_function: TransferFunction,
-    iso: Vec<IsoSpec>,
-    is_shaded: bool,
-}
-
-impl StatedLook {
-    fn of(scene: &ResolvedScene) -> Self {
-        let ResolvedScene { mode, transfer_function, iso, shading, .. } = scene;
-        let (transfer_function, iso) = (transfer_function.clone(), iso.clone());
-        Self { mode: *mode, transfer_function, iso, is_shaded: shading.is_some() }
-    }
+    /// Whether it says what bricks may be off by.
+    states_errors: bool,
 }
 
 /// A finished picture.
@@ -165,8 +147,8 @@ impl GpuBackend {
                 (caster.resumed(picture), paused.bands)
             }
             (caster, _) => {
-                let stated = options.predict_error.then(|| StatedLook::of(scene));
-                let answers = Some(Answers { number: streamer.answers(), lod, stated });
+                let number = streamer.answers();
+                let answers = Some(Answers { number, lod, states_errors: options.predict_error });
                 let keeps_answers = self.answers == answers;
                 self.answers = answers;
                 (self.begin(caster, streamer, picture, keeps_answers)?, FinishedBands::default())
@@ -402,8 +384,8 @@ impl Engine for GpuCaster {
         Ok(image)
     }
 
-    fn pixel_maps(&self) -> Maps {
-        Maps { errors: self.error_pixels.clone(), work: None }
+    fn pixel_maps(&mut self) -> Maps {
+        Maps { errors: self.error_pixels.take(), work: None }
     }
 
     fn totals(&self) -> EngineTotals {

@@ -58,9 +58,6 @@ impl DeviationTable {
 
     /// Its number; `shift` is what is taken off every data value.
     pub fn number_of(&mut self, deviation: &Deviation, shift: f64) -> u32 {
-        if self.numbers.len() > DEVIATION_UNKNOWN as usize && deviation.is_none() {
-            return DEVIATION_NONE;
-        }
         let deviation = on_device(deviation, shift);
         let next = self.numbers.len();
         let key: [u32; WORDS] = bytemuck::cast(deviation);

@@ -135,6 +135,7 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
     let mut differences = ERRORS.map(Differences::new);
     let mut stated = LEVELS.map(Pixels::new);
     let (mut not_judged, mut shown) = (Vec::new(), 0);
+    let aimed = |grey_levels| RenderOptions { backend: options.backend, ..aimed_at(grey_levels, options.threads) };
     for number in options.first..options.first + options.scenes {
         let (volume, scene) = RandomScene::new(options.seed, number).build(context)?;
         let by_reference = RenderOptions { threads: Some(options.threads), ..finest(Backend::Reference) };
@@ -145,8 +146,7 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
         }
         shown += u64::from(exact.pixels.iter().any(|pixel| pixel[3] > 0.0));
         for differences in &mut differences {
-            let aimed = aimed_at(differences.at.asked_grey_levels, options.threads);
-            let (picture, stats) = volume.render(&scene, &RenderOptions { backend: options.backend, ..aimed })?;
+            let (picture, stats) = volume.render(&scene, &aimed(differences.at.asked_grey_levels))?;
             let predicted = stats.error_predicted.as_ref().and_then(|predicted| predicted.total.grey_levels);
             if predicted.is_none() && options.backend == Backend::Cpu {
                 return Err(ChartError::Broken(format!("no prediction: {stats:?}")));
@@ -154,8 +154,7 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
             differences.add(number, &picture, &exact, predicted);
         }
         for pixels in &mut stated {
-            let aimed = RenderOptions { backend: options.backend, ..aimed_at(0.5, options.threads) };
-            pixels.draw(number, &volume, &scene, &exact, aimed)?;
+            pixels.draw(number, &volume, &scene, &exact, aimed(0.5))?;
         }
         let done = number - options.first + 1;
         pace.tell(|| progress(done, options.scenes, start.elapsed().as_secs_f64(), &differences));

@@ -22,7 +22,7 @@ use super::levels::{LevelErrors, TileErrors, errors_of};
 use super::lookup::{FewPieces, Lookup, ManyPieces};
 use super::order::{View, push_children, region_of, ways_through};
 use super::packet::{Classifier, ClassifyTask, Host, Precision, Queues, cast};
-use super::parts::{PartsAhead, begin_next_part, has_ended, rays_in_picture};
+use super::parts::{PartsAhead, begin_next_part, has_ended, is_in_picture, part_of_ray, rays_in_picture};
 use super::per_brick::{PerBrick, bytes_kept};
 use super::pixels::{FinishedTile, Tile};
 use super::shade::PacketLighting;
@@ -434,18 +434,12 @@ fn begin_tile(
     if tables.counts_work && rays.gathered.work.is_none() {
         rays.gathered.work = Some(Box::new(NO_WORK));
     }
-    let size = [frame.camera.width, frame.rows.len() as u32];
     let is_asked = |ray: usize| {
-        let is_inside = (0..2).all(|a| corner[a] + place_of(ray)[a] < size[a]);
-        is_inside && waiting.is_none_or(|gathered| gathered.waiting[ray].is_some())
+        is_in_picture(frame, corner, ray) && waiting.is_none_or(|gathered| gathered.waiting[ray].is_some())
     };
-    let corner = [corner[0], frame.rows.start + corner[1]];
     if frame.cuts_rays() {
         for ray in (0..TILE_RAYS).filter(|&ray| is_asked(ray)) {
-            let [x, y] = place_of(ray);
-            let world_ray = tables.pixel_rays.ray(corner[0] + x, corner[1] + y);
-            let index_ray = tables.to_index.ray(&world_ray);
-            if let Some(segment) = rays.ahead.part(frame, (ray, &world_ray, &index_ray), rays.gathered.part) {
+            if let Some((index_ray, segment)) = part_of_ray((frame, tables), corner, rays, ray) {
                 let t0 = waiting.map_or(segment.t0, |gathered| gathered.t[ray]);
                 rays.set(ray, &index_ray, Segment { t0, ..segment });
             }
@@ -453,6 +447,7 @@ fn begin_tile(
         return;
     }
     let PacketTables { pixel_rays, to_index, set, .. } = tables;
+    let corner = [corner[0], frame.rows.start + corner[1]];
     let dims = frame.pyramid.level_at(Lod::FINEST).dims;
     dispatch(*set, MakeRays { pixel_rays, to_index, clip: &frame.clip, dims, corner, rays });
     if let Some(gathered) = waiting {

@@ -74,22 +74,37 @@ pub(super) fn begin_next_part(
     // Rays that left the volume are still on their way there.
     rays.take_off();
     rays.gathered.part += 1;
-    let size = [frame.camera.width, frame.rows.len() as u32];
-    for ray in 0..TILE_RAYS {
-        let place = place_of(ray);
-        let [x, y] = [corner[0] + place[0], corner[1] + place[1]];
-        if x >= size[0] || y >= size[1] || has_ended((frame, tables), &rays.gathered, ray) {
+    for ray in (0..TILE_RAYS).filter(|&ray| is_in_picture(frame, corner, ray)) {
+        if has_ended((frame, tables), &rays.gathered, ray) {
             continue;
         }
-        let world_ray = tables.pixel_rays.ray(x, frame.rows.start + y);
-        let index_ray = tables.to_index.ray(&world_ray);
-        if let Some(segment) = rays.ahead.part(frame, (ray, &world_ray, &index_ray), rays.gathered.part) {
+        if let Some((index_ray, segment)) = part_of_ray((frame, tables), corner, rays, ray) {
             // What lies in front of a gap has no side behind it.
             rays.gathered.iso[ray].known = 0;
             rays.set(ray, &index_ray, segment);
         }
     }
     rays.going() > 0
+}
+
+/// A ray of the tile, and the part of it that the tile is in, if it has that.
+pub(super) fn part_of_ray(
+    (frame, tables): (&CpuFrame, &PacketTables),
+    corner: [u32; 2],
+    rays: &mut TileRays,
+    ray: usize,
+) -> Option<(IndexRay, Segment)> {
+    let [x, y] = place_of(ray);
+    let world_ray = tables.pixel_rays.ray(corner[0] + x, frame.rows.start + corner[1] + y);
+    let index_ray = tables.to_index.ray(&world_ray);
+    let segment = rays.ahead.part(frame, (ray, &world_ray, &index_ray), rays.gathered.part)?;
+    Some((index_ray, segment))
+}
+
+/// Whether a ray of a tile, whose first pixel is counted in the frame's rows, lies in the picture.
+pub(super) fn is_in_picture(frame: &CpuFrame, corner: [u32; 2], ray: usize) -> bool {
+    let size = [frame.camera.width, frame.rows.len() as u32];
+    (0..2).all(|a| corner[a] + place_of(ray)[a] < size[a])
 }
 
 /// Whether nothing behind what a ray has gathered can be seen.

@@ -209,7 +209,7 @@ impl Picture {
         }
     }
 
-    /// What it needs, and what a picture of so many rays with the same transfer function does.
+    /// What it needs, whether errors are summed up or not.
     fn capacity(&self, entries: u64, sums_errors: bool) -> Capacity {
         let [width, height] = self.size;
         Capacity::new((RayGrid { width, height }, self.subgrid), &self.tf, entries, sums_errors)
