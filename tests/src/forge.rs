@@ -131,8 +131,10 @@ impl Forge {
     pub fn reseal_toc(&mut self) {
         let Sections { toc_offset, toc_bytes, .. } = self.original.sections();
         let toc = &mut self.bytes[toc_offset as usize..(toc_offset + toc_bytes) as usize];
-        for page in toc.chunks_exact_mut(toc::PAGE_BYTES) {
-            reseal(page);
+        for stored in toc.chunks_mut(toc::PAGE_BYTES) {
+            let mut page = toc::uncut(stored.to_vec());
+            reseal(&mut page);
+            stored.copy_from_slice(&toc::cut(page, stored.len()));
         }
     }
 

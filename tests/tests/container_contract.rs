@@ -5,16 +5,19 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use rayon::prelude::*;
-use supervol_format::container::header::PAGE_BYTES;
+use supervol_format::container::header::{self, PAGE_BYTES, Sections, VERSION, VERSION_EXACT, VERSION_QUANTIZED};
 use supervol_format::container::reader::TAIL_BYTES;
-use supervol_format::container::toc::{BrickEntry, ENTRIES_PER_PAGE};
+use supervol_format::container::toc::{self, BrickEntry, ENTRIES_PER_PAGE};
 use supervol_format::random::{Random, mix};
+use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{BrickKey, Container, Lod, VoxelType};
 use supervol_preprocess::extract::{Extraction, extract};
+use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::verify::verify;
-use supervol_preprocess::{Existing, source::VolumeSource};
+use supervol_preprocess::{BuildOptions, Existing, MaxError, source::VolumeSource};
 use supervol_tests::faults::CountingBytes;
 use supervol_tests::fields::{Built, Content, Field, built, options};
+use supervol_tests::forge::reseal;
 use supervol_tests::oracle::Grid;
 
 /// Random points at which each brick is sampled.
@@ -33,7 +36,7 @@ fn check(content: Content, dims: [u64; 3], voxel_type: VoxelType, core: u32) {
     let built = built(&field, &options(core));
     verify(&built.path, 1 << 28, &|_, _| ()).unwrap_or_else(|e| panic!("{what}: {e}"));
     check_extraction(&field, &built, &what);
-    check_levels(&built.container, &what);
+    check_levels(&built.container, None, &what);
 }
 
 /// Level 0 comes out as it went in.
@@ -46,15 +49,17 @@ fn check_extraction(field: &Field, built: &Built, what: &str) {
     assert!(extracted == field.bytes(), "{what}: level 0 is not the source");
 }
 
-fn check_levels(container: &Container, what: &str) {
+/// Every brick of a container of `source`; without one, of what its level 0 holds.
+fn check_levels(container: &Container, source: Option<&Grid>, what: &str) {
     let levels = container.pyramid().levels().len();
     let grids: Vec<Grid> = (0..levels).map(|l| Grid::of_level(container, Lod(l as u8))).collect();
+    let source = source.unwrap_or(&grids[0]);
     for (lod, grid) in grids.iter().enumerate() {
         for key in container.pyramid().keys_of(Lod(lod as u8)) {
             let entry = container.entry(key).unwrap_or_else(|e| panic!("{what}: {e}"));
             check_range(container, key, &entry, grid, what);
             check_macro_cells(container, key, &entry, grid, what);
-            check_points(container, key, &entry, &grids, what);
+            check_points(container, key, &entry, (&grids, source), what);
         }
     }
 }
@@ -104,8 +109,14 @@ fn check_macro_cells(container: &Container, key: BrickKey, entry: &BrickEntry, g
     }
 }
 
-/// At random points of the brick's region: the sample lies in the range, and is no further from level 0 than `error`.
-fn check_points(container: &Container, key: BrickKey, entry: &BrickEntry, grids: &[Grid], what: &str) {
+/// At random points of the brick's region: the sample lies in the range, and is no further from the source than `error`.
+fn check_points(
+    container: &Container,
+    key: BrickKey,
+    entry: &BrickEntry,
+    (grids, source): (&[Grid], &Grid),
+    what: &str,
+) {
     let (first, last) = core_ends(container, key);
     let (own, finest) = (&grids[usize::from(key.lod().0)], &grids[0]);
     let scale = container.pyramid().level_at(key.lod()).scale;
@@ -128,9 +139,9 @@ fn check_points(container: &Container, key: BrickKey, entry: &BrickEntry, grids:
         if !grids[..=usize::from(key.lod().0)].iter().enumerate().all(|(l, g)| present_at(container, g, l, fine_p)) {
             continue;
         }
-        let Some(exact) = finest.sample(fine_p) else { continue };
+        let (Some(stored), Some(exact)) = (finest.sample(fine_p), source.sample(fine_p)) else { continue };
         let beneath = entry.range_beneath;
-        assert!(beneath.min - slack <= exact && exact <= beneath.max + slack, "{what}: {key}: {exact} beneath");
+        assert!(beneath.min - slack <= stored && stored <= beneath.max + slack, "{what}: {key}: {stored} beneath");
         let distance = (value - exact).abs();
         assert!(distance <= entry.error + slack, "{what}: {key}: {distance} at {p:?} exceeds {}", entry.error);
     }
@@ -201,6 +212,30 @@ fn extremes_of_every_type() {
     }
 }
 
+/// What is moved, and means that are rounded, are as far off the source as their bricks say, at every level.
+#[test]
+fn bricks_of_moved_voxels_are_held_against_the_source() {
+    let moved = [
+        BuildOptions { lod_axes: LodAxes::Auto, ..options(16) },
+        BuildOptions { max_error: MaxError::Percent(2.0), ..options(16) },
+        BuildOptions { max_error: MaxError::Percent(0.1), lod_axes: LodAxes::Auto, ..options(16) },
+    ];
+    let types = [VoxelType::U8, VoxelType::I16, VoxelType::F32, VoxelType::F64];
+    for (voxel_type, content) in types.into_iter().flat_map(|t| Content::ALL.map(|c| (t, c))) {
+        for options in &moved {
+            let what = format!("{content:?} of {voxel_type}, {:?}, {:?}", options.lod_axes, options.max_error);
+            let field = Field::of(content, [67, 31, 45], voxel_type);
+            let built = built(&field, options);
+            let source = Grid {
+                dims: field.info().dims.0.map(|n| n as usize),
+                values: voxels_as_f64(voxel_type, &field.bytes()),
+                absence: built.container.descriptor().absence,
+            };
+            check_levels(&built.container, Some(&source), &what);
+        }
+    }
+}
+
 /// A nodata value is compared with voxels of the volume's type: 1e30 as a float is another number than as a double.
 #[test]
 fn nodata_is_rounded_to_the_voxel_type() {
@@ -220,7 +255,7 @@ fn nodata_is_rounded_to_the_voxel_type() {
             let (min, max) = range.expect("something is present");
             assert!(min >= 5.0 && max <= 61.0, "nodata {nodata}: level {lod} reaches {min} to {max}");
         }
-        check_levels(container, &format!("nodata {nodata}"));
+        check_levels(container, None, &format!("nodata {nodata}"));
     }
 }
 
@@ -237,7 +272,7 @@ fn error_bounds_hold_beside_holes() {
             }
         });
         let built = built(&field, &options(16));
-        check_levels(&built.container, &format!("hole at {shift}"));
+        check_levels(&built.container, None, &format!("hole at {shift}"));
         let boundary: Vec<Grid> = (0..built.container.pyramid().levels().len())
             .map(|l| Grid::of_level(&built.container, Lod(l as u8)))
             .collect();
@@ -282,7 +317,7 @@ fn check_lattice(container: &Container, key: BrickKey, entry: &BrickEntry, grids
 /// A source that is far away is asked as rarely as can be: once to open, once for all entries that are wanted together.
 #[test]
 fn opening_takes_one_request_and_entries_come_together() {
-    let field = Field::of(Content::Noise, [163, 150, 161], VoxelType::U8);
+    let field = Field::of(Content::Noise, [259, 150, 161], VoxelType::U8);
     let bytes = std::fs::read(&built(&field, &options(16)).path).expect("it was just built");
     let source = Arc::new(CountingBytes::new(bytes));
     let requests = || source.reads.load(Ordering::Relaxed);
@@ -302,4 +337,51 @@ fn opening_takes_one_request_and_entries_come_together() {
     finest.iter().for_each(|&key| assert!(container.entry(key).is_ok(), "{key}"));
     container.read_entries_ahead(finest.iter().copied());
     assert_eq!(requests(), 2, "they are in memory");
+}
+
+/// As versions 1 and 2 wrote it: the last page of the TOC is whole, and version 2 says that voxels were moved.
+#[test]
+fn containers_of_older_versions_are_read() {
+    let field = Field::of(Content::Smooth, [90, 80, 70], VoxelType::I16);
+    for (max_error, version) in [(MaxError::Exact, VERSION_EXACT), (MaxError::Value(3.0), VERSION_QUANTIZED)] {
+        let new = built(&field, &BuildOptions { max_error, ..options(16) });
+        let bytes = std::fs::read(&new.path).expect("it was just built");
+        let path = new.folder.path().join("old.svol");
+        std::fs::write(&path, as_written_by(&bytes, &new.container, version)).expect("room");
+        let old = verify(&path, 1 << 28, &|_, _| ()).unwrap_or_else(|e| panic!("version {version}: {e}"));
+        assert_eq!((old.version(), new.container.version()), (version, VERSION));
+        assert_eq!((old.descriptor(), old.manifest()), (new.container.descriptor(), new.container.manifest()));
+        let keys = || (0..old.pyramid().levels().len()).flat_map(|lod| old.pyramid().keys_of(Lod(lod as u8)));
+        assert!(keys().all(|key| old.entry(key).expect("whole") == new.container.entry(key).expect("whole")));
+        // Neither takes the other's table for its own.
+        for (bytes, version) in [(std::fs::read(&path).expect("it is there"), VERSION), (bytes.clone(), version)] {
+            let error = Container::from_source(Arc::new(with_version(bytes, version)))
+                .expect_err("a table too long or too short");
+            assert!(error.to_string().contains("a TOC of"), "{error}");
+        }
+    }
+}
+
+/// A container with whole pages, and the version that had them.
+fn as_written_by(bytes: &[u8], container: &Container, version: u32) -> Vec<u8> {
+    let old = container.sections();
+    let (toc, manifest) = (old.toc_offset as usize, old.manifest_offset as usize);
+    let mut out = bytes[..toc].to_vec();
+    out.extend(bytes[toc..manifest].chunks(toc::PAGE_BYTES).flat_map(|page| toc::uncut(page.to_vec())));
+    let toc_bytes = (out.len() - toc) as u64;
+    out.extend_from_slice(&bytes[manifest..bytes.len() - PAGE_BYTES]);
+    let sections = Sections { toc_bytes, manifest_offset: old.toc_offset + toc_bytes, ..old };
+    out.extend_from_slice(&header::encode(container.descriptor(), sections));
+    with_version(out, version)
+}
+
+/// The same bytes with another version in header and footer.
+fn with_version(mut bytes: Vec<u8>, version: u32) -> Vec<u8> {
+    let footer = bytes.len() - PAGE_BYTES;
+    for at in [0, footer] {
+        let page = &mut bytes[at..at + PAGE_BYTES];
+        page[8..12].copy_from_slice(&version.to_le_bytes());
+        reseal(page);
+    }
+    bytes
 }

@@ -9,7 +9,11 @@
 //!
 //! An axis that fits one brick is not halved for its own sake; the last level fits one brick on every axis.
 //!
-//! What was measured stands in the manifest ([`Plan::describe`]), and `info` shows it. The boxes are the same in every run, at most
+//! The same boxes say how exactly means of floats are worth keeping. A mean stands for voxels that differ, and its lowest bits, which no
+//! codec makes smaller, say nothing of any of them: means are rounded to the longest power of two within half of what pairs
+//! of voxels differ by. Their median counts, so that a fill value that nobody has declared does not.
+//!
+//! What was measured stands in the manifest ([`Plan::describe`], [`Plan::describe_steps`]), and `info` shows it. The boxes are the same in every run, at most
 //! 27 of 32^3 voxels however large the volume: a build that goes on decides what the one that was killed decided.
 
 use supervol_format::voxel_type::Absence;
@@ -35,6 +39,9 @@ const WORSE: f64 = 0.1;
 const SAMPLE_EDGE: u64 = 32;
 /// Sample boxes along each axis of the volume.
 const SAMPLES_ALONG: u64 = 3;
+/// Longest step of means, as a share of the median difference of two voxels that they stand for: then a mean is moved by at most half
+/// of its own distance from either of the two.
+const STEP_SHARE: f64 = 0.5;
 
 /// The levels of a volume, and what was measured to choose them.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -44,6 +51,8 @@ pub struct Plan {
     /// For each of these levels, what halving x, y or z alone would keep of the field of the level before: the RMS of its
     /// deviations from each sample box's mean, as a share; 1 where nothing can be said. Empty unless measured.
     pub rms_kept: Vec<[f64; 3]>,
+    /// Steps that means of floats are rounded to, for each of these levels, stored units; 0 where they are not. Empty unless measured.
+    pub steps: Vec<f64>,
 }
 
 impl Plan {
@@ -52,6 +61,20 @@ impl Plan {
     pub fn describe(&self) -> Option<String> {
         let level = |[x, y, z]: &[f64; 3]| format!("{x:.4} {y:.4} {z:.4}");
         (!self.rms_kept.is_empty()).then(|| self.rms_kept.iter().map(level).collect::<Vec<_>>().join("; "))
+    }
+
+    /// The steps, as the manifest says them: one for each level from level 1 on, apart by semicolons; nothing where none is rounded.
+    #[must_use]
+    pub fn describe_steps(&self) -> Option<String> {
+        let is_rounded = self.steps.iter().any(|&step| step > 0.0);
+        is_rounded.then(|| self.steps.iter().map(f64::to_string).collect::<Vec<_>>().join("; "))
+    }
+
+    /// Reads what [`Self::describe_steps`] writes; none where it is anything else.
+    #[must_use]
+    pub fn steps_from(text: &str) -> Option<Vec<f64>> {
+        let is_step = |step: &f64| *step == 0.0 || (step.is_finite() && *step == power_of_two_within(*step));
+        text.split("; ").map(|word| word.parse::<f64>().ok().filter(is_step)).collect()
     }
 
     /// Reads what [`Self::describe`] writes; none where it is anything else.
@@ -93,6 +116,10 @@ pub fn plan(source: &dyn VolumeSource, layout: BrickLayout, choice: LodAxes) -> 
         for a in 0..3 {
             dims[a] = dims[a].div_ceil(u64::from(factors[a]));
             spacing[a] *= f64::from(factors[a]);
+        }
+        if choice == LodAxes::Auto {
+            let step = if info.voxel_type.is_float() { step_of_means(&samples, halved) } else { 0.0 };
+            out.steps.push(step);
         }
         samples.iter_mut().for_each(|s| s.halve(halved));
         out.factors.push(factors);
@@ -163,6 +190,25 @@ fn variance_kept(samples: &[Sample], axis: usize) -> f64 {
     }
     // Rounding may take a field that cancels out below nothing.
     if total > 0.0 { (1.0 - lost / total).max(0.0) } else { 1.0 }
+}
+
+/// Longest step to which means over these axes are rounded; 0 where no two voxels differ.
+fn step_of_means(samples: &[Sample], halved: [bool; 3]) -> f64 {
+    let pairs = |axis: usize| samples.iter().flat_map(move |sample| sample.pairs(axis));
+    let differences = (0..3).filter(|&a| halved[a]).flat_map(pairs).map(|(a, b)| (a - b).abs());
+    let mut differences: Vec<f64> = differences.filter(|&d| d > 0.0 && d.is_finite()).collect();
+    if differences.is_empty() {
+        return 0.0;
+    }
+    let middle = differences.len() / 2;
+    let (_, median, _) = differences.select_nth_unstable_by(middle, f64::total_cmp);
+    power_of_two_within(STEP_SHARE * *median)
+}
+
+/// The greatest power of two that is not above a positive number; 0 of what is not normal.
+fn power_of_two_within(number: f64) -> f64 {
+    const MANTISSA: u64 = (1 << (f64::MANTISSA_DIGITS - 1)) - 1;
+    if number.is_normal() && number > 0.0 { f64::from_bits(number.to_bits() & !MANTISSA) } else { 0.0 }
 }
 
 /// Up to 27 boxes, evenly spread.
@@ -244,6 +290,33 @@ mod tests {
         for (level, (kept, expected)) in kept.iter().zip(expected).enumerate() {
             assert_eq!(kept[..2], [1.0, 1.0], "nothing changes along x and y");
             assert!((kept[2] - expected).abs() < 0.01, "level {}: {} instead of {expected}", level + 1, kept[2]);
+        }
+    }
+
+    #[test]
+    fn means_are_rounded_by_what_pairs_differ_by_and_fill_values_do_not_count() {
+        let sample = |values: Vec<f64>| Sample { extent: [values.len(), 1, 1], values };
+        let step = |values: Vec<f64>| step_of_means(&[sample(values)], [true, false, false]);
+        let ramp = |slope: f64| (0..64).map(|i| slope * f64::from(i)).collect::<Vec<_>>();
+        // Half of 3 is 1.5, half of 4 is 2.
+        assert_eq!([ramp(3.0), ramp(4.0), ramp(0.011)].map(step), [1.0, 2.0, 0.003_906_25]);
+        let mut filled = ramp(3.0);
+        filled[3..30].fill(1e30);
+        filled[40] = f64::NAN;
+        assert_eq!(step(filled), 1.0);
+        // Neighbours that are the same say nothing.
+        assert_eq!([vec![7.0; 64], vec![f64::NAN; 64], vec![1.0]].map(step), [0.0; 3]);
+        assert_eq!(step_of_means(&[sample(ramp(3.0))], [false, true, true]), 0.0, "none along y and z");
+    }
+
+    #[test]
+    fn steps_are_written_and_read() {
+        let plan = Plan { steps: vec![0.0, 0.25, 2f64.powi(-40), 2f64.powi(60)], ..Plan::default() };
+        let text = plan.describe_steps().expect("there are steps");
+        assert_eq!(Plan::steps_from(&text), Some(plan.steps));
+        assert_eq!(Plan { steps: vec![0.0; 3], ..Plan::default() }.describe_steps(), None);
+        for wrong in ["", "3", "-1", "-0.5", "inf", "NaN", "1;2", "x", "1; "] {
+            assert_eq!(Plan::steps_from(wrong), None, "{wrong}");
         }
     }
 

@@ -9,12 +9,14 @@
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use rayon::prelude::*;
 use supervol_format::brick::APRON;
 use supervol_format::canceller::Canceller;
+use supervol_format::codec::quantize::Quantizer;
 use supervol_format::codec::{BrickShape, Codec, CodecChoice};
 use supervol_format::container::ContainerError;
 use supervol_format::container::header::{self, Descriptor, Sections};
@@ -38,7 +40,7 @@ use crate::level_reader::by_all_threads;
 use crate::lod_axes::{self, LodAxes};
 use crate::memory::{MemoryPlan, tile_bytes};
 use crate::output::{Existing, OutputFile, check_distinct, check_free};
-use crate::provenance::{Chosen, bounded_notes, check_unchanged, manifest};
+use crate::provenance::{ChecksumAlong, Chosen, bounded_notes, check_unchanged, manifest};
 use crate::report::{BuildReport, LevelReport, Progress};
 use crate::restore::{Begun, Plan, Restored};
 use crate::source::file::SourceFile;
@@ -108,7 +110,7 @@ type ReadSource<'a> = &'a (dyn Fn(VoxelBox, &mut [u8]) -> Result<(), BuildError>
 /// ([`BuildError::Kept`], [`BuildError::Stopped`]).
 pub fn build(
     source: &dyn VolumeSource,
-    origin: Source,
+    mut origin: Source,
     output: &Path,
     options: &BuildOptions,
     on_progress: OnProgress<'_>,
@@ -118,7 +120,7 @@ pub fn build(
     // Before the source is sampled; the file itself is begun only once the memory is known to suffice.
     check_free(output, options.existing)?;
     check_distinct(output, source.info().files.iter().map(SourceFile::path))?;
-    let (mut descriptor, levels_plan) = describe(source, options)?;
+    let (mut descriptor, mut levels_plan) = describe(source, options)?;
     let by_kind = || Ok::<_, BuildError>(if are_labels(source)? { Reduce::Majority } else { Reduce::Mean });
     let reduce = options.reduce.map_or_else(by_kind, Ok)?;
     let source_bytes = source.info().memory_bytes;
@@ -131,12 +133,16 @@ pub fn build(
     if reduce != Reduce::Majority {
         descriptor.quantizer = options.max_error.quantizer(&descriptor, || range_of(&descriptor, &tiles, read))?;
     }
+    if reduce != Reduce::Mean || descriptor.quantizer.is_some() {
+        levels_plan.steps.clear();
+    }
 
+    let checksum = ChecksumAlong::begin(source, &mut origin, &options.canceller)?;
     let begun = Begun::new(&Plan {
         output,
         descriptor: &descriptor,
         options,
-        identity: identity_of(&descriptor, (source, &origin), (options, reduce), plan),
+        identity: identity_of(&descriptor, (source, &origin), (options, reduce, &levels_plan), plan),
         tiles: &|lod| tiles_of(&descriptor, plan, order, lod),
         pool: &pool,
     })?;
@@ -148,6 +154,7 @@ pub fn build(
         descriptor: &descriptor,
         options,
         reduce,
+        steps: &levels_plan.steps,
         plan,
         pool: &pool,
         file: begun.container.file(),
@@ -155,9 +162,10 @@ pub fn build(
         restored: begun.levels,
         writer: Mutex::new(begun.writer),
         statistics: Mutex::new(begun.statistics),
+        checksum: Mutex::new(checksum),
         counter,
     };
-    let written = build.write_levels(source, &origin, (&tiles, &read));
+    let written = build.write_levels(source, &mut origin, (&tiles, &read));
     let progress = build.counter.now();
     let Build { writer, statistics, .. } = build;
     let statistics = statistics.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -271,17 +279,20 @@ fn notes_of(
 fn identity_of(
     descriptor: &Descriptor,
     (source, origin): (&dyn VolumeSource, &Source),
-    (options, reduce): (&BuildOptions, Reduce),
+    (options, reduce, levels): (&BuildOptions, Reduce, &lod_axes::Plan),
     plan: MemoryPlan,
 ) -> Option<u64> {
-    if origin.xxh3_64.is_empty() {
+    // Files that are settled are told by their times.
+    if origin.xxh3_64.is_empty() && source.info().files.is_empty() {
         return None;
     }
     let page = header::encode(descriptor, Sections::default());
     // The order of bricks follows the tiles, and those the memory.
-    let (files, reading) = (&source.info().files, &source.info().reading);
+    let files: Vec<_> = source.info().files.iter().map(SourceFile::describe).collect();
+    let reading = &source.info().reading;
     let (codec, error, memory, tile) = (options.codec, options.max_error, options.memory_bytes, plan.tile_bytes);
-    let choices = format!("{origin:?} {files:?} {reading} {codec:?} {error:?} {reduce:?} {memory} {tile}");
+    let steps = &levels.steps;
+    let choices = format!("{origin:?} {files:?} {reading:?} {codec:?} {error:?} {reduce:?} {steps:?} {memory} {tile}");
     Some(journal::identity(&[env!("CARGO_PKG_VERSION").as_bytes(), &page[..], choices.as_bytes()]))
 }
 
@@ -338,12 +349,20 @@ fn describe(source: &dyn VolumeSource, options: &BuildOptions) -> Result<(Descri
     Ok((descriptor, plan))
 }
 
+/// What voxels of a level are moved to, where its means are rounded to `steps`, from level 1 on.
+pub(crate) fn quantizer_of(descriptor: &Descriptor, steps: &[f64], lod: usize) -> Option<Quantizer> {
+    let of_level = || Quantizer::new(descriptor.voxel_type, *steps.get(lod.checked_sub(1)?)?);
+    descriptor.quantizer.or_else(of_level)
+}
+
 /// One build under way.
 struct Build<'a> {
     output: &'a Path,
     descriptor: &'a Descriptor,
     options: &'a BuildOptions,
     reduce: Reduce,
+    /// See [`lod_axes::Plan::steps`].
+    steps: &'a [f64],
     plan: MemoryPlan,
     pool: &'a rayon::ThreadPool,
     /// The unfinished container, for reading finer levels back.
@@ -353,6 +372,8 @@ struct Build<'a> {
     restored: Vec<Restored>,
     writer: Mutex<ContainerWriter<BufWriter<File>>>,
     statistics: Mutex<Statistics>,
+    /// That of the source, where it is taken while level 0 is read.
+    checksum: Mutex<Option<ChecksumAlong>>,
     counter: ProgressCounter<'a>,
 }
 
@@ -367,15 +388,22 @@ impl Build<'_> {
         self.writer.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    fn checksum(&self) -> MutexGuard<'_, Option<ChecksumAlong>> {
+        self.checksum.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Writes all levels, finest first.
     fn write_levels(
         &self,
         source: &dyn VolumeSource,
-        origin: &Source,
+        origin: &mut Source,
         (tiles, read): (&[Tile], ReadSource<'_>),
     ) -> Result<Vec<LevelReport>, BuildError> {
         let mut levels = vec![self.write_finest(tiles, read)?];
-        check_unchanged(source, origin, &self.options.canceller)?;
+        match self.checksum().take() {
+            Some(checksum) => origin.xxh3_64 = checksum.finish(&self.options.canceller)?,
+            None => check_unchanged(source, origin, &self.options.canceller)?,
+        }
         for lod in 1..self.descriptor.pyramid.levels().len() {
             levels.push(self.write_coarser(lod)?);
         }
@@ -384,24 +412,30 @@ impl Build<'_> {
 
     fn write_finest(&self, tiles: &[Tile], read_source: ReadSource<'_>) -> Result<LevelReport, BuildError> {
         let level = *self.descriptor.pyramid.level_at(Lod::FINEST);
+        let done = self.restored.first().map_or(0, |level| level.tiles);
+        let tiles_left = AtomicUsize::new(tiles.len() - done);
         let read = |tile: &Tile| {
             let voxels = tile.voxels(self.options.layout.core(), level.dims, MARGIN);
             let mut bytes = vec![0; voxels.voxels() * self.descriptor.voxel_type.bytes()];
             read_source(voxels, &mut bytes)?;
+            let left = tiles_left.fetch_sub(1, Ordering::Relaxed);
+            let canceller = &self.options.canceller;
+            self.checksum().as_mut().map_or(Ok(()), |checksum| checksum.advance(left, canceller))?;
             Ok((voxels, bytes))
         };
         self.write_level(0, tiles, &read, &|tile, voxels, mut bytes| {
             // Each brick moves its own voxels, to know how far; what is counted is what is stored.
             let bricks = self.encode_tile(0, tile, VoxelBlock { voxels, bytes: &bytes }, None)?;
-            self.move_voxels(&mut bytes);
+            self.move_voxels(0, &mut bytes);
             self.pool.install(|| self.count_voxels(tile, VoxelBlock { voxels, bytes: &bytes }));
             Ok(bricks)
         })
     }
 
-    /// Moves voxels to multiples of the container's step, if it has one.
-    fn move_voxels(&self, bytes: &mut [u8]) {
-        let Descriptor { voxel_type, absence, quantizer: Some(quantizer), .. } = *self.descriptor else { return };
+    /// Moves voxels of a level to multiples of the container's step, or of the level's, if it has one.
+    fn move_voxels(&self, lod: usize, bytes: &mut [u8]) {
+        let Descriptor { voxel_type, absence, .. } = *self.descriptor;
+        let Some(quantizer) = quantizer_of(self.descriptor, self.steps, lod) else { return };
         let part = bytes.len() / voxel_type.bytes() / self.plan.threads + 1;
         self.pool.install(|| {
             bytes.par_chunks_mut(part * voxel_type.bytes()).for_each(|part| {
@@ -439,7 +473,7 @@ impl Build<'_> {
                 self.pool.install(|| {
                     downsample(self.reduce, voxel_type, absence, level.factors, block, coarse, &mut voxels)
                 });
-                self.move_voxels(&mut voxels);
+                self.move_voxels(lod, &mut voxels);
                 let finer = FinerTile { factors: level.factors, block };
                 self.encode_tile(lod, tile, VoxelBlock { voxels: coarse, bytes: &voxels }, Some(&finer))
             },

@@ -3,6 +3,7 @@
 //! Names, units and notes come from files, and are bounded here: no file makes a manifest that no reader takes.
 
 use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 use supervol_format::canceller::Canceller;
@@ -27,11 +28,17 @@ use crate::stop::check;
 const LABEL_CHARACTERS: usize = 256;
 const NOTE_CHARACTERS: usize = 500;
 const NOTES: usize = 50;
+/// Least size of a file whose checksum is taken while its voxels are read: to read a smaller one twice takes no time worth saving.
+const TAKEN_ALONG_BYTES: u64 = 256 << 20;
 
 /// The parameter that says what stands for several voxels in coarser levels.
 const REDUCE: &str = "reduce";
+/// What begins the names of parameters that say how files were read.
+const READER: &str = "reader_";
 /// The parameter that says what each axis would have kept, where that was measured.
 const RMS_KEPT: &str = "lod_axes_rms_kept";
+/// The parameter that says what means in coarser levels are rounded to, where they are.
+const STEPS: &str = "coarse_steps";
 
 /// What stands for several voxels in the coarser levels of a container with this manifest: the mean, where nothing is said.
 ///
@@ -40,6 +47,16 @@ const RMS_KEPT: &str = "lod_axes_rms_kept";
 pub fn reduce_of(manifest: &Manifest) -> Result<Reduce, String> {
     let Some(name) = manifest.parameters.get(REDUCE) else { return Ok(Reduce::Mean) };
     Reduce::ALL.into_iter().find(|reduce| reduce.name() == name).ok_or_else(|| name.clone())
+}
+
+/// What means are rounded to in the coarser levels of a container with this manifest, from level 1 on, stored units: none, and 0,
+/// where they are not.
+///
+/// # Errors
+/// With what is said, if these are no steps.
+pub fn steps_of(manifest: &Manifest) -> Result<Vec<f64>, String> {
+    let Some(text) = manifest.parameters.get(STEPS) else { return Ok(Vec::new()) };
+    Plan::steps_from(text).ok_or_else(|| text.clone())
 }
 
 /// What a build was asked for, and what it chose by itself.
@@ -74,6 +91,8 @@ pub(crate) fn manifest(
     // Where nothing is moved, manifests are what they were before anything could be.
     let max_error = (options.max_error != MaxError::Exact).then(|| ("max_error", options.max_error.describe()));
     let rms_kept = plan.describe().map(|kept| (RMS_KEPT, kept));
+    let steps = plan.describe_steps().map(|steps| (STEPS, steps));
+    let reading = info.reading.iter().map(|(option, said)| (format!("{READER}{option}"), said.clone()));
     let parameters = [
         ("brick", options.layout.core().to_string()),
         ("codec", codec.to_string()),
@@ -83,7 +102,14 @@ pub(crate) fn manifest(
     ];
     Manifest {
         tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
-        parameters: parameters.into_iter().chain(max_error).chain(rms_kept).map(|(k, v)| (k.to_string(), v)).collect(),
+        parameters: parameters
+            .into_iter()
+            .chain(max_error)
+            .chain(rms_kept)
+            .chain(steps)
+            .map(|(k, v)| (k.to_string(), v))
+            .chain(reading)
+            .collect(),
         source: origin,
         space: info.space.name().into(),
         axes: info.axes.clone().map(|a| AxisName { name: label(&a.name), unit: label(&a.unit) }),
@@ -141,7 +167,8 @@ pub(crate) fn check_unchanged(
 }
 
 /// Name, size and checksum of what a source is read from: of the file that was asked for, or of all files of a folder, their names
-/// included. What was chosen of it follows the name: builds of two volumes of one file are two builds.
+/// included. What was chosen of it follows the name: builds of two volumes of one file are two builds. The checksum of one large file
+/// is left to the build, which takes it while it reads the voxels.
 ///
 /// # Errors
 /// If a file cannot be read.
@@ -159,7 +186,10 @@ pub(crate) fn identify_source_unless(
     let (file, array) = split_array(path);
     let mut found = match &source.info().folder {
         Some(folder) => identify_folder(folder, source.info(), canceller)?,
-        None => identify_unless(&file, source.info().format, canceller)?,
+        None => match &source.info().files[..] {
+            [only] if only.bytes() >= TAKEN_ALONG_BYTES => unsummed(&file, source.info().format, only.bytes()),
+            _ => identify_unless(&file, source.info().format, canceller)?,
+        },
     };
     found.name += &Selection { array: array.or(selection.array.clone()), ..selection.clone() }.to_string();
     Ok(found)
@@ -191,11 +221,71 @@ fn identify_unless(path: &Path, format: &str, canceller: &Canceller) -> Result<S
 }
 
 fn origin(path: &Path, format: &str, bytes: u64, hash: &xxhash_rust::xxh3::Xxh3Default) -> Source {
+    Source { xxh3_64: format!("{:016x}", hash.digest()), ..unsummed(path, format, bytes) }
+}
+
+fn unsummed(path: &Path, format: &str, bytes: u64) -> Source {
     let name_of = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
     // `.` has a name, too.
     let found = name_of(path).or_else(|| name_of(&std::fs::canonicalize(path).ok()?));
     let name = found.unwrap_or_default();
-    Source { name, format: format.into(), bytes, xxh3_64: format!("{:016x}", hash.digest()) }
+    Source { name, format: format.into(), bytes, xxh3_64: String::new() }
+}
+
+/// The checksum of the one file that a source is read from, taken piece by piece while its voxels are: what the disk has just given for
+/// these, it need not give again.
+pub(crate) struct ChecksumAlong {
+    file: File,
+    of: SourceFile,
+    hash: xxhash_rust::xxh3::Xxh3Default,
+    taken: u64,
+}
+
+impl ChecksumAlong {
+    /// Of a source whose origin has none yet; none where there is no such file. Where times do not tell whether it is changed
+    /// meanwhile, its checksum is taken at once.
+    pub(crate) fn begin(
+        source: &dyn VolumeSource,
+        origin: &mut Source,
+        canceller: &Canceller,
+    ) -> Result<Option<Self>, BuildError> {
+        let info = source.info();
+        let [only] = &info.files[..] else { return Ok(None) };
+        if !origin.xxh3_64.is_empty() || info.folder.is_some() {
+            return Ok(None);
+        }
+        let file = File::open(only.path()).map_err(|e| SourceError::io(only.path(), e))?;
+        // Whoever has the file mapped changes its time only with the first write to a page that the disk has. Where nothing can be
+        // written, nobody writes.
+        let _ = file.sync_data();
+        let of = only.settled()?;
+        if !of.is_settled() {
+            origin.xxh3_64 = identify_unless(of.path(), info.format, canceller)?.xxh3_64;
+            return Ok(None);
+        }
+        Ok(Some(Self { file, of, hash: xxhash_rust::xxh3::Xxh3Default::new(), taken: 0 }))
+    }
+
+    /// Goes on as far as a reader gets with one of so many tiles that are left to it.
+    pub(crate) fn advance(&mut self, tiles_left: usize, canceller: &Canceller) -> Result<(), BuildError> {
+        let left = self.of.bytes().saturating_sub(self.taken);
+        let (taken, part) = (self.taken, left / tiles_left.max(1) as u64);
+        self.taken += take_bytes(&mut (&self.file).take(part), self.of.path(), &mut self.hash, canceller)?;
+        if self.taken < taken + part {
+            self.of.check_unchanged()?;
+        }
+        Ok(())
+    }
+
+    /// The checksum of all of it.
+    ///
+    /// # Errors
+    /// If it cannot be read, or is not the file any more that it was when this began.
+    pub(crate) fn finish(mut self, canceller: &Canceller) -> Result<String, BuildError> {
+        self.advance(1, canceller)?;
+        self.of.check_unchanged()?;
+        Ok(format!("{:016x}", self.hash.digest()))
+    }
 }
 
 /// Adds the bytes of a file to a checksum; how many there are.
@@ -204,13 +294,22 @@ pub(crate) fn take_file(
     hash: &mut xxhash_rust::xxh3::Xxh3Default,
     canceller: &Canceller,
 ) -> Result<u64, BuildError> {
-    let io = |e| BuildError::Source(SourceError::io(path, e));
-    let mut file = File::open(path).map_err(io)?;
-    let mut buffer = vec![0; 4 << 20];
+    let mut file = File::open(path).map_err(|e| SourceError::io(path, e))?;
+    take_bytes(&mut file, path, hash, canceller)
+}
+
+/// Adds all that a reader of the file still gives to a checksum; how many bytes there are.
+fn take_bytes(
+    from: &mut dyn Read,
+    path: &Path,
+    hash: &mut xxhash_rust::xxh3::Xxh3Default,
+    canceller: &Canceller,
+) -> Result<u64, BuildError> {
+    let mut buffer = vec![0; 1 << 20];
     let mut bytes = 0;
     loop {
         check(canceller)?;
-        let n = std::io::Read::read(&mut file, &mut buffer).map_err(io)?;
+        let n = from.read(&mut buffer).map_err(|e| SourceError::io(path, e))?;
         if n == 0 {
             return Ok(bytes);
         }

@@ -28,7 +28,8 @@ use crate::bricker::cut_brick;
 use crate::downsample::{Reduce, VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
 use crate::error_bound::{brick_error, step_error};
-use crate::provenance::reduce_of;
+use crate::pipeline::quantizer_of;
+use crate::provenance::{reduce_of, steps_of};
 use crate::statistics::{Statistics, Values, finite};
 
 /// Voxels around a core that a brick stores.
@@ -239,7 +240,10 @@ fn check(
         broken("manifest, parameter reduce", format!("one of {names}"), found)
     })?;
     downsample(reduce, voxel_type, absence, level.factors, fine, around, &mut reduced);
-    if let Some(quantizer) = descriptor.quantizer {
+    let steps = steps_of(container.manifest()).map_err(|found| {
+        broken("manifest, parameter coarse_steps", "powers of two or 0, apart by '; '".into(), found)
+    })?;
+    if let Some(quantizer) = quantizer_of(descriptor, &steps, usize::from(key.lod().0)) {
         quantizer.snap(voxel_type, absence, &mut reduced);
     }
     if let Some(at) = reduced.iter().zip(&voxels).position(|(a, v)| a != v) {

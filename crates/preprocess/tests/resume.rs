@@ -1,19 +1,21 @@
 //! A build that was killed goes on where it was, and ends with the same bytes: whatever its process left behind.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use supervol_format::container::manifest::Source;
 use supervol_format::random::Random;
-use supervol_format::{BrickLayout, VoxelBox, VoxelType};
+use supervol_format::{BrickLayout, Dims, Geometry, VoxelBox, VoxelType};
 use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::output::unfinished::list_builds;
 use supervol_preprocess::report::{BuildReport, Progress};
 use supervol_preprocess::source::computed::Computed;
-use supervol_preprocess::source::{SourceError, SourceInfo, VolumeSource};
-use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError, build};
+use supervol_preprocess::source::raw::{RawOptions, RawSource};
+use supervol_preprocess::source::{Endian, SourceError, SourceInfo, VolumeSource};
+use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError, build, identify};
 
 const OUTPUT: &str = "v.svol";
 
@@ -159,7 +161,7 @@ fn another_build_begins_anew_and_removes_what_is_left() {
     // The same file, read in another way.
     let moment = &moments[7];
     let mut info = source(1).info().clone();
-    info.reading = "big endian".into();
+    info.reading = vec![("endian", "big".into())];
     let other = ReadAs { source: source(2), info };
     let report = build(&other, origin("01"), &moment.join(OUTPUT), &options(), &|_| ());
     assert_eq!(restored(&report.unwrap_or_else(|e| panic!("{e}"))), 0);
@@ -168,6 +170,64 @@ fn another_build_begins_anew_and_removes_what_is_left() {
     let report = build(&source(1), origin(""), &moment.join(OUTPUT), &options(), &|_| ());
     assert_eq!(restored(&report.unwrap_or_else(|e| panic!("{e}"))), 0);
     assert_eq!(std::fs::read_dir(moment).expect("the folder is there").count(), 1);
+}
+
+/// A file as large as many tiles, read as it is.
+fn file_source(path: &Path) -> RawSource {
+    let options = RawOptions {
+        dims: Dims([64, 64, 200]),
+        voxel_type: VoxelType::U8,
+        endian: Endian::Little,
+        header_bytes: 0,
+        geometry: Geometry::IDENTITY,
+        nodata: None,
+    };
+    RawSource::open(path, &options).expect("as long as it says")
+}
+
+#[test]
+fn the_checksum_of_a_file_is_taken_while_it_is_read() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("a.raw");
+    let mut random = Random::new(7);
+    std::fs::write(&path, (0..64 * 64 * 200).map(|_| random.below(20) as u8).collect::<Vec<u8>>()).expect("room");
+    let name = |xxh3_64: &str| Source { format: "raw".into(), ..origin(xxh3_64) };
+    let known = identify(&path, "raw").expect("it is there").xxh3_64;
+
+    let built = |output: &str, checksum: &str| {
+        let output = folder.path().join(output);
+        build(&file_source(&path), name(checksum), &output, &options(), &|_| ()).unwrap_or_else(|e| panic!("{e}"));
+        std::fs::read(output).expect("the build wrote it")
+    };
+    let expected = built("whole.svol", &known);
+    assert!(built("along.svol", "") == expected, "the same checksum, taken at once or along the way");
+
+    // Stopped, and gone on with: the checksum is of all of it.
+    let output = folder.path().join(OUTPUT);
+    let stopping = options();
+    let canceller = stopping.canceller.clone();
+    let stop = |progress: Progress| {
+        if progress.bricks_done > 100 {
+            canceller.cancel();
+        }
+    };
+    let error = build(&file_source(&path), name(""), &output, &stopping, &stop).expect_err("it was stopped");
+    assert!(matches!(error, BuildError::Stopped { kept: Some(_) }), "{error}");
+    let report = build(&file_source(&path), name(""), &output, &options(), &|_| ()).unwrap_or_else(|e| panic!("{e}"));
+    assert!(restored(&report) > 0 && bytes(folder.path()) == expected);
+
+    // Written to while it is read, its time set back.
+    let modified = std::fs::metadata(&path).and_then(|m| m.modified()).expect("times");
+    let overwrite = |progress: Progress| {
+        if progress.bricks_done > 0 {
+            let file = std::fs::File::options().write(true).open(&path).expect("it is ours");
+            (&file).write_all(b"x").and_then(|()| file.set_modified(modified)).expect("room");
+        }
+    };
+    let output = folder.path().join("changed.svol");
+    let error = build(&file_source(&path), name(""), &output, &options(), &overwrite).expect_err("it was written to");
+    assert!(matches!(error, BuildError::Source(SourceError::Changed { .. })), "{error}");
+    assert!(!output.exists());
 }
 
 /// A source of which one box cannot be read.

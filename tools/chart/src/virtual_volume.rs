@@ -137,7 +137,7 @@ impl BrickId {
     fn lay_out(&self) -> Sections {
         let bricks = self.descriptor.pyramid.brick_count();
         let toc_offset = RECORDS_START + bricks * self.stride;
-        let toc_bytes = toc::pages_for(bricks) * toc::PAGE_BYTES as u64;
+        let toc_bytes = toc::bytes_for(bricks, header::VERSION);
         Sections {
             toc_offset,
             toc_bytes,
@@ -342,7 +342,8 @@ impl BrickId {
             }
             entries.extend_from_slice(&entry.encode());
         }
-        Ok(toc::encode_page(&entries))
+        let bricks = self.descriptor.pyramid.brick_count();
+        Ok(toc::cut(toc::encode_page(&entries), toc::page_bytes(page, bricks, header::VERSION)))
     }
 
     fn key(&self, number: u64) -> io::Result<BrickKey> {
@@ -390,7 +391,7 @@ impl ByteSource for BrickId {
             }
         }
         let page_bytes = toc::PAGE_BYTES as u64;
-        for page in Self::parts(offset, bytes, s.toc_offset, page_bytes, s.toc_bytes / page_bytes) {
+        for page in Self::parts(offset, bytes, s.toc_offset, page_bytes, s.toc_bytes.div_ceil(page_bytes)) {
             Self::copy(offset, buffer, s.toc_offset + page * page_bytes, &self.toc_page(page)?);
         }
         Self::copy(offset, buffer, s.manifest_offset, &self.manifest);

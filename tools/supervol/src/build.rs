@@ -79,7 +79,7 @@ pub struct OutputArguments {
     /// Largest error of a voxel, in the data's units or in percent of their range; labels are kept as they are [default: 0]
     #[arg(long, value_name = "E|P%", value_parser = quantity::error_bound)]
     max_error: Option<ErrorBound>,
-    /// Axes that coarser levels halve
+    /// Axes that coarser levels halve; auto measures the data, and rounds means of floats to what they are worth keeping
     #[arg(long, default_value = "auto", value_enum)]
     lod_axes: LodAxesName,
     /// What stands for several voxels in coarser levels: auto is the majority of labels, the mean of all else

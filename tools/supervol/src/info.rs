@@ -11,7 +11,7 @@ use supervol_format::container::manifest::{AxisName, Json, Source};
 use supervol_format::{Container, Dims, Geometry, Lod, ValueRange};
 use supervol_preprocess::kept::{Reading, is_container};
 use supervol_preprocess::output::unfinished::{self, Leftover, Writer};
-use supervol_preprocess::provenance::rms_kept_of;
+use supervol_preprocess::provenance::{rms_kept_of, steps_of};
 use supervol_preprocess::source::{LineNumbers, Survey};
 use supervol_runtime::facts::kind;
 
@@ -82,6 +82,8 @@ struct LevelInfo {
     absent_bricks: u64,
     /// Share of the amplitudes (RMS) of the level before that halving x, y or z alone would keep, where the build measured it.
     rms_kept: Option<[f64; 3]>,
+    /// Data units; `None` where means are as exact as the voxel type.
+    rounded_to: Option<f64>,
 }
 
 /// Runs the command.
@@ -209,6 +211,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
     let recognised = kind::recognise(container);
     // Of the levels from 1 on.
     let rms_kept = rms_kept_of(manifest).unwrap_or_default();
+    let steps = steps_of(manifest).unwrap_or_default();
     let mut levels = Vec::new();
     for (lod, level) in pyramid.levels().iter().enumerate() {
         let mut info = LevelInfo {
@@ -220,6 +223,10 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
             uniform_bricks: 0,
             absent_bricks: 0,
             rms_kept: lod.checked_sub(1).and_then(|before| rms_kept.get(before).copied()),
+            rounded_to: lod
+                .checked_sub(1)
+                .and_then(|before| steps.get(before).map(|step| step * descriptor.scale.abs()))
+                .filter(|&step| step > 0.0),
         };
         for key in pyramid.keys_of(Lod(lod as u8)) {
             let entry = container.entry(key)?;
@@ -259,7 +266,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
         survey: manifest.survey.as_ref().map(Json::value),
         notes: &manifest.notes,
         container_bytes: container.file_bytes(),
-        format_version: descriptor.version(),
+        format_version: container.version(),
     })
 }
 
@@ -336,7 +343,15 @@ fn print(info: &Info<'_>, container: &Container, survey: Option<&Survey>, out: &
             level.error
         )?;
     }
-    print_kept(&info.levels, out)
+    print_kept(&info.levels, out)?;
+    let rounded = info.levels.iter().enumerate().filter_map(|(lod, level)| Some((lod, level.rounded_to?)));
+    for (i, (lod, step)) in rounded.enumerate() {
+        if i == 0 {
+            writeln!(out, "\nmeans are rounded to multiples of")?;
+        }
+        writeln!(out, "{lod:>5}  {step}")?;
+    }
+    Ok(())
 }
 
 /// What halving each axis would keep, where the build measured it.

@@ -115,6 +115,11 @@ impl Folder {
     }
 }
 
+/// What the manifest calls what this option said.
+fn reader_parameter(option: &str) -> String {
+    option.replace("--", "reader_").replace('-', "_")
+}
+
 #[test]
 fn survey_files_whose_headers_say_it_elsewhere_or_wrong() {
     let folder = Folder::new();
@@ -124,6 +129,10 @@ fn survey_files_whose_headers_say_it_elsewhere_or_wrong() {
         assert_eq!(info["dims"], serde_json::json!([3, 2, 8]), "{options:?}");
         assert_eq!(info["value_range"], serde_json::json!([11.0, 30.0]), "{options:?}");
         assert_eq!(info["spacing"][2], 4.0, "{options:?}");
+        for said in options.chunks(2) {
+            assert_eq!(info["parameters"][reader_parameter(said[0])], said[1], "{options:?}");
+        }
+        assert!(info["parameters"]["reader_il_byte"].is_string(), "{options:?}");
     };
     Segy::default().write(&file);
     is_the_grid(&[]);
@@ -147,7 +156,11 @@ fn gathers_of_several_offsets() {
     let gathers = Segy { offsets: vec![1, 2], ..Segy::default() };
     gathers.write(&folder.path("a.sgy"));
     folder.refused("a.sgy", &[], &["pre-stack gather", "--offset 1", "--offset stack"]);
-    let range = |options: &[&str]| folder.built("a.sgy", options)["value_range"].clone();
+    let range = |options: &[&str]| {
+        let info = folder.built("a.sgy", options);
+        assert_eq!(info["parameters"]["reader_offset"], options[1]);
+        info["value_range"].clone()
+    };
     assert_eq!(range(&["--offset", "2"]), serde_json::json!([211.0, 230.0]));
     assert_eq!(range(&["--offset", "stack"]), serde_json::json!([161.0, 180.0]));
     // Nobody gets a volume of which nothing is there.
@@ -169,6 +182,9 @@ fn absent_voxels_and_what_coarser_levels_are() {
     let holed = built(&["--nodata", "200"]);
     assert_eq!((&holed["value_range"][1], &holed["nodata"]), (&97.0.into(), &200.0.into()));
     assert_eq!(holed["present_voxels"], 35 * 70 * 70);
+    let said = ["reader_dims", "reader_dtype", "reader_nodata"].map(|name| &holed["parameters"][name]);
+    assert_eq!(said, ["70,70,70", "u8", "200"]);
+    assert_eq!(plain["parameters"]["reader_nodata"], serde_json::Value::Null);
     let dims = |info: &serde_json::Value| info["levels"][1]["dims"].clone();
     assert_eq!(dims(&built(&["--lod-axes", "xyz"])), serde_json::json!([35, 35, 35]));
     assert_eq!(dims(&built(&["--lod-axes", "xy"])), serde_json::json!([35, 35, 70]));

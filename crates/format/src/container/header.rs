@@ -8,17 +8,19 @@ use crate::{BrickLayout, Dims, Geometry, Lod, Pyramid, VoxelType};
 
 /// First bytes of every container. The high bit and the line ends catch transfers in text mode.
 pub const MAGIC: [u8; 8] = *b"\x89SVOL\r\n\x1a";
-/// The versions that this program reads; it writes the least that says all there is to say.
-pub const VERSIONS: std::ops::RangeInclusive<u32> = 1..=2;
-/// The version of containers whose voxels are the source's own, bit for bit.
-const VERSION_EXACT: u32 = 1;
-/// The version of containers whose voxels have been moved ([`Descriptor::quantizer`]): readers of version 1 would take
-/// them for exact.
-const VERSION_QUANTIZED: u32 = 2;
+/// The versions that this program reads; it writes the last.
+pub const VERSIONS: std::ops::RangeInclusive<u32> = 1..=VERSION;
+/// The version that is written: what a TOC's last page does not use is left out, and voxels may have been moved.
+pub const VERSION: u32 = 3;
+/// The version of containers whose voxels are the source's own, bit for bit; all pages of the TOC are whole.
+pub const VERSION_EXACT: u32 = 1;
+/// The same, but for voxels that have been moved ([`Descriptor::quantizer`]): readers of version 1 would take them for exact.
+pub const VERSION_QUANTIZED: u32 = 2;
 /// Bytes of the header page and of the footer page.
 pub const PAGE_BYTES: usize = 4096;
 
 const FLAG_NODATA: u32 = 1;
+const VERSION_AT: usize = 8;
 const FACTORS_AT: usize = 208;
 const SECTIONS_AT: usize = 400;
 const STEP_AT: usize = 440;
@@ -49,12 +51,6 @@ impl Descriptor {
     #[must_use]
     pub fn dims(&self) -> Dims {
         self.pyramid.level_at(Lod::FINEST).dims
-    }
-
-    /// The version of a container that holds it.
-    #[must_use]
-    pub fn version(&self) -> u32 {
-        if self.quantizer.is_some() { VERSION_QUANTIZED } else { VERSION_EXACT }
     }
 
     /// Most by which a voxel of level 0 is off its source's, and one of a coarser level off what it stands for; stored
@@ -120,7 +116,7 @@ pub fn encode(descriptor: &Descriptor, sections: Sections) -> Vec<u8> {
     put(&mut page, 0, &MAGIC);
     let flags = if descriptor.absence.nodata.is_some() { FLAG_NODATA } else { 0 };
     let words = [
-        descriptor.version(),
+        VERSION,
         PAGE_BYTES as u32,
         descriptor.voxel_type as u32,
         pyramid.layout().core() as u32,
@@ -130,7 +126,7 @@ pub fn encode(descriptor: &Descriptor, sections: Sections) -> Vec<u8> {
         flags,
     ];
     for (i, word) in words.iter().enumerate() {
-        put(&mut page, 8 + 4 * i, &word.to_le_bytes());
+        put(&mut page, VERSION_AT + 4 * i, &word.to_le_bytes());
     }
     for (axis, n) in descriptor.dims().0.iter().enumerate() {
         put(&mut page, 40 + 8 * axis, &n.to_le_bytes());
@@ -171,6 +167,12 @@ pub(super) fn check_magic(start: &[u8], what: &str, offset: u64) -> Result<(), C
     Err(ContainerError::Magic { what: what.into(), offset, expected, found })
 }
 
+/// The version of a page that [`decode`] has accepted.
+#[must_use]
+pub fn version_of(page: &[u8; PAGE_BYTES]) -> u32 {
+    u32_at(page, VERSION_AT)
+}
+
 /// Reads a page. `offset` is where it lies in the file, for messages.
 ///
 /// # Errors
@@ -180,7 +182,7 @@ pub fn decode(page: &[u8; PAGE_BYTES], what: &str, offset: u64) -> Result<(Descr
         ContainerError::invalid(format!("{what}: {field}"), offset + at as u64, expected, found)
     };
     check_magic(&page[..MAGIC.len()], what, offset)?;
-    let version = u32_at(page, 8);
+    let version = version_of(page);
     if !VERSIONS.contains(&version) {
         return Err(ContainerError::Version { found: version, known: *VERSIONS.end() });
     }
@@ -230,10 +232,14 @@ pub fn decode(page: &[u8; PAGE_BYTES], what: &str, offset: u64) -> Result<(Descr
 
 /// What voxels are multiples of; an error says what was expected.
 fn quantizer_at(page: &[u8], version: u32, voxel_type: VoxelType) -> Result<Option<Quantizer>, &'static str> {
-    if version == VERSION_EXACT {
-        return if u64_at(page, STEP_AT) == 0 { Ok(None) } else { Err("0 in version 1") };
+    let is_none = u64_at(page, STEP_AT) == 0;
+    let step = || Quantizer::new(voxel_type, f64_at(page, STEP_AT)).map(Some);
+    match version {
+        VERSION_EXACT => is_none.then_some(None).ok_or("0 in version 1"),
+        VERSION_QUANTIZED => step().ok_or("a positive step of its type in version 2"),
+        _ if is_none => Ok(None),
+        _ => step().ok_or("0, or a positive step of its type"),
     }
-    Quantizer::new(voxel_type, f64_at(page, STEP_AT)).map(Some).ok_or("a positive step of its type in version 2")
 }
 
 /// The factors of levels 1 and up; an error names the offset and the bytes that are wrong.
@@ -283,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn moved_voxels_and_version_2_go_together() {
+    fn moved_voxels_and_their_versions_go_together() {
         let with = |descriptor: &Descriptor, version: u32, step: f64| {
             let mut page: [u8; PAGE_BYTES] = encode(descriptor, Sections::default()).try_into().expect("a page's size");
             page[8..12].copy_from_slice(&version.to_le_bytes());
@@ -294,13 +300,16 @@ mod tests {
         };
         assert!(matches!(with(&descriptor(), 1, 0.0), Ok(0.0)));
         assert!(matches!(with(&quantized(), 2, 7.0), Ok(3.0)));
-        for (version, step) in [(1, 7.0), (2, 0.0), (2, -7.0), (2, f64::NAN), (2, f64::INFINITY)] {
+        assert!(matches!((with(&descriptor(), 3, 0.0), with(&quantized(), 3, 7.0)), (Ok(0.0), Ok(3.0))));
+        for (version, step) in
+            [(1, 7.0), (2, 0.0), (2, -7.0), (2, f64::NAN), (2, f64::INFINITY), (3, -7.0), (3, f64::NAN)]
+        {
             assert!(
                 matches!(with(&quantized(), version, step), Err(ContainerError::Invalid { .. })),
                 "{version} {step}"
             );
         }
-        assert!(matches!(with(&quantized(), 3, 7.0), Err(ContainerError::Version { found: 3, known: 2 })));
+        assert!(matches!(with(&quantized(), 4, 7.0), Err(ContainerError::Version { found: 4, known: 3 })));
     }
 
     /// The table in the module head is the specification: every field must stand where it says.
@@ -313,7 +322,7 @@ mod tests {
         assert_eq!(page.len(), 4096);
         assert_eq!(page[..8], [0x89, 0x53, 0x56, 0x4f, 0x4c, 0x0d, 0x0a, 0x1a]);
         let u32s: Vec<u32> = (8..40).step_by(4).map(|at| u32_at(&page, at)).collect();
-        assert_eq!(u32s, [1, 4096, 4, 64, 2, 8, 2, 1]);
+        assert_eq!(u32s, [3, 4096, 4, 64, 2, 8, 2, 1]);
         assert_eq!([40, 48, 56].map(|at| u64_at(&page, at)), [100, 65, 17]);
         assert_eq!(f64s_at::<3>(&page, 64), [-0.5, 1024.0, -999.0]);
         assert_eq!(f64s_at::<3>(&page, 88), [1.0, 2.0, 3.0]);
@@ -323,7 +332,7 @@ mod tests {
         assert_eq!([400, 408, 416, 424, 432].map(|at| u64_at(&page, at)), [11, 12, 13, 14, 15]);
         assert!(page[440..4088].iter().all(|b| *b == 0));
         let quantized = encode(&quantized(), Sections::default());
-        assert_eq!((u32_at(&quantized, 8), f64_at(&quantized, 440)), (2, 7.0));
+        assert_eq!((u32_at(&quantized, 8), f64_at(&quantized, 440)), (3, 7.0));
         assert!(quantized[448..4088].iter().all(|b| *b == 0));
         assert_eq!(u64_at(&page, 4088), checksum(&page[..4088]));
     }

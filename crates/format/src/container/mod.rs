@@ -1,9 +1,10 @@
-//! The `.svol` file, byte by byte. Format versions 1 and 2, which differ in one field: what the voxels were moved to.
+//! The `.svol` file, byte by byte. Format version 3; versions 1 and 2 are read, which differ in two things: what the voxels
+//! were moved to, and the length of the last TOC page.
 //!
 //! ```text
 //! +-------------+-----------------------------+-----------+----------+-------------+
 //! | header page | brick records, append-only  | TOC pages | manifest | footer page |
-//! |    4096     |   finest level ... coarsest |  n*65536  |   JSON   |    4096     |
+//! |    4096     |   finest level ... coarsest | n of 65536|   JSON   |    4096     |
 //! +-------------+-----------------------------+-----------+----------+-------------+
 //! ```
 //!
@@ -18,7 +19,7 @@
 //! | offset | size | type | unit | meaning |
 //! |---|---|---|---|---|
 //! | 0 | 8 | bytes | | magic `89 53 56 4f 4c 0d 0a 1a` (`\x89SVOL\r\n\x1a`) |
-//! | 8 | 4 | u32 | | format version: 1, or 2 where the step below is not 0 |
+//! | 8 | 4 | u32 | | format version: 3; up to version 2: 1, or 2 where the step below is not 0 |
 //! | 12 | 4 | u32 | bytes | size of this page: 4096 |
 //! | 16 | 4 | u32 | | voxel type: 1 u8, 2 i8, 3 u16, 4 i16, 5 u32, 6 i32, 7 f32, 8 f64 |
 //! | 20 | 4 | u32 | voxels | core of a brick: 16, 32, 64 or 128 |
@@ -39,7 +40,7 @@
 //! | 416 | 8 | u64 | bytes | offset of the manifest (header: 0) |
 //! | 424 | 8 | u64 | bytes | length of the manifest (header: 0) |
 //! | 432 | 8 | u64 | | XXH3-64 of the manifest (header: 0) |
-//! | 440 | 8 | f64 | stored | version 2: the step that voxels of all levels were moved to multiples of ([`crate::codec::quantize`]); version 1: 0, the voxels of level 0 are the source's own |
+//! | 440 | 8 | f64 | stored | the step that voxels of all levels were moved to multiples of ([`crate::codec::quantize`]); 0, always in version 1 and never in version 2: the voxels of level 0 are the source's own |
 //! | 448 | 3640 | | | reserved, zero |
 //! | 4088 | 8 | u64 | | XXH3-64 of bytes 0 to 4087 of this page |
 //!
@@ -57,6 +58,8 @@
 //! | 0 | 818 x 80 | entries; unused ones at the end are zero |
 //! | 65440 | 88 | reserved, zero |
 //! | 65528 | 8 | XXH3-64 of bytes 0 to 65527 of this page |
+//!
+//! Of the last page, what lies between its entries and its checksum is not in the file ([`toc::cut`]); up to version 2 it is.
 //!
 //! # TOC entry ([`toc`])
 //!

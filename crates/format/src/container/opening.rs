@@ -13,6 +13,7 @@ pub const TAIL_BYTES: u64 = 128 << 10;
 /// What was read.
 pub(super) struct Opened {
     pub file_bytes: u64,
+    pub version: u32,
     pub descriptor: Descriptor,
     pub sections: Sections,
     pub manifest: Manifest,
@@ -42,12 +43,13 @@ pub(super) fn open(source: &dyn ByteSource) -> Result<Opened, ContainerError> {
     let footer_offset = file_bytes - PAGE_BYTES as u64;
     let footer = tail.last_chunk().expect("the tail is no shorter than a page");
     let (descriptor, sections) = header::decode(footer, "footer", footer_offset).map_err(unfinished)?;
-    if from_header != descriptor || header_sections != Sections::default() {
-        let found = format!("{from_header:?}, {header_sections:?}");
-        let expected = format!("the footer's {descriptor:?}, no sections");
+    let version = header::version_of(footer);
+    if (&from_header, header::version_of(&header)) != (&descriptor, version) || header_sections != Sections::default() {
+        let found = format!("version {}, {from_header:?}, {header_sections:?}", header::version_of(&header));
+        let expected = format!("the footer's version {version}, {descriptor:?}, no sections");
         return Err(ContainerError::invalid("header", 0, expected, found));
     }
-    check_sections(&sections, &descriptor.pyramid, footer_offset)?;
+    check_sections(&sections, version, &descriptor.pyramid, footer_offset)?;
     let manifest = match sections.manifest_offset.checked_sub(file_bytes - tail.len() as u64) {
         Some(at) => decode_manifest(&tail[at as usize..][..sections.manifest_bytes as usize], &sections)?,
         None => {
@@ -56,7 +58,7 @@ pub(super) fn open(source: &dyn ByteSource) -> Result<Opened, ContainerError> {
             decode_manifest(&bytes, &sections)?
         }
     };
-    Ok(Opened { file_bytes, descriptor, sections, manifest, tail })
+    Ok(Opened { file_bytes, version, descriptor, sections, manifest, tail })
 }
 
 /// The header page, and the last [`TAIL_BYTES`], or all there is. Where these cannot be read in one request, the two pages alone: a
@@ -86,8 +88,8 @@ fn unfinished(error: ContainerError) -> ContainerError {
 }
 
 /// The sections must follow one another without a gap and have the sizes that the pyramid demands.
-fn check_sections(s: &Sections, pyramid: &Pyramid, footer_offset: u64) -> Result<(), ContainerError> {
-    let toc_bytes = toc::pages_for(pyramid.brick_count()) * toc::PAGE_BYTES as u64;
+fn check_sections(s: &Sections, version: u32, pyramid: &Pyramid, footer_offset: u64) -> Result<(), ContainerError> {
+    let toc_bytes = toc::bytes_for(pyramid.brick_count(), version);
     let follows = |start: u64, length: u64, next: u64| start.checked_add(length) == Some(next);
     let whole = s.toc_offset >= RECORDS_START
         && s.toc_bytes == toc_bytes

@@ -39,6 +39,7 @@ pub struct Container {
     sections: Sections,
     manifest: Manifest,
     file_bytes: u64,
+    version: u32,
     path: PathBuf,
     toc_pages: TocPages,
 }
@@ -75,7 +76,8 @@ impl Container {
     /// # Errors
     /// If the bytes cannot be read or are no whole container.
     pub fn from_source(source: Arc<dyn ByteSource>) -> Result<Self, ContainerError> {
-        let opening::Opened { file_bytes, descriptor, sections, manifest, tail } = opening::open(source.as_ref())?;
+        let opening::Opened { file_bytes, version, descriptor, sections, manifest, tail } =
+            opening::open(source.as_ref())?;
         let container = Self {
             source,
             stored_geometry: descriptor.geometry,
@@ -83,6 +85,7 @@ impl Container {
             sections,
             manifest,
             file_bytes,
+            version,
             path: PathBuf::new(),
             toc_pages: TocPages::default(),
         };
@@ -97,11 +100,12 @@ impl Container {
         let first = tail_offset.saturating_sub(self.sections.toc_offset).div_ceil(toc::PAGE_BYTES as u64);
         for number in first..toc::pages_for(self.pyramid().brick_count()) {
             let at = (self.page_offset(number) - tail_offset) as usize;
-            self.keep_page(number, tail[at..at + toc::PAGE_BYTES].to_vec());
+            self.keep_page(number, tail[at..at + self.page_bytes(number)].to_vec());
         }
     }
 
-    fn keep_page(&self, number: u64, page: Vec<u8>) {
+    fn keep_page(&self, number: u64, stored: Vec<u8>) {
+        let page = toc::uncut(stored);
         if self.check_page(&page, number).is_ok() {
             self.toc_pages.insert(number, page.into());
         }
@@ -198,7 +202,7 @@ impl Container {
         let missing: Vec<u64> = missing.into_iter().take(CACHED_TOC_PAGES).collect();
         for numbers in missing.chunks(PAGES_AT_ONCE) {
             // Each page is read to where it stays.
-            let mut pages: Vec<Vec<u8>> = numbers.iter().map(|_| vec![0; toc::PAGE_BYTES]).collect();
+            let mut pages: Vec<Vec<u8>> = numbers.iter().map(|&number| vec![0; self.page_bytes(number)]).collect();
             let buffers = pages.iter_mut().map(Vec::as_mut_slice);
             let mut ranges: Vec<_> = numbers.iter().map(|&number| self.page_offset(number)).zip(buffers).collect();
             if self.source.read_several(&mut ranges).is_err() {
@@ -214,8 +218,9 @@ impl Container {
         if let Some(page) = self.toc_pages.get(number) {
             return Ok(page);
         }
-        let mut bytes = vec![0; toc::PAGE_BYTES];
+        let mut bytes = vec![0; self.page_bytes(number)];
         read(self.source.as_ref(), "TOC page", self.page_offset(number), &mut bytes)?;
+        let bytes = toc::uncut(bytes);
         self.check_page(&bytes, number)?;
         let page = Arc::new(bytes);
         self.toc_pages.insert(number, page.clone());
@@ -226,10 +231,21 @@ impl Container {
         self.sections.toc_offset + number * toc::PAGE_BYTES as u64
     }
 
+    /// Bytes of a page in the file.
+    fn page_bytes(&self, number: u64) -> usize {
+        toc::page_bytes(number, self.pyramid().brick_count(), self.version)
+    }
+
     fn check_page(&self, page: &[u8], number: u64) -> Result<(), ContainerError> {
         let entries = self.pyramid().brick_count() - number * ENTRIES_PER_PAGE as u64;
         let entries = entries.min(ENTRIES_PER_PAGE as u64) as usize;
-        toc::check_page(page, number, entries, self.page_offset(number))
+        toc::check_page(page, number, entries, (self.page_offset(number), self.page_bytes(number)))
+    }
+
+    /// The version of the format that it is written in.
+    #[must_use]
+    pub fn version(&self) -> u32 {
+        self.version
     }
 
     /// How its source is best read.

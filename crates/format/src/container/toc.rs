@@ -1,6 +1,6 @@
 //! Entries of the table of contents and the pages they are packed in; the tables stand in [`super`].
 
-use super::header::{f64_at, u32_at, u64_at};
+use super::header::{VERSION_QUANTIZED, f64_at, u32_at, u64_at};
 use super::{ContainerError, checksum};
 use crate::codec::Codec;
 use crate::{BrickKey, ValueRange};
@@ -12,7 +12,8 @@ pub const PAGE_BYTES: usize = 65536;
 /// Entries of one page.
 pub const ENTRIES_PER_PAGE: usize = 818;
 
-const CHECKSUM_AT: usize = PAGE_BYTES - 8;
+const CHECKSUM_BYTES: usize = 8;
+const CHECKSUM_AT: usize = PAGE_BYTES - CHECKSUM_BYTES;
 const FLAG_ABSENT: u8 = 1;
 const FLAG_UNIFORM: u8 = 2;
 const FLAG_HOLES: u8 = 4;
@@ -134,6 +135,42 @@ pub fn pages_for(entries: u64) -> u64 {
     entries.div_ceil(ENTRIES_PER_PAGE as u64)
 }
 
+/// Bytes of the pages of this many entries in the file: all are whole but the last, of which nothing stands between its entries and its
+/// checksum; up to version 2 that one is whole, too.
+#[must_use]
+pub fn bytes_for(entries: u64, version: u32) -> u64 {
+    match pages_for(entries) {
+        0 => 0,
+        pages => (pages - 1) * PAGE_BYTES as u64 + page_bytes(pages - 1, entries, version) as u64,
+    }
+}
+
+/// Bytes of page `number` of this many entries in the file.
+#[must_use]
+pub fn page_bytes(number: u64, entries: u64, version: u32) -> usize {
+    let is_cut = number + 1 == pages_for(entries) && version > VERSION_QUANTIZED;
+    let last = (entries - number * ENTRIES_PER_PAGE as u64) as usize;
+    if is_cut { last * ENTRY_BYTES + CHECKSUM_BYTES } else { PAGE_BYTES }
+}
+
+/// A page as it stands in the file, with so many bytes: see [`bytes_for`].
+#[must_use]
+pub fn cut(mut page: Vec<u8>, bytes: usize) -> Vec<u8> {
+    page.drain(bytes - CHECKSUM_BYTES..CHECKSUM_AT);
+    page
+}
+
+/// A whole page from what stands in the file.
+///
+/// # Panics
+/// If that is too short for a checksum, or longer than a page.
+#[must_use]
+pub fn uncut(mut bytes: Vec<u8>) -> Vec<u8> {
+    let at = bytes.len() - CHECKSUM_BYTES;
+    bytes.splice(at..at, std::iter::repeat_n(0, PAGE_BYTES - bytes.len()));
+    bytes
+}
+
 /// Packs up to [`ENTRIES_PER_PAGE`] encoded entries into a page.
 ///
 /// # Panics
@@ -148,18 +185,24 @@ pub fn encode_page(entries: &[u8]) -> Vec<u8> {
     page
 }
 
-/// Checks a page's checksum and that its tail behind `entries` entries is zero.
+/// Checks a whole page's checksum and that its tail behind `entries` entries is zero; `offset` and `stored`: where it lies in the file,
+/// with how many bytes.
 ///
 /// # Errors
 /// If it is damaged.
-pub fn check_page(page: &[u8], number: u64, entries: usize, offset: u64) -> Result<(), ContainerError> {
+pub fn check_page(
+    page: &[u8],
+    number: u64,
+    entries: usize,
+    (offset, stored): (u64, usize),
+) -> Result<(), ContainerError> {
     let sum = checksum(&page[..CHECKSUM_AT]);
     let found = u64_at(page, CHECKSUM_AT);
     if sum != found {
         let what = format!("TOC page {number}: checksum");
         return Err(ContainerError::invalid(
             what,
-            offset + CHECKSUM_AT as u64,
+            offset + (stored - CHECKSUM_BYTES) as u64,
             format!("{sum:016x}"),
             format!("{found:016x}"),
         ));
@@ -211,10 +254,17 @@ mod tests {
     fn pages_hold_what_the_specification_says() {
         assert_eq!(ENTRIES_PER_PAGE * ENTRY_BYTES, 65440);
         assert_eq!((pages_for(1), pages_for(818), pages_for(819)), (1, 1, 2));
+        assert_eq!([1, 818, 819, 1636].map(|n| bytes_for(n, 3)), [88, 65448, 65536 + 88, 65536 + 65448]);
+        assert_eq!([1, 818, 819].map(|n| bytes_for(n, 2)), [65536, 65536, 2 * 65536]);
+        let page = encode_page(&[7; 3 * ENTRY_BYTES]);
+        let stored = cut(page.clone(), page_bytes(0, 3, 3));
+        assert_eq!((stored.len(), &stored[..240]), (248, &[7; 240][..]));
+        assert_eq!(uncut(stored), page);
+        assert_eq!(uncut(cut(page.clone(), page_bytes(0, 3, 2))), page);
         let page = encode_page(&entry().encode());
-        check_page(&page, 0, 1, 0).expect("a written page is whole");
+        check_page(&page, 0, 1, (0, PAGE_BYTES)).expect("a written page is whole");
         let mut damaged = page.clone();
         damaged[65440] = 1;
-        assert!(check_page(&damaged, 0, 1, 0).is_err());
+        assert!(check_page(&damaged, 0, 1, (0, PAGE_BYTES)).is_err());
     }
 }

@@ -10,7 +10,7 @@
 
 use std::io::{self, Write};
 
-use super::header::{self, Descriptor, Sections};
+use super::header::{self, Descriptor, Sections, VERSION};
 use super::manifest::Manifest;
 use super::toc::{self, BrickEntry, ENTRIES_PER_PAGE, ENTRY_BYTES};
 use super::{ContainerError, checksum};
@@ -147,14 +147,14 @@ impl<W: Write> ContainerWriter<W> {
         let bricks = self.descriptor.pyramid.brick_count();
         assert_eq!(self.written, bricks, "a container is finished only when each brick is written");
         let toc_offset = self.position;
-        for entries in self.entries.chunks(ENTRIES_PER_PAGE * ENTRY_BYTES) {
-            self.out.write_all(&toc::encode_page(entries))?;
+        for (number, entries) in (0..).zip(self.entries.chunks(ENTRIES_PER_PAGE * ENTRY_BYTES)) {
+            self.out.write_all(&toc::cut(toc::encode_page(entries), toc::page_bytes(number, bricks, VERSION)))?;
         }
         // What no reader takes must not be written.
         let json =
             manifest.to_json().map_err(|e| io::Error::new(io::ErrorKind::InvalidData, format!("manifest: {e}")))?;
         self.out.write_all(&json)?;
-        let toc_bytes = toc::pages_for(bricks) * toc::PAGE_BYTES as u64;
+        let toc_bytes = toc::bytes_for(bricks, VERSION);
         let sections = Sections {
             toc_offset,
             toc_bytes,

@@ -57,12 +57,20 @@ pub enum Endian {
     Big,
 }
 
+impl Endian {
+    /// As options call it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Little => "little",
+            Self::Big => "big",
+        }
+    }
+}
+
 impl std::fmt::Display for Endian {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Little => "little endian",
-            Self::Big => "big endian",
-        })
+        write!(f, "{} endian", self.name())
     }
 }
 
@@ -118,8 +126,9 @@ pub struct SourceInfo {
     /// The folder that was asked for, where it is not a file.
     pub folder: Option<PathBuf>,
     /// What was said of how the files are to be read, where that decides what the voxels are: byte order, bytes that are left
-    /// out, where line numbers stand. Builds that differ in it do not go on with one another.
-    pub reading: String,
+    /// out, where line numbers stand; by the names of the command line's options. Builds that differ in it do not go on with one
+    /// another, and manifests tell it.
+    pub reading: Vec<(&'static str, String)>,
 }
 
 impl SourceInfo {
@@ -143,7 +152,7 @@ impl SourceInfo {
             memory_bytes: 0,
             files: Vec::new(),
             folder: None,
-            reading: String::new(),
+            reading: Vec::new(),
         }
     }
 }

@@ -30,6 +30,20 @@ pub struct RawOptions {
     pub nodata: Option<f64>,
 }
 
+impl RawOptions {
+    /// What decides which voxels there are; where they are, containers say in any case.
+    fn describe(&self) -> Vec<(&'static str, String)> {
+        let [nx, ny, nz] = self.dims.0;
+        let said = [
+            ("dims", format!("{nx},{ny},{nz}")),
+            ("dtype", self.voxel_type.to_string()),
+            ("endian", self.endian.name().into()),
+            ("offset", self.header_bytes.to_string()),
+        ];
+        said.into_iter().chain(self.nodata.map(|value| ("nodata", value.to_string()))).collect()
+    }
+}
+
 /// A raw file.
 #[derive(Debug)]
 pub struct RawSource(GridSource);
@@ -56,7 +70,7 @@ impl RawSource {
         let mut info = SourceInfo::plain("raw", dims, voxel_type);
         info.geometry = options.geometry;
         info.nodata = options.nodata;
-        info.reading = format!("{options:?}");
+        info.reading = options.describe();
         info.files = vec![source_file];
         Ok(Self(GridSource::new(info, grid)))
     }

@@ -114,6 +114,25 @@ impl Default for SegyOptions {
 }
 
 impl SegyOptions {
+    /// Where numbers of traces stand, and whatever overrules the file.
+    fn describe(&self) -> Vec<(&'static str, String)> {
+        let offset = match self.offsets {
+            Offsets::Single => None,
+            Offsets::One(number) => Some(number.to_string()),
+            Offsets::Stack => Some("stack".into()),
+        };
+        let overruled = [
+            ("format", self.format.map(|code| code.to_string())),
+            ("endian", self.endian.map(|endian| endian.name().into())),
+            ("samples", self.samples.map(|samples| samples.to_string())),
+            ("interval", self.interval.map(|interval| interval.to_string())),
+            ("offset_byte", offset.is_some().then(|| self.offset_byte.to_string())),
+            ("offset", offset),
+        ];
+        let places = [("il_byte", self.inline_byte.to_string()), ("xl_byte", self.crossline_byte.to_string())];
+        places.into_iter().chain(overruled.into_iter().filter_map(|(name, said)| Some((name, said?)))).collect()
+    }
+
     /// What is said where the table of traces takes more than is allowed.
     fn too_little_memory(&self, needed_bytes: u64) -> SourceError {
         let mib = |bytes: u64| bytes.div_ceil(1 << 20);
@@ -247,7 +266,7 @@ impl SegySource {
         let mut info = describe(input, (&layout, &header), (&scan, &grid), options, text, notes)?;
         info.voxel_type = absent.voxel_type;
         info.memory_bytes = grid.memory_bytes();
-        info.reading = format!("{:?}", SegyOptions { memory_bytes: 0, ..options.clone() });
+        info.reading = options.describe();
         info.nodata = (!absent.value.is_nan()).then_some(absent.value);
         info.access_order = AccessOrder(if neighbours == Neighbours::AlongX { [1, 0, 2] } else { [0, 1, 2] });
         Ok(Self { path: path.into(), bytes, layout, grid, absent, neighbours, info })

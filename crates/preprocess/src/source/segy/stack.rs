@@ -65,7 +65,7 @@ impl Stack {
         };
         info.nodata = None;
         info.memory_bytes = offsets.iter().map(|o| o.info().memory_bytes).sum::<u64>() + 16 * PART_VOXELS;
-        info.reading = format!("{:?}", SegyOptions { memory_bytes: 0, ..options.clone() });
+        info.reading = options.describe();
         // What was noticed of one offset says nothing of the others.
         info.notes.retain(|note| !note.contains("no trace") && !note.contains("other offsets"));
         info.notes.push(format!(

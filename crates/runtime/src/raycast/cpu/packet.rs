@@ -18,7 +18,7 @@ use super::queue::QueuedCell;
 use super::refine::Refine;
 use super::shade::PacketLighting;
 use super::shaded_cells::{AlongRay, CellShader, ShadeCells, ShadeQueue, ShadeRound};
-use super::simd::{LANES_LIMIT, Simd, for_three};
+use super::simd::{LANES_LIMIT, Simd, exp_minus, for_three};
 use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, VALUE_ERROR, Walker};
 
 /// Share of the lanes that must show for a round's cells to be shaded where they lie: packing costs, too.
@@ -85,8 +85,6 @@ pub struct Lanes {
     pub direction: [PerLane; 3],
     /// 1 where the ray runs exactly in a plane of voxels, else 0.
     pub in_plane: PerLane,
-    /// Tolerances per error of a cell.
-    pub per_error: PerLane,
 }
 
 impl Lanes {
@@ -163,7 +161,8 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
     let front = S::load(&packet.front);
     let mut walker = Walker::<S>::new(packet, brick);
     let mut light = Light::<S>::new(front);
-    let round = Round { brick, classifier, precision, weight: front };
+    let round = Round { brick, classifier, precision, front };
+    let mut passed = S::splat(0.0);
     let lanes = round.lanes(packet, &walker);
     let mut parts = RoundParts::new();
     let mut work = RayCounters::default();
@@ -184,7 +183,7 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
         }
         let first = queues.pending.cells.len();
         // SAFETY: the caller's promise.
-        unsafe { round.classify(&mut walker, stages, &mut parts, queues, &mut work) };
+        unsafe { round.classify(&mut walker, (stages, &mut passed), &mut parts, queues, &mut work) };
         let Queues { to_shade, pending } = queues;
         if let Some(lighting) = &brick.lighting
             && to_shade.len() > 0
@@ -193,11 +192,7 @@ unsafe fn cast_packet<S: Simd, L: Lookup>(
             S::apart(ShadeCells { shader: CellShader { brick, lighting }, lanes: &lanes, cells, unsettled, parts });
         }
         let left = pending.take_over(first, &mut parts);
-        match brick.span {
-            6 => light.composite::<6>(&parts, &left, pending, last, precision.sums_errors),
-            3 => light.composite::<3>(&parts, &left, pending, last, precision.sums_errors),
-            _ => light.composite::<1>(&parts, &left, pending, last, precision.sums_errors),
-        }
+        light.composite(&parts, &left, pending, last, precision.sums_errors);
     }
     let (color, transmittance) = light.sum();
     for c in 0..3 {
@@ -219,6 +214,8 @@ pub struct Stages<S: Simd> {
     pub parts: [Part<S>; ROUND],
     /// Only where cells are shaded: the gradient in them.
     pub along: [AlongRay<S>; ROUND],
+    /// Only where cells are shaded: tolerances per error.
+    pub per_error: [S::F; ROUND],
 }
 
 impl<S: Simd> Stages<S> {
@@ -230,6 +227,7 @@ impl<S: Simd> Stages<S> {
             rows: [None; ROUND],
             parts: [Part::nothing(); ROUND],
             along: [AlongRay::nothing(); ROUND],
+            per_error: [S::splat(0.0); ROUND],
         }
     }
 }
@@ -237,6 +235,8 @@ impl<S: Simd> Stages<S> {
 /// Where the stages after fetching write.
 struct LaterStages<'a, S: Simd> {
     stages: &'a mut Stages<S>,
+    /// Least optical depth between the brick's face and the present cell.
+    passed: &'a mut S::F,
     parts: &'a mut RoundParts,
     queues: &'a mut Queues,
     work: &'a mut RayCounters,
@@ -250,8 +250,8 @@ pub struct Round<'a, S: Simd, L: Lookup> {
     pub classifier: &'a Classifier<'a, L>,
     /// How exactly.
     pub precision: Precision,
-    /// Transmittance in front of the brick: whatever is nearer depends on how rays are cut into rounds.
-    pub weight: S::F,
+    /// Transmittance in front of the brick.
+    pub front: S::F,
 }
 
 impl<S: Simd, L: Lookup> Round<'_, S, L> {
@@ -259,16 +259,22 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     #[inline(always)]
     fn lanes(&self, packet: &Packet, walker: &Walker<S>) -> Lanes {
         let zero = [0.0; LANES_LIMIT];
-        let mut lanes = Lanes { rays: packet.rays, direction: packet.direction, in_plane: zero, per_error: zero };
+        let mut lanes = Lanes { rays: packet.rays, direction: packet.direction, in_plane: zero };
         S::store(S::select(walker.in_plane, S::splat(1.0), S::splat(0.0)), &mut lanes.in_plane);
-        S::store(self.per_error(), &mut lanes.per_error);
         lanes
     }
 
-    /// Tolerances per error of a cell.
+    /// What gets through to a cell at most. Cells are refined by that: what the rays have gathered so far depends on how they are cut
+    /// into rounds, and on what was settled when; what each cell absorbs at least does not.
     #[inline(always)]
-    fn per_error(&self) -> S::F {
-        self.weight / S::splat(self.precision.cell_error)
+    fn weight(&self, passed: S::F) -> S::F {
+        S::max(self.front * exp_minus::<S>(passed), S::splat(self.precision.last_transmittance))
+    }
+
+    /// Tolerances per error of a cell of this weight.
+    #[inline(always)]
+    fn per_error(&self, weight: S::F) -> S::F {
+        weight * S::splat(self.precision.cell_error.recip())
     }
 
     /// Walks a round, and integrates each cell once; what is not settled by that goes into the queue.
@@ -279,19 +285,20 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     unsafe fn classify(
         &self,
         walker: &mut Walker<S>,
-        stages: &mut Stages<S>,
+        (stages, passed): (&mut Stages<S>, &mut S::F),
         parts: &mut RoundParts,
         queues: &mut Queues,
         work: &mut RayCounters,
     ) {
         let steps = walker.round();
+        parts.shows = [false; ROUND];
         // One stage after the other for all cells: each is short, so that the processor overlaps several cells.
         // SAFETY: the walk stays in cells of the core, whose corners the apron holds.
         unsafe { self.fetch(&steps, &walker.direction, &mut stages.chords, &mut stages.rows) };
         for step in &steps {
             work.cells += u64::from(S::bits(step.crosses()).count_ones());
         }
-        let later = LaterStages { stages, parts, queues, work };
+        let later = LaterStages { stages, passed, parts, queues, work };
         match self.brick.span {
             6 => self.integrate_spans::<6>(&steps, walker.in_plane, later),
             3 => self.integrate_spans::<3>(&steps, walker.in_plane, later),
@@ -305,17 +312,21 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     /// Integrates each cell once.
     #[inline(always)]
     fn integrate_cells(&self, steps: &[Step<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
-        let LaterStages { stages: Stages { chords, located, .. }, parts, queues, work } = later;
+        let LaterStages { stages: Stages { chords, located, .. }, passed, parts, queues, work } = later;
         let shows = self.locate_cells(steps, chords, located);
         for i in 0..ROUND {
             if shows[i] {
                 let part = self.integrate_cell(&steps[i], &located[i], work);
-                let is_unsettled = self.write(i, &steps[i], (&chords[i], in_plane), &part, parts);
-                if S::bits(is_unsettled) != 0 {
-                    queues.pending.cells.push::<S, 0>(is_unsettled, &queued(i, &steps[i], &chords[i], &part), []);
+                let least_depth = self.write(i, &chords[i], &part, parts);
+                // Few are unsettled: the exponential waits until some may be.
+                let chord = (&chords[i], in_plane);
+                if S::bits(self.is_unsettled(&steps[i], chord, &part, self.per_error(self.front))) != 0 {
+                    let per_error = self.per_error(self.weight(*passed));
+                    let is_unsettled = self.is_unsettled(&steps[i], chord, &part, per_error);
+                    let cell = queued(i, &steps[i], &chords[i], &part, per_error);
+                    queues.pending.cells.push::<S, 0>(is_unsettled, &cell, []);
                 }
-            } else {
-                parts.clear(i, self.precision.sums_errors);
+                *passed = *passed + least_depth;
             }
         }
     }
@@ -355,23 +366,24 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         walker: &Walker<S>,
         later: LaterStages<'_, S>,
     ) {
-        let LaterStages { stages, parts, queues, work } = later;
+        let LaterStages { stages, passed, parts, queues, work } = later;
         let is_seen = self.locate_cells(steps, &stages.chords, &mut stages.located);
         let mut shows = [S::lt(S::splat(0.0), S::splat(0.0)); ROUND];
         let (mut packets, mut cells) = (0, 0);
         for i in 0..ROUND {
             if is_seen[i] {
                 let part = self.integrate_cell(&steps[i], &stages.located[i], work);
-                let chord = (&stages.chords[i], walker.in_plane);
-                let is_unsettled = self.write(i, &steps[i], chord, &part, parts);
+                let least_depth = self.write(i, &stages.chords[i], &part, parts);
+                let weight = self.weight(*passed);
+                let (chord, per_error) = ((&stages.chords[i], walker.in_plane), self.per_error(weight));
+                let is_unsettled = self.is_unsettled(&steps[i], chord, &part, per_error);
                 let opacity = S::splat(1.0) - part.transmittance;
-                shows[i] = S::lt(S::splat(self.precision.least_shaded), opacity * self.weight) | is_unsettled;
-                stages.parts[i] = part;
+                shows[i] = S::lt(S::splat(self.precision.least_shaded), opacity * weight) | is_unsettled;
+                (stages.parts[i], stages.per_error[i]) = (part, per_error);
+                *passed = *passed + least_depth;
                 let count = S::bits(shows[i]).count_ones() as usize;
                 packets += usize::from(count > 0);
                 cells += count;
-            } else {
-                parts.clear(i, self.precision.sums_errors);
             }
         }
         if cells * DENSE_OF >= packets * S::LANES * DENSE {
@@ -380,7 +392,6 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
                 steps,
                 walker,
                 shows: &shows,
-                per_error: self.per_error(),
                 stages,
                 unsettled: &mut queues.pending.cells,
                 parts,
@@ -392,7 +403,8 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
             if S::bits(shows[i]) != 0 {
                 let ([x, y, z], [r, g, b]) = (steps[i].fraction, part.color);
                 let more = [x, y, z, r, g, b, part.tau, part.front_share, part.misplaced, part.colors];
-                queues.to_shade.push::<S, 10>(shows[i], &queued(i, &steps[i], &stages.chords[i], part), more);
+                let cell = queued(i, &steps[i], &stages.chords[i], part, stages.per_error[i]);
+                queues.to_shade.push::<S, 10>(shows[i], &cell, more);
             }
         }
     }
@@ -400,7 +412,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     /// Integrates each `SPAN` cells once; those of spans that are not settled by that wait, one by one.
     #[inline(always)]
     fn integrate_spans<const SPAN: usize>(&self, steps: &[Step<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
-        let LaterStages { stages: Stages { chords, located, .. }, parts, queues, work } = later;
+        let LaterStages { stages: Stages { chords, located, .. }, passed, parts, queues, work } = later;
         let &Classifier { table, narrow, .. } = self.classifier;
         let mut shows = [false; ROUND];
         for first in (0..ROUND).step_by(SPAN) {
@@ -415,9 +427,11 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
                 let crosses = located[first].crosses();
                 work.samples += u64::from(2 * S::bits(crosses).count_ones());
                 let part = integrate_at::<S, L>(table, S::splat(narrow), &located[first]);
-                self.hand_on_span::<SPAN>(first, (steps, chords), &part, (crosses, in_plane), parts, queues);
-            } else {
-                parts.clear(first, self.precision.sums_errors);
+                let per_error = self.per_error(self.weight(*passed));
+                let place = (first, per_error);
+                let settled =
+                    self.hand_on_span::<SPAN>(place, (steps, chords), &part, (crosses, in_plane), parts, queues);
+                *passed = *passed + S::select(settled, part.least_depth(), S::splat(0.0));
             }
         }
     }
@@ -471,47 +485,55 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         }
     }
 
-    /// Writes what a cell adds; where that is not settled.
+    /// Where what a cell adds is not settled by one rule.
     #[inline(always)]
-    fn write(
+    fn is_unsettled(
         &self,
-        number: usize,
         step: &Step<S>,
         (chord, in_plane): (&Chord<S>, S::M),
         part: &Part<S>,
-        parts: &mut RoundParts,
+        per_error: S::F,
     ) -> S::M {
+        S::lt(S::splat(1.0), part.error * per_error) | (S::is_nan(chord.values[1]) & in_plane & step.crosses())
+    }
+
+    /// Writes what a cell adds; its least optical depth.
+    #[inline(always)]
+    fn write(&self, number: usize, chord: &Chord<S>, part: &Part<S>, parts: &mut RoundParts) -> S::F {
         let zero = S::splat(0.0);
         let is_hole = S::is_nan(chord.values[1]);
+        parts.shows[number] = true;
         for c in 0..3 {
             S::store(S::select(is_hole, zero, part.color[c]), &mut parts.numbers[number][c]);
         }
         S::store(S::select(is_hole, zero, part.tau), &mut parts.numbers[number][DEPTH]);
-        S::store(part.least_depth(), &mut parts.least_depths[number]);
+        let least_depth = part.least_depth();
+        S::store(least_depth, &mut parts.least_depths[number]);
         if self.precision.sums_errors {
             // What is hardly seen is not shaded, whatever the light; of all else that is, shading writes the error.
             let unshaded = if self.brick.lighting.is_some() { S::splat(1.0) - part.transmittance } else { zero };
             S::store(S::select(is_hole, zero, part.error + unshaded), &mut parts.numbers[number][ERROR]);
         }
-        S::lt(S::splat(1.0), part.error * self.per_error()) | (is_hole & in_plane & step.crosses())
+        least_depth
     }
 
-    /// Writes what a span of cells adds where one rule settles it, and puts each of its cells into the queue where it does not.
+    /// Writes what a span of cells adds where one rule settles it, and puts each of its cells into the queue where it does not;
+    /// where it is settled.
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "inlined into its one caller: the arguments are its variables")]
     fn hand_on_span<const SPAN: usize>(
         &self,
-        first: usize,
+        (first, per_error): (usize, S::F),
         (steps, chords): (&[Step<S>; ROUND], &[Chord<S>; ROUND]),
         part: &Part<S>,
         (crosses, in_plane): (S::M, S::M),
         parts: &mut RoundParts,
         queues: &mut Queues,
-    ) {
+    ) -> S::M {
         let zero = S::splat(0.0);
-        let per_error = self.per_error();
         // False also where the error is NaN: beside a hole.
         let is_settled = S::le(part.error * per_error, S::splat(1.0)) & crosses;
+        parts.shows[first] = true;
         for c in 0..3 {
             S::store(S::select(is_settled, part.color[c], zero), &mut parts.numbers[first][c]);
         }
@@ -521,7 +543,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         }
         let is_left = crosses & !is_settled;
         if S::bits(is_left) == 0 {
-            return;
+            return is_settled;
         }
         for number in first..first + SPAN {
             let chord = &chords[number];
@@ -531,9 +553,10 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
             let slot = S::load_int(&LANE_NUMBERS) + S::splat_int((number * LANES_LIMIT) as i32);
             // As a whole, each may be settled by one rule.
             let error = S::select(S::is_nan(chord.values[1]), chord.values[1], S::splat(0.0));
-            let cell = QueuedCell { slot, base: steps[number].base, chord: *chord, error };
+            let cell = QueuedCell { slot, base: steps[number].base, chord: *chord, error, per_error };
             queues.pending.cells.push::<S, 0>(waits, &cell, []);
         }
+        is_settled
     }
 
     /// The field along a ray's way through a cell.
@@ -563,7 +586,13 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
 
 /// A cell of a round as queues hold it.
 #[inline(always)]
-pub fn queued<S: Simd>(number: usize, step: &Step<S>, chord: &Chord<S>, part: &Part<S>) -> QueuedCell<S> {
+pub fn queued<S: Simd>(
+    number: usize,
+    step: &Step<S>,
+    chord: &Chord<S>,
+    part: &Part<S>,
+    per_error: S::F,
+) -> QueuedCell<S> {
     let slot = S::load_int(&LANE_NUMBERS) + S::splat_int((number * LANES_LIMIT) as i32);
-    QueuedCell { slot, base: step.base, chord: *chord, error: part.error }
+    QueuedCell { slot, base: step.base, chord: *chord, error: part.error, per_error }
 }

@@ -276,9 +276,9 @@ impl PacketTables {
 const CELL_SHARE: f64 = 0.28;
 /// Greatest error of which that is the share. Of greater ones, fewer cells are cut into parts whose error falls far below it, and more
 /// cells of a ray are near it.
-const FULL_SHARE_UP_TO: f64 = 1.0 / 255.0;
+const FULL_SHARE_UP_TO: f64 = 0.5 / 255.0;
 /// Power of the error with which the share falls beyond.
-const FALL_OF_SHARE: f64 = 0.125;
+const FALL_OF_SHARE: f64 = 1.0 / 6.0;
 /// Share of the largest error that extinction, in parts of itself, may be off by.
 pub(crate) const FIT_SHARE: f64 = 0.25;
 /// Share of the largest error that is left out behind the point where a ray ends.

@@ -40,6 +40,8 @@ pub struct RoundParts {
     pub numbers: Parts<ROUND>,
     /// Lower bounds on their optical depths.
     pub least_depths: [PerLane; ROUND],
+    /// Cells, or spans of them from their first on, that add anything: of others no number is read.
+    pub shows: [bool; ROUND],
 }
 
 impl RoundParts {
@@ -48,18 +50,8 @@ impl RoundParts {
     #[must_use]
     pub fn new() -> Self {
         let nothing = [0.0; LANES_LIMIT];
-        Self { numbers: [[nothing; PART_NUMBERS]; ROUND], least_depths: [nothing; ROUND] }
-    }
-
-    /// Writes nothing into a part, as far as it will be read.
-    #[inline(always)]
-    pub fn clear(&mut self, step: usize, sums_errors: bool) {
-        for number in [0, 1, 2, DEPTH] {
-            self.numbers[step][number] = [0.0; LANES_LIMIT];
-        }
-        if sums_errors {
-            self.numbers[step][ERROR] = [0.0; LANES_LIMIT];
-        }
+        let numbers = [[nothing; PART_NUMBERS]; ROUND];
+        Self { numbers, least_depths: [nothing; ROUND], shows: [false; ROUND] }
     }
 
     /// Writes colour and error of the parts of a step that show.
@@ -219,11 +211,11 @@ impl<S: Simd> Light<S> {
     }
 
     /// Adds the parts of a round, but for the lanes that are `left` at each step; rays through which no more than `last`
-    /// gets end there. Of `SPAN` steps the first has a part.
+    /// gets end there.
     ///
     /// A ray ends in the cell that makes it end, not with the round: rounds begin elsewhere where rays leap.
     #[inline(always)]
-    pub fn composite<const SPAN: usize>(
+    pub fn composite(
         &mut self,
         parts: &RoundParts,
         left: &[u32; ROUND],
@@ -232,12 +224,14 @@ impl<S: Simd> Light<S> {
         sums_errors: bool,
     ) {
         let zero = S::splat(0.0);
-        let has_part = |step: usize| step.is_multiple_of(SPAN);
+        if !parts.shows.contains(&true) {
+            return;
+        }
         // Depth and transmittance in front of each cell, and behind the last: none waits for another's exponential.
         let mut depths = [self.depth; ROUND + 1];
         let mut transmittances = [self.transmittance; ROUND + 1];
         for i in 0..ROUND {
-            if !has_part(i) {
+            if !parts.shows[i] {
                 (depths[i + 1], transmittances[i + 1]) = (depths[i], transmittances[i]);
                 continue;
             }
@@ -262,7 +256,7 @@ impl<S: Simd> Light<S> {
                     self.color[c] = S::select(is_noted, zero, self.color[c]);
                 }
             }
-            if !has_part(i) {
+            if !parts.shows[i] {
                 continue;
             }
             for c in 0..3 {
@@ -356,6 +350,7 @@ mod tests {
                     for lane in 0..S::LANES {
                         let has_ended = ended >> lane & 1 == 1;
                         let is_first = step.is_multiple_of(SPAN);
+                        parts.shows[step] = is_first;
                         if is_first {
                             // What is not known of cells that wait has no influence.
                             settled[lane] = has_ended || random() >= self.waiting;
@@ -373,18 +368,26 @@ mod tests {
                             (false, true) => [color, tau],
                             (false, false) => [random(), random()],
                         };
-                        (parts.numbers[step][0][lane], parts.numbers[step][DEPTH][lane]) = (color as f32, tau as f32);
+                        // What a span adds stands at its first cell; the others' numbers are not read.
+                        let [color, tau] = if is_first { [color as f32, tau as f32] } else { [f32::NAN; 2] };
+                        (parts.numbers[step][0][lane], parts.numbers[step][DEPTH][lane]) = (color, tau);
                         // Of spans that wait nobody knows more.
                         let known = if SPAN == 1 { random() as f32 } else { 0.0 };
                         parts.least_depths[step][lane] = truth[lane][1] * known;
                     }
                     let slots = std::array::from_fn(|lane| (step * LANES_LIMIT + lane) as i32);
-                    let cell = QueuedCell { slot: S::load_int(&slots), base: S::splat_int(0), chord, error: zero };
+                    let cell = QueuedCell {
+                        slot: S::load_int(&slots),
+                        base: S::splat_int(0),
+                        chord,
+                        error: zero,
+                        per_error: zero,
+                    };
                     pending.cells.push::<S, 0>(S::mask_from_bits(waits), &cell, []);
                 }
                 let steps: Vec<_> = pending.cells.slots_from(0).iter().map(|slot| slot.to_bits() as usize).collect();
                 let left = pending.take_over(0, &mut parts);
-                light.composite::<SPAN>(&parts, &left, &mut pending, S::splat(self.last), false);
+                light.composite(&parts, &left, &mut pending, S::splat(self.last), false);
                 let slots: Vec<_> = pending.cells.slots_from(0).iter().map(|slot| slot.to_bits() as usize).collect();
                 for (from, to) in steps.into_iter().zip(slots) {
                     let [color, tau] = truth[from / LANES_LIMIT][from % LANES_LIMIT];

@@ -4,7 +4,7 @@ use super::integrate::Chord;
 use super::simd::{Simd, for_three, load_from};
 
 /// Numbers of a [`QueuedCell`]: slot and base as bits.
-pub const CELL_NUMBERS: usize = 9;
+pub const CELL_NUMBERS: usize = 10;
 
 /// Up to `CAPACITY` cells less whole lanes, with `MORE` numbers each beside those of all.
 #[derive(Debug, Clone)]
@@ -25,6 +25,8 @@ pub struct QueuedCell<S: Simd> {
     pub chord: Chord<S>,
     /// Error of its colour and opacity so far.
     pub error: S::F,
+    /// Tolerances per error.
+    pub per_error: S::F,
 }
 
 impl<S: Simd> QueuedCell<S> {
@@ -37,6 +39,7 @@ impl<S: Simd> QueuedCell<S> {
             base: S::bits_from_float(n[1]),
             chord: Chord { values: [n[2], n[3], n[4]], cubic: n[5], length: n[6], noise: n[7] },
             error: n[8],
+            per_error: n[9],
         }
     }
 }
@@ -64,10 +67,10 @@ impl<const CAPACITY: usize, const MORE: usize> Queue<CAPACITY, MORE> {
     /// Adds the lanes of a mask; the numbers of `more` are the first of `MORE`.
     #[inline(always)]
     pub fn push<S: Simd, const K: usize>(&mut self, lanes: S::M, cell: &QueuedCell<S>, more: [S::F; K]) {
-        let QueuedCell { slot, base, chord, error } = *cell;
+        let QueuedCell { slot, base, chord, error, per_error } = *cell;
         let [first, middle, last] = chord.values;
         let (slot, base) = (S::float_from_bits(slot), S::float_from_bits(base));
-        let numbers = [slot, base, first, middle, last, chord.cubic, chord.length, chord.noise, error];
+        let numbers = [slot, base, first, middle, last, chord.cubic, chord.length, chord.noise, error, per_error];
         for (into, number) in self.cells.iter_mut().zip(numbers).chain(self.more.iter_mut().zip(more)) {
             let room = into[self.length..].first_chunk_mut().expect("there is room for whole lanes");
             S::compress(number, lanes, room);

@@ -60,8 +60,6 @@ struct Cuts<S: Simd> {
     /// Lanes that hold a cell.
     used: S::M,
     cell: QueuedCell<S>,
-    /// Tolerances per error.
-    per_error: S::F,
     /// The field and the gradient along the cell: coefficients.
     field: [S::F; 4],
     gradients: [[S::F; 4]; 3],
@@ -97,7 +95,6 @@ impl<S: Simd> Cuts<S> {
             more: [zero; 12],
             used: S::lt(zero, zero),
             cell: QueuedCell::from_numbers(numbers),
-            per_error: zero,
             field: [zero; 4],
             gradients: [[zero; 4]; 3],
             to_eye: [zero; 3],
@@ -145,7 +142,7 @@ impl<S: Simd> Cuts<S> {
         let (size, sum) = (trial.size, &mut self.sum);
         let error = sum.transmittance * part.error;
         let allowed = S::max(size, S::splat(LEAST_SHARE));
-        let (ratio, is_shortest) = (error * self.per_error, S::le(size, S::splat(SHORTEST)));
+        let (ratio, is_shortest) = (error * self.cell.per_error, S::le(size, S::splat(SHORTEST)));
         // NaN is taken, and found in the sum.
         let is_taken = (!S::lt(allowed, ratio) | is_shortest) & going;
         for c in 0..3 {
@@ -213,8 +210,7 @@ impl<L: Lookup> Refine<'_, L> {
         self.pending.cells.refill::<S>(first, new, &mut cuts.numbers, &mut cuts.more);
         cuts.used = going | new;
         cuts.cell = QueuedCell::from_numbers(cuts.numbers);
-        let QueuedCell { slot, chord, error, .. } = &cuts.cell;
-        cuts.per_error = S::lookup16(&self.lanes.per_error, *slot);
+        let QueuedCell { slot, chord, error, per_error, .. } = &cuts.cell;
         cuts.field = cubic_through::<S>(chord.values, chord.cubic);
         cuts.begin = S::select(new, chord.values[0], cuts.begin);
         if let Some(lighting) = self.lighting {
@@ -225,7 +221,7 @@ impl<L: Lookup> Refine<'_, L> {
             cuts.light.replace(new, &light);
         }
         cuts.at = S::select(new, zero, cuts.at);
-        cuts.next = S::select(new, first_part::<S>(*error * cuts.per_error), cuts.next);
+        cuts.next = S::select(new, first_part::<S>(*error * *per_error), cuts.next);
         cuts.tries = S::select(new, S::splat(TRIES_LIMIT), cuts.tries);
         let sum = &mut cuts.sum;
         for c in 0..3 {
@@ -248,11 +244,12 @@ impl<L: Lookup> Refine<'_, L> {
         for (into, values) in numbers.iter_mut().zip([r, g, b, sum.error, sum.tau]) {
             S::store(values, into);
         }
-        let (mut slots, mut bases) = ([0; LANES_LIMIT], [0; LANES_LIMIT]);
+        let (mut slots, mut bases, mut per_error) = ([0; LANES_LIMIT], [0; LANES_LIMIT], [0.0; LANES_LIMIT]);
+        S::store(cuts.cell.per_error, &mut per_error);
         S::store_int(cuts.cell.slot, &mut slots);
         S::store_int(cuts.cell.base, &mut bases);
         // Also NaN, beside a hole; and what was never at its end.
-        let is_settled = S::le(sum.error * cuts.per_error, S::splat(EXACT_FROM)) & !S::lt(cuts.at, S::splat(1.0));
+        let is_settled = S::le(sum.error * cuts.cell.per_error, S::splat(EXACT_FROM)) & !S::lt(cuts.at, S::splat(1.0));
         let exact = S::bits(!is_settled & done);
         work.cells_exact += u64::from(exact.count_ones());
         for lane in lanes(S::bits(done)) {
@@ -261,7 +258,7 @@ impl<L: Lookup> Refine<'_, L> {
             if exact >> lane & 1 == 1 {
                 let [r, g, b, transmittance] = self.host.integrate_exactly(self.lanes.rays[ray], bases[lane]);
                 // Nobody says what roots miss: as much as a cell may that is not refined.
-                let error = 1.0 / self.lanes.per_error[ray];
+                let error = 1.0 / per_error[lane];
                 part = [r, g, b, error, -transmittance.max(f32::MIN_POSITIVE).ln()];
             }
             for (into, value) in self.pending.parts[number % PENDING_LIMIT].iter_mut().zip(part) {

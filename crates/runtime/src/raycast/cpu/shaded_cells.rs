@@ -137,8 +137,6 @@ pub struct ShadeRound<'a, S: Simd> {
     pub walker: &'a Walker<S>,
     /// Which of them show something, step by step.
     pub shows: &'a [S::M; ROUND],
-    /// Tolerances per error of a cell.
-    pub per_error: S::F,
     /// What is known of the cells.
     pub stages: &'a mut Stages<S>,
     /// Cells that one rule does not settle.
@@ -152,7 +150,7 @@ impl<S: Simd> TaskOf<S> for ShadeRound<'_, S> {
 
     #[inline(always)]
     fn run_lanes(self) {
-        let Self { shader, steps, walker, shows, per_error, stages, unsettled, parts } = self;
+        let Self { shader, steps, walker, shows, stages, unsettled, parts } = self;
         let nowhere = S::splat_int(shader.brick.first_base());
         for (i, step) in steps.iter().enumerate() {
             if S::bits(shows[i]) != 0 {
@@ -167,13 +165,13 @@ impl<S: Simd> TaskOf<S> for ShadeRound<'_, S> {
             if S::bits(shows[i]) == 0 {
                 continue;
             }
-            let (part, along) = (&stages.parts[i], &stages.along[i]);
+            let (part, along, per_error) = (&stages.parts[i], &stages.along[i], stages.per_error[i]);
             let (color, error) = shader.shade(part, along, &to_eye, (shows[i], walker.in_plane), per_error);
             parts.write_shaded::<S>(i, shows[i], color, error);
             // Also NaN.
             let is_unsettled = !S::le(error * per_error, S::splat(1.0)) & shows[i];
             if S::bits(is_unsettled) != 0 {
-                let cell = QueuedCell { error, ..queued(i, step, &stages.chords[i], part) };
+                let cell = QueuedCell { error, ..queued(i, step, &stages.chords[i], part, per_error) };
                 unsettled.push::<S, 12>(is_unsettled, &cell, along.numbers());
             }
         }
@@ -251,7 +249,7 @@ impl ShadeCells<'_> {
         };
         let to_eye = self.lanes.toward_eye::<S>(self.shader.lighting, cell.slot);
         let in_plane = S::lt(S::splat(0.0), S::lookup16(&self.lanes.in_plane, cell.slot));
-        let per_error = S::lookup16(&self.lanes.per_error, cell.slot);
+        let per_error = cell.per_error;
         let used = self.cells.used::<S>(first);
         let ([r, g, b], error) = self.shader.shade(&part, along, &to_eye, (used, in_plane), per_error);
         cell.error = error;

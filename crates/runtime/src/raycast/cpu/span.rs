@@ -70,7 +70,7 @@ impl ChooseSpan<'_> {
         }
         let mut walker = Walker::<S>::new(&packet, self.brick);
         let steps = walker.round();
-        let round = Round { brick: self.brick, classifier, precision: self.precision, weight: S::splat(1.0) };
+        let round = Round { brick: self.brick, classifier, precision: self.precision, front: S::splat(1.0) };
         let mut chords = [Chord::nothing(); ROUND];
         let mut rows = [None; ROUND];
         // SAFETY: the walk stays in cells of the core.

@@ -214,6 +214,8 @@ struct Bound {
     begin_parts: wgpu::BindGroup,
     cast: wgpu::BindGroup,
     gather: wgpu::BindGroup,
+    /// Whether a ray has been cast by them.
+    is_compiled: bool,
 }
 
 /// Rays, pipelines, feedback.
@@ -314,6 +316,7 @@ impl Caster {
             cast: pipelines.raycast.bind(gpu, &[&self.states, &self.errors], Some(&self.job))?,
             gather: pipelines.gather_misses.bind(gpu, &[], None)?,
             pipelines,
+            is_compiled: false,
         })
     }
 
@@ -425,6 +428,7 @@ impl Caster {
     /// Runs of rays are submitted without waiting for those before them, [`RUNS_IN_FLIGHT`] at a time; what is read of one is
     /// how many of its rays have to go on, in the next round.
     pub(super) fn cast_pass(&mut self, stop: &Stop) -> Result<RawFeedback, GpuError> {
+        self.compile()?;
         let mut raw = RawFeedback::default();
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.feedback, 0, None);
@@ -442,6 +446,19 @@ impl Caster {
         raw.feedback.unfinished_rays += raw.interrupted;
         self.read_feedback(&mut raw)?;
         Ok(raw)
+    }
+
+    /// Casts no ray, once: drivers that compile a shader when it is first run would take the time for that of the rays, half a second
+    /// of it on software adapters, and keep the runs after it short.
+    fn compile(&mut self) -> Result<(), GpuError> {
+        if self.bound().is_compiled {
+            return Ok(());
+        }
+        let beyond_all = u32::MAX - WORKGROUP_RAYS;
+        let Run { buffer, submission, .. } = self.submit(beyond_all..u32::MAX, 0);
+        self.gpu.read_after(Some(submission), &self.counters[buffer], COUNTERS_BYTES, |_| ())?;
+        self.bound.iter_mut().for_each(|bound| bound.is_compiled = true);
+        Ok(())
     }
 
     /// Submits the rays of a round, run by run; returns the runs that have to go on.
