@@ -16,6 +16,7 @@
 //! - [`byte_source`]: where a container's bytes are read from;
 //! - [`readable`]: numbers in messages and listings;
 //! - [`recent`]: things kept because they may be wanted again;
+//! - [`vectors`]: loops over voxels, compiled once more for wide vectors;
 //! - [`canceller`]: long work that somebody stops;
 //! - [`random`]: numbers that are the same everywhere, for what is made and tested by chance.
 //!
@@ -36,6 +37,7 @@ pub mod readable;
 pub mod recent;
 pub mod space;
 pub mod value_range;
+pub mod vectors;
 pub mod voxel_type;
 
 pub use brick::BrickLayout;

@@ -12,6 +12,7 @@
 //! of 1/4 and every product is exact. Floating-point voxels are compared in double precision, and a difference is
 //! widened by the rounding it may have suffered.
 
+use supervol_format::vectors::{Vectorized, vectorized};
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{ValueRange, VoxelBox, VoxelType, with_voxel};
 
@@ -34,19 +35,19 @@ macro_rules! real {
     ($t:ty) => {
         impl Real for $t {
             const NAN: Self = <$t>::NAN;
-            #[inline]
+            #[inline(always)]
             fn from_f64(v: f64) -> Self {
                 v as $t
             }
-            #[inline]
+            #[inline(always)]
             fn to_f64(self) -> f64 {
                 f64::from(self)
             }
-            #[inline]
+            #[inline(always)]
             fn blend(a: Self, b: Self, w: Self) -> Self {
                 a + (b - a) * w
             }
-            #[inline]
+            #[inline(always)]
             fn distance(a: Self, b: Self) -> Self {
                 (a - b).abs()
             }
@@ -77,11 +78,78 @@ impl Tap {
     }
 }
 
-/// The points of one axis, in voxels of the coarse level, for core voxels `c0..c1`.
+/// Taps that lean on voxels at even distances, all with one weight: loops over them need no tables.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct TapRun {
+    start: Tap,
+    /// Voxels from one tap to the next: one of [`STEPS`].
+    step: usize,
+    count: usize,
+}
+
+/// Voxels of either level from one coarse voxel to the next.
+const STEPS: [usize; 2] = [1, 2];
+
+impl TapRun {
+    /// The taps in their order, in runs as long as can be.
+    fn all(taps: &[Tap]) -> Vec<Self> {
+        let mut runs: Vec<Self> = Vec::new();
+        for &tap in taps {
+            if !runs.last_mut().is_some_and(|run| run.takes(tap)) {
+                runs.push(Self { start: tap, step: STEPS[0], count: 1 });
+            }
+        }
+        runs
+    }
+
+    /// Whether the tap goes on with the run, which it then is part of.
+    fn takes(&mut self, tap: Tap) -> bool {
+        let step = if self.count == 1 { tap.first.saturating_sub(self.start.first) } else { self.step };
+        let at = |first: usize| first + self.count * step;
+        let next = Tap { first: at(self.start.first), second: at(self.start.second), weight: self.start.weight };
+        if tap != next || !STEPS.contains(&step) {
+            return false;
+        }
+        (self.step, self.count) = (step, self.count + 1);
+        true
+    }
+
+    /// What the row is at its points.
+    #[inline(always)]
+    fn blend<F: Real>(&self, row: &[F], out: &mut [F]) {
+        let (a, b, weight) = (&row[self.start.first..], &row[self.start.second..], F::from_f64(self.start.weight));
+        // Each step a loop of its own, whose stride the compiler knows.
+        if self.step == STEPS[0] {
+            blend_each::<{ STEPS[0] }, F>(a, b, weight, out);
+        } else {
+            blend_each::<{ STEPS[1] }, F>(a, b, weight, out);
+        }
+    }
+}
+
+#[inline(always)]
+fn blend_each<const STEP: usize, F: Real>(a: &[F], b: &[F], weight: F, out: &mut [F]) {
+    let reach = STEP * (out.len() - 1) + 1;
+    let (a, b) = (&a[..reach], &b[..reach]);
+    for (i, t) in out.iter_mut().enumerate() {
+        *t = F::blend(a[STEP * i], b[STEP * i], weight);
+    }
+}
+
+/// The points of one axis, in voxels of the coarse level, for core voxels `c0..c1`, ascending.
 fn points(c0: u64, c1: u64, factor: u32) -> Vec<f64> {
-    let offsets: &[f64] = if factor == 2 { &[-0.25, 0.0, 0.25] } else { &[0.0] };
-    let inner = (c0..c1).flat_map(|c| offsets.iter().map(move |o| c as f64 + o));
+    let inner = (c0..c1).flat_map(|c| offsets(factor).iter().map(move |o| c as f64 + o));
     std::iter::once(c0 as f64 - 0.5).chain(inner).chain([c1 as f64 - 0.5]).collect()
+}
+
+/// The same points, those at one place of their voxels after the other: the order in which they make long runs.
+fn points_by_place(c0: u64, c1: u64, factor: u32) -> Vec<f64> {
+    let inner = offsets(factor).iter().flat_map(|o| (c0..c1).map(move |c| c as f64 + o));
+    std::iter::once(c0 as f64 - 0.5).chain(inner).chain([c1 as f64 - 0.5]).collect()
+}
+
+fn offsets(factor: u32) -> &'static [f64] {
+    if factor == 2 { &[-0.25, 0.0, 0.25] } else { &[0.0] }
 }
 
 /// The bound of a brick: what its children may be off from level 0, and this level from them; but no more than the two
@@ -144,7 +212,10 @@ fn step_error_in<F: Real>(
         .intersect(coarse.voxels);
     let scaled = |v: [u64; 3]| std::array::from_fn(|a| v[a] * u64::from(factors[a]));
     let beneath = VoxelBox { start: scaled(around.start), end: scaled(around.end) }.intersect(fine.voxels);
-    let points: [Vec<f64>; 3] = std::array::from_fn(|a| points(core.start[a], core.end[a], factors[a]));
+    let points: [Vec<f64>; 3] = std::array::from_fn(|a| {
+        let order = if a == 0 { points_by_place } else { points };
+        order(core.start[a], core.end[a], factors[a])
+    });
     let taps = |a: usize, part: VoxelBox, scale: f64, shift: f64| -> Vec<Tap> {
         let n = part.extent()[a];
         points[a].iter().map(|p| Tap::new(p * scale + shift, part.start[a], n)).collect()
@@ -157,37 +228,60 @@ fn step_error_in<F: Real>(
         })
     };
     let (fine_axes, coarse_axes) = (axes(beneath, true), axes(around, false));
-    with_voxel!(voxel_type, V => {
-        let mut fine = Slices::<F, V>::new(fine, beneath, absence, &fine_axes[0]);
-        let mut coarse = Slices::<F, V>::new(coarse, around, absence, &coarse_axes[0]);
-        let mut worst = 0.0f64;
-        for (fine_z, coarse_z) in fine_axes[2].iter().zip(&coarse_axes[2]) {
-            fine.blend_slice(*fine_z);
-            coarse.blend_slice(*coarse_z);
-            for (fine_y, coarse_y) in fine_axes[1].iter().zip(&coarse_axes[1]) {
-                worst = worst.max(greatest_distance(fine.rows(*fine_y), coarse.rows(*coarse_y)));
+    with_voxel!(voxel_type, V => vectorized(Comparing {
+        fine: Slices::<F, V>::new(fine, beneath, absence, &fine_axes[0]),
+        coarse: Slices::<F, V>::new(coarse, around, absence, &coarse_axes[0]),
+        fine_axes: &fine_axes,
+        coarse_axes: &coarse_axes,
+    }))
+}
+
+/// Both interpolants at all points, and the points along y and z.
+struct Comparing<'a, F, V> {
+    fine: Slices<'a, F, V>,
+    coarse: Slices<'a, F, V>,
+    fine_axes: &'a [Vec<Tap>; 3],
+    coarse_axes: &'a [Vec<Tap>; 3],
+}
+
+impl<F: Real, V: Voxel> Vectorized for Comparing<'_, F, V> {
+    type Output = (f64, f64);
+
+    #[inline(always)]
+    fn run(mut self) -> (f64, f64) {
+        let mut worst = [F::default(); LANES];
+        for (fine_z, coarse_z) in self.fine_axes[2].iter().zip(&self.coarse_axes[2]) {
+            self.fine.blend_slice(*fine_z);
+            self.coarse.blend_slice(*coarse_z);
+            for (fine_y, coarse_y) in self.fine_axes[1].iter().zip(&self.coarse_axes[1]) {
+                take_distances(self.fine.rows(*fine_y), self.coarse.rows(*coarse_y), &mut worst);
             }
         }
-        (worst, fine.magnitude.max(coarse.magnitude))
-    })
+        let worst = worst.iter().map(|w| w.to_f64()).fold(0.0, f64::max);
+        (worst, self.fine.magnitude.max(self.coarse.magnitude))
+    }
 }
 
 /// Two rows to blend, and the weight of the second.
 type RowPair<'a, F> = (&'a [F], &'a [F], F);
 
-/// Greatest distance between two blended rows; absent points are NaN, and no NaN is greater than anything.
-fn greatest_distance<F: Real>(fine: RowPair<'_, F>, coarse: RowPair<'_, F>) -> f64 {
-    let mut worst = [F::default(); LANES];
-    let chunks = |row| <[F]>::chunks(row, LANES);
-    let fine_chunks = chunks(fine.0).zip(chunks(fine.1));
-    let coarse_chunks = chunks(coarse.0).zip(chunks(coarse.1));
-    for ((fa, fb), (ca, cb)) in fine_chunks.zip(coarse_chunks) {
-        for (i, worst) in worst.iter_mut().enumerate().take(fa.len()) {
-            let distance = F::distance(F::blend(fa[i], fb[i], fine.2), F::blend(ca[i], cb[i], coarse.2));
-            *worst = if distance > *worst { distance } else { *worst };
-        }
+/// Keeps the greatest distances between two blended rows; absent points are NaN, and no NaN is greater than anything.
+#[inline(always)]
+fn take_distances<F: Real>(fine: RowPair<'_, F>, coarse: RowPair<'_, F>, worst: &mut [F; LANES]) {
+    let (fa, fa_rest) = fine.0.as_chunks::<LANES>();
+    let (fb, fb_rest) = fine.1.as_chunks::<LANES>();
+    let (ca, ca_rest) = coarse.0.as_chunks::<LANES>();
+    let (cb, cb_rest) = coarse.1.as_chunks::<LANES>();
+    let greater = |i: usize, worst: F, fa: &[F], fb: &[F], ca: &[F], cb: &[F]| {
+        let distance = F::distance(F::blend(fa[i], fb[i], fine.2), F::blend(ca[i], cb[i], coarse.2));
+        if distance > worst { distance } else { worst }
+    };
+    for (((fa, fb), ca), cb) in fa.iter().zip(fb).zip(ca).zip(cb) {
+        *worst = std::array::from_fn(|i| greater(i, worst[i], fa, fb, ca, cb));
     }
-    worst.iter().map(|w| w.to_f64()).fold(0.0, f64::max)
+    for (i, worst) in worst.iter_mut().enumerate().take(fa_rest.len()) {
+        *worst = greater(i, *worst, fa_rest, fb_rest, ca_rest, cb_rest);
+    }
 }
 
 /// Part of a block, interpolated along x at all points of that axis, then slice by slice along z, row by row along y.
@@ -200,7 +294,8 @@ struct Slices<'a, F, V> {
     /// First voxel of the part in the block, and voxels of the part.
     from: [usize; 3],
     part: [usize; 3],
-    x_taps: Vec<(usize, usize, F)>,
+    x_taps: Vec<TapRun>,
+    x_points: usize,
     /// Values at x points and y voxels of an even and an odd z voxel, NaN where absent; and which those are.
     kept: [Vec<F>; 2],
     kept_z: [Option<usize>; 2],
@@ -222,7 +317,8 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
             absence,
             from: std::array::from_fn(|a| (part.start[a] - block.voxels.start[a]) as usize),
             part: [nx, ny, nz],
-            x_taps: x_taps.iter().map(|t| (t.first, t.second, F::from_f64(t.weight))).collect(),
+            x_taps: TapRun::all(x_taps),
+            x_points: x_taps.len(),
             kept: [vec![F::NAN; values], vec![F::NAN; values]],
             kept_z: [None; 2],
             slice: vec![F::NAN; values],
@@ -233,6 +329,7 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
     }
 
     /// Interpolates z voxel `z` along x, unless it is kept.
+    #[inline(always)]
     fn load(&mut self, z: usize) {
         if self.kept_z[z % 2] == Some(z) {
             return;
@@ -241,26 +338,28 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
         let holes = self.absence.possible(V::TYPE);
         let block_extent = self.block.voxels.extent();
         let [nx, ny, _] = self.part;
-        let rows = self.kept[z % 2].chunks_exact_mut(self.x_taps.len());
+        let rows = self.kept[z % 2].chunks_exact_mut(self.x_points);
         for (y, out) in rows.enumerate().take(ny) {
             let first_row = (self.from[2] + z) * block_extent[1] + self.from[1];
             let start = (first_row + y) * block_extent[0] + self.from[0];
             let bytes = &self.block.bytes[start * size_of::<V>()..(start + nx) * size_of::<V>()];
             for (target, b) in self.row.iter_mut().zip(bytes.chunks_exact(size_of::<V>())) {
                 let v = V::read_le(b).to_f64();
-                let absent = holes && self.absence.is_absent(v);
-                *target = if absent { F::NAN } else { F::from_f64(v) };
-                if V::TYPE.is_float() && !absent {
-                    self.magnitude = self.magnitude.max(v.abs());
-                }
+                *target = if holes && self.absence.is_absent(v) { F::NAN } else { F::from_f64(v) };
             }
-            let row = &self.row;
-            for (target, &(first, second, weight)) in out.iter_mut().zip(&self.x_taps) {
-                *target = F::blend(row[first], row[second], weight);
+            if V::TYPE.is_float() {
+                self.magnitude = self.row.iter().map(|v| v.to_f64().abs()).fold(self.magnitude, f64::max);
+            }
+            let mut rest = out;
+            for run in &self.x_taps {
+                let (points, others) = rest.split_at_mut(run.count);
+                run.blend(&self.row, points);
+                rest = others;
             }
         }
     }
 
+    #[inline(always)]
     fn blend_slice(&mut self, tap: Tap) {
         self.load(tap.first);
         self.load(tap.second);
@@ -270,8 +369,9 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
     }
 
     /// The two rows that a y point leans on.
+    #[inline(always)]
     fn rows(&self, tap: Tap) -> RowPair<'_, F> {
-        let n = self.x_taps.len();
+        let n = self.x_points;
         let row = |y: usize| &self.slice[y * n..(y + 1) * n];
         (row(tap.first), row(tap.second), F::from_f64(tap.weight))
     }
@@ -306,6 +406,26 @@ mod tests {
     fn noise(n: usize) -> Vec<f32> {
         let mut random = Random::new(12345);
         (0..n).map(|_| (random.next_u64() >> 40) as f32 / 1000.0).collect()
+    }
+
+    #[test]
+    fn runs_hold_the_taps_in_their_order() {
+        for (start, n, factor) in [(0, 9, 2u32), (3, 64, 2), (0, 1, 2), (2, 5, 1)] {
+            let scale = f64::from(factor);
+            let points = points_by_place(start, start + n, factor);
+            let fine = (n * u64::from(factor)) as usize;
+            let tap = |p: &f64| Tap::new(p * scale + (scale - 1.0) * 0.5, start * u64::from(factor), fine);
+            let taps: Vec<Tap> = points.iter().map(tap).collect();
+            let runs = TapRun::all(&taps);
+            let each = runs.iter().flat_map(|run| {
+                (0..run.count).map(|i| Tap {
+                    first: run.start.first + i * run.step,
+                    second: run.start.second + i * run.step,
+                    ..run.start
+                })
+            });
+            assert!(each.eq(taps.iter().copied()) && runs.len() <= 8, "{runs:?}");
+        }
     }
 
     #[test]

@@ -51,11 +51,15 @@ impl Statistics {
 
     fn add_typed<V: Voxel>(&mut self, voxels: &[u8], absence: Absence) {
         let holes = absence.possible(V::TYPE);
-        if size_of::<V>() <= 2 && !holes {
-            // A bin each: the range follows from the counts.
-            for bytes in voxels.chunks_exact(size_of::<V>()) {
-                self.counts[key(V::TYPE, V::read_le(bytes).to_f64())] += 1;
-            }
+        // A bin each, which follows from the bits alone; the range follows from the counts.
+        let sign = key(V::TYPE, 0.0);
+        if size_of::<V>() == 1 && !holes {
+            voxels.iter().for_each(|&byte| self.counts[usize::from(byte) ^ sign] += 1);
+            return;
+        }
+        if size_of::<V>() == 2 && !holes {
+            let words = voxels.as_chunks::<2>().0;
+            words.iter().for_each(|word| self.counts[usize::from(u16::from_le_bytes(*word)) ^ sign] += 1);
             return;
         }
         for bytes in voxels.chunks_exact(size_of::<V>()) {

@@ -60,6 +60,8 @@ pub struct FrameStats {
     pub render_ms: f64,
     /// Wall time of the whole frame.
     pub total_ms: f64,
+    /// Wall time from the start of the program to the picture's file being whole; 0 where no command writes one.
+    pub handed_over_ms: f64,
     /// Processor time that the process used during the frame; 0 where the system does not tell.
     pub cpu_ms: f64,
     /// Most memory that the process had resident since it began; 0 where the system does not tell.
@@ -245,7 +247,7 @@ mod tests {
         image_width image_height backend no_gpu_because adapter_is_software instructions adapter threads
         mode level converged passes bands bricks_total bricks_by_state bricks_by_level uses misses page_ins
         repeated_page_ins evictions cancelled states_forgotten reads merged_reads failed_reads bytes_read
-        bytes_decoded retried_reads read_ms wait_ms decode_ms plan_ms upload_ms render_ms total_ms cpu_ms
+        bytes_decoded retried_reads read_ms wait_ms decode_ms plan_ms upload_ms render_ms total_ms handed_over_ms cpu_ms
         peak_rss_bytes host_cache_bytes host_cache_peak_bytes host_cache_budget_bytes host_budget_bytes
         gpu_bytes gpu_budget_bytes gpu_page_ins gpu_anomalies gpu_dispatch_ms_max gpu_lost_because rays
         rays_terminated_early samples cells cells_refined cells_exact macro_cells macro_cells_skipped

@@ -21,6 +21,7 @@ use supervol_runtime::gpu::twins::{
     is_absent, light_cell, light_ray, macro_cell_at, macro_place, meets_surfaces, next_size, normal_at,
     range_of_corners, rebase, segment_end, shaded_pairs, sides_at, sides_of, value_at, world_direction,
 };
+use supervol_runtime::image::greatest;
 use supervol_runtime::raycast::cpu::Skipping;
 use supervol_runtime::raycast::scalar::cell::{cubic_of_cell, monotone_intervals, trilinear};
 use supervol_runtime::raycast::scalar::shade::Lighting;
@@ -266,7 +267,7 @@ fn rays_on_their_way_equal_their_twins() {
         ];
         for (i, (f, e, tolerance)) in pairs.into_iter().enumerate() {
             let off = f.iter().zip(e).map(|(f, e)| f64::from((f - e).abs() / e.abs().max(1.0)) / tolerance);
-            worst[i] = off.fold(worst[i], f64::max);
+            worst[i] = greatest(off.chain([worst[i]]));
         }
     }
     println!("shares of what is tolerated: {worst:?}; {at_a_face} at a face, {at_a_root} at a root");

@@ -16,7 +16,7 @@ use containers::{container_bytes, open};
 use glam::DVec3;
 use supervol_format::{Container, Lod, VoxelType};
 use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
-use supervol_runtime::image::{GREY_LEVELS, Image};
+use supervol_runtime::image::{GREY_LEVELS, Image, greatest};
 use supervol_runtime::raycast::cpu::Caster;
 use supervol_runtime::raycast::scalar::CellRule;
 use supervol_runtime::renderer::{Renderer, render, render_with_errors};
@@ -230,9 +230,9 @@ fn the_stated_error_holds() {
             let errors = errors.unwrap();
             assert!(stats.error_stated.is_some(), "{more}: nothing is stated");
             for (n, (a, b)) in exact.pixels.iter().zip(&picture.pixels).enumerate() {
-                let off = (0..4).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max);
+                let off = greatest((0..4).map(|c| f64::from(a[c] - b[c])));
                 assert!(
-                    off <= errors.pixels[n][0] + 1e-4,
+                    off <= f64::from(errors.pixels[n][0]) + 1e-4,
                     "{more} {level:?}: pixel {n}: {off} > {}",
                     errors.pixels[n][0]
                 );

@@ -94,7 +94,7 @@ fn show(source: &dyn VolumeSource, origin: Source, stem: &Path, scene: &str, for
         RenderOptions { backend: Backend::Cpu, host_memory_bytes: RENDER_MEMORY_BYTES, ..RenderOptions::default() };
     let facts = VolumeFacts::of(&container);
     let subject = Subject { container: &container, facts: &facts, scene: &scene, decorate: false };
-    let stats = picture(&subject, (image, [None, None]), &options, None)?;
+    let stats = picture(&subject, (image, [None, None]), (&options, Instant::now()), None)?;
     say(format_args!(
         "  {}: {} x {}, {} bricks ({}) read, {:.1} s, at most {} of memory for bricks and rays, peak of the process {}",
         image_path.display(),

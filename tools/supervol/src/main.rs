@@ -34,6 +34,7 @@ mod verify;
 mod view;
 
 use std::process::ExitCode;
+use std::time::Instant;
 
 use clap::{Parser, Subcommand};
 use supervol_preprocess::output::unfinished::wait_for_end;
@@ -88,6 +89,7 @@ enum Command {
 static ALLOCATOR: allocation::OrEnd = allocation::OrEnd;
 
 fn main() -> ExitCode {
+    let begun = Instant::now();
     let arguments = Arguments::parse();
     if arguments.quiet {
         terminal::be_quiet();
@@ -103,7 +105,7 @@ fn main() -> ExitCode {
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Extract(arguments) => extract::run(&arguments),
         Command::Mesh(arguments) => mesh::run(&arguments),
-        Command::Render(arguments) => render::run(&arguments),
+        Command::Render(arguments) => render::run(&arguments, begun),
         #[cfg(feature = "viewer")]
         Command::View(arguments) => view::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),

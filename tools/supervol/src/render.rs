@@ -385,9 +385,8 @@ fn check_level(level: LevelChoice, path: &Path, container: &Container) -> Result
     }
 }
 
-/// Runs the command.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let start = Instant::now();
+/// Runs the command, which the program began with.
+pub fn run(arguments: &Arguments, start: Instant) -> Result<(), Failure> {
     arguments.check()?;
     arguments.warn_of_unused()?;
     let path = &arguments.container()?;
@@ -443,7 +442,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bar = RayBar::over(&scene);
     let (progress, rays_finished) = (Some(bar.on_progress()), Some(bar.finished()));
     let options = RenderOptions { progress, rays_finished, ..arguments.options(start) };
-    let result = picture(&subject, (outputs.picture, outputs.maps), &options, arguments.check);
+    let result = picture(&subject, (outputs.picture, outputs.maps), (&options, start), arguments.check);
     drop(bar);
     let stats = result.map_err(|failure| failure.named(arguments.scene.as_deref().map(name_of_scene)))?;
     if let Some(file) = outputs.statistics {
@@ -540,7 +539,7 @@ pub struct Subject<'a> {
 pub fn picture(
     subject: &Subject<'_>,
     (output, [error_map, work_map]): (PictureFile, [Option<PictureFile>; 2]),
-    options: &RenderOptions,
+    (options, start): (&RenderOptions, Instant),
     check: Option<NonZero<u64>>,
 ) -> Result<FrameStats, Failure> {
     let Subject { container, facts, scene, .. } = *subject;
@@ -551,6 +550,7 @@ pub fn picture(
     let (image, maps, mut stats) = render_with_maps(container, &resolved, options).map_err(with_render)?;
     check_any_read(&stats)?;
     write_picture(subject, &resolved, &image, output)?;
+    stats.handed_over_ms = start.elapsed().as_secs_f64() * 1e3;
     warn_of_idle_cuts(&resolved, facts)?;
     if let (Some(file), Some(errors)) = (error_map, maps.errors) {
         file.write_map(errors, in_colors)?;

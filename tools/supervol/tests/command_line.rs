@@ -256,6 +256,22 @@ fn a_check_says_how_far_the_picture_is_from_the_exact_one() {
     assert_eq!(number(&exact, "largest_grey_levels"), 0.0);
 }
 
+/// From the start of the program on, and no later than it ends; whoever gives less time than there is in all waits no longer for it.
+#[test]
+fn the_time_until_a_picture_is_there_is_told() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "marschner-lobb", "--dims", "64,64,64", "-o", "v.svol"]);
+    let render = ["render", "v.svol", "-o", "p.png", "--stats", "t.json", "--backend", "cpu", "--force"];
+    for more in [&[][..], &["--time-budget", "1"], &["--check", "5000"]] {
+        let begun = std::time::Instant::now();
+        folder.expect(0, &[&render[..], more].concat());
+        let outside = begun.elapsed().as_secs_f64() * 1e3;
+        let stats = json(&std::fs::read_to_string(folder.path("t.json")).expect("render wrote it"));
+        let [drawn, there] = ["total_ms", "handed_over_ms"].map(|key| stats[key].as_f64().expect("a number"));
+        assert!(0.0 < drawn && drawn < there && there < outside, "{more:?}: {drawn}, {there}, {outside}");
+    }
+}
+
 /// What rays cost, as numbers and as colours; the picture is what it is without.
 #[test]
 fn work_maps_count_what_the_statistics_count() {

@@ -234,8 +234,10 @@ fn channels_of_a_file_are_switched_between_and_what_is_not_there_is_refused() {
     assert_eq!(range(&session).0, Some(2));
     session.click("Channel, previous");
     session.until("the one before is open", |s| range(s).0 == Some(1));
+    session.rest();
     session.set("Channel", -1.0);
     session.until("all colours are", |s| range(s) == (None, least, most));
+    session.rest();
     session.set("Time point", 4.0);
     session.until("it is refused", |s| matches!(s.viewer().message(), Some(Message::Failure(_))));
 }

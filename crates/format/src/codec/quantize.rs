@@ -11,7 +11,7 @@
 
 use std::marker::PhantomData;
 
-use super::vectors::{Vectorized, vectorized};
+use crate::vectors::{Vectorized, vectorized};
 use crate::voxel_type::{Absence, Voxel};
 use crate::{VoxelType, with_voxel};
 

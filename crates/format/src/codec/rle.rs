@@ -36,7 +36,26 @@ pub fn encode_if_smaller(shape: BrickShape, voxels: &[u8], limit: usize) -> Opti
     }
 }
 
+/// No payload of these voxels takes fewer bytes. A run of r voxels holds r + 1 - w windows of w equal ones, and r is at least that of the
+/// [`shortest_run`]; voxels that lie in no run stand in the payload as they are.
+fn least_bytes<const SIZE: usize>(voxels: &[[u8; SIZE]]) -> usize {
+    const WINDOW: usize = 3;
+    // A byte holds their number, and a vector the most bytes.
+    const AT_ONCE: usize = 128;
+    let from = |place: usize| voxels.get(place..).unwrap_or_default().chunks(AT_ONCE);
+    let windows = from(0).zip(from(1)).zip(from(2)).map(|((a, b), c)| {
+        let equal = a.iter().zip(b).zip(c).map(|((a, b), c)| u8::from((a == b) & (b == c)));
+        usize::from(equal.sum::<u8>())
+    });
+    let shortest = shortest_run(SIZE);
+    let in_runs = windows.sum::<usize>() * shortest / (shortest + 1 - WINDOW);
+    voxels.len().saturating_sub(in_runs) * SIZE
+}
+
 fn encode_voxels<const SIZE: usize>(voxels: &[[u8; SIZE]], limit: usize) -> Option<Vec<u8>> {
+    if least_bytes(voxels) >= limit {
+        return None;
+    }
     let mut out = Vec::new();
     let mut literal_start = 0;
     let mut i = 0;
@@ -128,6 +147,7 @@ pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<
 mod tests {
     use super::*;
     use crate::VoxelType;
+    use crate::random::Random;
 
     fn shape(voxels: usize) -> BrickShape {
         BrickShape { voxel_type: VoxelType::U16, extent: [voxels, 1, 1] }
@@ -157,5 +177,30 @@ mod tests {
         let voxels: [u16; 8] = [5, 5, 5, 5, 5, 1, 2, 3];
         let payload = encode(shape(8), bytemuck::cast_slice(&voxels));
         assert_eq!(payload, [8, 5, 0, 5, 1, 0, 2, 0, 3, 0]);
+    }
+
+    #[test]
+    fn no_payload_is_shorter_than_the_least() {
+        let mut random = Random::new(3);
+        let mut tight = 0;
+        for case in 0..400 {
+            // Runs of few lengths, some just long enough.
+            let longest = 1 + case % 12;
+            let mut voxels: Vec<[u8; 2]> = Vec::new();
+            while voxels.len() < 300 {
+                let run = vec![[random.below(3) as u8, random.below(2) as u8]; 1 + random.index(longest)];
+                voxels.extend(run);
+            }
+            let bytes: Vec<[u8; 1]> = voxels.iter().map(|v| [v[0]]).collect();
+            for (least, payload) in [
+                (least_bytes(&voxels), encode_voxels(&voxels, usize::MAX)),
+                (least_bytes(&bytes), encode_voxels(&bytes, usize::MAX)),
+            ] {
+                let payload = payload.expect("no limit").len();
+                assert!(least <= payload, "{least} of {payload}, runs of {longest}");
+                tight += usize::from(10 * least > 8 * payload);
+            }
+        }
+        assert!(tight > 50, "{tight}");
     }
 }

@@ -10,7 +10,7 @@ use supervol_preprocess::BuildOptions;
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::source::{Axis, LineNumbers, Survey, VolumeSource};
 use supervol_runtime::frame::{Backend, reference};
-use supervol_runtime::image::Image;
+use supervol_runtime::image::{Image, greatest};
 use supervol_runtime::scene::ResolvedScene;
 
 use super::views::{
@@ -181,7 +181,9 @@ fn seams(context: &Context<'_>) -> Result<Outcome, ChartError> {
 /// How far any channel of any pixel lies outside the interval that two pictures span there.
 fn beyond(picture: &Image, [a, b]: [&Image; 2]) -> f64 {
     let channels = picture.pixels.as_flattened().iter().zip(a.pixels.as_flattened()).zip(b.pixels.as_flattened());
-    channels.map(|((v, a), b)| f64::from((v - a.max(*b)).max(a.min(*b) - v))).fold(0.0, f64::max)
+    let outside = channels.map(|((v, a), b)| f64::from((v - a.max(*b)).max(a.min(*b) - v)));
+    // Inside it is below 0; what is no number is nowhere, and counts.
+    greatest(outside.filter(|outside| outside.is_nan() || *outside > 0.0))
 }
 
 /// A view in which one pixel covers a number of voxels.

@@ -122,10 +122,13 @@ fn parts(viewer: &mut Viewer, opened: &Opened, ui: &mut Ui) {
         ("Channel", "Channel, colour or component of the file, from 0 on (--channel); -: all colours, or the first"),
         ("Time point", "Time point of the file, from 0 on (--frame); -: the first"),
     ];
-    ui.horizontal(|ui| {
-        for (part, (name, words)) in chosen.iter_mut().zip(names) {
-            *part = part_number(*part, (name, words), ui);
-        }
+    // Not while another one is opened: what would be done with it then?
+    ui.add_enabled_ui(viewer.busy.is_none(), |ui| {
+        ui.horizontal(|ui| {
+            for (part, (name, words)) in chosen.iter_mut().zip(names) {
+                *part = part_number(*part, (name, words), ui);
+            }
+        });
     });
     if chosen != [selection.channel, selection.frame] && viewer.busy.is_none() {
         viewer.open_part(chosen[0], chosen[1]);

@@ -33,8 +33,8 @@ use transform::{Band, Sample, bands};
 
 use super::quantize::{Quantizer, common_step};
 use super::repeats::{Places, Repeats};
-use super::vectors::{Vectorized, vectorized};
 use super::{BrickShape, CodecError};
+use crate::vectors::{Vectorized, vectorized};
 use crate::voxel_type::{Absence, Voxel};
 use crate::with_voxel;
 

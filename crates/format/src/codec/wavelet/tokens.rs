@@ -14,8 +14,8 @@
 //! | 128 to 231 | greater ones | 2 |
 //! | 232 to 255 | nothing: refused | |
 
-use super::super::vectors::Vectorized;
 use super::transform::Sample;
+use crate::vectors::Vectorized;
 
 /// Tokens of one kind of number.
 #[derive(Clone, Copy)]
@@ -375,8 +375,8 @@ impl<S: Sample> Reader<'_, S> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::vectors::vectorized;
     use super::*;
+    use crate::vectors::vectorized;
     use proptest::prelude::*;
 
     /// By the processor's instructions, and by those that all processors have.

@@ -1,7 +1,7 @@
 //! Loops over voxels, compiled once more for the wider vectors that most processors have.
 
 /// Something to do with whatever instructions the processor has: `#[inline(always)]` all the way down.
-pub(super) trait Vectorized {
+pub trait Vectorized {
     /// What comes of it.
     type Output;
     /// Does it.
@@ -9,7 +9,7 @@ pub(super) trait Vectorized {
 }
 
 /// Does it with the processor's instructions.
-pub(super) fn vectorized<T: Vectorized>(task: T) -> T::Output {
+pub fn vectorized<T: Vectorized>(task: T) -> T::Output {
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") && is_x86_feature_detected!("lzcnt") {
         // SAFETY: the processor has what the function is compiled for.
