@@ -5,7 +5,8 @@
 //! 3. Each brick keeps [`check_brick`]'s rules: checksum, flags, exact ranges, macro cells, range beneath.
 //! 4. Aprons repeat the neighbours' voxels (and beyond the grid the nearest ones).
 //! 5. Coarser voxels are what stands for those of the finer level, by what the manifest says (mean, max, majority), moved to
-//!    the multiples of the container's step if it has one; voxels of level 0 are such multiples.
+//!    the multiples of the container's step, or of the level's where the manifest says one; voxels of level 0 are multiples of
+//!    the container's.
 //! 6. Each error bound is the largest of its children's plus this level's own greatest difference, or what the value
 //!    ranges allow where that is less ([`brick_error`]): not less, not more. At level 0 it is at most what voxels may have been
 //!    moved by; how far they were, only the source can tell ([`crate::compare`]).
@@ -18,11 +19,12 @@ use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
-use supervol_format::codec::quantize::Quantizer;
 use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
+use supervol_format::container::header::Descriptor;
+use supervol_format::container::toc::BrickEntry;
 use supervol_format::container::validate::{check_brick, check_coverage};
 use supervol_format::level_reader::LevelReader;
-use supervol_format::{BrickKey, Container, Level, Lod, ValueRange};
+use supervol_format::{BrickKey, Container, Level, Lod, ValueRange, VoxelBox};
 
 use crate::bricker::cut_brick;
 use crate::downsample::{Reduce, VoxelBlock, downsample, finer_box};
@@ -194,77 +196,106 @@ fn check(
     counts: &Counts,
 ) -> Result<(), BuildError> {
     let wrong = |e| BuildError::container(path, e);
-    let broken = |rule: &str, expected: String, found: String| BuildError::Broken {
-        path: path.into(),
-        rule: format!("{key}: {rule}"),
-        expected,
-        found,
-    };
     let (entry, stored) = check_brick(container, key).map_err(wrong)?;
     counts.add(container, key, entry.error, &stored);
-    let descriptor = container.descriptor();
-    let (voxel_type, absence) = (descriptor.voxel_type, descriptor.absence);
-    let size = voxel_type.bytes();
     let pyramid = container.pyramid();
     let level = pyramid.level_at(key.lod());
-    let core = pyramid.core_box(key);
-
-    // Rule 4: what the neighbours own is what this brick's apron holds.
-    let around = core.grown(APRON, level.dims);
+    let size = container.descriptor().voxel_type.bytes();
+    let around = pyramid.core_box(key).grown(APRON, level.dims);
     let mut voxels = vec![0; around.voxels() * size];
     own.read_box(around, &mut voxels).map_err(wrong)?;
-    let block = VoxelBlock { voxels: around, bytes: &voxels };
-    let expected = cut_brick(pyramid, key, size, block);
-    if let Some(at) = expected.iter().zip(&stored).position(|(e, s)| e != s) {
-        return Err(broken("apron", format!("{} at byte {at}", expected[at]), stored[at].to_string()));
-    }
-    let Some(finer) = finer else {
-        return match descriptor.quantizer.map(|quantizer| quantizer.snap(voxel_type, absence, &mut voxels)) {
-            Some(moved) if moved > 0.0 => {
-                let step = descriptor.quantizer.map_or(0.0, Quantizer::step);
-                Err(broken("voxels", format!("multiples of {step}"), format!("one that is {moved} off")))
-            }
-            _ => Ok(()),
-        };
-    };
-
-    // Rule 5: what stands for the finer voxels.
-    let finer_dims = pyramid.level_at(Lod(key.lod().0 - 1)).dims;
-    let fine_box = finer_box(around, level.factors, finer_dims);
+    let checked = Checked { path, container, key, entry, around, voxels };
+    checked.check_apron(&stored)?;
+    let Some(finer) = finer else { return checked.check_moved() };
+    let fine_box = finer_box(around, level.factors, pyramid.level_at(Lod(key.lod().0 - 1)).dims);
     let mut fine = vec![0; fine_box.voxels() * size];
     finer.read_box(fine_box, &mut fine).map_err(wrong)?;
     let fine = VoxelBlock { voxels: fine_box, bytes: &fine };
-    let mut reduced = vec![0; around.voxels() * size];
-    let reduce = reduce_of(container.manifest()).map_err(|found| {
-        let names = Reduce::ALL.map(Reduce::name).join(", ");
-        broken("manifest, parameter reduce", format!("one of {names}"), found)
-    })?;
-    downsample(reduce, voxel_type, absence, level.factors, fine, around, &mut reduced);
-    let steps = steps_of(container.manifest()).map_err(|found| {
-        broken("manifest, parameter coarse_steps", "powers of two or 0, apart by '; '".into(), found)
-    })?;
-    if let Some(quantizer) = quantizer_of(descriptor, &steps, usize::from(key.lod().0)) {
-        quantizer.snap(voxel_type, absence, &mut reduced);
-    }
-    if let Some(at) = reduced.iter().zip(&voxels).position(|(a, v)| a != v) {
-        return Err(broken(
-            &format!("{} of the finer level", reduce.name()),
-            format!("{} at byte {at}", reduced[at]),
-            voxels[at].to_string(),
-        ));
+    checked.check_reduced(fine)?;
+    checked.check_error(fine)
+}
+
+/// A brick, and what those around it hold.
+struct Checked<'a> {
+    path: &'a Path,
+    container: &'a Container,
+    key: BrickKey,
+    entry: BrickEntry,
+    /// Its core and one apron of the voxels that its level has there.
+    around: VoxelBox,
+    voxels: Vec<u8>,
+}
+
+impl Checked<'_> {
+    fn broken(&self, rule: &str, expected: String, found: String) -> BuildError {
+        BuildError::Broken { path: self.path.into(), rule: format!("{}: {rule}", self.key), expected, found }
     }
 
-    // Rule 6: the error bound.
-    let (mut beneath, mut children_error) = (ValueRange::EMPTY, 0.0f64);
-    for child in pyramid.children(key) {
-        let child = container.entry(child).map_err(wrong)?;
-        beneath = beneath.union(child.range_beneath);
-        children_error = children_error.max(child.error);
+    fn block(&self) -> VoxelBlock<'_> {
+        VoxelBlock { voxels: self.around, bytes: &self.voxels }
     }
-    let step = step_error(voxel_type, absence, level.factors, fine, block, core);
-    let expected = brick_error(children_error, step, entry.range, beneath, descriptor.voxel_error());
-    if entry.error != expected {
-        return Err(broken("error bound", expected.to_string(), entry.error.to_string()));
+
+    /// Rule 4: what the neighbours own is what this brick's apron holds.
+    fn check_apron(&self, stored: &[u8]) -> Result<(), BuildError> {
+        let size = self.container.descriptor().voxel_type.bytes();
+        let expected = cut_brick(self.container.pyramid(), self.key, size, self.block());
+        match expected.iter().zip(stored).position(|(e, s)| e != s) {
+            Some(at) => Err(self.broken("apron", format!("{} at byte {at}", expected[at]), stored[at].to_string())),
+            None => Ok(()),
+        }
     }
-    Ok(())
+
+    /// Voxels of level 0 are multiples of the step, where there is one.
+    fn check_moved(mut self) -> Result<(), BuildError> {
+        let &Descriptor { voxel_type, absence, quantizer, .. } = self.container.descriptor();
+        let Some(quantizer) = quantizer else { return Ok(()) };
+        let moved = quantizer.snap(voxel_type, absence, &mut self.voxels);
+        if moved > 0.0 {
+            let expected = format!("multiples of {}", quantizer.step());
+            return Err(self.broken("voxels", expected, format!("one that is {moved} off")));
+        }
+        Ok(())
+    }
+
+    /// Rule 5: what stands for the finer voxels.
+    fn check_reduced(&self, fine: VoxelBlock<'_>) -> Result<(), BuildError> {
+        let descriptor = self.container.descriptor();
+        let (voxel_type, absence) = (descriptor.voxel_type, descriptor.absence);
+        let manifest = self.container.manifest();
+        let reduce = reduce_of(manifest).map_err(|found| {
+            let names = Reduce::ALL.map(Reduce::name).join(", ");
+            self.broken("manifest, parameter reduce", format!("one of {names}"), found)
+        })?;
+        let steps = steps_of(manifest).map_err(|found| {
+            self.broken("manifest, parameter coarse_steps", "powers of two or 0, apart by '; '".into(), found)
+        })?;
+        let lod = self.key.lod();
+        let factors = self.container.pyramid().level_at(lod).factors;
+        let mut reduced = vec![0; self.voxels.len()];
+        downsample(reduce, voxel_type, absence, factors, fine, self.around, &mut reduced);
+        if let Some(quantizer) = quantizer_of(descriptor, &steps, usize::from(lod.0)) {
+            quantizer.snap(voxel_type, absence, &mut reduced);
+        }
+        let Some(at) = reduced.iter().zip(&self.voxels).position(|(a, v)| a != v) else { return Ok(()) };
+        let rule = format!("{} of the finer level", reduce.name());
+        Err(self.broken(&rule, format!("{} at byte {at}", reduced[at]), self.voxels[at].to_string()))
+    }
+
+    /// Rule 6: the error bound.
+    fn check_error(&self, fine: VoxelBlock<'_>) -> Result<(), BuildError> {
+        let (descriptor, pyramid) = (self.container.descriptor(), self.container.pyramid());
+        let (mut beneath, mut children_error) = (ValueRange::EMPTY, 0.0f64);
+        for child in pyramid.children(self.key) {
+            let child = self.container.entry(child).map_err(|e| BuildError::container(self.path, e))?;
+            beneath = beneath.union(child.range_beneath);
+            children_error = children_error.max(child.error);
+        }
+        let (factors, core) = (pyramid.level_at(self.key.lod()).factors, pyramid.core_box(self.key));
+        let step = step_error(descriptor.voxel_type, descriptor.absence, factors, fine, self.block(), core);
+        let expected = brick_error(children_error, step, self.entry.range, beneath, descriptor.voxel_error());
+        if self.entry.error != expected {
+            return Err(self.broken("error bound", expected.to_string(), self.entry.error.to_string()));
+        }
+        Ok(())
+    }
 }
