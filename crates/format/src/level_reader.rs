@@ -18,11 +18,11 @@ pub trait BrickStore: Sync {
     /// What the container holds.
     fn descriptor(&self) -> &Descriptor;
 
-    /// Stored voxels of a brick, little endian, x fastest.
+    /// Stored voxels of a brick, little endian, x fastest, in the memory of `spare`, whose contents are lost.
     ///
     /// # Errors
     /// If the brick cannot be read or decoded.
-    fn read_brick(&self, key: BrickKey) -> Result<Vec<u8>, ContainerError>;
+    fn read_brick(&self, key: BrickKey, spare: Vec<u8>) -> Result<Vec<u8>, ContainerError>;
 }
 
 impl BrickStore for Container {
@@ -30,8 +30,8 @@ impl BrickStore for Container {
         Container::descriptor(self)
     }
 
-    fn read_brick(&self, key: BrickKey) -> Result<Vec<u8>, ContainerError> {
-        Container::read_brick(self, key, &self.entry(key)?)
+    fn read_brick(&self, key: BrickKey, spare: Vec<u8>) -> Result<Vec<u8>, ContainerError> {
+        self.read_brick_into(key, &self.entry(key)?, spare)
     }
 }
 
@@ -62,18 +62,31 @@ pub struct LevelReader<'a> {
 /// Bytes that a kept brick takes beside its voxels: entries of two maps, allocations.
 const ENTRY_BYTES: usize = 200;
 
+/// Most bricks whose memory waits for the next ones.
+const SPARES: usize = 2;
+
 #[derive(Default)]
 struct Kept {
     bricks: Recent<BrickKey, StoredBrick>,
     bytes: usize,
+    /// Memory of bricks that have left. Given back to the allocator and asked for again by whichever thread decodes next, it would be
+    /// torn to pieces: a third more than what is kept.
+    spares: Vec<Vec<u8>>,
 }
 
 impl Kept {
+    fn spare_bytes(&self) -> usize {
+        self.spares.iter().map(Vec::capacity).sum()
+    }
+
     fn put(&mut self, key: BrickKey, brick: StoredBrick, budget_bytes: usize) {
         let bytes = brick.len() + ENTRY_BYTES;
-        while self.bytes + bytes > budget_bytes {
+        while self.bytes + self.spare_bytes() + bytes > budget_bytes {
             let Some((_, oldest)) = self.bricks.remove_oldest() else { return };
             self.bytes -= oldest.len() + ENTRY_BYTES;
+            if self.spares.len() < SPARES {
+                self.spares.extend(Arc::into_inner(oldest));
+            }
         }
         self.bytes += bytes;
         if let Some(before) = self.bricks.insert(key, brick) {
@@ -195,10 +208,14 @@ impl<'a> LevelReader<'a> {
 
     fn brick(&self, key: BrickKey) -> Result<StoredBrick, ContainerError> {
         let lock = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(brick) = lock().bricks.get(&key) {
-            return Ok(brick.clone());
-        }
-        let brick = Arc::new(self.store.read_brick(key)?);
+        let spare = {
+            let mut kept = lock();
+            if let Some(brick) = kept.bricks.get(&key) {
+                return Ok(brick.clone());
+            }
+            kept.spares.pop().unwrap_or_default()
+        };
+        let brick = Arc::new(self.store.read_brick(key, spare)?);
         lock().put(key, brick.clone(), self.budget_bytes);
         Ok(brick)
     }

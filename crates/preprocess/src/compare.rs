@@ -17,7 +17,7 @@ use supervol_format::{BrickKey, Container, Lod, VoxelBox};
 
 use crate::bricker::{key_of, tiles};
 use crate::error::BuildError;
-use crate::memory::read_bytes;
+use crate::memory::{ALLOW_MORE, left_for_data, read_bytes};
 use crate::source::VolumeSource;
 
 /// Bricks that are held at once: a record and what it is decompressed into, and the voxels; a row as doubles is less.
@@ -55,10 +55,8 @@ pub fn compare(
     let fixed = source.info().memory_bytes + BRICKS_AT_HAND * brick + decoding;
     let of_tile = |size| read_bytes(pyramid, level, [1; 3], size, voxel_type);
     let needed = fixed + of_tile([1; 3]);
-    if memory_bytes < needed {
-        let what = "for the source, voxels of a brick from it, and the brick".into();
-        return Err(BuildError::memory(needed, memory_bytes, what, "Allow more with --memory"));
-    }
+    let what = || "for the source, voxels of a brick from it, and the brick".into();
+    let memory_bytes = left_for_data(memory_bytes, needed, what, ALLOW_MORE)?;
     let (mut done, total) = (0, level.brick_count());
     let mut compared = Compared { voxels: 0, greatest: 0.0, bound: descriptor.voxel_error() * descriptor.scale.abs() };
     for tile in tiles(level, source.info().access_order, &|size| fixed + of_tile(size) <= memory_bytes) {
@@ -108,7 +106,7 @@ fn compare_brick(
     let descriptor = container.descriptor();
     let (voxel_type, absence, size) = (descriptor.voxel_type, descriptor.absence, descriptor.voxel_type.bytes());
     let entry = container.entry(key).map_err(|e| BuildError::container(path, e))?;
-    let stored = BrickStore::read_brick(container, key).map_err(|e| BuildError::container(path, e))?;
+    let stored = BrickStore::read_brick(container, key, Vec::new()).map_err(|e| BuildError::container(path, e))?;
     let [stored_x, stored_y, _] = container.pyramid().stored_extent(key);
     let core = container.pyramid().core_box(key);
     let apron = supervol_format::brick::APRON;

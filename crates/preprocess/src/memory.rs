@@ -2,14 +2,17 @@
 //!
 //! | part | bytes |
 //! |---|---|
+//! | program | [`PROGRAM_BYTES`], as far as everything else fits without them |
 //! | tables | 80 per brick, until the container is finished, and what the source needs |
 //! | workspaces | a quarter of the rest: per thread `WORKSPACE_COPIES` stored bricks (cut, predicted, byte planes, encoded, ...), or what making wavelets takes if that is more |
 //! | statistics | per thread one histogram of 64 Ki counters, 512 Ki for doubles, and one |
-//! | brick cache | a sixteenth of the whole: decoded bricks of the finer level |
+//! | brick cache | a sixteenth of what the program leaves: decoded bricks of the finer level |
 //! | tiles | the rest: what is read for a tile and made of it ([`tile_bytes`]) |
 //!
 //! The tiles' share depends on the budget and the volume alone, never on the number of threads, because tiles decide in
 //! which order bricks are written. Where the workspaces do not suffice for all threads, fewer are started.
+
+use std::sync::{Mutex, PoisonError};
 
 use supervol_format::brick::APRON;
 use supervol_format::codec::wavelet::ENCODING_BYTES_PER_VOXEL;
@@ -20,6 +23,11 @@ use supervol_format::{Level, Pyramid, VoxelType};
 use crate::error::BuildError;
 use crate::statistics::Statistics;
 
+/// What the process has in memory beside what is planned: the program itself, stacks, progress, and what the allocator keeps between
+/// pieces (measured: 4 to 22 MiB).
+const PROGRAM_BYTES: u64 = 24 << 20;
+/// What helps where memory does not suffice.
+pub(crate) const ALLOW_MORE: &str = "Allow more with --memory";
 /// Stored bricks of scratch memory that one thread may need at once.
 const WORKSPACE_COPIES: u64 = 6;
 /// The same while wavelets are made: cut, as voxels, and two payloads.
@@ -29,6 +37,22 @@ const WAVELET_COPIES: u64 = 4;
 const TILES_IN_FLIGHT: f64 = 2.6;
 /// Bytes that an encoded brick takes beside its record.
 const ENCODED_BRICK_BYTES: u64 = 256;
+
+/// What `--memory` leaves for a command's data, which take at least `needed` bytes for `what`.
+///
+/// # Errors
+/// If they do not fit, with what would do.
+pub(crate) fn left_for_data(
+    memory_bytes: u64,
+    needed: u64,
+    what: impl FnOnce() -> String,
+    advice: &str,
+) -> Result<u64, BuildError> {
+    match memory_bytes.checked_sub(needed) {
+        Some(spare) => Ok(memory_bytes - spare.min(PROGRAM_BYTES)),
+        None => Err(BuildError::memory(needed, memory_bytes, what(), advice)),
+    }
+}
 
 /// The division of one build's memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,24 +87,24 @@ impl MemoryPlan {
         let voxels = brick / voxel_type.bytes() as u64;
         let wavelets = WAVELET_COPIES * brick + ENCODING_BYTES_PER_VOXEL as u64 * voxels;
         let per_thread = wavelets.max(WORKSPACE_COPIES * brick) + histogram;
-        let cache_bytes = budget_bytes / 16;
         let smallest = pyramid.levels().iter().enumerate().map(|(lod, level)| {
             let finer = if lod == 0 { [1; 3] } else { level.factors };
             tile_bytes(pyramid, level, finer, [1; 3], voxel_type)
         });
         let smallest_tiles = smallest.max().expect("a pyramid has levels");
-        let rest = budget_bytes.saturating_sub(table + histogram + cache_bytes);
-        if rest < smallest_tiles + per_thread {
-            let needed = (smallest_tiles + per_thread + table + histogram) * 16 / 15 + 16;
-            let what = format!(
+        let needed = (smallest_tiles + per_thread + table + histogram) * 16 / 15 + 16;
+        let what = || {
+            format!(
                 "{} for the tables of the source and of {} bricks, {} for one thread, the rest for tiles of one brick",
                 Mib(table),
                 pyramid.brick_count(),
                 Mib(per_thread + histogram)
-            );
-            let advice = "Allow more with --memory, or use smaller bricks (--brick)";
-            return Err(BuildError::memory(needed, budget_bytes, what, advice));
-        }
+            )
+        };
+        let advice = "Allow more with --memory, or use smaller bricks (--brick)";
+        let left = left_for_data(budget_bytes, needed, what, advice)?;
+        let cache_bytes = left / 16;
+        let rest = left - (table + histogram + cache_bytes);
         // The share of the tiles must not depend on the threads: tiles decide in which order bricks are written.
         let tiles = smallest_tiles.max((rest / 4 * 3).min(rest - per_thread));
         let affordable = usize::try_from((rest - tiles) / per_thread).unwrap_or(usize::MAX);
@@ -121,4 +145,33 @@ pub fn read_bytes(pyramid: &Pyramid, level: &Level, factors: [u32; 3], size: [u3
         })
         .product();
     voxels * voxel_type.bytes() as u64
+}
+
+/// Memory of tiles that have been encoded, for the next ones: given back to the allocator, it would be torn to pieces by the bricks'
+/// records, and half as much again would be needed. There are never more than were in use at once.
+#[derive(Default)]
+pub(crate) struct Spares(Mutex<Vec<Vec<u8>>>);
+
+impl Spares {
+    /// So many bytes, whatever they hold.
+    pub(crate) fn take(&self, bytes: usize) -> Vec<u8> {
+        let mut buffer = {
+            let mut spares = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            spares.sort_by_key(Vec::capacity);
+            match spares.iter().position(|spare| spare.capacity() >= bytes) {
+                Some(at) => spares.remove(at),
+                None => {
+                    spares.pop();
+                    Vec::new()
+                }
+            }
+        };
+        buffer.resize(bytes, 0);
+        buffer
+    }
+
+    /// Memory that is needed no more.
+    pub(crate) fn give_back(&self, buffer: Vec<u8>) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
+    }
 }

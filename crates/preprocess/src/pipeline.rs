@@ -38,7 +38,7 @@ use crate::journal::{self, Frame, Journal};
 use crate::labels::are_labels;
 use crate::level_reader::by_all_threads;
 use crate::lod_axes::{self, LodAxes};
-use crate::memory::{MemoryPlan, tile_bytes};
+use crate::memory::{MemoryPlan, Spares, tile_bytes};
 use crate::output::{Existing, OutputFile, check_distinct, check_free};
 use crate::provenance::{ChecksumAlong, Chosen, bounded_notes, check_unchanged, manifest};
 use crate::report::{BuildReport, LevelReport, Progress};
@@ -164,6 +164,7 @@ pub fn build(
         statistics: Mutex::new(begun.statistics),
         checksum: Mutex::new(checksum),
         counter,
+        spares: Spares::default(),
     };
     let written = build.write_levels(source, &mut origin, (&tiles, &read));
     let progress = build.counter.now();
@@ -375,6 +376,8 @@ struct Build<'a> {
     /// That of the source, where it is taken while level 0 is read.
     checksum: Mutex<Option<ChecksumAlong>>,
     counter: ProgressCounter<'a>,
+    /// Two tiles that are read, and one of coarser voxels.
+    spares: Spares,
 }
 
 /// The finer voxels a coarse tile was made of.
@@ -416,18 +419,18 @@ impl Build<'_> {
         let tiles_left = AtomicUsize::new(tiles.len() - done);
         let read = |tile: &Tile| {
             let voxels = tile.voxels(self.options.layout.core(), level.dims, MARGIN);
-            let mut bytes = vec![0; voxels.voxels() * self.descriptor.voxel_type.bytes()];
+            let mut bytes = self.spares.take(voxels.voxels() * self.descriptor.voxel_type.bytes());
             read_source(voxels, &mut bytes)?;
             let left = tiles_left.fetch_sub(1, Ordering::Relaxed);
             let canceller = &self.options.canceller;
             self.checksum().as_mut().map_or(Ok(()), |checksum| checksum.advance(left, canceller))?;
             Ok((voxels, bytes))
         };
-        self.write_level(0, tiles, &read, &|tile, voxels, mut bytes| {
+        self.write_level(0, tiles, &read, &|tile, voxels, bytes| {
             // Each brick moves its own voxels, to know how far; what is counted is what is stored.
-            let bricks = self.encode_tile(0, tile, VoxelBlock { voxels, bytes: &bytes }, None)?;
-            self.move_voxels(0, &mut bytes);
-            self.pool.install(|| self.count_voxels(tile, VoxelBlock { voxels, bytes: &bytes }));
+            let bricks = self.encode_tile(0, tile, VoxelBlock { voxels, bytes }, None)?;
+            self.move_voxels(0, bytes);
+            self.pool.install(|| self.count_voxels(tile, VoxelBlock { voxels, bytes }));
             Ok(bricks)
         })
     }
@@ -455,10 +458,9 @@ impl Build<'_> {
         let coarse_box = |tile: &Tile| tile.voxels(self.options.layout.core(), level.dims, MARGIN);
         let read = |tile: &Tile| {
             let fine = finer_box(coarse_box(tile), level.factors, finer_dims);
-            let mut bytes = vec![0; fine.voxels() * voxel_bytes];
-            self.pool
-                .install(|| reader.read_box(fine, &mut bytes))
-                .map_err(|e| BuildError::container(self.output, e))?;
+            let mut bytes = self.spares.take(fine.voxels() * voxel_bytes);
+            let read = self.pool.install(|| reader.read_box(fine, &mut bytes));
+            read.map_err(|e| BuildError::container(self.output, e))?;
             Ok((fine, bytes))
         };
         self.write_level(
@@ -466,16 +468,18 @@ impl Build<'_> {
             &tiles_of(self.descriptor, self.plan, AccessOrder::X_FASTEST, lod),
             &read,
             &|tile, fine, bytes| {
-                let block = VoxelBlock { voxels: fine, bytes: &bytes };
+                let block = VoxelBlock { voxels: fine, bytes };
                 let coarse = coarse_box(&tile);
-                let mut voxels = vec![0; coarse.voxels() * voxel_bytes];
+                let mut voxels = self.spares.take(coarse.voxels() * voxel_bytes);
                 let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
                 self.pool.install(|| {
                     downsample(self.reduce, voxel_type, absence, level.factors, block, coarse, &mut voxels)
                 });
                 self.move_voxels(lod, &mut voxels);
                 let finer = FinerTile { factors: level.factors, block };
-                self.encode_tile(lod, tile, VoxelBlock { voxels: coarse, bytes: &voxels }, Some(&finer))
+                let bricks = self.encode_tile(lod, tile, VoxelBlock { voxels: coarse, bytes: &voxels }, Some(&finer));
+                self.spares.give_back(voxels);
+                bricks
             },
         )
     }
@@ -487,7 +491,7 @@ impl Build<'_> {
         lod: usize,
         tiles: &[Tile],
         read: &(dyn Fn(&Tile) -> Result<(VoxelBox, Vec<u8>), BuildError> + Sync),
-        encode: &dyn Fn(Tile, VoxelBox, Vec<u8>) -> Result<Vec<EncodedBrick>, BuildError>,
+        encode: &dyn Fn(Tile, VoxelBox, &mut Vec<u8>) -> Result<Vec<EncodedBrick>, BuildError>,
     ) -> Result<LevelReport, BuildError> {
         let level = *self.descriptor.pyramid.level_at(Lod(lod as u8));
         let new = LevelReport { factors: level.factors, dims: level.dims.0, ..LevelReport::default() };
@@ -508,9 +512,10 @@ impl Build<'_> {
             });
             reader.map_err(BuildError::Thread)?;
             for (tile, result) in receive {
-                let (voxels, bytes) = result?;
+                let (voxels, mut bytes) = result?;
                 let read_bytes = bytes.len() as u64;
-                let bricks = encode(tile, voxels, bytes)?;
+                let bricks = encode(tile, voxels, &mut bytes)?;
+                self.spares.give_back(bytes);
                 let count = bricks.len() as u64;
                 self.append(lod, bricks, &mut report).map_err(|e| BuildError::write(self.output, e))?;
                 self.counter.add(lod, count, read_bytes);
@@ -612,7 +617,7 @@ impl BrickStore for Build<'_> {
         self.descriptor
     }
 
-    fn read_brick(&self, key: BrickKey) -> Result<Vec<u8>, ContainerError> {
+    fn read_brick(&self, key: BrickKey, mut spare: Vec<u8>) -> Result<Vec<u8>, ContainerError> {
         let entry = self.writer().entry(key)?;
         let mut record = vec![0; entry.record_bytes() as usize];
         ByteSource::read_exact_at(self.file, entry.offset, &mut record).map_err(|source| ContainerError::Io {
@@ -623,9 +628,9 @@ impl BrickStore for Build<'_> {
         })?;
         let shape =
             BrickShape { voxel_type: self.descriptor.voxel_type, extent: self.descriptor.pyramid.stored_extent(key) };
-        let mut voxels = vec![0; shape.bytes()];
-        decode_record(self.descriptor, key, &entry, &record, &mut voxels)?;
-        Ok(voxels)
+        spare.resize(shape.bytes(), 0);
+        decode_record(self.descriptor, key, &entry, &record, &mut spare)?;
+        Ok(spare)
     }
 }
 

@@ -30,6 +30,7 @@ use crate::bricker::cut_brick;
 use crate::downsample::{Reduce, VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
 use crate::error_bound::{brick_error, step_error};
+use crate::memory::{ALLOW_MORE, left_for_data};
 use crate::pipeline::quantizer_of;
 use crate::provenance::{reduce_of, steps_of};
 use crate::statistics::{Statistics, Values, finite};
@@ -108,10 +109,8 @@ impl Plan {
         let per_thread = (BRICKS_AT_HAND + finer) * brick + wavelets + counts;
         let fixed = |threads: usize| threads as u64 * per_thread + counts;
         let needed = fixed(1).max(pyramid.brick_count() * COVERAGE_BYTES);
-        if memory_bytes < needed {
-            let what = format!("to check bricks on one thread, and the places of {} of them", pyramid.brick_count());
-            return Err(BuildError::memory(needed, memory_bytes, what, "Allow more with --memory"));
-        }
+        let what = || format!("to check bricks on one thread, and the places of {} of them", pyramid.brick_count());
+        let memory_bytes = left_for_data(memory_bytes, needed, what, ALLOW_MORE)?;
         // At most three quarters for the threads; the rest keeps bricks that are needed again.
         let fits = |threads: &usize| *threads == 1 || fixed(*threads) <= memory_bytes / 4 * 3;
         let threads = (1..=rayon::current_num_threads()).rev().find(fits).unwrap_or(1);

@@ -5,11 +5,13 @@
 mod containers;
 mod support;
 
-use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use containers::{Faulty, container_bytes, open};
-use supervol_format::{Container, Lod, VoxelType};
+use supervol_format::byte_source::ReadShape;
+use supervol_format::{BrickIndex, BrickKey, ByteSource, Container, Lod, VoxelType};
 use supervol_runtime::frame::{Backend, LevelChoice, Progress, RenderOptions};
 use supervol_runtime::image::Image;
 use supervol_runtime::renderer::{Renderer, render};
@@ -261,6 +263,62 @@ fn reading_goes_on_between_two_steps() {
     assert_eq!(stats.streaming.repeated_page_ins, 0);
 }
 
+/// A source of which one record comes only when two passes have ended since somebody began to read it.
+struct HeldBack {
+    bytes: Vec<u8>,
+    record: u64,
+    passes: Arc<(Mutex<u64>, Condvar)>,
+    /// Whether they have.
+    is_overlapped: AtomicBool,
+}
+
+impl ByteSource for HeldBack {
+    fn len(&self) -> std::io::Result<u64> {
+        Ok(self.bytes.len() as u64)
+    }
+
+    fn read_exact_at(&self, offset: u64, buffer: &mut [u8]) -> std::io::Result<()> {
+        if offset == self.record {
+            let (passes, more) = &*self.passes;
+            let begun = passes.lock().unwrap();
+            let enough = *begun + 2;
+            let long = Duration::from_secs(20);
+            let (_ended, waited) = more.wait_timeout_while(begun, long, |passes| *passes < enough).unwrap();
+            self.is_overlapped.store(!waited.timed_out(), Ordering::Relaxed);
+        }
+        self.bytes.read_exact_at(offset, buffer)
+    }
+
+    /// Each record is read alone.
+    fn read_shape(&self) -> ReadShape {
+        ReadShape { gap_bytes: 0, read_bytes: 1 }
+    }
+}
+
+/// One call without a deadline casts the rays that can go on while the record of another brick is being read.
+#[test]
+fn rays_are_cast_while_bricks_are_read() {
+    let volume = volume();
+    let bytes = container_bytes(&volume, 16);
+    let container = open(&bytes);
+    let scene = scene_of(&volume, FIRST);
+    let level = LevelChoice::Fixed(Lod::FINEST);
+    let record = container.entry(BrickKey::new(Lod::FINEST, BrickIndex([2, 1, 1]))).unwrap().offset;
+    let passes: Arc<(Mutex<u64>, Condvar)> = Arc::default();
+    let source = Arc::new(HeldBack { bytes, record, passes: passes.clone(), is_overlapped: AtomicBool::new(false) });
+    let progress = move |progress: Progress| {
+        *passes.0.lock().unwrap() = progress.passes;
+        passes.1.notify_all();
+    };
+    let options = RenderOptions { progress: Some(Arc::new(progress)), ..options(level) };
+    let slow = Arc::new(Container::from_source(source.clone()).unwrap());
+    let mut renderer = renderer(&slow, options);
+    renderer.set_scene(scene.clone());
+    assert!(renderer.advance(None).unwrap().is_converged);
+    assert!(source.is_overlapped.load(Ordering::Relaxed), "no pass ended while the record was being read");
+    assert!(*renderer.picture().unwrap() == expected(&container, &scene, level));
+}
+
 /// A budget that is too small for one picture is an error of that picture, and of no other.
 #[test]
 fn a_renderer_survives_an_error() {
@@ -297,7 +355,7 @@ fn rays_are_counted_while_they_are_cast() {
         renderer.set_scene(scene.clone());
         assert!(renderer.advance(None).unwrap().is_converged);
         let rays = u64::from(scene.camera.width) * u64::from(scene.camera.height);
-        assert_eq!(finished.load(std::sync::atomic::Ordering::Relaxed), rays);
+        assert_eq!(finished.load(Ordering::Relaxed), rays);
     }
 }
 

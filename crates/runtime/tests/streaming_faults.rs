@@ -5,15 +5,21 @@
 mod containers;
 mod support;
 
+use std::collections::HashMap;
 use std::ops::Range;
-use std::sync::Arc;
+#[cfg(unix)]
+use std::os::unix::fs::FileExt;
+use std::sync::{Arc, Mutex};
 
 use containers::{Fault, Faulty, container_bytes, open, plan, render_planned};
 use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelType};
 use supervol_runtime::frame::{LevelChoice, RenderOptions};
 use supervol_runtime::image::Image;
+use supervol_runtime::renderer::Renderer;
 use supervol_runtime::scene::ResolvedScene;
 use supervol_runtime::stats::FrameStats;
+use supervol_runtime::streamer::io::RETRY_AFTER;
+use supervol_runtime::volume;
 use support::{Volume, difference, noise, points, scene};
 
 const CACHE_BRICKS: u64 = 5;
@@ -215,6 +221,67 @@ fn any_single_read_may_fail() {
             }
             assert!(image.is_finite() && stats.converged == (stats.bricks_failed == 0));
         }
+    }
+}
+
+/// A network that stumbles twice at every place costs time, and no brick: neither records nor the table of contents.
+#[test]
+fn reads_that_time_out_twice_leave_no_trace_in_the_picture() {
+    let volume = volume();
+    let bytes = container_bytes(&volume, 16);
+    let (expected, healthy) = good(&volume, &bytes);
+    let opening = {
+        let source = Faulty::new(bytes.clone(), |_, _| Fault::None);
+        Container::from_source(source.clone()).unwrap();
+        source.reads()
+    };
+    let attempts = Mutex::new(HashMap::new());
+    let rule = move |n, read: Range<u64>| {
+        let mut attempts = attempts.lock().unwrap();
+        let attempt = attempts.entry(read.start).or_insert(0);
+        *attempt += 1;
+        if n >= opening && *attempt <= RETRY_AFTER.len() { Fault::TimedOut } else { Fault::None }
+    };
+    let (image, stats) = render_faulty(&volume, &bytes, rule);
+    assert!(image == expected && stats.converged && stats.bricks_failed == 0, "{stats:#?}");
+    assert_eq!(stats.streaming.page_ins, healthy.streaming.page_ins);
+    let retried = stats.streaming.retried_reads;
+    assert!(retried >= RETRY_AFTER.len() as u64 && retried == stats.streaming.failed_reads, "{stats:#?}");
+}
+
+/// A file that another program cuts short, or writes over, while a picture is made of it: bricks fail and are named, those in memory are
+/// drawn, and nothing stops.
+#[cfg(unix)]
+#[test]
+fn a_file_may_shrink_or_change_under_an_open_renderer() {
+    let volume = volume();
+    let folder = tempfile::tempdir().unwrap();
+    let near = the_scene(&volume);
+    let far = scene_seen_from(
+        &volume,
+        r#""eye": [-90, 120, -60], "target": [23, 21, 15], "up": [0, 0, 1], "fov_y": 28"#,
+        [36, 30],
+    );
+    type Harm = fn(&std::fs::File, u64);
+    let harms: [(Harm, &str); 2] = [
+        (|file, records_end| file.set_len(records_end / 2).unwrap(), "cannot read"),
+        (|file, records_end| file.write_all_at(&vec![0x5a; records_end as usize - 4096], 4096).unwrap(), "checksum"),
+    ];
+    for (harm, reason) in harms {
+        let path = folder.path().join("changing.svol");
+        std::fs::write(&path, container_bytes(&volume, 16)).unwrap();
+        let container = Arc::new(Container::open(&path).unwrap());
+        // Room for some bricks: the picture after the harm must read.
+        let options = RenderOptions { threads: Some(2), cache_bytes: Some(60_000), ..options() };
+        let mut renderer = Renderer::new(volume::Volume::of(container.clone()), options).unwrap();
+        renderer.set_scene(near.clone());
+        assert!(renderer.advance(None).unwrap().is_converged && renderer.stats().bricks_failed == 0);
+        harm(&std::fs::File::options().write(true).open(&path).unwrap(), container.sections().toc_offset);
+        renderer.set_scene(far.clone());
+        renderer.advance(None).unwrap();
+        let stats = renderer.stats();
+        assert!(renderer.picture().unwrap().is_finite() && !stats.converged && stats.bricks_failed > 0, "{stats:#?}");
+        assert!(stats.failures[0].reason.contains(reason), "{:?}", stats.failures);
     }
 }
 

@@ -1,26 +1,17 @@
-//! BRICKID: a container of any size of which nothing is stored; every byte is computed when it is read.
+//! Containers of any size of which nothing is stored; every byte is computed when it is read.
 //!
-//! [`BrickId`] is a [`ByteSource`], so that the container's reader, the streamer, the cache and the ray casters run on it
-//! unchanged, up to 65,536^3 voxels and coordinates beyond 2^24. Voxels are `u8` ([`value`]): twice a number that names
-//! the brick, plus one in every other macro cell, so that no brick that is larger than a macro cell is uniform:
-//!
-//! ```text
-//! number = (57 (x mod 5 + 5 (y mod 5) + 25 (z mod 5)) + 31 LOD) mod 125,   x, y, z: the brick's place in its level
-//! value  = 2 number + (sum of voxel / 8, rounded down, over the axes) mod 2
-//! ```
-//!
-//! Bricks of one level have one number exactly where their places are congruent modulo 5 on every axis: a brick in the
-//! place of a neighbour shows, and so does one that is wrong by a power of two (an overflow, a lost bit), because no
-//! power of two is divisible by 5. Levels of one place differ by 31.
+//! [`VirtualVolume`] is a [`ByteSource`], so that the container's reader, the streamer, the cache and the ray casters run on it
+//! unchanged, up to 65,536^3 voxels and coordinates beyond 2^24. What its voxels are, a [`Field`] says.
 //!
 //! It is a true container brick by brick ([`supervol_format::container::validate::check_brick`] holds): aprons hold the
-//! neighbours' voxels, ranges are exact. Coarser voxels are *not* averages of finer ones, since they name their own
-//! brick; the stated errors are the width of all values at and beneath a brick, which bounds any distance between levels.
-//! Payloads are raw and records lie at a fixed stride, each at `number of its TOC entry * stride`.
+//! neighbours' voxels, ranges are exact, and errors are bounds. Payloads are raw and records lie at a fixed stride, each at
+//! `number of its TOC entry * stride`.
 //!
-//! The numbering makes pages of the table of contents cheap although each entry has the checksum of its record: bricks
-//! with congruent places and the same borders have the same record, so that few are ever sealed. Those are remembered:
-//! at most 8^3 places per level.
+//! Fields repeat every [`PERIOD`] bricks of a level. That makes pages of the table of contents cheap although each entry has the
+//! checksum of its record: bricks with congruent places and the same borders have the same record, so that few are ever sealed.
+//! Those are remembered: at most 8^3 places per level.
+
+mod field;
 
 use std::collections::HashMap;
 use std::io;
@@ -39,36 +30,12 @@ use supervol_format::container::{ContainerError, checksum};
 use supervol_format::macro_cells::MACRO_CELL_BYTES;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{
-    BrickIndex, BrickKey, BrickLayout, ByteSource, Container, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType,
+    BrickIndex, BrickKey, BrickLayout, ByteSource, Container, Dims, Geometry, Lod, Pyramid, ValueRange,
 };
 
 use crate::context::ChartError;
 use crate::volume::Volume;
-
-/// Bricks along an axis after which the numbers repeat; odd, so that no power of two is a multiple of it.
-pub const PERIOD: u32 = 5;
-
-/// Numbers of bricks of one level.
-const NUMBERS: u32 = PERIOD.pow(3);
-
-/// The number of a brick, below 125: see the module.
-#[must_use]
-pub fn number(key: BrickKey) -> u32 {
-    let [x, y, z] = key.brick().0.map(|i| i % PERIOD);
-    (57 * (x + PERIOD * (y + PERIOD * z)) + 31 * u32::from(key.lod().0)) % NUMBERS
-}
-
-/// The value of a voxel, in voxels of its level, in bricks with this core.
-#[must_use]
-pub fn value(core: u64, lod: Lod, voxel: [u64; 3]) -> u8 {
-    let brick = BrickKey::new(lod, BrickIndex(voxel.map(|v| (v / core) as u32)));
-    // At most 2 * 124 + 1.
-    (2 * number(brick)) as u8 + cell_parity(voxel)
-}
-
-fn cell_parity(voxel: [u64; 3]) -> u8 {
-    (voxel.iter().map(|v| v / MACRO_CELL as u64).sum::<u64>() % 2) as u8
-}
+pub use field::{Field, PERIOD, number, value};
 
 /// A brick as it stands in the file, without its payload.
 struct Sealed {
@@ -78,7 +45,8 @@ struct Sealed {
 }
 
 /// See the module.
-pub struct BrickId {
+pub struct VirtualVolume {
+    field: Field,
     descriptor: Descriptor,
     sections: Sections,
     manifest: Vec<u8>,
@@ -90,16 +58,16 @@ pub struct BrickId {
     records: AtomicU64,
 }
 
-impl BrickId {
+impl VirtualVolume {
     /// The volume with these dims, in bricks with this core; every level halves all axes that exceed one brick.
     ///
     /// # Errors
     /// If dims or core are out of a container's limits.
-    pub fn new(dims: [u64; 3], core: u32, geometry: Geometry) -> Result<Self, ChartError> {
+    pub fn new(field: Field, dims: [u64; 3], core: u32, geometry: Geometry) -> Result<Self, ChartError> {
         let layout = BrickLayout::new(core).ok_or_else(|| ChartError::Broken(format!("no bricks have core {core}")))?;
         let pyramid = Pyramid::new(Dims(dims), layout, &halvings(dims, layout)).map_err(ContainerError::from)?;
         let descriptor = Descriptor {
-            voxel_type: VoxelType::U8,
+            voxel_type: field.voxel_type(),
             pyramid,
             geometry,
             scale: 1.0,
@@ -108,8 +76,9 @@ impl BrickId {
             quantizer: None,
         };
         let cells = (layout.core() / MACRO_CELL).pow(3) * MACRO_CELL_BYTES;
-        let stride = (layout.stored().pow(3) + cells) as u64;
+        let stride = (layout.stored().pow(3) * field.voxel_type().bytes() + cells) as u64;
         let mut source = Self {
+            field,
             descriptor,
             sections: Sections::default(),
             manifest: Vec::new(),
@@ -128,10 +97,10 @@ impl BrickId {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn open(dims: [u64; 3], core: u32) -> Result<(Volume, Arc<Self>), ChartError> {
-        let source = Arc::new(Self::new(dims, core, Geometry::IDENTITY)?);
+    pub fn open(field: Field, dims: [u64; 3], core: u32) -> Result<(Volume, Arc<Self>), ChartError> {
+        let source = Arc::new(Self::new(field, dims, core, Geometry::IDENTITY)?);
         let container = Container::from_source(source.clone())?;
-        Ok((Volume::of(&format!("BRICKID {}", Dims(dims)), Arc::new(container)), source))
+        Ok((Volume::of(&format!("{} {}", field.name(), Dims(dims)), Arc::new(container)), source))
     }
 
     fn lay_out(&self) -> Sections {
@@ -154,7 +123,7 @@ impl BrickId {
         Manifest {
             tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
             parameters: [("lod_axes".into(), "xyz".into())].into(),
-            source: Source::computed("brickid"),
+            source: Source::computed(&self.field.name().to_lowercase()),
             space: String::new(),
             axes: ["x", "y", "z"].map(|name| AxisName { name: name.into(), unit: String::new() }),
             unit: String::new(),
@@ -164,7 +133,7 @@ impl BrickId {
             percentiles: Vec::new(),
             level_errors: errors.collect(),
             survey: None,
-            notes: vec!["Computed on read; coarser voxels are no averages: each names its own brick.".into()],
+            notes: vec![self.field.note().into()],
             others: std::collections::BTreeMap::default(),
         }
     }
@@ -198,23 +167,9 @@ impl BrickId {
     /// Range of what interpolation reaches in a brick: of its core and one voxel around.
     fn range(&self, key: BrickKey) -> ValueRange {
         let pyramid = &self.descriptor.pyramid;
-        let dims = pyramid.level_at(key.lod()).dims.0;
-        let core = pyramid.core_box(key);
-        // Values change only at borders of macro cells: two of a core's cells, and the voxel on either side, are all.
-        let along: [Vec<u64>; 3] = std::array::from_fn(|a| {
-            let (start, end) = (core.start[a], core.end[a]);
-            let second = (start + MACRO_CELL as u64).min(end - 1);
-            vec![start.saturating_sub(1), start, second, end.min(dims[a] - 1)]
-        });
-        let mut range = ValueRange::EMPTY;
-        for (&x, &y, &z) in along[2]
-            .iter()
-            .flat_map(|z| along[1].iter().map(move |y| (y, z)))
-            .flat_map(|(y, z)| along[0].iter().map(move |x| (x, y, z)))
-        {
-            range.include(f64::from(value(pyramid.layout().core() as u64, key.lod(), [x, y, z])));
-        }
-        range
+        let (core, dims) = (pyramid.core_box(key), pyramid.level_at(key.lod()).dims.0);
+        let start = core.start.map(|start| start.saturating_sub(1));
+        self.field.range(pyramid, key.lod(), start, std::array::from_fn(|a| core.end[a].min(dims[a] - 1)))
     }
 
     /// Range of a brick and of all finer ones beneath. It is that of its representative: the children of bricks with
@@ -232,7 +187,10 @@ impl BrickId {
     }
 
     fn error(&self, key: BrickKey) -> f64 {
-        if key.lod() == Lod::FINEST { 0.0 } else { self.range_beneath(key).width() }
+        if key.lod() == Lod::FINEST {
+            return 0.0;
+        }
+        self.field.error(&self.descriptor.pyramid, key, self.range_beneath(key))
     }
 
     /// Stored voxels of a brick: its core and apron, the grid's border repeated outside.
@@ -244,20 +202,7 @@ impl BrickId {
             let at = |i: usize| (core.start[a] + i as u64).saturating_sub(APRON as u64).min(dims[a] - 1);
             (0..[nx, ny, nz][a]).map(at).collect()
         });
-        let edge = pyramid.layout().core() as u64;
-        // Rows in one brick and one macro cell across x are the same: each is computed once.
-        let mut rows: HashMap<[u64; 3], Vec<u8>> = HashMap::new();
-        let mut out = Vec::with_capacity(nx * ny * nz);
-        for &z in &along[2] {
-            for &y in &along[1] {
-                let parity = (y / MACRO_CELL as u64 + z / MACRO_CELL as u64) % 2;
-                let row = rows
-                    .entry([y / edge, z / edge, parity])
-                    .or_insert_with(|| along[0].iter().map(|&x| value(edge, key.lod(), [x, y, z])).collect());
-                out.extend_from_slice(row);
-            }
-        }
-        out
+        self.field.voxels(pyramid, key.lod(), &along)
     }
 
     fn sealed(&self, key: BrickKey) -> io::Result<Arc<Sealed>> {
@@ -368,7 +313,7 @@ pub fn halvings(dims: [u64; 3], layout: BrickLayout) -> Vec<[u32; 3]> {
     out
 }
 
-impl ByteSource for BrickId {
+impl ByteSource for VirtualVolume {
     fn len(&self) -> io::Result<u64> {
         Ok(self.sections.manifest_offset + self.sections.manifest_bytes + header::PAGE_BYTES as u64)
     }

@@ -11,6 +11,7 @@ use supervol_chart::ledger::{self, Ledger};
 use supervol_chart::paths::{self, CameraPath};
 use supervol_chart::peers::cases::{Looks, Subject};
 use supervol_chart::peers::{self, Options, PeerOptions, Run, SameSampling, Sizes, report, vtk};
+use supervol_chart::virtual_volume::Field;
 use supervol_chart::{ChartError, Context, Scale, random_scenes};
 use supervol_format::Container;
 use supervol_preprocess::kept::{Reading, is_container};
@@ -54,11 +55,14 @@ pub struct Arguments {
     /// Who casts the rays of the path, or of the random scenes
     #[arg(long, value_name = "BACKEND", requires = "cast", default_value = "cpu")]
     backend: PathBackend,
-    /// Along the path, a cube of N voxels along an edge of which nothing is stored: every byte is computed when it is read.
-    /// 10321 is 1 TiB
+    /// Along the path, a cube of N voxels along an edge of which nothing is stored: every byte is computed when it is read
     #[arg(long = "virtual", value_name = "N", requires = "path", conflicts_with_all = ["scene", "volume", "edge", "shading"],
           value_parser = clap::value_parser!(u64).range(128..=65_536))]
     virtual_edge: Option<u64>,
+    /// What its voxels are: numbers of bricks, whose coarse levels tell nothing of the fine ones (10321 along an edge are 1 TiB), or
+    /// waves, which are smooth (8192 are 1 TiB)
+    #[arg(long, value_name = "FIELD", requires = "virtual_edge", default_value = "bricks")]
+    field: VirtualField,
     /// Most memory for decoded bricks along the path [default: all that is left of --host-memory]
     #[arg(long, value_name = "BYTES", requires = "path", value_parser = quantity::bytes)]
     cache: Option<u64>,
@@ -137,6 +141,21 @@ enum PathBackend {
     Gpu,
     /// One after the other, in one table.
     Both,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum VirtualField {
+    Bricks,
+    Waves,
+}
+
+impl From<VirtualField> for Field {
+    fn from(field: VirtualField) -> Self {
+        match field {
+            VirtualField::Bricks => Self::BrickId,
+            VirtualField::Waves => Self::Waves,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -320,7 +339,7 @@ impl Arguments {
 
     fn subject(&self, context: &Context<'_>) -> Result<Subject, Failure> {
         if let Some(edge) = self.virtual_edge {
-            return Ok(Subject::Virtual(edge));
+            return Ok(Subject::Virtual(self.field.into(), edge));
         }
         let Some(file) = &self.volume else { return Ok(Subject::Scenes(self.scene.clone())) };
         let path = if is_container(file) { file.clone() } else { built(file, &self.reading()?, context.folder)? };

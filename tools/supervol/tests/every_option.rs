@@ -381,7 +381,9 @@ fn benches_of_paths_and_leaps() {
     let frames = bench(&["--path", "orbit", "--scene", "vessels", "--frame-budget", "30", "--ahead", "5"]);
     assert!(frames.contains("handed over after 30 ms") && frames.contains("| vessels"), "{frames}");
     let computed = bench(&["--path", "orbit", "--virtual", "128"]);
-    assert!(computed.contains("128 x 128 x 128"), "{computed}");
+    assert!(computed.contains("BRICKID 128 x 128 x 128"), "{computed}");
+    let smooth = bench(&["--path", "orbit", "--virtual", "128", "--field", "waves"]);
+    assert!(smooth.contains("WAVES 128 x 128 x 128"), "{smooth}");
     let leaps = bench(&["--leaping", "--scene", "vessels"]);
     assert!(leaps.contains("blocks, nearest ahead"), "{leaps}");
 }

@@ -4,6 +4,8 @@
 mod support;
 
 use std::process::{Command, Output};
+#[cfg(target_os = "linux")]
+use std::time::Duration;
 
 use support::{Folder, json};
 
@@ -86,5 +88,53 @@ fn a_picture_takes_no_more_memory_than_it_was_given() {
         let number = |name: &str| stats[name].as_u64().expect("a number");
         assert!(number("bytes_decoded") > 40 << 20, "all of it is read: {stats}");
         assert!(number("peak_rss_bytes") <= bytes, "{} of {memory}: {stats}", number("peak_rss_bytes"));
+    }
+}
+
+/// Runs the program, which must succeed; the most bytes of memory that it had resident, looked at every millisecond.
+#[cfg(target_os = "linux")]
+fn peak_of(folder: &Folder, arguments: &[&str]) -> u64 {
+    let program = env!("CARGO_BIN_EXE_supervol");
+    let mut command = Command::new(program);
+    command.args(arguments).env("RAYON_NUM_THREADS", "2").current_dir(folder.0.path());
+    let mut child = command.spawn().expect("it starts");
+    let status = format!("/proc/{}/status", child.id());
+    let mut peak_kibibytes = 0;
+    let code = loop {
+        let text = std::fs::read_to_string(&status).unwrap_or_default();
+        let peak = text.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix("kB"));
+        peak_kibibytes = peak.map_or(peak_kibibytes, |number| number.trim().parse().expect("a number"));
+        if let Some(code) = child.try_wait().expect("it can be waited for") {
+            break code;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    };
+    assert!(code.success() && peak_kibibytes > 0, "supervol {arguments:?}: {code}");
+    peak_kibibytes << 10
+}
+
+/// `--memory` is for the whole process, too, with some to spare above the least that will do.
+#[cfg(target_os = "linux")]
+#[test]
+fn commands_take_no_more_memory_than_they_were_given() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "seismic", "--dims", "256,256,192", "--dtype", "f32", "-o", "v.raw"]);
+    let build =
+        ["build", "v.raw", "--dims", "256,256,192", "--dtype", "f32", "--brick", "32", "-o", "v.svol", "--force"];
+    let synth =
+        ["synth", "seismic", "--dims", "256,256,192", "--dtype", "f32", "--brick", "32", "-o", "s.svol", "--force"];
+    let commands: [&[&str]; 6] = [
+        &build,
+        &synth,
+        &["verify", "v.svol"],
+        &["verify", "v.svol", "--source", "v.raw", "--dims", "256,256,192", "--dtype", "f32"],
+        &["extract", "v.svol", "-o", "x.raw", "--force"],
+        &["mesh", "v.svol", "--value", "0.4", "--level", "1", "-o", "x.ply", "--force"],
+    ];
+    for (command, (memory, bytes)) in
+        commands.into_iter().flat_map(|c| [("32MiB", 32 << 20), ("64MiB", 64 << 20)].map(|m| (c, m)))
+    {
+        let peak = peak_of(&folder, &[command, &["--memory", memory, "--quiet"]].concat());
+        assert!(peak <= bytes, "{command:?}: {peak} bytes of {memory}");
     }
 }

@@ -26,6 +26,8 @@ pub use super::toc_pages::CACHED_TOC_PAGES;
 
 /// Most TOC pages that one request asks for: 4 MiB.
 const PAGES_AT_ONCE: usize = 64;
+/// What is being read, in messages.
+const TOC_PAGE: &str = "TOC page";
 
 /// Bytes that must lie before the records: the header page.
 pub const RECORDS_START: u64 = header::PAGE_BYTES as u64;
@@ -192,11 +194,14 @@ impl Container {
     }
 
     /// Reads the TOC pages in which the entries of these bricks stand and that are not in memory, as many as are kept at most, all
-    /// in one request, or some. What cannot be read is left to [`Self::entry`], which says why.
+    /// in one request, or some. Damaged ones are left to [`Self::entry`], which says what is wrong with them.
+    ///
+    /// # Errors
+    /// If one cannot be read; those that were read before it stay.
     ///
     /// # Panics
     /// If a key names no brick of the pyramid.
-    pub fn read_entries_ahead(&self, keys: impl IntoIterator<Item = BrickKey>) {
+    pub fn read_entries_ahead(&self, keys: impl IntoIterator<Item = BrickKey>) -> Result<(), ContainerError> {
         let numbers = keys.into_iter().map(|key| self.pyramid().entry(key) / ENTRIES_PER_PAGE as u64);
         let missing: BTreeSet<u64> = numbers.filter(|&number| !self.toc_pages.contains(number)).collect();
         let missing: Vec<u64> = missing.into_iter().take(CACHED_TOC_PAGES).collect();
@@ -205,13 +210,16 @@ impl Container {
             let mut pages: Vec<Vec<u8>> = numbers.iter().map(|&number| vec![0; self.page_bytes(number)]).collect();
             let buffers = pages.iter_mut().map(Vec::as_mut_slice);
             let mut ranges: Vec<_> = numbers.iter().map(|&number| self.page_offset(number)).zip(buffers).collect();
-            if self.source.read_several(&mut ranges).is_err() {
-                return;
-            }
+            self.source.read_several(&mut ranges).map_err(|source| {
+                let bytes = numbers.iter().map(|&number| self.page_bytes(number) as u64).sum();
+                let offset = self.page_offset(numbers[0]);
+                ContainerError::Io { what: TOC_PAGE.into(), offset, bytes, source }
+            })?;
             for (&number, page) in numbers.iter().zip(pages) {
                 self.keep_page(number, page);
             }
         }
+        Ok(())
     }
 
     fn toc_page(&self, number: u64) -> Result<Arc<Vec<u8>>, ContainerError> {
@@ -219,7 +227,7 @@ impl Container {
             return Ok(page);
         }
         let mut bytes = vec![0; self.page_bytes(number)];
-        read(self.source.as_ref(), "TOC page", self.page_offset(number), &mut bytes)?;
+        read(self.source.as_ref(), TOC_PAGE, self.page_offset(number), &mut bytes)?;
         let bytes = toc::uncut(bytes);
         self.check_page(&bytes, number)?;
         let page = Arc::new(bytes);
@@ -285,10 +293,23 @@ impl Container {
     /// # Errors
     /// If it cannot be read or decoded.
     pub fn read_brick(&self, key: BrickKey, entry: &BrickEntry) -> Result<Vec<u8>, ContainerError> {
+        self.read_brick_into(key, entry, Vec::new())
+    }
+
+    /// The same in the memory of `spare`, whose contents are lost.
+    ///
+    /// # Errors
+    /// As [`Self::read_brick`].
+    pub fn read_brick_into(
+        &self,
+        key: BrickKey,
+        entry: &BrickEntry,
+        mut spare: Vec<u8>,
+    ) -> Result<Vec<u8>, ContainerError> {
         let record = self.read_record(key, entry)?;
-        let mut voxels = vec![0; self.shape(key).bytes()];
-        self.decode_brick(key, entry, &record, &mut voxels)?;
-        Ok(voxels)
+        spare.resize(self.shape(key).bytes(), 0);
+        self.decode_brick(key, entry, &record, &mut spare)?;
+        Ok(spare)
     }
 
     /// Reads the macro-cell ranges of one brick, and decodes no voxel: [`Self::macro_cells`].

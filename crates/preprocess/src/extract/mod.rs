@@ -25,6 +25,7 @@ use supervol_format::{Container, Geometry, Lod, VoxelBox, VoxelType};
 use crate::error::BuildError;
 use crate::file_order::boxes;
 use crate::level_reader::by_all_threads;
+use crate::memory::{ALLOW_MORE, left_for_data};
 use crate::output::{Existing, OutputFile};
 
 /// Bytes buffered before the file is written to.
@@ -180,10 +181,8 @@ impl Plan {
     /// way: at least so many.
     fn share_out(memory_bytes: u64, least: u64, fixed: impl Fn(usize) -> u64) -> Result<(usize, u64), BuildError> {
         let needed = fixed(1) + least;
-        if memory_bytes < needed {
-            let what = "to decode bricks on one thread and to write".into();
-            return Err(BuildError::memory(needed, memory_bytes, what, "Allow more with --memory"));
-        }
+        let what = || "to decode bricks on one thread and to write".into();
+        let memory_bytes = left_for_data(memory_bytes, needed, what, ALLOW_MORE)?;
         // At most half for the threads.
         let fits = |threads: &usize| *threads == 1 || fixed(*threads) <= memory_bytes / 2;
         let threads = (1..=rayon::current_num_threads()).rev().find(fits).unwrap_or(1);

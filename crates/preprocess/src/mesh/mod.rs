@@ -18,6 +18,7 @@ use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelBox};
 
 use crate::error::BuildError;
 use crate::extract::{checked_box, level_geometry};
+use crate::memory::{ALLOW_MORE, left_for_data};
 use crate::output::{Existing, OutputFile, folder_of};
 use cells::{Values, bytes_of_box};
 use files::{Format, MeshFile};
@@ -117,10 +118,8 @@ impl Plan {
         let descriptor = container.descriptor();
         let fixed = LevelReader::working_bytes(descriptor, 1) + WRITE_BUFFERS_BYTES;
         let needed = |cells: u64| fixed + bytes_of_box(cells + 1);
-        if memory_bytes < needed(LEAST_CELLS) {
-            let what = "to decode a brick and to make a mesh of it".into();
-            return Err(BuildError::memory(needed(LEAST_CELLS), memory_bytes, what, "Allow more with --memory"));
-        }
+        let what = || "to decode a brick and to make a mesh of it".into();
+        let memory_bytes = left_for_data(memory_bytes, needed(LEAST_CELLS), what, ALLOW_MORE)?;
         let core = container.pyramid().layout().core() as u64;
         // A part of the memory is left for bricks that are needed again.
         let fits = |cells: &u64| *cells == LEAST_CELLS || needed(*cells) <= memory_bytes / 4 * 3;

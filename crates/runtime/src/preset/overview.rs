@@ -71,7 +71,8 @@ impl LabelCells {
     fn of_level(container: &Container, lod: Lod, level: &Level) -> Result<Option<Self>, ContainerError> {
         let pyramid = container.pyramid();
         let keys: Vec<BrickKey> = pyramid.keys_of(lod).collect();
-        container.read_entries_ahead(keys.iter().copied());
+        // Pages that cannot be read now are tried once more, one by one.
+        container.read_entries_ahead(keys.iter().copied()).ok();
         let entries = keys.iter().map(|&key| container.entry(key)).collect::<Result<Vec<_>, _>>()?;
         if entries.iter().map(|entry| entry.record_bytes()).sum::<u64>() > RECORDS_LIMIT_BYTES {
             return Ok(None);

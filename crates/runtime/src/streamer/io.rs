@@ -106,16 +106,28 @@ fn read_range(
 ) -> Result<Arc<Vec<u8>>, ContainerError> {
     let bytes = range.end - range.start;
     let mut buffer = vec![0; usize::try_from(bytes).expect("a read is bounded by the host budget")];
-    let mut delays = RETRY_AFTER.iter();
-    loop {
+    patiently(counters, |counters| {
         let start = Instant::now();
         let result = read_at(range.start, &mut buffer);
         counters.read_ms += milliseconds(start.elapsed());
         counters.reads += 1;
-        let Err(error) = result else {
-            counters.bytes_read += bytes;
-            return Ok(Arc::new(buffer));
-        };
+        result
+    })?;
+    counters.bytes_read += bytes;
+    Ok(Arc::new(buffer))
+}
+
+/// Tries to read until it succeeds, as often as [`RETRY_AFTER`] says, where the failure may pass by itself.
+///
+/// # Errors
+/// That of the last attempt.
+pub fn patiently(
+    counters: &mut StreamCounters,
+    mut attempt: impl FnMut(&mut StreamCounters) -> Result<(), ContainerError>,
+) -> Result<(), ContainerError> {
+    let mut delays = RETRY_AFTER.iter();
+    loop {
+        let Err(error) = attempt(counters) else { return Ok(()) };
         counters.failed_reads += 1;
         match delays.next().filter(|_| may_pass(&error)) {
             Some(&delay) => std::thread::sleep(delay),

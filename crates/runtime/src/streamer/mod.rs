@@ -364,8 +364,7 @@ impl Streamer {
         let Some(frontier) = ranked.first().map(|r| r.rank) else { return Ok(Fetched::default()) };
 
         // The table of contents decides what it can; the rest are candidates for the cache.
-        let is_unknown = |key: &BrickKey| self.states.state(*key) == BrickState::Unknown;
-        self.container.read_entries_ahead(ranked.iter().map(|r| r.key).filter(is_unknown));
+        self.read_entries_ahead(&ranked);
         let mut fetched = Fetched::default();
         let mut candidates = Vec::new();
         let mut loads = KeyMap::default();
@@ -414,6 +413,15 @@ impl Streamer {
         self.queued = loads.into_keys().collect();
         self.ask_for_due()?;
         Ok(fetched)
+    }
+
+    /// Reads what the table of contents says of bricks of which nothing is known yet. What cannot be read fails its bricks, one by
+    /// one, when they are looked up.
+    fn read_entries_ahead(&mut self, ranked: &[Ranked]) {
+        let is_unknown = |key: &BrickKey| self.states.state(*key) == BrickState::Unknown;
+        let read =
+            |_: &mut StreamCounters| self.container.read_entries_ahead(ranked.iter().map(|r| r.key).filter(is_unknown));
+        io::patiently(&mut self.counters, read).ok();
     }
 
     /// What to do for a wanted brick; afterwards its state is decided, or it is queued.

@@ -117,6 +117,8 @@ pub enum Fault {
     None,
     /// `EIO`.
     Error,
+    /// A network that stumbles.
+    TimedOut,
     /// The source ends first.
     Short,
 }
@@ -156,6 +158,7 @@ impl ByteSource for Faulty {
         match (self.rule)(n, offset..offset + buffer.len() as u64) {
             Fault::None => self.bytes.read_exact_at(offset, buffer),
             Fault::Error => Err(io::Error::other("injected I/O error")),
+            Fault::TimedOut => Err(io::ErrorKind::TimedOut.into()),
             Fault::Short => {
                 let half = buffer.len() / 2;
                 self.bytes.read_exact_at(offset, &mut buffer[..half])?;

@@ -34,8 +34,8 @@ use supervol_runtime::scene::{CameraSpec, ClipSpec, ImageSpec, ResolvedScene, Sc
 
 use crate::context::{ChartError, Context, Pace, Scale};
 use crate::stability::streaming::session::translucent;
-use crate::virtual_volume::BrickId;
-use crate::volume::{Point, Volume, build_options};
+use crate::virtual_volume::{Field, VirtualVolume};
+use crate::volume::{Point, Volume, build_options, transfer_function};
 
 /// Vertical angle of view of every scene, degrees.
 const FOV_Y: f64 = 30.0;
@@ -65,7 +65,7 @@ pub enum Subject {
         scene: Box<Scene>,
     },
     /// A cube of so many voxels along an edge of which nothing is stored ([`crate::virtual_volume`]).
-    Virtual(u64),
+    Virtual(Field, u64),
 }
 
 /// Which pictures of a scene are drawn.
@@ -88,7 +88,7 @@ pub enum Planned {
     /// See [`Subject::Own`].
     Own(PathBuf, Box<Scene>),
     /// See [`Subject::Virtual`].
-    Virtual(u64),
+    Virtual(Field, u64),
 }
 
 /// A scene of ours.
@@ -127,6 +127,8 @@ const VEIL: &[Point] = &[(76.5, DARK, 0.0), (255.0, BRIGHT, 0.1)];
 const AMPLITUDES: &[Point] = &[(140.25, DARK, 0.0), (255.0, BRIGHT, 0.3)];
 /// From 0.2 to 0.9 of the range of bytes.
 const TUBES: &[Point] = &[(51.0, DARK, 0.0), (229.5, BRIGHT, 0.3)];
+/// Waves differ by their colours, and little by how opaque they are.
+const MIST: &[Point] = &[(-30_000.0, DARK, 0.14), (30_000.0, BRIGHT, 0.16)];
 /// Flesh as a veil, bones nearly opaque.
 const FLESH_AND_BONES: &[Point] = &[
     (40.0, [0.55, 0.25, 0.15], 0.0),
@@ -145,7 +147,7 @@ const FLESH_AND_BONES: &[Point] = &[
 pub fn planned(context: &Context<'_>, subject: &Subject, edge: Option<u64>) -> Result<Vec<Planned>, ChartError> {
     let only = match subject {
         Subject::Own { container, scene } => return Ok(vec![Planned::Own(container.clone(), scene.clone())]),
-        Subject::Virtual(edge) => return Ok(vec![Planned::Virtual(*edge)]),
+        Subject::Virtual(field, edge) => return Ok(vec![Planned::Virtual(*field, *edge)]),
         Subject::Scenes(only) => only,
     };
     let [azimuth, elevation] = AZIMUTH_ELEVATION.map(f64::to_radians);
@@ -213,9 +215,13 @@ impl Planned {
                 let name = name.trim_end_matches(".nii");
                 (Volume::open(name, path)?, vec![("default", scene.as_ref().clone())])
             }
-            Self::Virtual(edge) => {
-                let (volume, _) = BrickId::open([*edge; 3], CORE)?;
-                let scene = Scene::from_json(&format!("{{{}}}", translucent(volume.radius())))?;
+            Self::Virtual(field, edge) => {
+                let (volume, _) = VirtualVolume::open(*field, [*edge; 3], CORE)?;
+                let look = match field {
+                    Field::BrickId => translucent(volume.radius()),
+                    Field::Waves => transfer_function(0.5 * volume.radius(), MIST),
+                };
+                let scene = Scene::from_json(&format!("{{{look}}}"))?;
                 (volume, vec![("unshaded", scene)])
             }
         };

@@ -14,7 +14,7 @@ use super::session::{Frame, Session, Settings, fresh, linf, pixels_lost, scene, 
 use super::sources::Watched;
 use crate::context::{ChartError, Context};
 use crate::stability::{CurvePoint, Gate, Outcome, Regime};
-use crate::virtual_volume::BrickId;
+use crate::virtual_volume::{Field, VirtualVolume};
 use crate::volume::{Volume, image_size};
 
 /// S32.
@@ -51,7 +51,7 @@ fn orbit(volume: &Volume, steps: usize, size: (u32, u32)) -> Result<Vec<Resolved
 }
 
 fn small_cache(context: &Context<'_>) -> Result<Outcome, ChartError> {
-    let (volume, _) = BrickId::open([4096; 3], 16)?;
+    let (volume, _) = VirtualVolume::open(Field::BrickId, [4096; 3], 16)?;
     let views = orbit(&volume, context.pick(6, 3), context.pick((160, 120), (96, 72)))?;
     let ample = views.iter().map(|v| fresh(&volume, v, Settings::default())).collect::<Result<Vec<_>, _>>()?;
     let working_set_bytes = ample[0].stats.host_cache_bytes;
@@ -153,7 +153,7 @@ fn starvation(context: &Context<'_>) -> Result<Outcome, ChartError> {
 
 /// Two views of opposite corners, in turn. Returns the share of bricks that both use, as a text.
 fn two_views(context: &Context<'_>, starved: &mut Starved) -> Result<String, ChartError> {
-    let (volume, _) = BrickId::open([2048; 3], 16)?;
+    let (volume, _) = VirtualVolume::open(Field::BrickId, [2048; 3], 16)?;
     let size = context.pick((120, 90), (40, 30));
     let corner = |low: f64| {
         let target = [low; 3];
@@ -187,7 +187,7 @@ fn two_views(context: &Context<'_>, starved: &mut Starved) -> Result<String, Cha
 
 /// A frame that wants a hundred times as many bricks as the cache holds. Returns how many.
 fn overflow(context: &Context<'_>, starved: &mut Starved) -> Result<u64, ChartError> {
-    let (volume, _) = BrickId::open([65_536; 3], 16)?;
+    let (volume, _) = VirtualVolume::open(Field::BrickId, [65_536; 3], 16)?;
     let view = &orbit(&volume, 1, context.pick((192, 144), (96, 72)))?[0];
     let whole = fresh(&volume, view, Settings::default())?;
     let cache_bytes = (whole.stats.host_cache_bytes / 100).max(BrickBytes::of(&volume.container).decoded);
@@ -206,7 +206,7 @@ struct Failing {
 
 fn one_failing_brick(context: &Context<'_>) -> Result<Failing, ChartError> {
     const FRAMES: u32 = 32;
-    let source = Arc::new(BrickId::new([128; 3], 16, Geometry::IDENTITY)?);
+    let source = Arc::new(VirtualVolume::new(Field::BrickId, [128; 3], 16, Geometry::IDENTITY)?);
     let bad = BrickKey::new(Lod::FINEST, BrickIndex([1, 2, 3]));
     let place = source.record_bytes_of(bad);
     let hits = Arc::new(AtomicU64::new(0));
@@ -226,7 +226,7 @@ fn one_failing_brick(context: &Context<'_>) -> Result<Failing, ChartError> {
     let size = context.pick((96, 72), (40, 30));
     let view = scene(&volume, &[volume.outside(), image_size(size.0, size.1), translucent(volume.radius())])?;
     let settings = Settings::default().finest();
-    let whole = fresh(&BrickId::open([128; 3], 16)?.0, &view, settings)?;
+    let whole = fresh(&VirtualVolume::open(Field::BrickId, [128; 3], 16)?.0, &view, settings)?;
     let mut session = Session::new(&volume.container, settings)?;
     let mut failing = Failing { curve: Vec::new(), attempts: 0, frames_silent: 0, pixels_lost: 0 };
     for frame_number in 1..=FRAMES {

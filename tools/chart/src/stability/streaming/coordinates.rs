@@ -11,7 +11,7 @@ use supervol_runtime::scene::ResolvedScene;
 use super::session::{linf, scene};
 use crate::context::{ChartError, Context};
 use crate::stability::{CurvePoint, Gate, Outcome, Regime};
-use crate::virtual_volume::{BrickId, PERIOD, value};
+use crate::virtual_volume::{Field, PERIOD, VirtualVolume, value};
 use crate::volume::{Volume, image_size, transfer_function};
 
 /// S39.
@@ -53,7 +53,7 @@ fn borders() -> [Border; 3] {
 
 fn volume_at(origin: f64) -> Result<Volume, ChartError> {
     let geometry = Geometry { origin: [origin, origin, 0.0], ..Geometry::IDENTITY };
-    let source = BrickId::new([LENGTH, CORE, CORE], CORE as u32, geometry)?;
+    let source = VirtualVolume::new(Field::BrickId, [LENGTH, CORE, CORE], CORE as u32, geometry)?;
     Ok(Volume::of("BRICKID", Arc::new(Container::from_source(Arc::new(source))?)))
 }
 

@@ -8,7 +8,7 @@ use supervol_runtime::scene::ResolvedScene;
 use super::session::{Session, Settings, fresh, linf, scene, translucent};
 use crate::context::{ChartError, Context};
 use crate::stability::{CurvePoint, Gate, Outcome, Regime};
-use crate::virtual_volume::BrickId;
+use crate::virtual_volume::{Field, VirtualVolume};
 use crate::volume::{HOST_MEMORY_BYTES, Volume, finest, image_size, transfer_function};
 
 /// S40.
@@ -49,7 +49,7 @@ fn edits(volume: &Volume, size: (u32, u32)) -> Result<Vec<ResolvedScene>, ChartE
 }
 
 fn edits_while_loading(context: &Context<'_>) -> Result<Outcome, ChartError> {
-    let (volume, _) = BrickId::open([512; 3], 16)?;
+    let (volume, _) = VirtualVolume::open(Field::BrickId, [512; 3], 16)?;
     let scenes = edits(&volume, context.pick((96, 72), (40, 30)))?;
     let whole = scenes.iter().map(|s| fresh(&volume, s, Settings::default())).collect::<Result<Vec<_>, _>>()?;
     let mut curve = Vec::new();
@@ -80,7 +80,7 @@ fn determinism(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let mut curve = Vec::new();
     let mut worst_cpu = 0.0f64;
     for (dims, settings) in [(128, Settings::default().finest()), (4096, Settings::default())] {
-        let (volume, _) = BrickId::open([dims; 3], 16)?;
+        let (volume, _) = VirtualVolume::open(Field::BrickId, [dims; 3], 16)?;
         let view = scene(&volume, &[volume.outside(), image_size(size.0, size.1), translucent(volume.radius())])?;
         let whole = fresh(&volume, &view, Settings { threads: 1, ..settings })?;
         let small = Some(whole.stats.host_cache_bytes / 7);
@@ -113,7 +113,7 @@ fn determinism(context: &Context<'_>) -> Result<Outcome, ChartError> {
 }
 
 fn gpu_differences(context: &Context<'_>, size: (u32, u32), curve: &mut Vec<CurvePoint>) -> Result<f64, ChartError> {
-    let (volume, _) = BrickId::open([128; 3], 16)?;
+    let (volume, _) = VirtualVolume::open(Field::BrickId, [128; 3], 16)?;
     let view = scene(&volume, &[volume.outside(), image_size(size.0, size.1), translucent(volume.radius())])?;
     let options = |threads, gpu_memory_bytes| RenderOptions {
         threads: Some(threads),

@@ -12,7 +12,7 @@ use supervol_runtime::stats::FrameStats;
 use super::session::{linf, scene, translucent};
 use crate::context::{ChartError, Context};
 use crate::stability::{CurvePoint, Gate, Outcome, Regime};
-use crate::virtual_volume::BrickId;
+use crate::virtual_volume::{Field, VirtualVolume};
 use crate::volume::{HOST_MEMORY_BYTES, Volume, finest, image_size, transfer_function};
 
 /// S42.
@@ -35,7 +35,7 @@ fn options() -> RenderOptions {
 
 fn device_loss(context: &Context<'_>) -> Result<Outcome, ChartError> {
     let device = GpuDevice::open()?;
-    let (volume, _) = BrickId::open([256; 3], 32)?;
+    let (volume, _) = VirtualVolume::open(Field::BrickId, [256; 3], 32)?;
     let mut curve = Vec::new();
     let (mut longest, mut total_ms) = (0.0f64, 0.0f64);
     for width in context.pick(vec![64, 128, 256, 512], vec![32, 64]) {

@@ -9,7 +9,7 @@ use supervol_runtime::scene::ResolvedScene;
 use super::session::{Session, Settings, scene};
 use crate::context::{ChartError, Context, Pace};
 use crate::stability::{CurvePoint, Gate, Outcome, Regime};
-use crate::virtual_volume::BrickId;
+use crate::virtual_volume::{Field, VirtualVolume};
 use crate::volume::{Volume, image_size, transfer_function};
 
 /// S48.
@@ -30,7 +30,7 @@ const GROWTH_LIMIT_MIB: f64 = 16.0;
 const POINTS: usize = 50;
 
 fn long_run(context: &Context<'_>) -> Result<Outcome, ChartError> {
-    let (volume, _) = BrickId::open([128; 3], 16)?;
+    let (volume, _) = VirtualVolume::open(Field::BrickId, [128; 3], 16)?;
     let mut curve = Vec::new();
     let mut gates = Vec::new();
     let mut note = "Memory is that of the whole process, what earlier regimes have left included; what is expected is what was resident \

@@ -12,7 +12,7 @@ use super::session::{Session, Settings, fresh, median, pixels_lost, scene, trans
 use super::sources::{Rule, Watched, pass};
 use crate::context::{ChartError, Context};
 use crate::stability::{CurvePoint, Gate, Outcome, Regime};
-use crate::virtual_volume::BrickId;
+use crate::virtual_volume::{Field, VirtualVolume};
 use crate::volume::{Volume, image_size};
 
 /// S34.
@@ -42,7 +42,7 @@ pub const FLY_THROUGH: Regime = Regime {
 const READ_DELAY: Duration = Duration::from_micros(300);
 
 fn watched(dims: [u64; 3], core: u32, rule: Rule) -> Result<(Volume, Arc<Watched>), ChartError> {
-    let inner = Arc::new(BrickId::new(dims, core, Geometry::IDENTITY)?);
+    let inner = Arc::new(VirtualVolume::new(Field::BrickId, dims, core, Geometry::IDENTITY)?);
     let source = Watched::new(inner, rule).map_err(|e| ChartError::Broken(e.to_string()))?;
     let source = Arc::new(source);
     let container = Arc::new(Container::from_source(source.clone())?);
@@ -163,7 +163,7 @@ fn fly_through(context: &Context<'_>) -> Result<Outcome, ChartError> {
         Ok(())
     });
     let (volume, _) = watched([4096; 3], 16, delay)?;
-    let (undelayed, _) = BrickId::open([4096; 3], 16)?;
+    let (undelayed, _) = VirtualVolume::open(Field::BrickId, [4096; 3], 16)?;
     let size = context.pick((160, 120), (48, 36));
     let budget_ms = context.pick(150, 40);
     let places = context.pick(5, 2);
