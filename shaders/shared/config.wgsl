@@ -3,7 +3,7 @@
 // Tables are storage buffers, not uniforms: a driver may compile a shader anew for every value of a uniform that decides
 // where it branches, and keep all that it has compiled (Mesa's lavapipe does).
 
-// Written where the volume, the look or the view changes; never with bricks.
+// Written where the volume, the look or the view changes, never with bricks; its job with every dispatch.
 @group(0) @binding(0) var<storage, read> scene: Scene;
 
 // One (state, payload) for each brick of every level, by entry number.

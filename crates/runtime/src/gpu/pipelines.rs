@@ -1,7 +1,6 @@
 //! Compute pipelines and what they bind; the order of the bindings is that of `shaders/shared/config.wgsl`.
 
 use super::device::{GpuDevice, GpuError};
-use super::layout::Dispatch;
 use super::memory::TEXTURE_LIMIT;
 use super::shaders::{BEGIN_PARTS, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, RAYCAST, ShaderModule};
 
@@ -64,7 +63,6 @@ pub struct SceneBindings<'a> {
 
 #[derive(Clone, Copy)]
 enum Access {
-    Job,
     Read,
     ReadWrite,
     Table,
@@ -103,7 +101,7 @@ impl Pipelines {
                 classify_cells: make(&CLASSIFY_CELLS, &[Access::Read]),
                 begin_rays: make(&BEGIN_RAYS, &[Access::ReadWrite, Access::ReadWrite]),
                 begin_parts: make(&BEGIN_PARTS, &[Access::ReadWrite, Access::Read]),
-                raycast: make(&RAYCAST, &[Access::ReadWrite, Access::ReadWrite, Access::Job]),
+                raycast: make(&RAYCAST, &[Access::ReadWrite, Access::ReadWrite]),
                 gather_misses: make(&GATHER_MISSES, &[]),
                 scene_layout,
             }
@@ -127,20 +125,12 @@ impl Pipelines {
 }
 
 impl Pipeline {
-    /// Group 1: whole buffers; of jobs, one at a time.
+    /// Group 1: whole buffers.
     ///
     /// # Errors
     /// If the device refuses it.
-    pub fn bind(
-        &self,
-        gpu: &GpuDevice,
-        buffers: &[&wgpu::Buffer],
-        jobs: Option<&wgpu::Buffer>,
-    ) -> Result<wgpu::BindGroup, GpuError> {
-        let size = wgpu::BufferSize::new(size_of::<Dispatch>() as u64);
-        let job = jobs.map(|buffer| wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size }));
-        let resources = buffers.iter().map(|buffer| buffer.as_entire_binding()).chain(job);
-        bind(gpu, &self.layout, resources.collect())
+    pub fn bind(&self, gpu: &GpuDevice, buffers: &[&wgpu::Buffer]) -> Result<wgpu::BindGroup, GpuError> {
+        bind(gpu, &self.layout, buffers.iter().map(|buffer| buffer.as_entire_binding()).collect())
     }
 }
 
@@ -193,7 +183,6 @@ fn pipeline(
 fn entry(binding: u32, access: Access) -> wgpu::BindGroupLayoutEntry {
     let ty = match access {
         Access::Table => return texture_entry(binding, wgpu::TextureViewDimension::D2),
-        Access::Job => wgpu::BufferBindingType::Uniform,
         Access::Read => wgpu::BufferBindingType::Storage { read_only: true },
         Access::ReadWrite => wgpu::BufferBindingType::Storage { read_only: false },
     };
