@@ -1,8 +1,8 @@
 //! The GPU: which adapter, with which limits, and wgpu's errors turned into [`GpuError`].
 //!
 //! Adapters are preferred in the order discrete, integrated, virtual, software; `SUPERVOL_ADAPTER` names another by a
-//! part of its name (any case). Core WebGPU suffices, so that no feature is requested; limits are requested as far as
-//! the adapter has them, but never beyond what this backend can use.
+//! part of its name (any case). Core WebGPU suffices but for one storage texture more, so that no feature is requested; limits are
+//! requested as far as the adapter has them, but never beyond what this backend can use.
 //! Every allocation runs inside error scopes ([`GpuDevice::checked`]); a lost device is remembered and every later call
 //! answers [`GpuError::DeviceLost`], whereupon the caller builds a new device and a new renderer.
 
@@ -14,6 +14,7 @@ use supervol_format::readable::Mib;
 
 use crate::counters::DeviceCounters;
 
+use super::memory::TEXTURE_LIMIT;
 use super::pipelines::{Pipelines, Variant};
 
 /// Environment variable that names the adapter: any part of its name, in any case.
@@ -24,6 +25,10 @@ const FUTURE_POLL_LIMIT: usize = 1 << 20;
 
 /// Most variants of the pipelines that are kept: modes, with and without shading.
 const VARIANT_LIMIT: usize = 10;
+
+/// Textures that a shader reads as storage: the cache's, and the transfer function's light. WebGPU guarantees one less: adapters that
+/// have no more are refused.
+const STORAGE_TEXTURES: u32 = TEXTURE_LIMIT as u32 + 1;
 
 /// What the GPU could not do, with advice where there is any.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -367,9 +372,11 @@ fn preference(kind: wgpu::DeviceType) -> u32 {
     }
 }
 
-/// WebGPU's guaranteed limits, raised to the adapter's in the four sizes that decide how much fits.
+/// WebGPU's guaranteed limits, raised to the adapter's in the four sizes that decide how much fits, and by the textures that are
+/// read most.
 fn wanted_limits(adapter: &wgpu::Limits) -> wgpu::Limits {
     let mut limits = wgpu::Limits::defaults();
+    limits.max_storage_textures_per_shader_stage = STORAGE_TEXTURES;
     limits.max_texture_dimension_3d = adapter.max_texture_dimension_3d;
     limits.max_buffer_size = adapter.max_buffer_size;
     limits.max_storage_buffer_binding_size = adapter.max_storage_buffer_binding_size;

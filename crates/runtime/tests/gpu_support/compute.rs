@@ -111,7 +111,7 @@ fn texture(gpu: &GpuDevice, texels: &[u8], [width, height, depth_or_array_layers
         sample_count: 1,
         dimension: wgpu::TextureDimension::D3,
         format: wgpu::TextureFormat::Rgba32Uint,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     });
     gpu.write_texture(texture.as_image_copy(), texels, size);
