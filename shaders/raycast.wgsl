@@ -2,16 +2,15 @@
 
 @group(1) @binding(0) var<storage, read_write> states: array<RayState>;
 @group(1) @binding(1) var<storage, read_write> errors: array<RayErrors>;
-@group(1) @binding(2) var<uniform> job: Dispatch;
 
 @compute @workgroup_size(64)
 fn raycast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     config = scene.config;
     // A ray that has nothing to do adds nothing to the counters either.
-    let place = job.first_ray + id.x;
+    let place = scene.job.first_ray + id.x;
     if (place < scene.view.places) {
         var state = states[place];
-        let waits = state.status == STATUS_WAITING && job.later_round != 0u;
+        let waits = state.status == STATUS_WAITING && scene.job.later_round != 0u;
         if (state.status != STATUS_DONE && !waits) {
             if (has_flag(FLAG_ERRORS)) {
                 ray_errors = errors[place];

@@ -39,10 +39,10 @@ fn texel_step() -> u32 {
 fn texel_of(slot: Slot, place: vec3<u32>) -> vec4<u32> {
     let texel = slot.first + vec3<i32>(place);
     switch min(slot.texture, TEXTURE_COUNT - 1u) {
-        case 0u: { return textureLoad(cache_0, texel, 0); }
-        case 1u: { return textureLoad(cache_1, texel, 0); }
-        case 2u: { return textureLoad(cache_2, texel, 0); }
-        default: { return textureLoad(cache_3, texel, 0); }
+        case 0u: { return textureLoad(cache_0, texel); }
+        case 1u: { return textureLoad(cache_1, texel); }
+        case 2u: { return textureLoad(cache_2, texel); }
+        default: { return textureLoad(cache_3, texel); }
     }
 }
 

@@ -3,7 +3,7 @@
 // Tables are storage buffers, not uniforms: a driver may compile a shader anew for every value of a uniform that decides
 // where it branches, and keep all that it has compiled (Mesa's lavapipe does).
 
-// Written where the volume, the look or the view changes; never with bricks.
+// Written where the volume, the look or the view changes, never with bricks; its job with every dispatch.
 @group(0) @binding(0) var<storage, read> scene: Scene;
 
 // One (state, payload) for each brick of every level, by entry number.
@@ -14,8 +14,9 @@
 @group(0) @binding(2) var points: texture_2d<u32>;
 // `config.bin_count` bins, then the bits of the knots' values.
 @group(0) @binding(3) var transfer_index: texture_2d<u32>;
-// Extinction and emission by bins (light.wgsl).
-@group(0) @binding(4) var light_table: texture_2d<u32>;
+// Extinction and emission by bins (light.wgsl). What is fetched for every part of a ray is a storage texture: it has no levels of
+// detail, for which software adapters compute an address at every fetch.
+@group(0) @binding(4) var light_table: texture_storage_2d<rgba32uint, read>;
 
 // For each slot the (least, greatest) render value of each macro cell, x fastest; least > greatest: nothing is there.
 @group(0) @binding(5) var<storage, read> macro_ranges: array<vec2<f32>>;
@@ -37,10 +38,10 @@ struct Feedback {
 @group(0) @binding(7) var<storage, read_write> feedback: Feedback;
 
 // Slots of stored voxels: integers biased to unsigned, floats as their bits. Unused ones hold one texel.
-@group(0) @binding(8) var cache_0: texture_3d<u32>;
-@group(0) @binding(9) var cache_1: texture_3d<u32>;
-@group(0) @binding(10) var cache_2: texture_3d<u32>;
-@group(0) @binding(11) var cache_3: texture_3d<u32>;
+@group(0) @binding(8) var cache_0: texture_storage_3d<rgba32uint, read>;
+@group(0) @binding(9) var cache_1: texture_storage_3d<rgba32uint, read>;
+@group(0) @binding(10) var cache_2: texture_storage_3d<rgba32uint, read>;
+@group(0) @binding(11) var cache_3: texture_storage_3d<rgba32uint, read>;
 
 // What bricks may be off by; pages say which is theirs. Read where `FLAG_ERRORS` is set.
 @group(0) @binding(12) var<storage, read> deviations: array<GpuDeviation>;

@@ -352,6 +352,16 @@ struct View {
     padding_1: vec2<u32>,
 }
 
+// One dispatch: a run of rays.
+struct Dispatch {
+    // Place of the first ray.
+    first_ray: u32,
+    // 0 in a pass's first round, in which waiting rays look again whether their brick has come; then 1.
+    later_round: u32,
+    // Zero.
+    padding: vec2<u32>,
+}
+
 // All tables of fixed size.
 struct Scene {
     // What the scene and the volume fix.
@@ -360,6 +370,8 @@ struct Scene {
     tables: Tables,
     // Rays.
     view: View,
+    // Which of them are cast now.
+    job: Dispatch,
 }
 
 // How far a ray has come; 48 bytes, none of which the ray itself needs: pixels say where that is.
@@ -431,14 +443,6 @@ struct RayPart {
     end_strides: u32,
     // Parameter from there to its end.
     end_rest: f32,
-}
-
-// One dispatch: a run of rays.
-struct Dispatch {
-    // Place of the first ray.
-    first_ray: u32,
-    // 0 in a pass's first round, in which waiting rays look again whether their brick has come; then 1.
-    later_round: u32,
 }
 
 // Counters of one dispatch, read back after it.

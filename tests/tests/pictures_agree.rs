@@ -1,7 +1,7 @@
 //! Acceptance of the pictures: real containers, every mode, every backend, and what must not change a picture.
 //!
-//! The reference integrator decides what is right. Backends must agree pairwise within half a grey level of 255
-//! ([`BOUND`]); what the design promises to change nothing changes no bit on the CPU. With `--nocapture` every distance
+//! The reference integrator decides what is right. Backends must agree pairwise within the error that is asked for, half a grey level of 255
+//! ([`BOUND`]) by default; what the design promises to change nothing changes no bit on the CPU. With `--nocapture` every distance
 //! is printed; `UPDATE_ACCEPTANCE=1` writes those of the backends to `docs/acceptance.md`.
 
 #![allow(clippy::print_stdout, reason = "the distances measured are what these tests are for")]
@@ -14,13 +14,14 @@ use supervol_format::{Dims, Lod, VoxelBox, VoxelType};
 use supervol_preprocess::source::open::{OpenOptions, open};
 use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_runtime::frame::{Backend, LevelChoice, RenderError, RenderOptions};
-use supervol_runtime::image::{Image, greatest};
+use supervol_runtime::image::{GREY_LEVELS, Image, greatest};
 use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::raycast::cpu::{Caster, Skipping};
 use supervol_runtime::raycast::gpu::GpuError;
 use supervol_runtime::raycast::scalar::CellRule;
-use supervol_runtime::renderer::render;
+use supervol_runtime::renderer::{Renderer, render};
 use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::volume::Volume;
 use supervol_tests::fields::{Field, options};
 use supervol_tests::pictures::{
     BOUND, EYE_SHIFT_VOXELS, SubBox, Subject, covered, distance, finest, gpu_name, mean_distance, stable_pixels,
@@ -30,6 +31,10 @@ use supervol_tests::pictures::{
 const SIZE: &str = r#""image": {"width": 64, "height": 48}"#;
 const SMALL: &str = r#""image": {"width": 40, "height": 32}"#;
 const SHADED: &str = r#""shading": {}"#;
+/// Errors that are asked for, grey levels of 255.
+const ASKED: [f64; 3] = [0.1, BOUND, 2.0];
+/// Below this the GPU aims at the error that is asked for, but its tables do not keep it by construction (decision 017).
+const LEAST_KEPT: f64 = 0.25;
 /// Most pixels that may lie on silhouettes, as a share of the picture.
 const SILHOUETTE_SHARE: f64 = 0.02;
 /// What a uniform brick may cost: it is integrated as one chord, so that a ray may end behind the opacity at which its
@@ -95,33 +100,60 @@ fn carp() -> Subject {
     Subject::new("carp CT 64^3 u8", &head, &options(32))
 }
 
-/// Distances of one picture by all backends.
+/// Draws pictures of level 0, one after the other: bricks stay, and on a GPU pipelines.
+struct Drawer(Renderer);
+
+impl Drawer {
+    fn new(subject: &Subject, backend: Backend) -> Self {
+        let volume = Volume::of(subject.container.clone());
+        Self(Renderer::new(volume, finest(backend)).unwrap_or_else(|e| panic!("{}, {backend:?}: {e}", subject.name)))
+    }
+
+    /// The picture at an error, grey levels.
+    fn draw(&mut self, scene: &ResolvedScene, asked: f64) -> Image {
+        let options = RenderOptions { max_error: asked / GREY_LEVELS, ..self.0.options().clone() };
+        self.0.set_options(options);
+        self.0.set_scene(scene.clone());
+        let step = self.0.advance(None).unwrap_or_else(|e| panic!("{e}"));
+        let stats = self.0.stats();
+        let is_whole = step.is_converged && stats.bricks_failed == 0 && stats.device.anomalies == 0;
+        assert!(is_whole, "{stats:#?}");
+        self.0.picture().expect("it has converged").into_owned()
+    }
+}
+
+/// How far apart two backends are at each of the errors [`ASKED`] for.
+type Distances = [f64; ASKED.len()];
+
+/// Distances of one scene's pictures by all backends.
 struct Row {
     scene: String,
     mode: String,
-    cpu_reference: f64,
-    gpu_reference: Option<f64>,
-    gpu_cpu: Option<f64>,
+    cpu_reference: Distances,
+    gpu_reference: Option<Distances>,
+    gpu_cpu: Option<Distances>,
     not_judged: usize,
     pixels: usize,
 }
 
 impl Row {
-    fn worst(&self) -> f64 {
-        greatest([Some(self.cpu_reference), self.gpu_reference, self.gpu_cpu].into_iter().flatten())
+    fn distances(&self) -> impl Iterator<Item = Distances> {
+        [Some(self.cpu_reference), self.gpu_reference, self.gpu_cpu].into_iter().flatten()
     }
 
     fn markdown(&self) -> String {
-        let number = |d: Option<f64>| d.map_or("-".into(), |d| format!("{d:.4}"));
+        let number = |d: &f64| format!("{d:.4}");
+        let numbers =
+            |d: Option<Distances>| d.map_or(vec!["-".into(); ASKED.len()], |d| d.iter().map(number).collect());
         let Self { scene, mode, not_judged, pixels, .. } = self;
-        let distances = [Some(self.cpu_reference), self.gpu_reference, self.gpu_cpu].map(number).join(" | ");
+        let distances = [Some(self.cpu_reference), self.gpu_reference, self.gpu_cpu].map(numbers).concat().join(" | ");
         let silhouettes = if mode.starts_with("iso") { format!("{not_judged} of {pixels}") } else { "-".into() };
         format!("| {scene} | {mode} | {distances} | {silhouettes} |")
     }
 }
 
-/// One picture by the reference, the CPU and, if asked for, the GPU.
-fn compare(subject: &Subject, mode: &str, scene: &ResolvedScene, with_gpu: bool) -> Row {
+/// The pictures of one scene by the reference, the CPU and, where there is one, the GPU.
+fn compare(subject: &Subject, drawers: &mut [Drawer], mode: &str, scene: &ResolvedScene) -> Row {
     let exact = subject.finest(scene, Backend::Reference);
     let name = format!("{}, {mode}", subject.name);
     // The least value of nearly every ray may be one that shows nothing.
@@ -130,14 +162,15 @@ fn compare(subject: &Subject, mode: &str, scene: &ResolvedScene, with_gpu: bool)
     let stable =
         if mode.starts_with("iso") { stable_pixels(subject, scene, &exact) } else { vec![true; exact.pixels.len()] };
     let between = |a: &Image, b: &Image| a.distance_where(b, |i| stable[i]);
-    let cpu = subject.finest(scene, Backend::Cpu);
-    let gpu = with_gpu.then(|| subject.finest(scene, Backend::Gpu));
+    let pictures: Vec<_> = drawers.iter_mut().map(|drawer| ASKED.map(|asked| drawer.draw(scene, asked))).collect();
+    let from_reference = |pictures: &[Image; ASKED.len()]| pictures.each_ref().map(|picture| between(picture, &exact));
+    let gpu = pictures.get(1);
     let row = Row {
         scene: subject.name.clone(),
         mode: mode.into(),
-        cpu_reference: between(&cpu, &exact),
-        gpu_reference: gpu.as_ref().map(|gpu| between(gpu, &exact)),
-        gpu_cpu: gpu.as_ref().map(|gpu| between(gpu, &cpu)),
+        cpu_reference: from_reference(&pictures[0]),
+        gpu_reference: gpu.map(from_reference),
+        gpu_cpu: gpu.map(|gpu| std::array::from_fn(|i| between(&gpu[i], &pictures[0][i]))),
         not_judged: stable.iter().filter(|stable| !**stable).count(),
         pixels: stable.len(),
     };
@@ -147,8 +180,10 @@ fn compare(subject: &Subject, mode: &str, scene: &ResolvedScene, with_gpu: bool)
 
 fn check(row: &Row) {
     let name = format!("{}, {}", row.scene, row.mode);
-    assert!(row.worst() <= BOUND, "{name}: {}/255, bound {BOUND}/255", row.worst());
-    assert!(row.gpu_cpu.is_none_or(|d| d <= BOUND), "{name}: GPU and CPU are {:?}/255 apart", row.gpu_cpu);
+    for (i, asked) in ASKED.into_iter().enumerate() {
+        let (worst, bound) = (greatest(row.distances().map(|d| d[i])), asked.max(LEAST_KEPT));
+        assert!(worst <= bound, "{name} at an error of {asked}: {worst}/255, bound {bound}/255");
+    }
     let share = row.not_judged as f64 / row.pixels as f64;
     assert!(share <= SILHOUETTE_SHARE, "{name}: {} of {} pixels are not judged", row.not_judged, row.pixels);
 }
@@ -156,6 +191,7 @@ fn check(row: &Row) {
 #[test]
 fn backends_agree_in_every_mode() {
     let gpu = gpu_name();
+    let backends = [Some(Backend::Cpu), gpu.as_ref().map(|_| Backend::Gpu)];
     let subjects = vec![
         synthetic("marschner-lobb", 41, VoxelType::U8),
         synthetic("seismic", 48, VoxelType::F32),
@@ -164,17 +200,16 @@ fn backends_agree_in_every_mode() {
     ];
     let mut rows = Vec::new();
     for subject in &subjects {
+        let mut drawers: Vec<_> = backends.into_iter().flatten().map(|backend| Drawer::new(subject, backend)).collect();
         let camera = subject.outside();
         for (mode, members) in modes(subject) {
             let scene = subject.scene(&[&camera, SIZE, &smooth(subject), &members]);
-            rows.push(compare(subject, mode, &scene, gpu.is_some()));
+            rows.push(compare(subject, &mut drawers, mode, &scene));
         }
         for (mode, tf) in [("dvr, step", step(subject)), ("dvr, hat", hat(subject))] {
-            rows.push(compare(subject, mode, &subject.scene(&[&camera, SIZE, &tf]), gpu.is_some()));
+            rows.push(compare(subject, &mut drawers, mode, &subject.scene(&[&camera, SIZE, &tf])));
             let shaded = subject.scene(&[&camera, SIZE, &tf, SHADED]);
-            // The steepest case: the deepest cells, at a unit distance of a third of their chords.
-            let is_steepest = subject.name.starts_with("seismic");
-            rows.push(compare(subject, &format!("{mode}, shaded"), &shaded, gpu.is_some() && is_steepest));
+            rows.push(compare(subject, &mut drawers, &format!("{mode}, shaded"), &shaded));
         }
     }
     if std::env::var_os("UPDATE_ACCEPTANCE").is_some_and(|v| v == "1") {
@@ -189,10 +224,15 @@ const WRITES: &str = "strings take everything";
 fn write_table(rows: &[Row], gpu: Option<&str>) {
     let mut text = String::from("# Acceptance of the pictures\n\n");
     let gpu = gpu.unwrap_or("none");
-    let worst = greatest(rows.iter().map(Row::worst));
+    let worst: [String; ASKED.len()] =
+        std::array::from_fn(|i| format!("{:.4}", greatest(rows.iter().flat_map(Row::distances).map(|d| d[i]))));
+    let worst = worst.join(", ");
+    let asked = ASKED.map(|asked| asked.to_string());
+    let [asked_for, columns] = [", ", " | "].map(|between| asked.join(between));
     let intro = format!(
         "Greatest difference of a colour channel or of opacity between two backends, in grey levels (1/255), level 0, \
-         64 x 48 pixels. The bound is {BOUND}; the worst is {worst:.4}. GPU adapter: {gpu}. Made by\n\n    \
+         64 x 48 pixels, at errors of {asked_for} that are asked for (`--max-error`): each is the bound, or {LEAST_KEPT} where \
+         it is less; the worst are {worst}. GPU adapter: {gpu}. Made by\n\n    \
          UPDATE_ACCEPTANCE=1 cargo test -p supervol-tests --test pictures_agree backends_agree -- --nocapture\n\n\
          Not judged are, in mode iso only, pixels at which the reference itself changes by more than the bound when \
          the eye moves by {EYE_SHIFT_VOXELS} voxels: silhouettes, where the right picture jumps. They may be at most \
@@ -201,8 +241,12 @@ fn write_table(rows: &[Row], gpu: Option<&str>) {
         SILHOUETTE_SHARE * 100.0
     );
     text += &intro;
-    text +=
-        "| scene | mode | CPU - reference | GPU - reference | GPU - CPU | not judged |\n|---|---|---|---|---|---|\n";
+    writeln!(
+        text,
+        "| scene | mode | CPU - reference: {columns} | GPU - reference: {columns} | GPU - CPU: {columns} | not judged |"
+    )
+    .expect(WRITES);
+    writeln!(text, "|---|---|{}---|", "---|".repeat(3 * ASKED.len())).expect(WRITES);
     for row in rows {
         writeln!(text, "{}", row.markdown()).expect(WRITES);
     }

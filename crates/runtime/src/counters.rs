@@ -121,9 +121,20 @@ sums! {
         pub anomalies: u64,
         /// Wall time of copying bricks to the graphics device.
         pub upload_ms: f64,
-        /// Bytes of voxels copied to it.
-        #[serde(skip)]
+        /// Bytes of voxels copied to it, as texels.
         pub upload_bytes: u64,
+        /// Bytes written to it in all: voxels, and tables, of which most come with another scene.
+        #[serde(rename = "gpu_written_bytes")]
+        pub written_bytes: u64,
+        /// Bytes read back from it: counters, lists of bricks, pixels.
+        #[serde(rename = "gpu_read_bytes")]
+        pub read_bytes: u64,
+        /// Pieces of work handed to its queue.
+        #[serde(rename = "gpu_submits")]
+        pub submits: u64,
+        /// Of these: runs of rays that were cast.
+        #[serde(rename = "gpu_dispatches")]
+        pub dispatches: u64,
         /// Bricks that left it to make room.
         #[serde(skip)]
         pub evictions: u64,
@@ -133,9 +144,6 @@ sums! {
         /// Wall time of passes, read-back included.
         #[serde(skip)]
         pub pass_ms: f64,
-        /// Dispatches.
-        #[serde(skip)]
-        pub dispatches: u64,
         /// Times a ray reached the work limit of a dispatch and went on in the next.
         #[serde(skip)]
         pub interruptions: u64,

@@ -249,7 +249,8 @@ mod tests {
         repeated_page_ins evictions cancelled states_forgotten reads merged_reads failed_reads bytes_read
         bytes_decoded retried_reads read_ms wait_ms decode_ms plan_ms upload_ms render_ms total_ms handed_over_ms cpu_ms
         peak_rss_bytes host_cache_bytes host_cache_peak_bytes host_cache_budget_bytes host_budget_bytes
-        gpu_bytes gpu_budget_bytes gpu_page_ins gpu_anomalies gpu_dispatch_ms_max gpu_lost_because rays
+        gpu_bytes gpu_budget_bytes gpu_page_ins gpu_anomalies upload_bytes gpu_written_bytes gpu_read_bytes
+        gpu_submits gpu_dispatches gpu_dispatch_ms_max gpu_lost_because rays
         rays_terminated_early samples cells cells_refined cells_exact macro_cells macro_cells_skipped
         fallbacks bricks_missing_at_deadline pixels_unfinished coarsest_pixel bricks_failed failures
         max_error_requested error_bound bricks_without_bound reference_capped_pieces error_predicted

@@ -248,6 +248,40 @@ fn another_look_or_view_uploads_no_brick() {
     assert!(!renderer.set_scene(&volume.gpu_volume(), &larger, FINEST, true).unwrap(), "there is no room for its rays");
 }
 
+/// What goes to the device and comes back is counted, to the byte.
+#[test]
+fn traffic_is_counted() {
+    let Some(gpu) = gpu() else { return };
+    let volume = volume();
+    let options = GpuOptions { memory_bytes: 64 << 20, ..GpuOptions::default() };
+    let scene = volume.scene(SCENE);
+    let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options, None).unwrap();
+    volume.bricks.values().for_each(|brick| assert!(matches!(renderer.insert(brick), Ok(Insertion::Placed { .. }))));
+    let loaded = renderer.stats().counters;
+    assert!(
+        loaded.upload_bytes > 0 && loaded.written_bytes > loaded.upload_bytes && loaded.read_bytes == 0,
+        "{loaded:?}"
+    );
+    renderer.cast_pass().unwrap();
+    let cast = renderer.stats().counters.since(&loaded);
+    // Feedback is cleared, cells are classified, and misses gathered; a shader that is new is run on no ray.
+    assert!(cast.dispatches > 0 && cast.submits == cast.dispatches + 4, "{cast:?}");
+    assert!(cast.upload_bytes == 0 && cast.read_bytes > 0, "{cast:?}");
+    let before = renderer.stats().counters;
+    renderer.image().unwrap();
+    let read = renderer.stats().counters.since(&before);
+    assert_eq!((read.read_bytes, read.written_bytes, read.submits), (32 * 24 * 48, 0, 1), "48 bytes a ray");
+    // Another view alone is some kilobytes.
+    let view = volume.scene(&SCENE.replace("[75, 55, 95]", "[-60, 70, 40]"));
+    let before = renderer.stats().counters;
+    assert!(renderer.set_scene(&volume.gpu_volume(), &view, FINEST, true).unwrap());
+    let view = renderer.stats().counters.since(&before);
+    assert!(view.written_bytes < 32 << 10, "{view:?}");
+    // A renderer begins at nothing, whatever the device has done.
+    let next = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options, None).unwrap().stats().counters;
+    assert_eq!((next.read_bytes, next.submits), (0, 1), "{next:?}");
+}
+
 /// Rays that were not cast when it was time to stop are not finished, and go on.
 #[test]
 fn a_pass_that_is_stopped_goes_on() {

@@ -17,7 +17,8 @@ use supervol_runtime::camera::Projection;
 use supervol_runtime::clip::{IndexRay, Segment, clip_ray};
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::gpu::layout::{
-    PAGE_FAILED, PAGE_MISSING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, STATUS_ACTIVE, Scene as GpuScene, SlotGrid,
+    Dispatch, PAGE_FAILED, PAGE_MISSING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, STATUS_ACTIVE, Scene as GpuScene,
+    SlotGrid,
 };
 use supervol_runtime::gpu::light_table::LightTable;
 use supervol_runtime::gpu::rays::ViewLines;
@@ -287,7 +288,7 @@ fn gpu_results(
     let lines = ViewLines::new(camera, &setting.geometry, dims);
     let view = lines.view(camera, &setting.geometry, dims, &setting.scene.clip).expect("a view");
     config.stride = lines.stride() as f32;
-    let scene = GpuScene { config, tables, view };
+    let scene = GpuScene { config, tables, view, job: Dispatch::zeroed() };
     let group_0 = [
         (0, Resource::Storage(bytemuck::bytes_of(&scene))),
         (1, Resource::Storage(bytemuck::cast_slice(pages))),

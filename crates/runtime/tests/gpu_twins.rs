@@ -9,7 +9,7 @@ use gpu_support::compute::{Resource, run};
 use gpu_support::{F32, TestVolume, gpu, marschner_lobb};
 use supervol_format::Geometry;
 use supervol_format::random::Random;
-use supervol_runtime::gpu::layout::{LIGHT_BINS, Scene as GpuScene, SlotGrid, View};
+use supervol_runtime::gpu::layout::{Dispatch, LIGHT_BINS, Scene as GpuScene, SlotGrid, View};
 use supervol_runtime::gpu::light::{LightChord, LightPart, integrate_chord, light_at, shade_part, twist_of, value_in};
 use supervol_runtime::gpu::light_table::LightTable;
 use supervol_runtime::gpu::scene_tables::{self, Exactness, FeedbackPlaces};
@@ -219,7 +219,7 @@ fn compare_with_twins(gpu: &GpuDevice, shininess: u32) {
     let config =
         scene_tables::config(&volume.gpu_volume(), &scene, &tf, &light, EXACTNESS, places).expect("a configuration");
     let tables = scene_tables::tables(&volume.gpu_volume(), &scene).expect("tables");
-    let scene = GpuScene { config, tables, view: View::zeroed() };
+    let scene = GpuScene { config, tables, view: View::zeroed(), job: Dispatch::zeroed() };
     let (points, index) = (scene_tables::points(&tf), scene_tables::transfer_index(&tf));
     let group_0 = [
         (0, Resource::Storage(bytemuck::bytes_of(&scene))),

@@ -10,7 +10,7 @@ use gpu_support::{TestVolume, U8, gpu, marschner_lobb};
 use supervol_format::Geometry;
 use supervol_format::random::Random;
 use supervol_runtime::gpu::cache::{VoxelStorage, slot_at};
-use supervol_runtime::gpu::layout::{FLAG_ABSENT, FLAG_SURFACES, Scene as GpuScene, SlotGrid, View};
+use supervol_runtime::gpu::layout::{Dispatch, FLAG_ABSENT, FLAG_SURFACES, Scene as GpuScene, SlotGrid, View};
 use supervol_runtime::gpu::light::value_in;
 use supervol_runtime::gpu::light_table::LightTable;
 use supervol_runtime::gpu::rays::RayGrid;
@@ -222,7 +222,7 @@ fn setting() -> Setting {
     tables.isos.iter_mut().zip(ISOS).for_each(|(iso, value)| iso.value = value);
     let tiles_x = RayGrid { width: WIDTH, height: 1 }.tiles()[0];
     let view = View { tiles_x, first_row: FIRST_ROW, ..View::zeroed() };
-    Setting { scene: GpuScene { config, tables, view }, lighting }
+    Setting { scene: GpuScene { config, tables, view, job: Dispatch::zeroed() }, lighting }
 }
 
 #[test]

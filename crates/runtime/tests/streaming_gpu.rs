@@ -237,6 +237,8 @@ fn bands_are_kept_when_it_is_time_to_stop() {
     let scene = scene_of_size(&volume, r#""dvr""#, [1400, 1200], 150);
     let (expected, stats) = render(&container, &scene, &options).unwrap();
     assert!(stats.bands > 1, "{} bands", stats.bands);
+    let (by_cpu, _) = render(&container, &scene, &RenderOptions { backend: Backend::Cpu, ..options.clone() }).unwrap();
+    assert!(difference(&expected, &by_cpu) <= TOLERANCE, "bands are not the picture");
     let mut renderer = Renderer::new(OpenVolume::of(container), options).unwrap();
     renderer.set_scene(scene);
     let mut steps = 1;

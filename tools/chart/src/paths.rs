@@ -11,6 +11,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use supervol_runtime::counters::DeviceCounters;
 use supervol_runtime::frame::Backend;
 use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::process;
@@ -145,6 +146,9 @@ pub struct FrameCost {
     pub coarsest_pixel: u32,
     /// Distance from the converged frame, root of the mean square over all channels, grey levels of 255.
     pub rmse: f64,
+    /// What a graphics device did for it.
+    #[serde(flatten)]
+    pub device: DeviceCounters,
 }
 
 /// One volume and look along the path.
@@ -254,6 +258,7 @@ fn ride(
             unfinished: stats.pixels_unfinished as f64 / frame.image.pixels.len() as f64,
             coarsest_pixel: stats.coarsest_pixel,
             rmse,
+            device: stats.device,
         });
         pace.tell(|| format!("  frame {} of {}: {:.0} ms", i + 1, path.frames.len(), frame.ms));
         if kept.contains(&i) {

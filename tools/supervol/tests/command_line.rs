@@ -4,6 +4,8 @@ mod support;
 
 use std::path::Path;
 
+use supervol_runtime::gpu::device::{ADAPTER_VARIABLE, GpuDevice};
+use supervol_runtime::renderer::NO_DEVICE;
 use support::{Folder, json};
 
 #[test]
@@ -174,6 +176,49 @@ fn pictures_are_written_in_three_formats_with_statistics() {
 }
 
 /// A scene over 48^3 voxels whose mode and image members are given.
+/// Who draws a picture, and the lines of standard error about it, with lavapipe as the adapter that is named.
+fn about_backend(folder: &Folder, backend: &[&str]) -> (String, Vec<String>) {
+    let picture = ["render", "v.svol", "-o", "p.png", "--size", "16x12", "--stats", "t.json"];
+    let command = [&picture[..], backend].concat();
+    let output = folder.command(&command).env(ADAPTER_VARIABLE, "llvmpipe").output().expect("the program starts");
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{text}");
+    let stats = json(&std::fs::read_to_string(folder.path("t.json")).expect("render wrote it"));
+    // Drivers have their own to say.
+    let lines = text.lines().filter(|line| line.contains("--backend")).map(str::to_owned).collect();
+    (stats["backend"].as_str().expect("a name").to_owned(), lines)
+}
+
+#[test]
+fn who_casts_the_rays_and_why_is_said_in_one_line() {
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "vessels", "--dims", "20,20,20", "-o", "v.svol"]);
+    let (backend, lines) = about_backend(&folder, &["--backend", "auto"]);
+    let [line] = &lines[..] else { panic!("not one line: {lines:?}") };
+    assert!(line.starts_with(&format!("--backend auto: {backend}, because ")), "{line}");
+    // Who has not asked is told only what is not as on most machines.
+    let is_plain = line.ends_with(NO_DEVICE);
+    assert_eq!(about_backend(&folder, &[]).1, if is_plain { vec![] } else { lines.clone() });
+    assert!(about_backend(&folder, &["--backend", "cpu"]).1.is_empty());
+}
+
+#[test]
+#[allow(clippy::print_stderr, reason = "a skipped test must be seen")]
+fn a_software_adapter_that_is_named_warns_once() {
+    if let Err(error) = GpuDevice::open_named(Some("llvmpipe")) {
+        let is_required = std::env::var_os("SUPERVOL_REQUIRE_GPU").is_some_and(|v| v == "1");
+        assert!(!is_required, "SUPERVOL_REQUIRE_GPU=1, but {error}");
+        eprintln!("SKIPPED: no software adapter ({error})");
+        return;
+    }
+    let folder = Folder::new();
+    folder.expect(0, &["synth", "vessels", "--dims", "20,20,20", "-o", "v.svol"]);
+    let (backend, lines) = about_backend(&folder, &["--backend", "gpu"]);
+    let [line] = &lines[..] else { panic!("not one line: {lines:?}") };
+    assert_eq!(backend, "gpu");
+    assert!(line.starts_with("llvmpipe") && line.contains("is a processor: --backend cpu draws"), "{line}");
+}
+
 fn check_scene(members: &str) -> String {
     format!(
         r#"{{"camera": {{"eye": [150, 30, 80], "target": [24, 24, 24], "up": [0, 0, 1], "fov_y": 30}}, {members},

@@ -197,9 +197,10 @@ impl GpuBackend {
         let deviation_of = || deviations.as_ref().map(|of| deviation_of(container.clone(), of.clone()));
         let kept = match caster {
             Some(mut kept) => {
+                let before = kept.renderer.stats().counters;
                 kept.renderer.set_max_error(options.max_error);
                 kept.renderer.set_deviations(deviation_of());
-                kept.renderer.set_scene(&volume, scene, lod, keeps_answers)?.then_some(kept.renderer)
+                kept.renderer.set_scene(&volume, scene, lod, keeps_answers)?.then_some((kept.renderer, before))
             }
             None => None,
         };
@@ -210,9 +211,12 @@ impl GpuBackend {
             sums_errors: picture.room.1,
             room: Some(picture.room.0),
         };
-        let mut renderer = match kept {
-            Some(renderer) => renderer,
-            None => GpuRenderer::new(&self.device, &volume, scene, lod, gpu_options, deviation_of())?,
+        let (mut renderer, before) = match kept {
+            Some(kept) => kept,
+            None => {
+                let renderer = GpuRenderer::new(&self.device, &volume, scene, lod, gpu_options, deviation_of())?;
+                (renderer, DeviceCounters::default())
+            }
         };
         if !keeps_answers {
             let is_too_coarse = |key: &BrickKey| streamer.is_too_coarse(*key);
@@ -220,7 +224,7 @@ impl GpuBackend {
             keys.into_iter().for_each(|key| renderer.set_state(key, PageEntry::TooCoarse));
         }
         Ok(GpuCaster {
-            before: renderer.stats().counters,
+            before,
             renderer,
             pyramid: descriptor.pyramid.clone(),
             counters: RayCounters { rays: scene.rays(), ..RayCounters::default() },

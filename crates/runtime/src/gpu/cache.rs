@@ -228,21 +228,10 @@ impl GpuCache {
         let (texture, [x, y, z]) = slot_at(&self.grids, self.slot, slot.0);
         let texels = self.storage.packed(extent, voxels);
         self.make_room(texels.len() as u64)?;
-        self.gpu.queue.write_texture(
-            wgpu::TexelCopyTextureInfo {
-                texture: &self.textures[texture],
-                mip_level: 0,
-                origin: wgpu::Origin3d { x, y, z },
-                aspect: wgpu::TextureAspect::All,
-            },
-            &texels,
-            wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(width * TEXEL_BYTES as u32),
-                rows_per_image: Some(height),
-            },
-            wgpu::Extent3d { width, height, depth_or_array_layers: depth },
-        );
+        let place =
+            wgpu::TexelCopyTextureInfo { origin: wgpu::Origin3d { x, y, z }, ..self.textures[texture].as_image_copy() };
+        let size = wgpu::Extent3d { width, height, depth_or_array_layers: depth };
+        self.gpu.write_texture(place, &texels, size);
         Ok(texels.len() as u64)
     }
 
@@ -257,7 +246,7 @@ impl GpuCache {
         assert_eq!(ranges.len(), self.cells, "macro cells of a slot");
         let bytes: &[u8] = bytemuck::cast_slice(ranges);
         self.make_room(bytes.len() as u64)?;
-        self.gpu.queue.write_buffer(&self.macro_ranges, u64::from(slot.0) * bytes.len() as u64, bytes);
+        self.gpu.write_buffer(&self.macro_ranges, u64::from(slot.0) * bytes.len() as u64, bytes);
         Ok(())
     }
 
@@ -281,7 +270,7 @@ impl GpuCache {
         for run in pending.chunk_by(|a, b| a.0 + 1 == b.0) {
             let pages: Vec<[u32; 2]> = run.iter().map(|&(_, page)| page).collect();
             self.make_room(8 * pages.len() as u64)?;
-            self.gpu.queue.write_buffer(&self.page_table, 8 * u64::from(run[0].0), bytemuck::cast_slice(&pages));
+            self.gpu.write_buffer(&self.page_table, 8 * u64::from(run[0].0), bytemuck::cast_slice(&pages));
         }
         Ok(())
     }
@@ -289,7 +278,7 @@ impl GpuCache {
     /// Writes numbers of slots to [`Self::slot_list`].
     pub fn write_slot_list(&self, slots: &[SlotIndex]) {
         let numbers: Vec<u32> = slots.iter().map(|slot| slot.0).collect();
-        self.gpu.queue.write_buffer(&self.slot_list, 0, bytemuck::cast_slice(&numbers));
+        self.gpu.write_buffer(&self.slot_list, 0, bytemuck::cast_slice(&numbers));
     }
 
     /// Forgets what all entries of the page table are: all are missing.
@@ -298,15 +287,14 @@ impl GpuCache {
         self.deviations.clear();
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.clear_buffer(&self.page_table, 0, None);
-        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.submit(encoder);
     }
 
     /// Waits for earlier uploads if this many more bytes would exceed the staging limit.
     pub fn make_room(&mut self, bytes: u64) -> Result<(), GpuError> {
         self.bytes_in_flight += bytes;
         if self.bytes_in_flight > self.staging_bytes {
-            self.gpu.queue.submit([]);
-            self.gpu.wait()?;
+            self.gpu.flush()?;
             self.bytes_in_flight = bytes;
         }
         Ok(())
@@ -332,7 +320,7 @@ fn texture(gpu: &GpuDevice, size: [u32; 3]) -> wgpu::Texture {
         sample_count: 1,
         dimension: wgpu::TextureDimension::D3,
         format: wgpu::TextureFormat::Rgba32Uint,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     })
 }

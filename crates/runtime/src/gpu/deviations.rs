@@ -77,7 +77,7 @@ impl DeviationTable {
         let pending = std::mem::take(&mut self.pending);
         if !pending.is_empty() {
             let written = (self.numbers.len() - pending.len()) * size_of::<GpuDeviation>();
-            self.gpu.queue.write_buffer(&self.buffer, written as u64, bytemuck::cast_slice(&pending));
+            self.gpu.write_buffer(&self.buffer, written as u64, bytemuck::cast_slice(&pending));
         }
     }
 }

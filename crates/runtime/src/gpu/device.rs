@@ -1,16 +1,20 @@
 //! The GPU: which adapter, with which limits, and wgpu's errors turned into [`GpuError`].
 //!
 //! Adapters are preferred in the order discrete, integrated, virtual, software; `SUPERVOL_ADAPTER` names another by a
-//! part of its name (any case). Core WebGPU suffices, so that no feature is requested; limits are requested as far as
-//! the adapter has them, but never beyond what this backend can use.
+//! part of its name (any case). Core WebGPU suffices but for one storage texture more, so that no feature is requested; limits are
+//! requested as far as the adapter has them, but never beyond what this backend can use.
 //! Every allocation runs inside error scopes ([`GpuDevice::checked`]); a lost device is remembered and every later call
 //! answers [`GpuError::DeviceLost`], whereupon the caller builds a new device and a new renderer.
 
 use std::pin::pin;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::task::{Context, Poll, Waker};
+
 use supervol_format::readable::Mib;
 
+use crate::counters::DeviceCounters;
+
+use super::memory::TEXTURE_LIMIT;
 use super::pipelines::{Pipelines, Variant};
 
 /// Environment variable that names the adapter: any part of its name, in any case.
@@ -21,6 +25,10 @@ const FUTURE_POLL_LIMIT: usize = 1 << 20;
 
 /// Most variants of the pipelines that are kept: modes, with and without shading.
 const VARIANT_LIMIT: usize = 10;
+
+/// Textures that a shader reads as storage: the cache's, and the transfer function's light. WebGPU guarantees one less: adapters that
+/// have no more are refused.
+const STORAGE_TEXTURES: u32 = TEXTURE_LIMIT as u32 + 1;
 
 /// What the GPU could not do, with advice where there is any.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -60,8 +68,9 @@ type KeptPipelines = (Variant, Arc<Pipelines>);
 pub struct GpuDevice {
     /// The logical device.
     pub device: wgpu::Device,
-    /// Its only queue.
-    pub queue: wgpu::Queue,
+    /// Its only queue: what goes through it is counted.
+    queue: wgpu::Queue,
+    traffic: Arc<Mutex<DeviceCounters>>,
     info: wgpu::AdapterInfo,
     limits: wgpu::Limits,
     lost: Arc<OnceLock<String>>,
@@ -139,7 +148,7 @@ impl GpuDevice {
                 keep_first_of_kind(&mut errors, from_wgpu(error, "a pass"));
             }
         }));
-        Ok(Self { device, queue, info, limits, lost, uncaptured, pipelines: Arc::default() })
+        Ok(Self { device, queue, traffic: Arc::default(), info, limits, lost, uncaptured, pipelines: Arc::default() })
     }
 
     /// The adapter's name and kind, for statistics and messages.
@@ -231,6 +240,54 @@ impl GpuDevice {
         })
     }
 
+    /// Submits, bytes written and bytes read back since the device was opened; of all else in it, nothing.
+    #[must_use]
+    pub fn traffic(&self) -> DeviceCounters {
+        *self.traffic.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn count(&self, more: &DeviceCounters) {
+        self.traffic.lock().unwrap_or_else(PoisonError::into_inner).add(more);
+    }
+
+    fn count_written(&self, bytes: &[u8]) {
+        self.count(&DeviceCounters { written_bytes: bytes.len() as u64, ..DeviceCounters::default() });
+    }
+
+    /// Hands over what was encoded, and what was written before it.
+    pub fn submit(&self, encoder: wgpu::CommandEncoder) -> wgpu::SubmissionIndex {
+        self.count(&DeviceCounters { submits: 1, ..DeviceCounters::default() });
+        self.queue.submit([encoder.finish()])
+    }
+
+    /// Writes to a buffer, before all that is submitted after this.
+    pub fn write_buffer(&self, buffer: &wgpu::Buffer, offset: u64, bytes: &[u8]) {
+        self.count_written(bytes);
+        self.queue.write_buffer(buffer, offset, bytes);
+    }
+
+    /// The same of a texture; `bytes` are rows without gaps.
+    pub fn write_texture(&self, place: wgpu::TexelCopyTextureInfo<'_>, bytes: &[u8], size: wgpu::Extent3d) {
+        self.count_written(bytes);
+        let rows = size.height * size.depth_or_array_layers;
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(bytes.len() as u32 / rows),
+            rows_per_image: Some(size.height),
+        };
+        self.queue.write_texture(place, bytes, layout, size);
+    }
+
+    /// Waits until everything written and submitted is done.
+    ///
+    /// # Errors
+    /// As [`Self::wait`].
+    pub fn flush(&self) -> Result<(), GpuError> {
+        self.count(&DeviceCounters { submits: 1, ..DeviceCounters::default() });
+        self.queue.submit([]);
+        self.wait()
+    }
+
     /// Waits for all work, then hands the first `bytes` of a read-back buffer to `read`.
     ///
     /// # Errors
@@ -268,6 +325,7 @@ impl GpuDevice {
             Some(Err(message)) => return Err(failed(message.clone())),
             None => return Err(failed("the driver never answered".to_owned())),
         }
+        self.count(&DeviceCounters { read_bytes: bytes, ..DeviceCounters::default() });
         let view = buffer.get_mapped_range(..bytes).map_err(|error| failed(error.to_string()))?;
         let result = read(&view);
         drop(view);
@@ -314,9 +372,11 @@ fn preference(kind: wgpu::DeviceType) -> u32 {
     }
 }
 
-/// WebGPU's guaranteed limits, raised to the adapter's in the four sizes that decide how much fits.
+/// WebGPU's guaranteed limits, raised to the adapter's in the four sizes that decide how much fits, and by the textures that are
+/// read most.
 fn wanted_limits(adapter: &wgpu::Limits) -> wgpu::Limits {
     let mut limits = wgpu::Limits::defaults();
+    limits.max_storage_textures_per_shader_stage = STORAGE_TEXTURES;
     limits.max_texture_dimension_3d = adapter.max_texture_dimension_3d;
     limits.max_buffer_size = adapter.max_buffer_size;
     limits.max_storage_buffer_binding_size = adapter.max_storage_buffer_binding_size;

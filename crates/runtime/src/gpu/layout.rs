@@ -99,7 +99,7 @@ wgsl_type! {
     [GpuLight; 16] => "array<GpuLight, 16>",
     [GpuIso; 32] => "array<GpuIso, 32>",
     Fixed => "Fixed", Affine => "Affine", [Affine; 3] => "array<Affine, 3>", [PlaneLine; 64] => "array<PlaneLine, 64>",
-    Config => "Config", Tables => "Tables", View => "View",
+    Config => "Config", Tables => "Tables", View => "View", Dispatch => "Dispatch",
 }
 
 // The tables hold whatever a scene or a container may have.
@@ -446,6 +446,18 @@ shared_struct! {
 }
 
 shared_struct! {
+    /// One dispatch: a run of rays.
+    Dispatch {
+        /// Place of the first ray.
+        first_ray: u32,
+        /// 0 in a pass's first round, in which waiting rays look again whether their brick has come; then 1.
+        later_round: u32,
+        /// Zero.
+        padding: [u32; 2],
+    }
+}
+
+shared_struct! {
     /// All tables of fixed size.
     Scene {
         /// What the scene and the volume fix.
@@ -454,6 +466,8 @@ shared_struct! {
         tables: Tables,
         /// Rays.
         view: View,
+        /// Which of them are cast now.
+        job: Dispatch,
     }
 }
 
@@ -533,16 +547,6 @@ shared_struct! {
         end_strides: u32,
         /// Parameter from there to its end.
         end_rest: f32,
-    }
-}
-
-shared_struct! {
-    /// One dispatch: a run of rays.
-    Dispatch {
-        /// Place of the first ray.
-        first_ray: u32,
-        /// 0 in a pass's first round, in which waiting rays look again whether their brick has come; then 1.
-        later_round: u32,
     }
 }
 
@@ -639,12 +643,12 @@ pub fn structs() -> Vec<StructLayout> {
         Affine::layout(),
         PlaneLine::layout(),
         View::layout(),
+        Dispatch::layout(),
         Scene::layout(),
         RayState::layout(),
         RayErrors::layout(),
         GpuDeviation::layout(),
         RayPart::layout(),
-        Dispatch::layout(),
         GpuCounters::layout(),
     ]
 }
@@ -698,6 +702,17 @@ mod tests {
         for module in shaders::DRAWING.into_iter().chain(shaders::TESTING) {
             let parsed = parsed(&module);
             assert!(parsed.entry_points.iter().any(|e| e.name == module.name), "no entry point {}", module.name);
+        }
+    }
+
+    /// Drivers may compile a shader anew for each value of a uniform on which it branches: see decision 010.
+    #[test]
+    fn no_shader_of_a_picture_reads_a_uniform() {
+        for module in shaders::DRAWING {
+            let parsed = parsed(&module);
+            let uniforms: Vec<_> =
+                parsed.global_variables.iter().filter(|(_, v)| v.space == naga::AddressSpace::Uniform).collect();
+            assert!(uniforms.is_empty(), "{}: {uniforms:?}", module.name);
         }
     }
 

@@ -1,7 +1,6 @@
 //! Compute pipelines and what they bind; the order of the bindings is that of `shaders/shared/config.wgsl`.
 
 use super::device::{GpuDevice, GpuError};
-use super::layout::Dispatch;
 use super::memory::TEXTURE_LIMIT;
 use super::shaders::{BEGIN_PARTS, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, RAYCAST, ShaderModule};
 
@@ -64,10 +63,12 @@ pub struct SceneBindings<'a> {
 
 #[derive(Clone, Copy)]
 enum Access {
-    Job,
     Read,
     ReadWrite,
+    /// A sampled texture, of which texels are fetched.
     Table,
+    /// A storage texture: see [`storage_entry`].
+    Storage,
 }
 
 /// Bindings of group 0 before the cache textures.
@@ -76,7 +77,7 @@ const SCENE_TABLES: [Access; 8] = [
     Access::Read,
     Access::Table,
     Access::Table,
-    Access::Table,
+    Access::Storage,
     Access::Read,
     Access::ReadWrite,
     Access::ReadWrite,
@@ -90,7 +91,7 @@ impl Pipelines {
     pub fn new(gpu: &GpuDevice, variant: Variant) -> Result<Self, GpuError> {
         let mut scene_entries: Vec<_> = (0..).zip(SCENE_TABLES).map(|(i, access)| entry(i, access)).collect();
         let cache = (SCENE_TABLES.len() as u32..).take(TEXTURE_LIMIT);
-        scene_entries.extend(cache.map(|i| texture_entry(i, wgpu::TextureViewDimension::D3)));
+        scene_entries.extend(cache.map(|i| storage_entry(i, wgpu::TextureViewDimension::D3)));
         scene_entries.push(entry(scene_entries.len() as u32, Access::Read));
         gpu.checked("the compute pipelines", || {
             let scene_layout = layout(gpu, &scene_entries);
@@ -103,7 +104,7 @@ impl Pipelines {
                 classify_cells: make(&CLASSIFY_CELLS, &[Access::Read]),
                 begin_rays: make(&BEGIN_RAYS, &[Access::ReadWrite, Access::ReadWrite]),
                 begin_parts: make(&BEGIN_PARTS, &[Access::ReadWrite, Access::Read]),
-                raycast: make(&RAYCAST, &[Access::ReadWrite, Access::ReadWrite, Access::Job]),
+                raycast: make(&RAYCAST, &[Access::ReadWrite, Access::ReadWrite]),
                 gather_misses: make(&GATHER_MISSES, &[]),
                 scene_layout,
             }
@@ -127,20 +128,12 @@ impl Pipelines {
 }
 
 impl Pipeline {
-    /// Group 1: whole buffers; of jobs, one at a time.
+    /// Group 1: whole buffers.
     ///
     /// # Errors
     /// If the device refuses it.
-    pub fn bind(
-        &self,
-        gpu: &GpuDevice,
-        buffers: &[&wgpu::Buffer],
-        jobs: Option<&wgpu::Buffer>,
-    ) -> Result<wgpu::BindGroup, GpuError> {
-        let size = wgpu::BufferSize::new(size_of::<Dispatch>() as u64);
-        let job = jobs.map(|buffer| wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size }));
-        let resources = buffers.iter().map(|buffer| buffer.as_entire_binding()).chain(job);
-        bind(gpu, &self.layout, resources.collect())
+    pub fn bind(&self, gpu: &GpuDevice, buffers: &[&wgpu::Buffer]) -> Result<wgpu::BindGroup, GpuError> {
+        bind(gpu, &self.layout, buffers.iter().map(|buffer| buffer.as_entire_binding()).collect())
     }
 }
 
@@ -193,7 +186,7 @@ fn pipeline(
 fn entry(binding: u32, access: Access) -> wgpu::BindGroupLayoutEntry {
     let ty = match access {
         Access::Table => return texture_entry(binding, wgpu::TextureViewDimension::D2),
-        Access::Job => wgpu::BufferBindingType::Uniform,
+        Access::Storage => return storage_entry(binding, wgpu::TextureViewDimension::D2),
         Access::Read => wgpu::BufferBindingType::Storage { read_only: true },
         Access::ReadWrite => wgpu::BufferBindingType::Storage { read_only: false },
     };
@@ -213,6 +206,20 @@ fn texture_entry(binding: u32, view_dimension: wgpu::TextureViewDimension) -> wg
             sample_type: wgpu::TextureSampleType::Uint,
             view_dimension,
             multisampled: false,
+        },
+        count: None,
+    }
+}
+
+/// A storage texture that is read: it has no levels of detail, for which software adapters compute the address of every texel.
+fn storage_entry(binding: u32, view_dimension: wgpu::TextureViewDimension) -> wgpu::BindGroupLayoutEntry {
+    wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty: wgpu::BindingType::StorageTexture {
+            access: wgpu::StorageTextureAccess::ReadOnly,
+            format: wgpu::TextureFormat::Rgba32Uint,
+            view_dimension,
         },
         count: None,
     }

@@ -10,6 +10,8 @@ pub struct Table {
     /// What shaders bind.
     pub view: wgpu::TextureView,
     texel_words: usize,
+    /// What was written last.
+    held: Vec<u32>,
 }
 
 impl Table {
@@ -34,12 +36,14 @@ impl Table {
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D2,
                 format,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+                usage: wgpu::TextureUsages::TEXTURE_BINDING
+                    | wgpu::TextureUsages::STORAGE_BINDING
+                    | wgpu::TextureUsages::COPY_DST,
                 view_formats: &[],
             })
         })?;
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-        Ok(Self { texture, view, texel_words })
+        Ok(Self { texture, view, texel_words, held: Vec::new() })
     }
 
     /// Bytes of a table of so many texels.
@@ -48,21 +52,17 @@ impl Table {
         (texels.max(1).next_multiple_of(WIDTH as usize) * texel_words * 4) as u64
     }
 
-    /// Writes the first texels.
-    pub fn write(&self, gpu: &GpuDevice, words: &[u32]) {
+    /// Writes the first texels, unless they hold this already.
+    pub fn write(&mut self, gpu: &GpuDevice, words: &[u32]) {
+        if self.held == words {
+            return;
+        }
+        self.held = words.to_vec();
         let row_words = WIDTH as usize * self.texel_words;
         let mut rows = words.to_vec();
         rows.resize(words.len().next_multiple_of(row_words), 0);
         let height = (rows.len() / row_words) as u32;
-        gpu.queue.write_texture(
-            self.texture.as_image_copy(),
-            bytemuck::cast_slice(&rows),
-            wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(4 * row_words as u32),
-                rows_per_image: Some(height),
-            },
-            wgpu::Extent3d { width: WIDTH, height, depth_or_array_layers: 1 },
-        );
+        let size = wgpu::Extent3d { width: WIDTH, height, depth_or_array_layers: 1 };
+        gpu.write_texture(self.texture.as_image_copy(), bytemuck::cast_slice(&rows), size);
     }
 }

@@ -62,7 +62,7 @@ pub fn run<I: Pod, O: Pod>(
         pass.dispatch_workgroups(inputs.len().div_ceil(64) as u32, 1, 1);
     }
     encoder.copy_buffer_to_buffer(&outputs, 0, &read_back, 0, bytes);
-    gpu.queue.submit([encoder.finish()]);
+    gpu.submit(encoder);
     gpu.read(&read_back, bytes, bytemuck::pod_collect_to_vec).expect("outputs")
 }
 
@@ -84,7 +84,7 @@ fn bound(gpu: &GpuDevice, resource: &Resource<'_>) -> Bound {
     match resource {
         Resource::Storage(bytes) => Bound::Buffer(buffer(gpu, bytes, wgpu::BufferUsages::STORAGE)),
         Resource::Table(words, texel_words) => {
-            let table = Table::new(gpu, "a table", words.len() / texel_words, *texel_words).expect("a table");
+            let mut table = Table::new(gpu, "a table", words.len() / texel_words, *texel_words).expect("a table");
             table.write(gpu, words);
             Bound::View(table.view)
         }
@@ -98,7 +98,7 @@ fn bound(gpu: &GpuDevice, resource: &Resource<'_>) -> Bound {
 
 fn buffer(gpu: &GpuDevice, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
     let buffer = gpu.buffer("inputs", bytes.len() as u64, usage).expect("a buffer");
-    gpu.queue.write_buffer(&buffer, 0, bytes);
+    gpu.write_buffer(&buffer, 0, bytes);
     buffer
 }
 
@@ -111,11 +111,9 @@ fn texture(gpu: &GpuDevice, texels: &[u8], [width, height, depth_or_array_layers
         sample_count: 1,
         dimension: wgpu::TextureDimension::D3,
         format: wgpu::TextureFormat::Rgba32Uint,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     });
-    let bytes_per_row = Some(width * TEXEL_BYTES as u32);
-    let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row, rows_per_image: Some(height) };
-    gpu.queue.write_texture(texture.as_image_copy(), texels, layout, size);
+    gpu.write_texture(texture.as_image_copy(), texels, size);
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }

@@ -18,13 +18,16 @@ impl Folder {
         self.0.path().join(name).display().to_string()
     }
 
+    /// The program, about to be run.
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_supervol"));
+        command.args(arguments).current_dir(self.0.path());
+        command
+    }
+
     /// Runs the program.
     pub fn run(&self, arguments: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_supervol"))
-            .args(arguments)
-            .current_dir(self.0.path())
-            .output()
-            .expect("the program starts")
+        self.command(arguments).output().expect("the program starts")
     }
 
     /// Runs and demands an exit code; returns standard output, or standard error where the code is not 0.

@@ -19,6 +19,7 @@ mod pass;
 use std::ops::Range;
 use std::time::Instant;
 
+use bytemuck::Zeroable;
 use rayon::prelude::*;
 use supervol_format::brick::MACRO_CELL;
 use supervol_format::{BrickKey, Lod, Pyramid};
@@ -34,8 +35,8 @@ use super::volume::{DecodedBrick, Voxels};
 use crate::counters::{DeviceCounters, milliseconds};
 use crate::gpu::cache::{CacheShape, EMPTY_RANGE, GpuCache};
 use crate::gpu::layout::{
-    DEVIATION_NONE, DEVIATION_UNKNOWN, PAGE_DEVIATION_SHIFT, PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING, PAGE_REFINE,
-    PAGE_RESIDENT, PAGE_UNIFORM, RayState, Scene,
+    DEVIATION_NONE, DEVIATION_UNKNOWN, Dispatch, PAGE_DEVIATION_SHIFT, PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING,
+    PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, RayState, Scene,
 };
 use crate::gpu::light_table::LightTable;
 use crate::gpu::memory::{MemoryPlan, MemoryRequest, SLOT_LIMIT};
@@ -140,6 +141,8 @@ pub struct GpuRenderer {
     /// What bricks may be off by, if that is summed up.
     deviation_of: Option<DeviationOf>,
     stats: GpuStats,
+    /// What the device had done before the renderer was made.
+    traffic_before: DeviceCounters,
 }
 
 /// What belongs to one picture.
@@ -241,6 +244,7 @@ impl GpuRenderer {
         deviation_of: Option<DeviationOf>,
     ) -> Result<Self, GpuError> {
         let deviation_of = deviation_of.filter(|_| options.sums_errors);
+        let traffic_before = device.traffic();
         let pyramid = volume.pyramid;
         let picture = Picture::new(volume, scene, lod, (&options, deviation_of.is_some()));
         let capacity = picture.capacity_with_room(pyramid.brick_count(), &options);
@@ -274,6 +278,7 @@ impl GpuRenderer {
                 slots: plan.slots,
                 ..GpuStats::default()
             },
+            traffic_before,
         };
         renderer.write_tables(volume, scene)?;
         renderer.write_pages();
@@ -343,7 +348,7 @@ impl GpuRenderer {
             _ => 0.0,
         };
         view.in_parts = u32::from(self.picture.parts.is_some());
-        self.caster.set_scene(&self.cache, &Scene { config, tables, view }, tf, light)
+        self.caster.set_scene(&self.cache, &Scene { config, tables, view, job: Dispatch::zeroed() }, tf, light)
     }
 
     /// Notes what is known of all bricks when a picture begins: which are resident, and which are too coarse.
@@ -557,7 +562,9 @@ impl GpuRenderer {
     /// Statistics since the renderer was made.
     #[must_use]
     pub fn stats(&self) -> GpuStats {
-        GpuStats { slots_used: self.slots.occupied() as u64, ..self.stats.clone() }
+        let mut counters = self.gpu.traffic().since(&self.traffic_before);
+        counters.add(&self.stats.counters);
+        GpuStats { slots_used: self.slots.occupied() as u64, counters, ..self.stats.clone() }
     }
 
     fn checked_voxels<'b>(&self, brick: &'b DecodedBrick) -> Result<&'b [u8], GpuError> {

@@ -232,7 +232,6 @@ pub(super) struct Caster {
     /// What rays may be off by: one place where nobody asked.
     errors: wgpu::Buffer,
     parts: wgpu::Buffer,
-    job: wgpu::Buffer,
     /// Counters of the runs in flight, one after the other, and which is next.
     counters: Vec<wgpu::Buffer>,
     next_read_back: usize,
@@ -250,7 +249,7 @@ impl Caster {
     /// Allocates buffers.
     pub(super) fn new(gpu: &GpuDevice, cache: &GpuCache, capacity: &Capacity) -> Result<Self, GpuError> {
         let slots = cache.slot_count();
-        let (storage, uniform) = (wgpu::BufferUsages::STORAGE, wgpu::BufferUsages::UNIFORM);
+        let storage = wgpu::BufferUsages::STORAGE;
         let read_bytes = 4 * read_words(slots);
         let scene = gpu.buffer("the scene's tables", size_of::<Scene>() as u64, storage)?;
         let points = Table::new(gpu, "the transfer function", capacity.points * POINT_TEXELS, 4)?;
@@ -260,7 +259,6 @@ impl Caster {
         let states = gpu.buffer("ray states", capacity.places * size_of::<RayState>() as u64, storage)?;
         let errors = gpu.buffer("what rays may be off by", capacity.error_bytes(), storage)?;
         let parts = gpu.buffer("parts of rays", PARTS_BYTES, storage)?;
-        let job = gpu.buffer("a dispatch", size_of::<Dispatch>() as u64, uniform)?;
         let counters = (0..RUNS_IN_FLIGHT).map(|_| gpu.read_buffer("counters", COUNTERS_BYTES));
         let counters = counters.collect::<Result<_, _>>()?;
         let read_back = gpu.read_buffer("read-back", read_bytes.max(capacity.read_back_bytes()))?;
@@ -275,7 +273,6 @@ impl Caster {
             states,
             errors,
             parts,
-            job,
             counters,
             next_read_back: 0,
             read_back,
@@ -310,11 +307,11 @@ impl Caster {
         Ok(Bound {
             variant,
             scene: pipelines.bind_scene(gpu, &bindings)?,
-            classify: pipelines.classify_cells.bind(gpu, &[&cache.slot_list], None)?,
-            begin: pipelines.begin_rays.bind(gpu, &[&self.states, &self.errors], None)?,
-            begin_parts: pipelines.begin_parts.bind(gpu, &[&self.states, &self.parts], None)?,
-            cast: pipelines.raycast.bind(gpu, &[&self.states, &self.errors], Some(&self.job))?,
-            gather: pipelines.gather_misses.bind(gpu, &[], None)?,
+            classify: pipelines.classify_cells.bind(gpu, &[&cache.slot_list])?,
+            begin: pipelines.begin_rays.bind(gpu, &[&self.states, &self.errors])?,
+            begin_parts: pipelines.begin_parts.bind(gpu, &[&self.states, &self.parts])?,
+            cast: pipelines.raycast.bind(gpu, &[&self.states, &self.errors])?,
+            gather: pipelines.gather_misses.bind(gpu, &[])?,
             pipelines,
             is_compiled: false,
         })
@@ -341,7 +338,7 @@ impl Caster {
             self.bound = Some(self.bind(cache, variant)?);
         }
         self.view = scene.view;
-        self.gpu.queue.write_buffer(&self.scene, 0, bytemuck::bytes_of(scene));
+        self.gpu.write_buffer(&self.scene, 0, bytemuck::bytes_of(scene));
         self.points.write(&self.gpu, bytemuck::cast_slice(&scene_tables::points(tf)));
         self.transfer_index.write(&self.gpu, &scene_tables::transfer_index(tf));
         self.light.write(&self.gpu, &light.words);
@@ -355,7 +352,7 @@ impl Caster {
             let mut encoder = self.encoder();
             let bound = self.bound();
             self.dispatch(&mut encoder, &bound.pipelines.classify_cells, &bound.classify, slots.len() as u32);
-            self.gpu.queue.submit([encoder.finish()]);
+            self.gpu.submit(encoder);
         }
     }
 
@@ -367,12 +364,12 @@ impl Caster {
         self.view =
             View { first_row: rows.start, height: rows.end, tiles_x: self.grid.tiles()[0], places, ..self.view };
         let offset = std::mem::offset_of!(Scene, view) as u64;
-        self.gpu.queue.write_buffer(&self.scene, offset, bytemuck::bytes_of(&self.view));
+        self.gpu.write_buffer(&self.scene, offset, bytemuck::bytes_of(&self.view));
         let mut encoder = self.encoder();
         let groups = places.div_ceil(WORKGROUP_RAYS);
         let bound = self.bound();
         self.dispatch(&mut encoder, &bound.pipelines.begin_rays, &bound.begin, groups);
-        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.submit(encoder);
     }
 
     /// No ray of the band is known to be finished.
@@ -389,11 +386,11 @@ impl Caster {
             // The last workgroup is filled up with places that there are not.
             let mut whole = parts.to_vec();
             whole.resize((groups * WORKGROUP_RAYS) as usize, RayPart { place: u32::MAX, ..RayPart::zeroed() });
-            self.gpu.queue.write_buffer(&self.parts, 0, bytemuck::cast_slice(&whole));
+            self.gpu.write_buffer(&self.parts, 0, bytemuck::cast_slice(&whole));
             let mut encoder = self.encoder();
             let bound = self.bound();
             self.dispatch(&mut encoder, &bound.pipelines.begin_parts, &bound.begin_parts, groups);
-            self.gpu.queue.submit([encoder.finish()]);
+            self.gpu.submit(encoder);
         }
     }
 
@@ -432,7 +429,7 @@ impl Caster {
         let mut raw = RawFeedback::default();
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.feedback, 0, None);
-        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.submit(encoder);
         let mut round = Round { later: 0, rays: std::mem::take(&mut self.unfinished) };
         for _ in 0..ROUND_LIMIT {
             let left = self.cast_round(round, &mut raw, stop)?;
@@ -493,15 +490,16 @@ impl Caster {
     fn submit(&mut self, rays: Range<u32>, later_round: u32) -> Run {
         let buffer = self.next_read_back;
         self.next_read_back = (buffer + 1) % RUNS_IN_FLIGHT;
-        let job = Dispatch { first_ray: rays.start, later_round };
-        self.gpu.queue.write_buffer(&self.job, 0, bytemuck::bytes_of(&job));
+        let job = Dispatch { first_ray: rays.start, later_round, ..Dispatch::zeroed() };
+        let offset = std::mem::offset_of!(Scene, job) as u64;
+        self.gpu.write_buffer(&self.scene, offset, bytemuck::bytes_of(&job));
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.feedback, 0, Some(COUNTERS_BYTES));
         let bound = self.bound();
         let groups = (rays.end - rays.start).div_ceil(WORKGROUP_RAYS);
         self.dispatch(&mut encoder, &bound.pipelines.raycast, &bound.cast, groups);
         encoder.copy_buffer_to_buffer(&self.feedback, 0, &self.counters[buffer], 0, COUNTERS_BYTES);
-        let submission = self.gpu.queue.submit([encoder.finish()]);
+        let submission = self.gpu.submit(encoder);
         Run { rays, buffer, submission, begin: Instant::now() }
     }
 
@@ -549,7 +547,7 @@ impl Caster {
         let bound = self.bound();
         self.dispatch(&mut encoder, &bound.pipelines.gather_misses, &bound.gather, groups);
         encoder.copy_buffer_to_buffer(&self.feedback, 0, &self.read_back, 0, self.read_bytes);
-        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.submit(encoder);
         self.gpu.read(&self.read_back, self.read_bytes, |bytes| {
             let words: Vec<u32> = bytemuck::pod_collect_to_vec(bytes);
             let (misses, not_listed) = read_misses(&words);
@@ -578,7 +576,7 @@ impl Caster {
                 encoder.copy_buffer_to_buffer(&self.errors, from, &self.read_back, bytes, size);
                 bytes += size;
             }
-            self.gpu.queue.submit([encoder.finish()]);
+            self.gpu.submit(encoder);
             self.gpu.read(&self.read_back, bytes, |bytes| {
                 let (states, errors) = bytes.split_at((rays * state_bytes) as usize);
                 let states = states.chunks_exact(state_bytes as usize).map(bytemuck::pod_read_unaligned::<RayState>);
