@@ -205,8 +205,10 @@ impl Coarser {
         let manifest = container.manifest();
         let names = || format!("one of {}", Reduce::ALL.map(Reduce::name).join(", "));
         let reduce = reduce_of(manifest).map_err(|found| broken("reduce", names(), found))?;
-        let powers = || "powers of two or 0, apart by '; '".into();
-        let steps = steps_of(manifest).map_err(|found| broken("coarse_steps", powers(), found))?;
+        let voxel_type = container.descriptor().voxel_type;
+        let kind = if voxel_type.is_float() { "powers of two" } else { "odd numbers" };
+        let steps = steps_of(manifest, voxel_type)
+            .map_err(|found| broken("coarse_steps", format!("{kind} or 0, apart by '; '"), found))?;
         Ok(Self { reduce, steps })
     }
 }
