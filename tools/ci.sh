@@ -7,7 +7,7 @@
 #   tools/ci.sh tests      only the steps named: format clippy documents tests audit fuzz demo window readers soak
 #
 # Works on a fresh Debian 12 with Rust 1.95; installs what is missing by apt. Environment:
-#   FUZZ_SECONDS (8)       seconds per fuzz target
+#   FUZZ_SECONDS (7)       seconds per fuzz target
 #   SOAK_MINUTES (3)       minutes of builds and pictures under random faults
 #   CI_KEEP (unset)        keep the logs in this folder
 #   SUPERVOL_DATA (../shared/data)       real files, for `readers`
@@ -21,11 +21,11 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 readonly ALL_STEPS=(format clippy documents tests audit fuzz demo window readers soak)
 readonly MIN_FREE_GB=10
-readonly FUZZ_SECONDS="${FUZZ_SECONDS:-8}"
+readonly FUZZ_SECONDS="${FUZZ_SECONDS:-7}"
 readonly FUZZ_SEED=1
 readonly INSTALL_TRIES=3
 readonly SOAK_MINUTES="${SOAK_MINUTES:-3}"
-readonly FUZZ_TARGETS=(container codec_raw codec_rle codec_zstd codec_wavelet codec_trimmed segy nrrd metaimage nifti npy dicom dicom_frames tiff vti vtk zarr zarr3 n5 hdf5 archives slices viewer_xml)
+readonly FUZZ_TARGETS=(container journal codec_raw codec_rle codec_zstd codec_wavelet codec_trimmed segy nrrd metaimage nifti npy dicom dicom_frames tiff vti vtk zarr zarr3 n5 hdf5 archives slices viewer_xml)
 
 started=$SECONDS
 work="$(mktemp -d)"

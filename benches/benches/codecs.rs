@@ -4,7 +4,7 @@
 
 use divan::Bencher;
 use divan::counter::BytesCount;
-use supervol_format::codec::{BrickShape, Codec, CodecChoice, decode_into, encode};
+use supervol_format::codec::{BrickShape, Codec, CodecChoice, decode_into, decode_uniform, encode};
 use supervol_format::{Dims, VoxelType};
 use supervol_preprocess::source::VolumeSource;
 use supervol_preprocess::source::synthetic::Synthetic;
@@ -31,6 +31,12 @@ fn decode<const CODEC: usize>(bencher: Bencher<'_, '_>, voxel_type: &VoxelType) 
     bencher.counter(BytesCount::new(voxels.len())).bench_local(|| {
         decode_into(codec, shape, &payload, &mut out).expect("what was encoded decodes");
     });
+}
+
+#[divan::bench(args = TYPES)]
+fn decode_one_value(bencher: Bencher<'_, '_>, voxel_type: &VoxelType) {
+    let mut out = vec![0; EXTENT.pow(3) as usize * voxel_type.bytes()];
+    bencher.counter(BytesCount::new(out.len())).bench_local(|| decode_uniform(*voxel_type, 0x1234_5678, &mut out));
 }
 
 #[divan::bench(args = TYPES)]

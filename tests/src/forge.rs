@@ -147,6 +147,36 @@ impl Forge {
     }
 }
 
+/// A container as version 1 or 2 wrote it: all pages of the table of contents are whole.
+///
+/// # Panics
+/// If the bytes are no whole container.
+#[must_use]
+pub fn as_written_by(bytes: &[u8], version: u32) -> Vec<u8> {
+    let container = Container::from_source(Arc::new(bytes.to_vec())).expect("only whole containers are rewritten");
+    let old = container.sections();
+    let (toc, manifest) = (old.toc_offset as usize, old.manifest_offset as usize);
+    let mut out = bytes[..toc].to_vec();
+    out.extend(bytes[toc..manifest].chunks(toc::PAGE_BYTES).flat_map(|page| toc::uncut(page.to_vec())));
+    let toc_bytes = (out.len() - toc) as u64;
+    out.extend_from_slice(&bytes[manifest..bytes.len() - header::PAGE_BYTES]);
+    let sections = Sections { toc_bytes, manifest_offset: old.toc_offset + toc_bytes, ..old };
+    out.extend_from_slice(&header::encode(container.descriptor(), sections));
+    with_version(out, version)
+}
+
+/// The same bytes with another version in header and footer.
+#[must_use]
+pub fn with_version(mut bytes: Vec<u8>, version: u32) -> Vec<u8> {
+    let footer = bytes.len() - header::PAGE_BYTES;
+    for at in [0, footer] {
+        let page = &mut bytes[at..at + header::PAGE_BYTES];
+        page[8..12].copy_from_slice(&version.to_le_bytes());
+        reseal(page);
+    }
+    bytes
+}
+
 /// Writes the checksum of all but the last eight bytes into those.
 pub fn reseal(page: &mut [u8]) {
     let at = page.len() - 8;

@@ -9,6 +9,7 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use supervol_format::codec::{BrickShape, Codec, CodecChoice, decode_into, encode};
+use supervol_format::container::header::{VERSION_EXACT, VERSION_QUANTIZED};
 use supervol_format::{Container, Dims, VoxelBox, VoxelType};
 use supervol_preprocess::source::metaimage::{MetaImageSource, Outside};
 use supervol_preprocess::source::nifti::NiftiSource;
@@ -21,9 +22,11 @@ use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::source::tiff::TiffSource;
 use supervol_preprocess::source::vtk::VtkSource;
 use supervol_preprocess::source::{SourceError, VolumeSource};
+use supervol_preprocess::{BuildOptions, MaxError};
 
 use crate::fields::{Content, Field, built, options};
-use crate::forge::Forge;
+use crate::forge::{Forge, as_written_by};
+pub use crate::fuzz_journal::*;
 pub use crate::fuzz_seeds::*;
 pub use crate::fuzz_small::*;
 
@@ -35,13 +38,15 @@ const READ_EDGE: u64 = 8;
 const EDIT_BYTES: usize = 6;
 
 /// A container file: opened, and every entry, brick and macro cell read. Bricks that are handed out in spite of
-/// damage, though no checksum was mended, must be the undamaged ones.
+/// damage, though no checksum was mended, must be the undamaged ones. The second bit of the mode asks for checksums to be mended, those
+/// above it choose the container, one of each version of the format.
 ///
 /// # Panics
 /// If a wrong brick is handed out.
 pub fn container(data: &[u8]) {
     let Some((&mode, rest)) = data.split_first() else { return };
-    let seed = seed_container();
+    let seeds = seed_containers();
+    let seed = &seeds[usize::from(mode >> 2) % seeds.len()];
     let mut file = if mode & 1 == 0 { rest.to_vec() } else { apply_edits(&seed.bytes, rest) };
     let mended = mode & 2 != 0 && file.len() == seed.bytes.len();
     if mended {
@@ -68,13 +73,28 @@ pub fn container(data: &[u8]) {
     }
 }
 
-fn seed_container() -> &'static Forge {
-    static SEED: OnceLock<Forge> = OnceLock::new();
-    SEED.get_or_init(|| {
+/// One of each version that is read, the newest first; in the second, as in no other, voxels have been moved.
+fn seed_containers() -> &'static [Forge] {
+    static SEEDS: OnceLock<Vec<Forge>> = OnceLock::new();
+    SEEDS.get_or_init(|| {
         let field = Field::of(Content::Holes, [34, 19, 17], VoxelType::I16);
-        let built = built(&field, &options(16));
-        Forge::new(std::fs::read(&built.path).expect("the container was just built"))
+        let bytes_with = |max_error| {
+            let built = built(&field, &BuildOptions { max_error, ..options(16) });
+            std::fs::read(&built.path).expect("the container was just built")
+        };
+        let [exact, moved] = [MaxError::Exact, MaxError::Value(3.0)].map(bytes_with);
+        let older = [as_written_by(&exact, VERSION_EXACT), as_written_by(&moved, VERSION_QUANTIZED)];
+        std::iter::once(exact).chain(older).map(Forge::new).collect()
     })
+}
+
+/// Each of these containers as it is, by edits of which there are none, and the same with checksums mended.
+fn container_inputs() -> Vec<Vec<u8>> {
+    let of = |(which, seed): (usize, &Forge)| {
+        let mode = (which as u8) << 2;
+        [[&[mode], &seed.bytes[..]].concat(), vec![mode | 1], vec![mode | 3]]
+    };
+    seed_containers().iter().enumerate().flat_map(of).collect()
 }
 
 /// The raw codec: payloads decoded, voxels encoded and decoded.
@@ -253,7 +273,8 @@ pub fn all() -> Vec<(&'static str, Body, Vec<Vec<u8>>)> {
         seeds.iter().enumerate().map(|(which, seed)| [&[(which as u8) << 1], &seed[..]].concat()).collect()
     };
     let mut seeds: Vec<(&'static str, Body, Vec<Vec<u8>>)> = vec![
-        ("container", container, whole(&seed_container().bytes)),
+        ("container", container, container_inputs()),
+        ("journal", journal, journal_inputs()),
         ("segy", segy, whole(&segy_seed())),
         ("nrrd", nrrd, whole(&nrrd_seed())),
         ("metaimage", metaimage, whole(&metaimage_seed())),

@@ -9,7 +9,7 @@
 //! - [`pictures`]: containers of small volumes, their pictures, and distances between these;
 //! - [`stability`]: one regime of the stability suite, at its smallest size;
 //! - [`fuzz_bodies`]: what a fuzz target does with its bytes, callable from libFuzzer and from a seeded test; [`fuzz_seeds`]: a valid
-//!   file for each.
+//!   file for each; [`fuzz_journal`]: the body of what a killed build leaves, which needs a build.
 //!
 //! All randomness is seeded ([`supervol_format::random`]). A test that cannot run on this machine says so by [`skipped`].
 
@@ -19,6 +19,7 @@ pub mod fields;
 pub mod forge;
 pub mod formats;
 pub mod fuzz_bodies;
+pub mod fuzz_journal;
 pub mod fuzz_seeds;
 pub mod fuzz_small;
 pub mod oracle;

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use rayon::prelude::*;
-use supervol_format::container::header::{self, PAGE_BYTES, Sections, VERSION, VERSION_EXACT, VERSION_QUANTIZED};
+use supervol_format::container::header::{PAGE_BYTES, VERSION, VERSION_EXACT, VERSION_QUANTIZED};
 use supervol_format::container::reader::TAIL_BYTES;
-use supervol_format::container::toc::{self, BrickEntry, ENTRIES_PER_PAGE};
+use supervol_format::container::toc::{BrickEntry, ENTRIES_PER_PAGE};
 use supervol_format::random::{Random, mix};
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{BrickKey, Container, Lod, VoxelType};
@@ -17,7 +17,7 @@ use supervol_preprocess::verify::verify;
 use supervol_preprocess::{BuildOptions, Existing, MaxError, source::VolumeSource};
 use supervol_tests::faults::CountingBytes;
 use supervol_tests::fields::{Built, Content, Field, built, options};
-use supervol_tests::forge::reseal;
+use supervol_tests::forge::{as_written_by, with_version};
 use supervol_tests::oracle::Grid;
 
 /// Random points at which each brick is sampled.
@@ -347,7 +347,7 @@ fn containers_of_older_versions_are_read() {
         let new = built(&field, &BuildOptions { max_error, ..options(16) });
         let bytes = std::fs::read(&new.path).expect("it was just built");
         let path = new.folder.path().join("old.svol");
-        std::fs::write(&path, as_written_by(&bytes, &new.container, version)).expect("room");
+        std::fs::write(&path, as_written_by(&bytes, version)).expect("room");
         let old = verify(&path, 1 << 28, &|_, _| ()).unwrap_or_else(|e| panic!("version {version}: {e}"));
         assert_eq!((old.version(), new.container.version()), (version, VERSION));
         assert_eq!((old.descriptor(), old.manifest()), (new.container.descriptor(), new.container.manifest()));
@@ -360,28 +360,4 @@ fn containers_of_older_versions_are_read() {
             assert!(error.to_string().contains("a TOC of"), "{error}");
         }
     }
-}
-
-/// A container with whole pages, and the version that had them.
-fn as_written_by(bytes: &[u8], container: &Container, version: u32) -> Vec<u8> {
-    let old = container.sections();
-    let (toc, manifest) = (old.toc_offset as usize, old.manifest_offset as usize);
-    let mut out = bytes[..toc].to_vec();
-    out.extend(bytes[toc..manifest].chunks(toc::PAGE_BYTES).flat_map(|page| toc::uncut(page.to_vec())));
-    let toc_bytes = (out.len() - toc) as u64;
-    out.extend_from_slice(&bytes[manifest..bytes.len() - PAGE_BYTES]);
-    let sections = Sections { toc_bytes, manifest_offset: old.toc_offset + toc_bytes, ..old };
-    out.extend_from_slice(&header::encode(container.descriptor(), sections));
-    with_version(out, version)
-}
-
-/// The same bytes with another version in header and footer.
-fn with_version(mut bytes: Vec<u8>, version: u32) -> Vec<u8> {
-    let footer = bytes.len() - PAGE_BYTES;
-    for at in [0, footer] {
-        let page = &mut bytes[at..at + PAGE_BYTES];
-        page[8..12].copy_from_slice(&version.to_le_bytes());
-        reseal(page);
-    }
-    bytes
 }

@@ -57,7 +57,7 @@ fn means_are_within_half_a_step_and_voxels_stay_what_they_are() {
         let container = &rounded.container;
         let exact = built(&field, &options(16));
         assert!(level(container, Lod::FINEST) == level(&exact.container, Lod::FINEST), "{what}: level 0");
-        let steps = steps_of(container.manifest()).expect("it was just written");
+        let steps = steps_of(container.manifest(), voxel_type).expect("it was just written");
         assert_eq!(steps.len() + 1, container.pyramid().levels().len(), "{what}");
         let absence = container.descriptor().absence;
         for (i, &step) in steps.iter().enumerate() {
@@ -90,7 +90,11 @@ fn whole_numbers_maxima_and_bounded_voxels_are_not_rounded_twice() {
     let greatest = BuildOptions { reduce: Some(Reduce::Max), ..measured() };
     for (field, options) in [(&whole, measured()), (&floats, bounded), (&floats, greatest)] {
         let built = built(field, &options);
-        assert_eq!(steps_of(built.container.manifest()), Ok(Vec::new()), "{options:?}");
+        assert_eq!(
+            steps_of(built.container.manifest(), built.container.descriptor().voxel_type),
+            Ok(Vec::new()),
+            "{options:?}"
+        );
         verify(&built.path, 1 << 28, &|_, _| ()).expect("it was just built");
     }
 }
@@ -99,7 +103,7 @@ fn whole_numbers_maxima_and_bounded_voxels_are_not_rounded_twice() {
 fn a_manifest_that_says_another_step_is_found() {
     let rounded = built(&Field::of(Content::Smooth, DIMS, VoxelType::F32), &measured());
     let said = rounded.container.manifest().parameters["coarse_steps"].clone();
-    let steps = steps_of(rounded.container.manifest()).expect("it was just written");
+    let steps = steps_of(rounded.container.manifest(), VoxelType::F32).expect("it was just written");
     let halved = steps.iter().map(|step| (step / 2.0).to_string()).collect::<Vec<_>>().join("; ");
     for (text, rule) in [(halved.as_str(), "mean of the finer level"), ("3", "coarse_steps"), ("NaN", "coarse_steps")] {
         assert_ne!(text, said);

@@ -22,16 +22,23 @@ use std::path::{Path, PathBuf};
 use supervol_format::container::toc::ENTRY_BYTES;
 use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 
-use crate::output::unfinished::{UnfinishedFile, Writer, list_builds};
+use crate::output::unfinished::{UnfinishedFile, Writer, is_name_of_build, list_builds};
 
 const MAGIC: [u8; 8] = *b"SVJOURN1";
-/// Bytes of a journal's head before the container's name.
-const NAME_AT: usize = MAGIC.len() + 8 + 2;
+/// Bytes of a journal's head before the container's name, the last two of which are the length of that.
+pub const NAME_AT: usize = MAGIC.len() + 8 + 2;
 /// Bytes of a frame before its bricks.
 const FRAME_HEAD: usize = 16;
 /// Bytes of a brick in a frame.
 const BRICK_BYTES: usize = 8 + ENTRY_BYTES;
-const CHECKSUM_BYTES: usize = 8;
+/// Bytes of the checksum that the head and each frame end with.
+pub const CHECKSUM_BYTES: usize = 8;
+
+/// Bytes of a frame of so many bricks.
+#[must_use]
+pub const fn frame_bytes(bricks: usize) -> usize {
+    FRAME_HEAD + bricks * BRICK_BYTES + CHECKSUM_BYTES
+}
 
 /// A journal being written.
 #[derive(Debug)]
@@ -122,14 +129,13 @@ fn read_head(from: &mut impl Read, identity: u64) -> Option<(String, u64)> {
         return None;
     }
     let name = std::str::from_utf8(name).ok()?;
-    // A name, not a path to somewhere else.
-    let is_name = Path::new(name).file_name().is_some_and(|n| n == name);
-    is_name.then(|| (name.to_owned(), found.len() as u64))
+    // What is taken over and does not hold is removed: that may be no file of anybody else's.
+    is_name_of_build(name).then(|| (name.to_owned(), found.len() as u64))
 }
 
 impl Frame {
     fn encode(&self) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(FRAME_HEAD + self.bricks.len() * BRICK_BYTES + CHECKSUM_BYTES);
+        let mut bytes = Vec::with_capacity(frame_bytes(self.bricks.len()));
         bytes.extend(self.lod.to_le_bytes());
         bytes.extend((self.bricks.len() as u32).to_le_bytes());
         bytes.extend(self.end.to_le_bytes());
@@ -149,7 +155,7 @@ impl Frame {
         if count > most {
             return None;
         }
-        bytes.resize(FRAME_HEAD + count * BRICK_BYTES + CHECKSUM_BYTES, 0);
+        bytes.resize(frame_bytes(count), 0);
         from.read_exact(&mut bytes[FRAME_HEAD..]).ok()?;
         let (content, checksum) = bytes.split_at(bytes.len() - CHECKSUM_BYTES);
         if xxh3_64(content).to_le_bytes() != checksum {
@@ -195,7 +201,7 @@ impl Unfinished {
 
     /// The frame that was read last holds.
     pub fn accept(&mut self, frame: &Frame) {
-        self.at += (FRAME_HEAD + frame.bricks.len() * BRICK_BYTES + CHECKSUM_BYTES) as u64;
+        self.at += frame_bytes(frame.bricks.len()) as u64;
     }
 
     /// Leaves all of it behind again, container and journal; where they are.
@@ -245,6 +251,23 @@ mod tests {
             wrong[byte] ^= 0x10;
             assert!(read(&wrong, 1 << 20).is_empty(), "byte {byte}");
         }
+    }
+
+    #[test]
+    fn a_journal_that_names_a_file_of_somebody_else_is_not_believed() {
+        let folder = tempfile::tempdir().unwrap();
+        let build = ".supervol-build-a.partial";
+        let elsewhere = format!("{build}/../b.partial");
+        for name in ["photo.jpg", ".supervol-a.partial", ".supervol-build-a", elsewhere.as_str(), ""] {
+            let bytes = head(7, name.as_bytes());
+            assert_eq!(read_head(&mut &bytes[..], 7), None, "{name:?}");
+            std::fs::write(folder.path().join("photo.jpg"), b"a user's").unwrap();
+            std::fs::write(folder.path().join(build), bytes).unwrap();
+            assert!(Unfinished::find(folder.path(), 7).is_none());
+            assert!(folder.path().join("photo.jpg").exists(), "{name:?}");
+        }
+        let bytes = head(7, build.as_bytes());
+        assert_eq!(read_head(&mut &bytes[..], 7), Some((build.into(), bytes.len() as u64)));
     }
 
     #[test]

@@ -9,15 +9,18 @@
 //!
 //! An axis that fits one brick is not halved for its own sake; the last level fits one brick on every axis.
 //!
-//! The same boxes say how exactly means of floats are worth keeping. A mean stands for voxels that differ, and its lowest bits, which no
-//! codec makes smaller, say nothing of any of them: means are rounded to the longest power of two within half of what pairs
-//! of voxels differ by. Their median counts, so that a fill value that nobody has declared does not.
+//! The same boxes say how exactly means are worth keeping. A mean stands for voxels that differ, and its lowest bits, which no
+//! codec makes smaller, say nothing of any of them: means of floats are rounded to the longest power of two within half of what pairs
+//! of voxels differ by. Their median counts, so that a fill value that nobody has declared does not. Means of integers are whole numbers
+//! already; they are rounded further only in sections, whose coarser levels may take as much room as level 0, to a step that is odd, so that
+//! no voxel lies halfway. There pairs that are equal count, too: what is of few values has means that say which share of it is which.
 //!
 //! What was measured stands in the manifest ([`Plan::describe`], [`Plan::describe_steps`]), and `info` shows it. The boxes are the same in every run, at most
 //! 27 of 32^3 voxels however large the volume: a build that goes on decides what the one that was killed decided.
 
+use supervol_format::codec::quantize::Quantizer;
 use supervol_format::voxel_type::Absence;
-use supervol_format::{BrickLayout, Dims, VoxelBox};
+use supervol_format::{BrickLayout, Dims, VoxelBox, VoxelType};
 
 use crate::source::{SourceError, SourceInfo, VolumeSource};
 
@@ -51,7 +54,7 @@ pub struct Plan {
     /// For each of these levels, what halving x, y or z alone would keep of the field of the level before: the RMS of its
     /// deviations from each sample box's mean, as a share; 1 where nothing can be said. Empty unless measured.
     pub rms_kept: Vec<[f64; 3]>,
-    /// Steps that means of floats are rounded to, for each of these levels, stored units; 0 where they are not. Empty unless measured.
+    /// Steps that means are rounded to, for each of these levels, stored units; 0 where they are not. Empty unless measured.
     pub steps: Vec<f64>,
 }
 
@@ -70,10 +73,12 @@ impl Plan {
         is_rounded.then(|| self.steps.iter().map(f64::to_string).collect::<Vec<_>>().join("; "))
     }
 
-    /// Reads what [`Self::describe_steps`] writes; none where it is anything else.
+    /// Reads what [`Self::describe_steps`] writes of voxels of a type; none where it is anything else.
     #[must_use]
-    pub fn steps_from(text: &str) -> Option<Vec<f64>> {
-        let is_step = |step: &f64| *step == 0.0 || (step.is_finite() && *step == power_of_two_within(*step));
+    pub fn steps_from(text: &str, voxel_type: VoxelType) -> Option<Vec<f64>> {
+        let is_power = |step: f64| step.is_finite() && step == power_of_two_within(step);
+        let is_odd = |step: f64| Quantizer::new(voxel_type, step).is_some() && step % 2.0 == 1.0;
+        let is_step = |step: &f64| *step == 0.0 || if voxel_type.is_float() { is_power(*step) } else { is_odd(*step) };
         text.split("; ").map(|word| word.parse::<f64>().ok().filter(is_step)).collect()
     }
 
@@ -118,8 +123,7 @@ pub fn plan(source: &dyn VolumeSource, layout: BrickLayout, choice: LodAxes) -> 
             spacing[a] *= f64::from(factors[a]);
         }
         if choice == LodAxes::Auto {
-            let step = if info.voxel_type.is_float() { step_of_means(&samples, halved) } else { 0.0 };
-            out.steps.push(step);
+            out.steps.push(step_of_means(info, &samples, halved));
         }
         samples.iter_mut().for_each(|s| s.halve(halved));
         out.factors.push(factors);
@@ -192,17 +196,28 @@ fn variance_kept(samples: &[Sample], axis: usize) -> f64 {
     if total > 0.0 { (1.0 - lost / total).max(0.0) } else { 1.0 }
 }
 
-/// Longest step to which means over these axes are rounded; 0 where no two voxels differ.
-fn step_of_means(samples: &[Sample], halved: [bool; 3]) -> f64 {
+/// Longest step to which means over these axes are rounded; 0 where they are not.
+fn step_of_means(info: &SourceInfo, samples: &[Sample], halved: [bool; 3]) -> f64 {
+    if info.voxel_type.is_float() {
+        return power_of_two_within(STEP_SHARE * median_difference(samples, halved, |d| d > 0.0));
+    }
+    if !info.dims.0.contains(&1) {
+        return 0.0;
+    }
+    let furthest = 0.5 * STEP_SHARE * median_difference(samples, halved, |_| true);
+    Quantizer::within(info.voxel_type, furthest).map_or(0.0, Quantizer::step)
+}
+
+/// The median of what pairs of voxels along these axes differ by, as far as it counts; 0 where there are none.
+fn median_difference(samples: &[Sample], halved: [bool; 3], counts: impl Fn(f64) -> bool) -> f64 {
     let pairs = |axis: usize| samples.iter().flat_map(move |sample| sample.pairs(axis));
     let differences = (0..3).filter(|&a| halved[a]).flat_map(pairs).map(|(a, b)| (a - b).abs());
-    let mut differences: Vec<f64> = differences.filter(|&d| d > 0.0 && d.is_finite()).collect();
+    let mut differences: Vec<f64> = differences.filter(|&d| d.is_finite() && counts(d)).collect();
     if differences.is_empty() {
         return 0.0;
     }
     let middle = differences.len() / 2;
-    let (_, median, _) = differences.select_nth_unstable_by(middle, f64::total_cmp);
-    power_of_two_within(STEP_SHARE * *median)
+    *differences.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// The greatest power of two that is not above a positive number; 0 of what is not normal.
@@ -244,7 +259,7 @@ pub(crate) fn sample_boxes(source: &dyn VolumeSource) -> Result<Vec<Sample>, Sou
 #[cfg(test)]
 mod tests {
     use super::*;
-    use supervol_format::VoxelType;
+    use crate::source::{LineNumbers, Survey};
 
     struct Field {
         info: SourceInfo,
@@ -269,6 +284,10 @@ mod tests {
     fn plan_of(dims: [u64; 3], spacing: [f64; 3], choice: LodAxes, value: fn([u64; 3]) -> u8) -> Plan {
         let mut info = SourceInfo::plain("synth", Dims(dims), VoxelType::U8);
         info.geometry.spacing = spacing;
+        plan_with(info, choice, value)
+    }
+
+    fn plan_with(info: SourceInfo, choice: LodAxes, value: fn([u64; 3]) -> u8) -> Plan {
         let layout = BrickLayout::new(16).expect("16 is a core");
         plan(&Field { info, value }, layout, choice).expect("the field is always readable")
     }
@@ -293,11 +312,18 @@ mod tests {
         }
     }
 
+    fn line(values: Vec<f64>) -> [Sample; 1] {
+        [Sample { extent: [values.len(), 1, 1], values }]
+    }
+
+    fn ramp(slope: f64) -> Vec<f64> {
+        (0..64).map(|i| slope * f64::from(i)).collect()
+    }
+
     #[test]
     fn means_are_rounded_by_what_pairs_differ_by_and_fill_values_do_not_count() {
-        let sample = |values: Vec<f64>| Sample { extent: [values.len(), 1, 1], values };
-        let step = |values: Vec<f64>| step_of_means(&[sample(values)], [true, false, false]);
-        let ramp = |slope: f64| (0..64).map(|i| slope * f64::from(i)).collect::<Vec<_>>();
+        let floats = SourceInfo::plain("synth", Dims([64; 3]), VoxelType::F32);
+        let step = |values: Vec<f64>| step_of_means(&floats, &line(values), [true, false, false]);
         // Half of 3 is 1.5, half of 4 is 2.
         assert_eq!([ramp(3.0), ramp(4.0), ramp(0.011)].map(step), [1.0, 2.0, 0.003_906_25]);
         let mut filled = ramp(3.0);
@@ -306,17 +332,37 @@ mod tests {
         assert_eq!(step(filled), 1.0);
         // Neighbours that are the same say nothing.
         assert_eq!([vec![7.0; 64], vec![f64::NAN; 64], vec![1.0]].map(step), [0.0; 3]);
-        assert_eq!(step_of_means(&[sample(ramp(3.0))], [false, true, true]), 0.0, "none along y and z");
+        assert_eq!(step_of_means(&floats, &line(ramp(3.0)), [false, true, true]), 0.0, "none along y and z");
+    }
+
+    #[test]
+    fn means_of_integers_are_rounded_in_sections_alone() {
+        let step = |voxel_type, dims, values| {
+            let info = SourceInfo::plain("synth", Dims(dims), voxel_type);
+            step_of_means(&info, &line(values), [true, false, false])
+        };
+        let section = [64, 1, 64];
+        // A quarter of the difference, in whole numbers, to either side.
+        let steps = [3.0, 4.0, 11.0, 12.0].map(|slope| step(VoxelType::U8, section, ramp(slope)));
+        assert_eq!(steps, [0.0, 3.0, 5.0, 7.0]);
+        assert_eq!(step(VoxelType::I16, section, ramp(4000.0)), 2001.0);
+        assert_eq!(step(VoxelType::I16, [64, 2, 64], ramp(4000.0)), 0.0, "two voxels thick");
+        let mask: Vec<f64> = (0..64).map(|i| if i % 16 < 5 { 255.0 } else { 0.0 }).collect();
+        assert_eq!(step(VoxelType::U8, section, mask), 0.0, "its means are shares");
     }
 
     #[test]
     fn steps_are_written_and_read() {
         let plan = Plan { steps: vec![0.0, 0.25, 2f64.powi(-40), 2f64.powi(60)], ..Plan::default() };
         let text = plan.describe_steps().expect("there are steps");
-        assert_eq!(Plan::steps_from(&text), Some(plan.steps));
+        assert_eq!(Plan::steps_from(&text, VoxelType::F32), Some(plan.steps));
         assert_eq!(Plan { steps: vec![0.0; 3], ..Plan::default() }.describe_steps(), None);
         for wrong in ["", "3", "-1", "-0.5", "inf", "NaN", "1;2", "x", "1; "] {
-            assert_eq!(Plan::steps_from(wrong), None, "{wrong}");
+            assert_eq!(Plan::steps_from(wrong, VoxelType::F32), None, "{wrong}");
+        }
+        assert_eq!(Plan::steps_from("0; 3; 1; 511", VoxelType::U8), Some(vec![0.0, 3.0, 1.0, 511.0]));
+        for wrong in ["2", "0.5", "-3", "513", "inf", "NaN", "3;5"] {
+            assert_eq!(Plan::steps_from(wrong, VoxelType::U8), None, "{wrong}");
         }
     }
 
@@ -351,5 +397,44 @@ mod tests {
     fn an_axis_whose_pairs_cancel_waits() {
         let layers = |p: [u64; 3]| if p[2].is_multiple_of(2) { 200 } else { 50 };
         assert_eq!(factors_of([64; 3], [1.0; 3], layers)[0], [2, 2, 1]);
+    }
+
+    fn survey_plan(dims: [u64; 3], value: fn([u64; 3]) -> u8) -> Plan {
+        let lines = |count| LineNumbers { first: 1, step: 1, count };
+        let survey = Survey {
+            inline: lines(dims[1]),
+            crossline: lines(dims[0]),
+            corners: None,
+            sample_interval: 4.0,
+            first_sample: 0.0,
+            missing_traces: 0,
+            dead_traces: 0,
+            text_header: String::new(),
+        };
+        let info = SourceInfo::plain("survey", Dims(dims), VoxelType::U8);
+        plan_with(SourceInfo { survey: Some(survey), ..info }, LodAxes::Auto, value)
+    }
+
+    /// Whatever is measured: along z nothing changes in the second field, and x loses all that there is.
+    #[test]
+    fn samples_of_a_survey_wait_for_its_traces() {
+        const TRACES: [u32; 3] = [2, 2, 1];
+        const SAMPLES: [u32; 3] = [1, 1, 2];
+        let smooth = |p: [u64; 3]| (p[0] + p[1] + p[2]) as u8;
+        let alternating = |p: [u64; 3]| if p[0].is_multiple_of(2) { 200 } else { 50 };
+        for value in [smooth, alternating] {
+            let plan = survey_plan([64; 3], value);
+            assert_eq!(plan.factors, [TRACES, TRACES, SAMPLES, SAMPLES]);
+            assert_eq!(plan.rms_kept.len(), 4, "what z would have kept is measured all the same");
+        }
+        assert_eq!(survey_plan([64; 3], alternating).rms_kept[0], [0.0, 1.0, 1.0]);
+        assert_ne!(factors_of([64; 3], [1.0; 3], smooth)[0], TRACES, "without a survey z does not wait");
+    }
+
+    #[test]
+    fn a_section_of_a_survey_halves_its_traces_first() {
+        let smooth = |p: [u64; 3]| (p[0] + p[2]) as u8;
+        let [line, samples] = [[2, 1, 1], [1, 1, 2]];
+        assert_eq!(survey_plan([64, 1, 64], smooth).factors, [line, line, samples, samples]);
     }
 }

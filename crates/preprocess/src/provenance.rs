@@ -6,6 +6,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use supervol_format::VoxelType;
 use supervol_format::canceller::Canceller;
 use supervol_format::codec::CodecChoice;
 use supervol_format::container::header::Descriptor;
@@ -49,14 +50,14 @@ pub fn reduce_of(manifest: &Manifest) -> Result<Reduce, String> {
     Reduce::ALL.into_iter().find(|reduce| reduce.name() == name).ok_or_else(|| name.clone())
 }
 
-/// What means are rounded to in the coarser levels of a container with this manifest, from level 1 on, stored units: none, and 0,
-/// where they are not.
+/// What means are rounded to in the coarser levels of a container with this manifest and type of voxels, from level 1 on, stored units:
+/// none, and 0, where they are not.
 ///
 /// # Errors
 /// With what is said, if these are no steps.
-pub fn steps_of(manifest: &Manifest) -> Result<Vec<f64>, String> {
+pub fn steps_of(manifest: &Manifest, voxel_type: VoxelType) -> Result<Vec<f64>, String> {
     let Some(text) = manifest.parameters.get(STEPS) else { return Ok(Vec::new()) };
-    Plan::steps_from(text).ok_or_else(|| text.clone())
+    Plan::steps_from(text, voxel_type).ok_or_else(|| text.clone())
 }
 
 /// What a build was asked for, and what it chose by itself.

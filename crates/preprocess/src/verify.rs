@@ -55,7 +55,9 @@ pub fn verify(path: &Path, memory_bytes: u64, on_progress: &dyn Fn(u64, u64)) ->
     let pool = pool.map_err(|source| BuildError::Threads { threads: plan.threads, source })?;
     let total = container.pyramid().brick_count();
     let mut done = 0;
+    let coarser = Coarser::of(path, &container)?;
     let counts = Counts::new(&container, plan.threads);
+    let verification = Verification { path, container: &container, coarser, counts: &counts };
     for lod in 0..container.pyramid().levels().len() {
         let lod = Lod(lod as u8);
         let reader = |lod| LevelReader::new(&container, lod, plan.cache_bytes);
@@ -66,7 +68,7 @@ pub fn verify(path: &Path, memory_bytes: u64, on_progress: &dyn Fn(u64, u64)) ->
             let batch: Vec<BrickKey> = keys.by_ref().take(BATCH).collect();
             let first_broken = Mutex::new(None::<(usize, BuildError)>);
             let check_one = |(i, &key): (usize, &BrickKey)| {
-                if let Err(error) = check(path, &container, key, &own, finer.as_ref(), &counts) {
+                if let Err(error) = verification.check(key, &own, finer.as_ref()) {
                     let mut first = lock(&first_broken);
                     if first.as_ref().is_none_or(|(j, _)| i < *j) {
                         *first = Some((i, error));
@@ -186,32 +188,61 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn check(
-    path: &Path,
-    container: &Container,
-    key: BrickKey,
-    own: &LevelReader<'_>,
-    finer: Option<&LevelReader<'_>>,
-    counts: &Counts,
-) -> Result<(), BuildError> {
-    let wrong = |e| BuildError::container(path, e);
-    let (entry, stored) = check_brick(container, key).map_err(wrong)?;
-    counts.add(container, key, entry.error, &stored);
-    let pyramid = container.pyramid();
-    let level = pyramid.level_at(key.lod());
-    let size = container.descriptor().voxel_type.bytes();
-    let around = pyramid.core_box(key).grown(APRON, level.dims);
-    let mut voxels = vec![0; around.voxels() * size];
-    own.read_box(around, &mut voxels).map_err(wrong)?;
-    let checked = Checked { path, container, key, entry, around, voxels };
-    checked.check_apron(&stored)?;
-    let Some(finer) = finer else { return checked.check_moved() };
-    let fine_box = finer_box(around, level.factors, pyramid.level_at(Lod(key.lod().0 - 1)).dims);
-    let mut fine = vec![0; fine_box.voxels() * size];
-    finer.read_box(fine_box, &mut fine).map_err(wrong)?;
-    let fine = VoxelBlock { voxels: fine_box, bytes: &fine };
-    checked.check_reduced(fine)?;
-    checked.check_error(fine)
+/// How voxels of coarser levels are made of finer ones, as the manifest says it.
+struct Coarser {
+    reduce: Reduce,
+    /// See [`steps_of`].
+    steps: Vec<f64>,
+}
+
+impl Coarser {
+    fn of(path: &Path, container: &Container) -> Result<Self, BuildError> {
+        let broken = |parameter: &str, expected: String, found| {
+            let rule = format!("manifest, parameter {parameter}");
+            BuildError::Broken { path: path.into(), rule, expected, found }
+        };
+        let manifest = container.manifest();
+        let names = || format!("one of {}", Reduce::ALL.map(Reduce::name).join(", "));
+        let reduce = reduce_of(manifest).map_err(|found| broken("reduce", names(), found))?;
+        let voxel_type = container.descriptor().voxel_type;
+        let kind = if voxel_type.is_float() { "powers of two" } else { "odd numbers" };
+        let steps = steps_of(manifest, voxel_type)
+            .map_err(|found| broken("coarse_steps", format!("{kind} or 0, apart by '; '"), found))?;
+        Ok(Self { reduce, steps })
+    }
+}
+
+/// What bricks are checked against, and where their values are counted.
+struct Verification<'a> {
+    path: &'a Path,
+    container: &'a Container,
+    coarser: Coarser,
+    counts: &'a Counts,
+}
+
+impl Verification<'_> {
+    /// Rules 3 to 6 for one brick; readers of its level, and of the finer one where there is one.
+    fn check(&self, key: BrickKey, own: &LevelReader<'_>, finer: Option<&LevelReader<'_>>) -> Result<(), BuildError> {
+        let &Self { path, container, ref coarser, counts } = self;
+        let wrong = |e| BuildError::container(path, e);
+        let (entry, stored) = check_brick(container, key).map_err(wrong)?;
+        counts.add(container, key, entry.error, &stored);
+        let pyramid = container.pyramid();
+        let level = pyramid.level_at(key.lod());
+        let size = container.descriptor().voxel_type.bytes();
+        let around = pyramid.core_box(key).grown(APRON, level.dims);
+        let mut voxels = vec![0; around.voxels() * size];
+        own.read_box(around, &mut voxels).map_err(wrong)?;
+        let checked = Checked { path, container, key, entry, around, voxels };
+        checked.check_apron(&stored)?;
+        let Some(finer) = finer else { return checked.check_moved() };
+        let fine_box = finer_box(around, level.factors, pyramid.level_at(Lod(key.lod().0 - 1)).dims);
+        let mut fine = vec![0; fine_box.voxels() * size];
+        finer.read_box(fine_box, &mut fine).map_err(wrong)?;
+        let fine = VoxelBlock { voxels: fine_box, bytes: &fine };
+        checked.check_reduced(coarser, fine)?;
+        checked.check_error(fine)
+    }
 }
 
 /// A brick, and what those around it hold.
@@ -257,22 +288,15 @@ impl Checked<'_> {
     }
 
     /// Rule 5: what stands for the finer voxels.
-    fn check_reduced(&self, fine: VoxelBlock<'_>) -> Result<(), BuildError> {
+    fn check_reduced(&self, coarser: &Coarser, fine: VoxelBlock<'_>) -> Result<(), BuildError> {
         let descriptor = self.container.descriptor();
         let (voxel_type, absence) = (descriptor.voxel_type, descriptor.absence);
-        let manifest = self.container.manifest();
-        let reduce = reduce_of(manifest).map_err(|found| {
-            let names = Reduce::ALL.map(Reduce::name).join(", ");
-            self.broken("manifest, parameter reduce", format!("one of {names}"), found)
-        })?;
-        let steps = steps_of(manifest).map_err(|found| {
-            self.broken("manifest, parameter coarse_steps", "powers of two or 0, apart by '; '".into(), found)
-        })?;
+        let Coarser { reduce, ref steps } = *coarser;
         let lod = self.key.lod();
         let factors = self.container.pyramid().level_at(lod).factors;
         let mut reduced = vec![0; self.voxels.len()];
         downsample(reduce, voxel_type, absence, factors, fine, self.around, &mut reduced);
-        if let Some(quantizer) = quantizer_of(descriptor, &steps, usize::from(lod.0)) {
+        if let Some(quantizer) = quantizer_of(descriptor, steps, usize::from(lod.0)) {
             quantizer.snap(voxel_type, absence, &mut reduced);
         }
         let Some(at) = reduced.iter().zip(&self.voxels).position(|(a, v)| a != v) else { return Ok(()) };

@@ -211,7 +211,7 @@ fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container:
     let recognised = kind::recognise(container);
     // Of the levels from 1 on.
     let rms_kept = rms_kept_of(manifest).unwrap_or_default();
-    let steps = steps_of(manifest).unwrap_or_default();
+    let steps = steps_of(manifest, descriptor.voxel_type).unwrap_or_default();
     let mut levels = Vec::new();
     for (lod, level) in pyramid.levels().iter().enumerate() {
         let mut info = LevelInfo {

@@ -222,6 +222,18 @@ pub fn decode_into(codec: Codec, shape: BrickShape, payload: &[u8], out: &mut [u
     }
 }
 
+/// Fills `out` with the voxel of a uniform brick, whose bytes are the lowest of `fill`.
+pub fn decode_uniform(voxel_type: VoxelType, fill: u64, out: &mut [u8]) {
+    let bytes = fill.to_le_bytes();
+    // Whole voxels are written as arrays, which the compiler turns into vectors.
+    match voxel_type.bytes() {
+        1 => out.fill(bytes[0]),
+        2 => out.as_chunks_mut::<2>().0.fill([bytes[0], bytes[1]]),
+        4 => out.as_chunks_mut::<4>().0.fill([bytes[0], bytes[1], bytes[2], bytes[3]]),
+        _ => out.as_chunks_mut::<8>().0.fill(bytes),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -89,17 +89,26 @@ impl Quantizer {
     #[inline(always)]
     #[must_use]
     pub fn voxel<V: Voxel>(self, index: i32) -> V {
-        if V::TYPE.is_float() {
-            V::from_f64(f64::from(index) * self.step)
-        } else if is_small(V::TYPE) {
-            // No step of a small integer is longer than this; and what is cut off here is beyond its limits in any case.
-            let step = self.step as i32;
-            let limit = i32::MAX / step.max(1);
-            V::from_word(index.clamp(-limit, limit) * step)
-        } else if self.step == 1.0 {
-            V::from_word(index)
-        } else {
-            V::from_whole(i64::from(index).saturating_mul(self.step as i64))
+        self.voxels::<V>()(index)
+    }
+
+    /// The voxels that indices stand for. What is made of the step is made once: a division for every row of a brick takes longer than its
+    /// voxels do.
+    #[inline(always)]
+    pub(super) fn voxels<V: Voxel>(self) -> impl Fn(i32) -> V {
+        // No step of a small integer is longer than this; and what is cut off by the limit is beyond its own in any case.
+        let step = self.step as i32;
+        let limit = i32::MAX / step.max(1);
+        move |index| {
+            if V::TYPE.is_float() {
+                V::from_f64(f64::from(index) * self.step)
+            } else if is_small(V::TYPE) {
+                V::from_word(index.clamp(-limit, limit) * step)
+            } else if self.step == 1.0 {
+                V::from_word(index)
+            } else {
+                V::from_whole(i64::from(index).saturating_mul(self.step as i64))
+            }
         }
     }
 
@@ -194,11 +203,11 @@ impl<V: Voxel> Vectorized for Snapping<'_, V> {
     }
 }
 
-/// The longest step that all present voxels are whole multiples of: 1 for integers, for floats the longest power of two.
-/// None where indices would be too large for it.
+/// The longest step that all present voxels are whole multiples of: for integers their greatest common divisor, for floats the longest
+/// power of two. None where indices would be too large for it.
 pub(crate) fn common_step<V: Voxel>(voxels: &[V], absence: Absence) -> Option<Quantizer> {
     if !V::TYPE.is_float() {
-        return Some(Quantizer::WHOLE);
+        return Some(common_divisor(voxels, absence));
     }
     let (mut lowest_bit, mut greatest, mut limit) = (i32::MAX, 0.0f64, f64::INFINITY);
     for value in voxels.iter().map(|v| v.to_f64()).filter(|&v| v != 0.0 && !absence.is_absent(v)) {
@@ -217,6 +226,24 @@ pub(crate) fn common_step<V: Voxel>(voxels: &[V], absence: Absence) -> Option<Qu
         }
     }
     Quantizer::new(V::TYPE, if lowest_bit == i32::MAX { 1.0 } else { 2f64.powi(lowest_bit) })
+}
+
+/// The greatest common divisor of all present voxels, which are whole numbers of at most 32 bits; of most fields, a few say that it is 1.
+fn common_divisor<V: Voxel>(voxels: &[V], absence: Absence) -> Quantizer {
+    let holes_possible = absence.possible(V::TYPE);
+    let mut divisor = 0u32;
+    for value in voxels.iter().map(|v| v.to_f64()).filter(|&v| !(holes_possible && absence.is_absent(v))) {
+        let mut rest = value.abs() as u32;
+        if divisor == 0 || !rest.is_multiple_of(divisor) {
+            while rest != 0 {
+                (divisor, rest) = (rest, divisor % rest);
+            }
+            if divisor == 1 {
+                break;
+            }
+        }
+    }
+    Quantizer::new(V::TYPE, f64::from(divisor)).unwrap_or(Quantizer::WHOLE)
 }
 
 #[cfg(test)]
@@ -307,6 +334,23 @@ mod tests {
             (step(&[0.0; 3]), step(&[1e-20, 1.0]), step(&[f32::MIN_POSITIVE / 8.0, 1.0])),
             (Some(1.0), None, None)
         );
+    }
+
+    #[test]
+    fn the_common_step_of_integers_is_their_greatest_common_divisor() {
+        fn step<V: Voxel>(v: &[V], absence: Absence) -> f64 {
+            common_step(v, absence).expect("integers have one").step()
+        }
+        assert_eq!(
+            [&[0u8, 255, 0][..], &[12, 0, 18], &[0; 3], &[7, 9, 14]].map(|v| step(v, NO_HOLES)),
+            [255.0, 6.0, 1.0, 1.0]
+        );
+        assert_eq!(step(&[-32_768i16, 24], NO_HOLES), 8.0);
+        assert_eq!([step(&[i32::MIN], NO_HOLES), step(&[u32::MAX, 0], NO_HOLES)], [2f64.powi(31), f64::from(u32::MAX)]);
+        let holes = Absence { nodata: Some(17.0) };
+        assert_eq!([step(&[17i16, 40, -60], holes), step(&[17i16, 17], holes)], [20.0, 1.0]);
+        let quantizer = common_step(&[i32::MIN, 0], NO_HOLES).expect("integers have one");
+        assert_eq!(quantizer.exact_index(i32::MIN).map(|index| quantizer.voxel::<i32>(index)), Some(i32::MIN));
     }
 
     proptest! {

@@ -91,12 +91,13 @@ fn push_number(out: &mut Vec<u8>, mut t: usize) {
     out.push(t as u8);
 }
 
-/// Reads a number, at most 5 bytes; moves `at` behind it.
-fn take_number(payload: &[u8], at: &mut usize) -> Option<usize> {
+/// Takes a number, of at most 5 bytes, off a payload.
+#[inline(always)]
+fn take_number(payload: &mut &[u8]) -> Option<usize> {
     let mut t = 0u64;
     for shift in (0..35).step_by(7) {
-        let byte = *payload.get(*at)?;
-        *at += 1;
+        let (&byte, rest) = payload.split_first()?;
+        *payload = rest;
         t |= u64::from(byte & 0x7f) << shift;
         if byte & 0x80 == 0 {
             return usize::try_from(t).ok();
@@ -110,35 +111,48 @@ fn take_number(payload: &[u8], at: &mut usize) -> Option<usize> {
 /// # Errors
 /// If a token is cut short, or the tokens hold fewer or more voxels than the brick.
 pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<(), CodecError> {
-    let size = shape.voxel_type.bytes();
-    let (mut at, mut filled) = (0, 0);
-    while at < payload.len() {
-        let token = at;
-        let truncated = CodecError::Truncated { codec: "rle", at: token };
-        let t = take_number(payload, &mut at).ok_or_else(|| truncated.clone())?;
-        let voxels = (t >> 1) + 1;
-        let bytes = voxels.checked_mul(size).filter(|b| *b <= out.len() - filled).ok_or(CodecError::Overrun {
-            codec: "rle",
-            voxels: shape.voxels(),
-            at: token,
-        })?;
-        let target = &mut out[filled..filled + bytes];
-        let read = if t & 1 == 0 { size } else { bytes };
-        let source = payload.get(at..at + read).ok_or(truncated)?;
-        if t & 1 == 1 {
-            target.copy_from_slice(source);
-        } else if size == 1 {
-            target.fill(source[0]);
-        } else {
-            target.chunks_exact_mut(size).for_each(|v| v.copy_from_slice(source));
-        }
-        at += read;
-        filled += bytes;
+    match shape.voxel_type.bytes() {
+        1 => decode_voxels(payload, out.as_chunks_mut::<1>().0),
+        2 => decode_voxels(payload, out.as_chunks_mut::<2>().0),
+        4 => decode_voxels(payload, out.as_chunks_mut::<4>().0),
+        _ => decode_voxels(payload, out.as_chunks_mut::<8>().0),
     }
-    if filled == out.len() {
+}
+
+/// Voxels that are written for any shorter token, where there is room: what is too much the next token writes over. That costs less than
+/// to end where the token does.
+const AT_ONCE: usize = 16;
+
+fn decode_voxels<const SIZE: usize>(payload: &[u8], out: &mut [[u8; SIZE]]) -> Result<(), CodecError> {
+    let voxels_in_all = out.len();
+    let (mut rest, mut left) = (payload, out);
+    while !rest.is_empty() {
+        let at = payload.len() - rest.len();
+        let truncated = CodecError::Truncated { codec: "rle", at };
+        let Some(t) = take_number(&mut rest) else { return Err(truncated) };
+        let (count, is_run) = ((t >> 1) + 1, t & 1 == 0);
+        if count > left.len() {
+            return Err(CodecError::Overrun { codec: "rle", voxels: voxels_in_all, at });
+        }
+        let source = rest.as_chunks::<SIZE>().0;
+        let taken = if is_run { 1 } else { count };
+        if taken > source.len() {
+            return Err(truncated);
+        }
+        let is_short = count <= AT_ONCE;
+        match (left.first_chunk_mut::<AT_ONCE>(), source.first_chunk::<AT_ONCE>()) {
+            (Some(room), _) if is_short && is_run => *room = [source[0]; AT_ONCE],
+            (Some(room), Some(voxels)) if is_short => *room = *voxels,
+            _ if is_run => left[..count].fill(source[0]),
+            _ => left[..count].copy_from_slice(&source[..count]),
+        }
+        rest = &rest[taken * SIZE..];
+        left = &mut left[count..];
+    }
+    if left.is_empty() {
         Ok(())
     } else {
-        let expected = format!("tokens for {} voxels, which hold {}", shape.voxels(), filled / size);
+        let expected = format!("tokens for {voxels_in_all} voxels, which hold {}", voxels_in_all - left.len());
         Err(CodecError::Length { codec: "rle", expected, found: payload.len() })
     }
 }

@@ -372,9 +372,7 @@ pub fn decode_record(
 ) -> Result<(), ContainerError> {
     let shape = shape_of(descriptor, key);
     if entry.codec == Codec::Uniform {
-        let bits = entry.fill.to_le_bytes();
-        let voxel = &bits[..shape.voxel_type.bytes()];
-        out.chunks_exact_mut(voxel.len()).for_each(|v| v.copy_from_slice(voxel));
+        codec::decode_uniform(shape.voxel_type, entry.fill, out);
         return Ok(());
     }
     check_record(key, entry, record)?;

@@ -306,7 +306,13 @@ pub fn list_builds(folder: &Path) -> io::Result<Vec<Leftover>> {
 }
 
 fn is_of_build(leftover: &Leftover) -> bool {
-    leftover.path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(BUILD_PREFIX))
+    leftover.path.file_name().is_some_and(|name| is_name_of_build(&name.to_string_lossy()))
+}
+
+/// Whether a build may have given a partial this name: a name, not a path to somewhere else.
+#[must_use]
+pub fn is_name_of_build(name: &str) -> bool {
+    name.starts_with(BUILD_PREFIX) && name.ends_with(SUFFIX) && !name.contains(std::path::is_separator)
 }
 
 /// Removes what dead processes left in a folder, but for builds; what cannot be removed stays.

@@ -379,7 +379,7 @@ fn decode_typed<V: Voxel, S: Sample>(shape: BrickShape, payload: &[u8], out: &mu
     if quantizer == Quantizer::WHOLE {
         vectorized(Writing { places: &places, samples: &samples, out, voxel: V::from_word });
     } else {
-        vectorized(Writing { places: &places, samples: &samples, out, voxel: |index| quantizer.voxel::<V>(index) });
+        vectorized(Writing { places: &places, samples: &samples, out, voxel: quantizer.voxels::<V>() });
     }
     if let Some((fill, mask)) = holes {
         fill_holes(&places, &mask, &fill[..size_of::<V>()], out);
