@@ -2,7 +2,7 @@
 //!
 //! | part | bytes |
 //! |---|---|
-//! | program | [`PROGRAM_BYTES`], as far as everything else fits without them |
+//! | program | [`PROGRAM_BYTES`], but no more than two thirds of what is there beyond the least that will do |
 //! | tables | 80 per brick, until the container is finished, and what the source needs |
 //! | workspaces | a quarter of the rest: per thread `WORKSPACE_COPIES` stored bricks (cut, predicted, byte planes, encoded, ...), or what making wavelets takes if that is more |
 //! | statistics | per thread one histogram of 64 Ki counters, 512 Ki for doubles, and one |
@@ -24,8 +24,8 @@ use crate::error::BuildError;
 use crate::statistics::Statistics;
 
 /// What the process has in memory beside what is planned: the program itself, stacks, progress, and what the allocator keeps between
-/// pieces (measured: 4 to 22 MiB).
-const PROGRAM_BYTES: u64 = 24 << 20;
+/// pieces (measured: 24 to 36 MiB where little is planned).
+const PROGRAM_BYTES: u64 = 48 << 20;
 /// What helps where memory does not suffice.
 pub(crate) const ALLOW_MORE: &str = "Allow more with --memory";
 /// Stored bricks of scratch memory that one thread may need at once.
@@ -49,7 +49,7 @@ pub(crate) fn left_for_data(
     advice: &str,
 ) -> Result<u64, BuildError> {
     match memory_bytes.checked_sub(needed) {
-        Some(spare) => Ok(memory_bytes - spare.min(PROGRAM_BYTES)),
+        Some(spare) => Ok(memory_bytes - PROGRAM_BYTES.min(spare / 3 * 2)),
         None => Err(BuildError::memory(needed, memory_bytes, what(), advice)),
     }
 }
