@@ -123,7 +123,7 @@ impl VirtualVolume {
         Manifest {
             tool: format!("supervol {}", env!("CARGO_PKG_VERSION")),
             parameters: [("lod_axes".into(), "xyz".into())].into(),
-            source: Source::computed(&self.field.name().to_lowercase()),
+            source: Source::computed(self.field.name().to_lowercase()),
             space: String::new(),
             axes: ["x", "y", "z"].map(|name| AxisName { name: name.into(), unit: String::new() }),
             unit: String::new(),
