@@ -8,7 +8,7 @@
 #
 # Works on a fresh Debian 12 with Rust 1.95; installs what is missing by apt. Environment:
 #   FUZZ_SECONDS (7)       seconds per fuzz target
-#   SOAK_MINUTES (3)       minutes of builds and pictures under random faults
+#   SOAK_MINUTES (2)       minutes of builds and pictures under random faults
 #   CI_KEEP (unset)        keep the logs in this folder
 #   SUPERVOL_DATA (../shared/data)       real files, for `readers`
 #   CI (unset)             true: it is a failure where these files or the Python readers cannot be had
@@ -24,7 +24,7 @@ readonly MIN_FREE_GB=10
 readonly FUZZ_SECONDS="${FUZZ_SECONDS:-7}"
 readonly FUZZ_SEED=1
 readonly INSTALL_TRIES=3
-readonly SOAK_MINUTES="${SOAK_MINUTES:-3}"
+readonly SOAK_MINUTES="${SOAK_MINUTES:-2}"
 readonly FUZZ_TARGETS=(container journal codec_raw codec_rle codec_zstd codec_wavelet codec_trimmed segy nrrd metaimage nifti npy dicom dicom_frames tiff vti vtk zarr zarr3 n5 hdf5 archives slices viewer_xml)
 
 started=$SECONDS

@@ -2,7 +2,7 @@
 //!
 //! | part | bytes |
 //! |---|---|
-//! | program | [`PROGRAM_BYTES`], but no more than two thirds of what is there beyond the least that will do |
+//! | program | 48 MiB (`PROGRAM_BYTES`), but no more than two thirds of what is there beyond the least that will do |
 //! | tables | 80 per brick, until the container is finished, and what the source needs |
 //! | workspaces | a quarter of the rest: per thread `WORKSPACE_COPIES` stored bricks (cut, predicted, byte planes, encoded, ...), or what making wavelets takes if that is more |
 //! | statistics | per thread one histogram of 64 Ki counters, 512 Ki for doubles, and one |

@@ -17,7 +17,7 @@ use crate::counters::milliseconds;
 use crate::raycast::volume::DecodedBrick;
 
 /// Bricks that each thread decodes before the time is looked at.
-const DECODED_AT_ONCE: usize = 4;
+const DECODED_AT_ONCE: usize = 2;
 /// Longest wait for a read before it is looked whether somebody has cancelled.
 const PATIENCE: Duration = Duration::from_millis(20);
 
