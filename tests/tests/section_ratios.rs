@@ -7,7 +7,7 @@ use supervol_format::random::mix;
 use supervol_preprocess::BuildOptions;
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::source::segy::{SegyOptions, SegySource};
-use supervol_preprocess::source::{LineNumbers, Survey, VolumeSource};
+use supervol_preprocess::source::{Survey, VolumeSource};
 use supervol_preprocess::verify::verify;
 use supervol_tests::fields::{Field, built, options};
 use supervol_tests::skipped;
@@ -43,18 +43,7 @@ fn section(voxel_type: VoxelType, middle: f64, amplitude: f64, noise_rms: f64) -
 
 /// The same as a line of a survey, whose samples are halved last.
 fn line(field: Field) -> Field {
-    let lines = |count| LineNumbers { first: 1, step: 1, count };
-    let survey = Survey {
-        inline: lines(1),
-        crossline: lines(WIDTH),
-        corners: None,
-        sample_interval: 4.0,
-        first_sample: 0.0,
-        missing_traces: 0,
-        dead_traces: 0,
-        text_header: String::new(),
-    };
-    field.with_info(|info| info.survey = Some(survey))
+    field.with_info(|info| info.survey = Some(Survey::plain([WIDTH, 1], 4.0)))
 }
 
 /// Builds and checks a container; its bytes as a share of `source_bytes`.

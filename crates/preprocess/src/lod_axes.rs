@@ -259,7 +259,7 @@ pub(crate) fn sample_boxes(source: &dyn VolumeSource) -> Result<Vec<Sample>, Sou
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::source::{LineNumbers, Survey};
+    use crate::source::Survey;
 
     struct Field {
         info: SourceInfo,
@@ -400,17 +400,7 @@ mod tests {
     }
 
     fn survey_plan(dims: [u64; 3], value: fn([u64; 3]) -> u8) -> Plan {
-        let lines = |count| LineNumbers { first: 1, step: 1, count };
-        let survey = Survey {
-            inline: lines(dims[1]),
-            crossline: lines(dims[0]),
-            corners: None,
-            sample_interval: 4.0,
-            first_sample: 0.0,
-            missing_traces: 0,
-            dead_traces: 0,
-            text_header: String::new(),
-        };
+        let survey = Survey::plain([dims[0], dims[1]], 4.0);
         let info = SourceInfo::plain("survey", Dims(dims), VoxelType::U8);
         plan_with(SourceInfo { survey: Some(survey), ..info }, LodAxes::Auto, value)
     }

@@ -191,11 +191,8 @@ mod tests {
             inline: lines(100, 320),
             crossline: lines(300, 512),
             corners: Some([[0.0, 0.0], [511.0, 0.0], [0.0, 319.0], [511.0, 319.0]]),
-            sample_interval: 4.0,
             first_sample: 8.0,
-            missing_traces: 0,
-            dead_traces: 0,
-            text_header: String::new(),
+            ..Survey::plain([512, 320], 4.0)
         };
         Computed::new([512, 320, 260], VoxelType::U32, |[x, y, z]| (x + 1000 * y + 1_000_000 * z) as f64).with_info(
             |info| {

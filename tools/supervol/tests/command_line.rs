@@ -175,7 +175,6 @@ fn pictures_are_written_in_three_formats_with_statistics() {
     assert!(worst <= 0.5 / 255.0, "{worst}");
 }
 
-/// A scene over 48^3 voxels whose mode and image members are given.
 /// Who draws a picture, and the lines of standard error about it, with lavapipe as the adapter that is named.
 fn about_backend(folder: &Folder, backend: &[&str]) -> (String, Vec<String>) {
     let picture = ["render", "v.svol", "-o", "p.png", "--size", "16x12", "--stats", "t.json"];
@@ -219,6 +218,7 @@ fn a_software_adapter_that_is_named_warns_once() {
     assert!(line.starts_with("llvmpipe") && line.contains("is a processor: --backend cpu draws"), "{line}");
 }
 
+/// A scene over 48^3 voxels whose mode and image members are given.
 fn check_scene(members: &str) -> String {
     format!(
         r#"{{"camera": {{"eye": [150, 30, 80], "target": [24, 24, 24], "up": [0, 0, 1], "fov_y": 30}}, {members},

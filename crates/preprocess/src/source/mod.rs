@@ -198,6 +198,22 @@ pub struct Survey {
 }
 
 impl Survey {
+    /// So many traces along x and y, of lines that are numbered from 1 on, in places that nobody has said; samples begin at 0.
+    #[must_use]
+    pub fn plain([crosslines, inlines]: [u64; 2], sample_interval: f64) -> Self {
+        let lines = |count| LineNumbers { first: 1, step: 1, count };
+        Self {
+            inline: lines(inlines),
+            crossline: lines(crosslines),
+            corners: None,
+            sample_interval,
+            first_sample: 0.0,
+            missing_traces: 0,
+            dead_traces: 0,
+            text_header: String::new(),
+        }
+    }
+
     /// The survey of a container; `None` where it holds none, or one that this program does not know.
     #[must_use]
     pub fn of(manifest: &Manifest) -> Option<Self> {

@@ -67,8 +67,8 @@ enum Access {
     ReadWrite,
     /// A sampled texture, of which texels are fetched.
     Table,
-    /// A storage texture: see [`storage_entry`].
-    Storage,
+    /// A storage texture that is read: it has no levels of detail, for which software adapters compute the address of every texel.
+    Storage(wgpu::TextureViewDimension),
 }
 
 /// Bindings of group 0 before the cache textures.
@@ -77,7 +77,7 @@ const SCENE_TABLES: [Access; 8] = [
     Access::Read,
     Access::Table,
     Access::Table,
-    Access::Storage,
+    Access::Storage(wgpu::TextureViewDimension::D2),
     Access::Read,
     Access::ReadWrite,
     Access::ReadWrite,
@@ -91,7 +91,7 @@ impl Pipelines {
     pub fn new(gpu: &GpuDevice, variant: Variant) -> Result<Self, GpuError> {
         let mut scene_entries: Vec<_> = (0..).zip(SCENE_TABLES).map(|(i, access)| entry(i, access)).collect();
         let cache = (SCENE_TABLES.len() as u32..).take(TEXTURE_LIMIT);
-        scene_entries.extend(cache.map(|i| storage_entry(i, wgpu::TextureViewDimension::D3)));
+        scene_entries.extend(cache.map(|i| entry(i, Access::Storage(wgpu::TextureViewDimension::D3))));
         scene_entries.push(entry(scene_entries.len() as u32, Access::Read));
         gpu.checked("the compute pipelines", || {
             let scene_layout = layout(gpu, &scene_entries);
@@ -184,43 +184,24 @@ fn pipeline(
 }
 
 fn entry(binding: u32, access: Access) -> wgpu::BindGroupLayoutEntry {
-    let ty = match access {
-        Access::Table => return texture_entry(binding, wgpu::TextureViewDimension::D2),
-        Access::Storage => return storage_entry(binding, wgpu::TextureViewDimension::D2),
-        Access::Read => wgpu::BufferBindingType::Storage { read_only: true },
-        Access::ReadWrite => wgpu::BufferBindingType::Storage { read_only: false },
+    let buffer = |read_only| wgpu::BindingType::Buffer {
+        ty: wgpu::BufferBindingType::Storage { read_only },
+        has_dynamic_offset: false,
+        min_binding_size: None,
     };
-    wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
-        count: None,
-    }
-}
-
-fn texture_entry(binding: u32, view_dimension: wgpu::TextureViewDimension) -> wgpu::BindGroupLayoutEntry {
-    wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty: wgpu::BindingType::Texture {
+    let ty = match access {
+        Access::Read => buffer(true),
+        Access::ReadWrite => buffer(false),
+        Access::Table => wgpu::BindingType::Texture {
             sample_type: wgpu::TextureSampleType::Uint,
-            view_dimension,
+            view_dimension: wgpu::TextureViewDimension::D2,
             multisampled: false,
         },
-        count: None,
-    }
-}
-
-/// A storage texture that is read: it has no levels of detail, for which software adapters compute the address of every texel.
-fn storage_entry(binding: u32, view_dimension: wgpu::TextureViewDimension) -> wgpu::BindGroupLayoutEntry {
-    wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty: wgpu::BindingType::StorageTexture {
+        Access::Storage(view_dimension) => wgpu::BindingType::StorageTexture {
             access: wgpu::StorageTextureAccess::ReadOnly,
             format: wgpu::TextureFormat::Rgba32Uint,
             view_dimension,
         },
-        count: None,
-    }
+    };
+    wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None }
 }

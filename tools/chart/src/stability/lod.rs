@@ -8,7 +8,7 @@ use glam::DVec3;
 use supervol_format::{BrickKey, Lod};
 use supervol_preprocess::BuildOptions;
 use supervol_preprocess::lod_axes::LodAxes;
-use supervol_preprocess::source::{Axis, LineNumbers, Survey, VolumeSource};
+use supervol_preprocess::source::{Axis, Survey, VolumeSource};
 use supervol_runtime::frame::{Backend, reference};
 use supervol_runtime::image::{Image, greatest};
 use supervol_runtime::scene::ResolvedScene;
@@ -303,19 +303,9 @@ fn level_rms(volume: &Volume, level: u8, scene: &ResolvedScene) -> Result<f64, C
 fn seismic_opacity(context: &Context<'_>) -> Result<(Vec<CurvePoint>, f64, usize), ChartError> {
     let dims = [64, 64, context.pick(512, 256)];
     let source = Ricker::clean(dims).source().with_info(|info| {
-        let lines = |count| LineNumbers { first: 1, step: 1, count };
         info.axes = [("crossline", "m"), ("inline", "m"), ("time", "ms")]
             .map(|(name, unit)| Axis { name: name.into(), unit: unit.into() });
-        info.survey = Some(Survey {
-            inline: lines(dims[1]),
-            crossline: lines(dims[0]),
-            corners: None,
-            sample_interval: 4.0,
-            first_sample: 0.0,
-            missing_traces: 0,
-            dead_traces: 0,
-            text_header: String::new(),
-        });
+        info.survey = Some(Survey::plain([dims[0], dims[1]], 4.0));
     });
     let options = BuildOptions { lod_axes: LodAxes::Auto, ..build_options(16) };
     let volume = Volume::build(context, "seismic S17", &source, &options)?;
