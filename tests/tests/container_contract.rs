@@ -332,10 +332,10 @@ fn opening_takes_one_request_and_entries_come_together() {
 
     let finest: Vec<BrickKey> = pyramid.keys_of(Lod(0)).collect();
     assert!(finest.len() > ENTRIES_PER_PAGE, "several pages");
-    container.read_entries_ahead(finest.iter().copied()).expect("readable");
+    container.read_entries_ahead(finest.iter().copied(), || true).expect("readable");
     assert_eq!(requests(), 2);
     finest.iter().for_each(|&key| assert!(container.entry(key).is_ok(), "{key}"));
-    container.read_entries_ahead(finest.iter().copied()).expect("readable");
+    container.read_entries_ahead(finest.iter().copied(), || true).expect("readable");
     assert_eq!(requests(), 2, "they are in memory");
 }
 

@@ -161,9 +161,6 @@ fn decode(container: &Container, key: BrickKey, map: &ValueMap) -> Result<Decode
     }
     let mut voxels = vec![0; container.shape(key).bytes()];
     container.decode_brick(key, &entry, &record, &mut voxels)?;
-    let ranges: Vec<[f64; 2]> =
-        container.macro_cells(key, &entry, &record).iter().map(|range| [range.min, range.max]).collect();
-    let extent = container.shape(key).extent.map(|n| n as u32);
-    let (voxel_type, absence) = (descriptor.voxel_type, descriptor.absence);
-    Ok(DecodedBrick::from_stored(key, extent, voxel_type, &voxels, &ranges, map, absence))
+    let ranges = container.macro_cells(key, &entry, &record).into_iter().map(|range| [range.min, range.max]);
+    Ok(DecodedBrick::from_stored(key, container.shape(key), &voxels, ranges, map, descriptor.absence, None))
 }

@@ -193,19 +193,29 @@ impl Container {
         Ok(entry)
     }
 
-    /// Reads the TOC pages in which the entries of these bricks stand and that are not in memory, as many as are kept at most, all
-    /// in one request, or some. Damaged ones are left to [`Self::entry`], which says what is wrong with them.
+    /// Reads the TOC pages in which the entries of these bricks stand and that are not in memory, as many as are kept at most: those of
+    /// the first keys first, all in one request or some, as long as `goes_on` says so before another one. Damaged ones are left to
+    /// [`Self::entry`], which says what is wrong with them.
     ///
     /// # Errors
     /// If one cannot be read; those that were read before it stay.
     ///
     /// # Panics
     /// If a key names no brick of the pyramid.
-    pub fn read_entries_ahead(&self, keys: impl IntoIterator<Item = BrickKey>) -> Result<(), ContainerError> {
-        let numbers = keys.into_iter().map(|key| self.pyramid().entry(key) / ENTRIES_PER_PAGE as u64);
-        let missing: BTreeSet<u64> = numbers.filter(|&number| !self.toc_pages.contains(number)).collect();
-        let missing: Vec<u64> = missing.into_iter().take(CACHED_TOC_PAGES).collect();
-        for numbers in missing.chunks(PAGES_AT_ONCE) {
+    pub fn read_entries_ahead(
+        &self,
+        keys: impl IntoIterator<Item = BrickKey>,
+        goes_on: impl Fn() -> bool,
+    ) -> Result<(), ContainerError> {
+        let mut seen = BTreeSet::new();
+        let numbers = keys.into_iter().map(|key| self.page_of(key)).filter(|&number| seen.insert(number));
+        let missing = numbers.filter(|&number| !self.toc_pages.contains(number)).take(CACHED_TOC_PAGES);
+        let mut missing: Vec<u64> = missing.collect();
+        for (request, numbers) in missing.chunks_mut(PAGES_AT_ONCE).enumerate() {
+            if request > 0 && !goes_on() {
+                break;
+            }
+            numbers.sort_unstable();
             // Each page is read to where it stays.
             let mut pages: Vec<Vec<u8>> = numbers.iter().map(|&number| vec![0; self.page_bytes(number)]).collect();
             let buffers = pages.iter_mut().map(Vec::as_mut_slice);
@@ -220,6 +230,17 @@ impl Container {
             }
         }
         Ok(())
+    }
+
+    /// Whether [`Self::entry`] needs to read nothing.
+    #[must_use]
+    pub fn has_entry(&self, key: BrickKey) -> bool {
+        self.toc_pages.contains(self.page_of(key))
+    }
+
+    /// Number of the TOC page in which the entry of a brick stands.
+    fn page_of(&self, key: BrickKey) -> u64 {
+        self.pyramid().entry(key) / ENTRIES_PER_PAGE as u64
     }
 
     fn toc_page(&self, number: u64) -> Result<Arc<Vec<u8>>, ContainerError> {

@@ -5,7 +5,8 @@
 //! anything is read for it.
 //!
 //! Protocol of one pass: [`HostCache::begin_pass`]; rays look up with [`HostCache::get`]; [`HostCache::note_uses`] with
-//! what they used; [`HostCache::victims`], [`HostCache::make_room`], [`HostCache::insert`].
+//! what they used; [`HostCache::victims`], [`HostCache::make_room`], [`HostCache::reserve`]; when a brick is here,
+//! [`HostCache::take_spares`] for its memory, [`HostCache::release`], [`HostCache::insert`].
 
 use supervol_format::BrickKey;
 
@@ -23,6 +24,10 @@ pub struct HostCache<T> {
     bytes: u64,
     /// Bytes kept free for bricks on their way.
     reserved: u64,
+    /// Bricks that have left, whose memory waits for those on their way: never more bytes than are reserved. Given back to the
+    /// allocator and asked for again by whichever thread decodes next, it would be torn to pieces.
+    spares: Vec<Spare<T>>,
+    spare_bytes: u64,
     pass: u64,
     counters: StreamCounters,
     peak_bytes: u64,
@@ -34,6 +39,12 @@ struct Held<T> {
     bytes: u64,
     /// Pass in which a ray last used it, or in which it came.
     last_used: u64,
+}
+
+#[derive(Debug)]
+struct Spare<T> {
+    brick: T,
+    bytes: u64,
 }
 
 /// How readily a brick may leave.
@@ -82,6 +93,8 @@ impl<T> HostCache<T> {
             budget_bytes,
             bytes: 0,
             reserved: 0,
+            spares: Vec::new(),
+            spare_bytes: 0,
             pass: 0,
             counters: StreamCounters::default(),
             peak_bytes: 0,
@@ -138,7 +151,8 @@ impl<T> HostCache<T> {
         Victims { free_bytes: sum(&free), live_bytes: sum(&live), free, live }
     }
 
-    /// Drops bricks until `bytes` more fit, live ones only when there are no free ones left. Returns what was dropped.
+    /// Drops bricks until `bytes` more fit, live ones only when there are no free ones left. Returns what was dropped. Their memory is kept
+    /// for as much as is reserved next.
     ///
     /// # Errors
     /// The bytes that are missing where even all victims do not make enough room; then nothing was dropped.
@@ -160,7 +174,11 @@ impl<T> HostCache<T> {
                     victim
                 }
             };
-            assert!(self.bricks.remove(&key).is_some(), "{key} was to leave the cache but is not in it");
+            let held = self.bricks.remove(&key);
+            let Held { brick, bytes, .. } =
+                held.unwrap_or_else(|| panic!("{key} was to leave the cache but is not in it"));
+            self.spares.push(Spare { brick, bytes });
+            self.spare_bytes += bytes;
             self.bytes -= victim_bytes;
             self.counters.evictions += 1;
             dropped.push(key);
@@ -176,6 +194,7 @@ impl<T> HostCache<T> {
         let less = self.budget_bytes.saturating_sub(budget_bytes);
         let dropped = self.make_room(less, &mut victims).expect("every brick may leave");
         self.budget_bytes = budget_bytes;
+        self.drop_spares(self.reserved);
         dropped
     }
 
@@ -191,6 +210,32 @@ impl<T> HostCache<T> {
         );
         self.reserved += bytes;
         self.peak_bytes = self.peak_bytes.max(self.bytes + self.reserved);
+        self.drop_spares(self.reserved);
+    }
+
+    /// Bricks that have left, one for the memory of each that has come and has so many bytes; none where none has as many.
+    ///
+    /// # Panics
+    /// If less is reserved than they take together.
+    pub fn take_spares(&mut self, sizes: &[u64]) -> Vec<Option<T>> {
+        let spares = sizes.iter().map(|&bytes| self.take_spare(bytes)).collect();
+        // Those that come are in memory beside what is left.
+        self.drop_spares(self.reserved - sizes.iter().sum::<u64>());
+        spares
+    }
+
+    fn take_spare(&mut self, bytes: u64) -> Option<T> {
+        let at = self.spares.iter().rposition(|spare| spare.bytes == bytes)?;
+        self.spare_bytes -= bytes;
+        Some(self.spares.swap_remove(at).brick)
+    }
+
+    /// Drops spares until they have at most so many bytes.
+    fn drop_spares(&mut self, most_bytes: u64) {
+        while self.spare_bytes > most_bytes {
+            let spare = self.spares.pop().expect("they have these bytes");
+            self.spare_bytes -= spare.bytes;
+        }
     }
 
     /// Bytes that are reserved.
@@ -202,6 +247,7 @@ impl<T> HostCache<T> {
     /// Bytes that were reserved are free again: the brick is here to be put in, or will not come.
     pub fn release(&mut self, bytes: u64) {
         self.reserved -= bytes;
+        self.drop_spares(self.reserved);
     }
 
     /// Puts a brick in; `bytes` includes [`BRICK_OVERHEAD_BYTES`].
@@ -337,6 +383,23 @@ mod tests {
         cache.release(10);
         cache.insert(key(1), 1, 10);
         assert_eq!((cache.free_bytes(), cache.bytes(), cache.peak_bytes()), (5, 20, 35));
+    }
+
+    #[test]
+    fn the_memory_of_those_that_left_waits_for_those_that_come_and_is_never_more_than_is_reserved() {
+        let mut cache = full();
+        let mut victims = cache.victims(|_, _| Standing::Free);
+        assert_eq!(cache.make_room(25, &mut victims), Ok(vec![key(0), key(1), key(2)]));
+        cache.reserve(25);
+        assert_eq!(cache.spare_bytes, 20, "the third would be more than is on its way");
+        assert_eq!(cache.take_spares(&[10, 5]), [Some(1), None]);
+        assert_eq!(cache.spare_bytes, 10);
+        cache.release(15);
+        assert_eq!(cache.take_spares(&[7]), [None], "of another size");
+        assert_eq!(cache.spare_bytes, 0, "what comes and a spare are more than is reserved");
+        cache.release(10);
+        cache.insert(key(4), 4, 10);
+        assert_eq!((cache.bytes(), cache.free_bytes(), cache.spares.len()), (20, 20, 0));
     }
 
     #[test]

@@ -72,7 +72,7 @@ impl LabelCells {
         let pyramid = container.pyramid();
         let keys: Vec<BrickKey> = pyramid.keys_of(lod).collect();
         // Pages that cannot be read now are tried once more, one by one.
-        container.read_entries_ahead(keys.iter().copied()).ok();
+        container.read_entries_ahead(keys.iter().copied(), || true).ok();
         let entries = keys.iter().map(|&key| container.entry(key)).collect::<Result<Vec<_>, _>>()?;
         if entries.iter().map(|entry| entry.record_bytes()).sum::<u64>() > RECORDS_LIMIT_BYTES {
             return Ok(None);

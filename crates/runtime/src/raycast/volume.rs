@@ -7,6 +7,7 @@
 //!
 //! Bricks are stored with their apron, x fastest. Macro cells lie on the core from its first voxel, x fastest.
 
+use supervol_format::codec::BrickShape;
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{BrickKey, ValueRange, VoxelType, with_voxel};
@@ -22,6 +23,23 @@ pub enum Voxels {
     U16(Vec<u16>),
     /// Render values of all other types; NaN is a hole.
     F32(Vec<f32>),
+}
+
+impl Voxels {
+    /// The memory of bytes; none where there are others.
+    fn into_u8(self) -> Vec<u8> {
+        if let Self::U8(voxels) = self { voxels } else { Vec::new() }
+    }
+
+    /// The memory of words.
+    fn into_u16(self) -> Vec<u16> {
+        if let Self::U16(voxels) = self { voxels } else { Vec::new() }
+    }
+
+    /// The memory of floats.
+    fn into_f32(self) -> Vec<f32> {
+        if let Self::F32(voxels) = self { voxels } else { Vec::new() }
+    }
 }
 
 /// One brick as the ray casters read it.
@@ -139,40 +157,47 @@ fn to_f32(value: f64) -> f32 {
 }
 
 impl DecodedBrick {
-    /// A brick from a container's voxels (little endian, packed) and macro-cell ranges (container values).
+    /// A brick from a container's voxels (little endian, packed) and macro-cell ranges (container values), in the memory of `spare`,
+    /// a brick of the same voxel type whose contents are lost.
     ///
     /// # Panics
-    /// If the bytes are not exactly `extent` voxels of this type: decoders have checked that.
+    /// If the bytes are not exactly the voxels of this shape: decoders have checked that.
     #[must_use]
     pub fn from_stored(
         key: BrickKey,
-        extent: [u32; 3],
-        voxel_type: VoxelType,
+        shape: BrickShape,
         bytes_le: &[u8],
-        macro_ranges_stored: &[[f64; 2]],
+        macro_ranges_stored: impl Iterator<Item = [f64; 2]>,
         map: &ValueMap,
         absence: Absence,
+        spare: Option<Self>,
     ) -> Self {
-        let voxel_count: usize = extent.iter().map(|&n| n as usize).product();
-        assert_eq!(bytes_le.len(), voxel_count * voxel_type.bytes(), "{key}: bytes of {extent:?} {voxel_type} voxels");
+        let BrickShape { voxel_type, extent } = shape;
+        assert_eq!(bytes_le.len(), shape.bytes(), "{key}: bytes of {extent:?} {voxel_type} voxels");
+        let no_memory = (Voxels::U8(Vec::new()), Vec::new());
+        let (spare, macro_ranges) = spare.map_or(no_memory, |spare| (spare.voxels, spare.macro_ranges));
         let voxels = match voxel_type {
-            VoxelType::U8 => Voxels::U8(bytes_le.to_vec()),
-            VoxelType::I8 => Voxels::U8(bytes_le.iter().map(|b| b ^ 0x80).collect()),
-            VoxelType::U16 => Voxels::U16(words(bytes_le, 0)),
-            VoxelType::I16 => Voxels::U16(words(bytes_le, 0x8000)),
-            _ => with_voxel!(voxel_type, V => Voxels::F32(bytes_le.chunks_exact(size_of::<V>()).map(|b| {
-                let stored = V::read_le(b).to_f64();
-                if absence.is_absent(stored) { f32::NAN } else { map.from_container(voxel_type, stored) }
-            }).collect())),
+            VoxelType::U8 => Voxels::U8(refilled(spare.into_u8(), bytes_le.iter().copied())),
+            VoxelType::I8 => Voxels::U8(refilled(spare.into_u8(), bytes_le.iter().map(|b| b ^ 0x80))),
+            VoxelType::U16 => Voxels::U16(refilled(spare.into_u16(), words(bytes_le, 0))),
+            VoxelType::I16 => Voxels::U16(refilled(spare.into_u16(), words(bytes_le, 0x8000))),
+            _ => {
+                with_voxel!(voxel_type, V => Voxels::F32(refilled(spare.into_f32(), bytes_le.chunks_exact(size_of::<V>()).map(|b| {
+                    let stored = V::read_le(b).to_f64();
+                    if absence.is_absent(stored) { f32::NAN } else { map.from_container(voxel_type, stored) }
+                }))))
+            }
         };
-        let macro_ranges = macro_ranges_stored.iter().map(|&[low, high]| {
+        let render_range = |[low, high]: [f64; 2]| {
             if low > high {
                 return [f32::INFINITY, f32::NEG_INFINITY];
             }
             let (a, b) = (map.from_container(voxel_type, low), map.from_container(voxel_type, high));
             [a.min(b), a.max(b)]
-        });
-        Self { key, extent, voxels, macro_ranges: macro_ranges.collect() }
+        };
+        let macro_ranges = refilled(macro_ranges, macro_ranges_stored.map(render_range));
+        // A stored extent is at most 132 voxels.
+        Self { key, extent: extent.map(|n| n as u32), voxels, macro_ranges }
     }
 
     /// Bytes held by the voxels and the ranges.
@@ -187,8 +212,15 @@ impl DecodedBrick {
     }
 }
 
-fn words(bytes_le: &[u8], flip: u16) -> Vec<u16> {
-    bytes_le.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]]) ^ flip).collect()
+/// So many voxels in the memory of others.
+fn refilled<T>(mut memory: Vec<T>, items: impl Iterator<Item = T>) -> Vec<T> {
+    memory.clear();
+    memory.extend(items);
+    memory
+}
+
+fn words(bytes_le: &[u8], flip: u16) -> impl Iterator<Item = u16> {
+    bytes_le.chunks_exact(2).map(move |b| u16::from_le_bytes([b[0], b[1]]) ^ flip)
 }
 
 /// What a ray caster finds under a brick's key.
@@ -243,9 +275,17 @@ mod tests {
     const FULL: ValueRange = ValueRange { min: -1000.0, max: 1000.0 };
 
     fn brick(t: VoxelType, bytes: &[u8], ranges: &[[f64; 2]], map: &ValueMap, nodata: Option<f64>) -> DecodedBrick {
-        let extent = [(bytes.len() / t.bytes()) as u32, 1, 1];
+        let shape = BrickShape { voxel_type: t, extent: [bytes.len() / t.bytes(), 1, 1] };
         let key = BrickKey::new(Lod(0), BrickIndex([0; 3]));
-        DecodedBrick::from_stored(key, extent, t, bytes, ranges, map, Absence { nodata })
+        let ranges = ranges.iter().copied();
+        let fresh = DecodedBrick::from_stored(key, shape, bytes, ranges.clone(), map, Absence { nodata }, None);
+        let elsewhere = BrickKey::new(Lod(3), BrickIndex([1; 3]));
+        let spare = DecodedBrick { key: elsewhere, macro_ranges: vec![[7.0; 2]; 5], ..fresh.clone() };
+        let (voxels, cells) = (fresh.bytes(), spare.macro_ranges.as_ptr());
+        let again = DecodedBrick::from_stored(key, shape, bytes, ranges, map, Absence { nodata }, Some(spare));
+        assert_eq!((again.bytes(), again.macro_ranges.as_ptr()), (voxels, cells), "in the same memory");
+        assert_eq!(format!("{again:?}"), format!("{fresh:?}"), "whatever it held");
+        fresh
     }
 
     #[test]

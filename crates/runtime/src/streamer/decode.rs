@@ -20,6 +20,8 @@ pub struct Encoded {
     pub entry: BrickEntry,
     /// Its record.
     pub record: Record,
+    /// A brick that has left, whose memory it takes.
+    pub spare: Option<DecodedBrick>,
 }
 
 /// Decodes bricks, in the order given.
@@ -31,7 +33,7 @@ pub fn decode_bricks(
 ) -> Vec<(BrickKey, Result<DecodedBrick, ContainerError>)> {
     bricks
         .into_par_iter()
-        .map_init(Vec::new, |voxels, brick| (brick.key, decode(container, map, &brick, voxels)))
+        .map_init(Vec::new, |voxels, brick| (brick.key, decode(container, map, brick, voxels)))
         .collect()
 }
 
@@ -39,18 +41,15 @@ pub fn decode_bricks(
 fn decode(
     container: &Container,
     map: &ValueMap,
-    brick: &Encoded,
+    brick: Encoded,
     voxels: &mut Vec<u8>,
 ) -> Result<DecodedBrick, ContainerError> {
-    let Encoded { key, entry, record } = brick;
-    let shape = container.shape(*key);
+    let Encoded { key, entry, record, spare } = brick;
+    let shape = container.shape(key);
     voxels.clear();
     voxels.resize(shape.bytes(), 0);
-    container.decode_brick(*key, entry, record.bytes(), voxels)?;
-    let cells: Vec<[f64; 2]> =
-        container.macro_cells(*key, entry, record.bytes()).iter().map(|r| [r.min, r.max]).collect();
-    // A stored extent is at most 132 voxels.
-    let extent = shape.extent.map(|n| n as u32);
+    container.decode_brick(key, &entry, record.bytes(), voxels)?;
+    let cells = container.macro_cells(key, &entry, record.bytes()).into_iter().map(|r| [r.min, r.max]);
     let absence = container.descriptor().absence;
-    Ok(DecodedBrick::from_stored(*key, extent, shape.voxel_type, voxels, &cells, map, absence))
+    Ok(DecodedBrick::from_stored(key, shape, voxels, cells, map, absence, spare))
 }

@@ -15,6 +15,7 @@ use supervol_format::byte_source::ReadShape;
 use supervol_format::container::ContainerError;
 
 use crate::counters::{StreamCounters, milliseconds};
+use crate::stop::Stop;
 
 /// How long to wait before a read is tried again whose failure may pass by itself; as often as there are entries.
 pub const RETRY_AFTER: [Duration; 2] = [Duration::from_millis(20), Duration::from_millis(80)];
@@ -106,7 +107,7 @@ fn read_range(
 ) -> Result<Arc<Vec<u8>>, ContainerError> {
     let bytes = range.end - range.start;
     let mut buffer = vec![0; usize::try_from(bytes).expect("a read is bounded by the host budget")];
-    patiently(counters, |counters| {
+    patiently(counters, &Stop::NEVER, |counters| {
         let start = Instant::now();
         let result = read_at(range.start, &mut buffer);
         counters.read_ms += milliseconds(start.elapsed());
@@ -117,21 +118,24 @@ fn read_range(
     Ok(Arc::new(buffer))
 }
 
-/// Tries to read until it succeeds, as often as [`RETRY_AFTER`] says, where the failure may pass by itself.
+/// Tries to read until it succeeds, as often as [`RETRY_AFTER`] says, where the failure may pass by itself and there is time.
 ///
 /// # Errors
 /// That of the last attempt.
 pub fn patiently(
     counters: &mut StreamCounters,
+    stop: &Stop,
     mut attempt: impl FnMut(&mut StreamCounters) -> Result<(), ContainerError>,
 ) -> Result<(), ContainerError> {
     let mut delays = RETRY_AFTER.iter();
     loop {
         let Err(error) = attempt(counters) else { return Ok(()) };
         counters.failed_reads += 1;
-        match delays.next().filter(|_| may_pass(&error)) {
-            Some(&delay) => std::thread::sleep(delay),
-            None => return Err(error),
+        let Some(&delay) = delays.next().filter(|_| may_pass(&error)) else { return Err(error) };
+        let left = stop.deadline().map_or(delay, |deadline| deadline.saturating_duration_since(Instant::now()));
+        std::thread::sleep(delay.min(left));
+        if stop.is_due() {
+            return Err(error);
         }
         counters.retried_reads += 1;
     }
@@ -172,6 +176,17 @@ mod tests {
 
     fn read_records(read_at: &ReadAt<'_>, requests: Vec<RecordRequest>, counters: &mut StreamCounters) -> Vec<Answer> {
         merge(requests, SHAPE, u64::MAX).iter().flat_map(|read| read_merged(read_at, read, counters)).collect()
+    }
+
+    #[test]
+    fn nothing_is_waited_for_beyond_the_time() {
+        let failing = |_: &mut StreamCounters| {
+            let source = io::Error::from(ErrorKind::TimedOut);
+            Err(ContainerError::Io { what: "test".into(), offset: 0, bytes: 0, source })
+        };
+        let mut counters = StreamCounters::default();
+        assert!(patiently(&mut counters, &Stop::at(Some(Instant::now())), failing).is_err());
+        assert_eq!((counters.failed_reads, counters.retried_reads), (1, 0));
     }
 
     fn request(x: u32, offset: u64, bytes: u64) -> RecordRequest {

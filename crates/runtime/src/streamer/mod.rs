@@ -335,7 +335,7 @@ impl Streamer {
 
     fn fetch_for(&mut self, purpose: Purpose, wanted: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
         loop {
-            let mut fetched = self.request_for(purpose, wanted, room.bricks)?;
+            let mut fetched = self.request_for(purpose, wanted, &room)?;
             self.receive(&room, &mut fetched);
             // What was on its way for others may have taken all the room; now it is here, and may leave.
             if fetched.is_progress() || wanted.is_empty() || room.stop.is_due() {
@@ -344,14 +344,14 @@ impl Streamer {
         }
     }
 
-    fn request_for(&mut self, purpose: Purpose, wanted: &[BrickKey], bricks: usize) -> Result<Fetched, StreamError> {
+    fn request_for(&mut self, purpose: Purpose, wanted: &[BrickKey], room: &Room) -> Result<Fetched, StreamError> {
         let start = Instant::now();
-        let fetched = self.plan_requests(purpose, wanted, bricks);
+        let fetched = self.plan_requests(purpose, wanted, room);
         self.counters.plan_ms += milliseconds(start.elapsed());
         fetched
     }
 
-    fn plan_requests(&mut self, purpose: Purpose, wanted: &[BrickKey], bricks: usize) -> Result<Fetched, StreamError> {
+    fn plan_requests(&mut self, purpose: Purpose, wanted: &[BrickKey], room: &Room) -> Result<Fetched, StreamError> {
         // A ray that wants a brick although it knows it to be too coarse wants it for a child that has failed.
         let is_known = |key: &&BrickKey| self.states.state(**key) == BrickState::TooCoarse;
         let wanted_to_stand_in: KeyMap<()> = wanted.iter().filter(is_known).map(|&key| (key, ())).collect();
@@ -364,11 +364,11 @@ impl Streamer {
         let Some(frontier) = ranked.first().map(|r| r.rank) else { return Ok(Fetched::default()) };
 
         // The table of contents decides what it can; the rest are candidates for the cache.
-        self.read_entries_ahead(&ranked);
+        let waits = self.read_entries_ahead(&ranked, &room.stop);
         let mut fetched = Fetched::default();
         let mut candidates = Vec::new();
         let mut loads = KeyMap::default();
-        for &Ranked { rank, key } in &ranked {
+        for &Ranked { rank, key } in ranked.iter().filter(|ranked| !waits.contains_key(&ranked.key)) {
             let purpose = if wanted_to_stand_in.contains_key(&key) { Purpose::StandIn } else { purpose };
             match self.look_up(key, purpose, &mut fetched.neighbours) {
                 Lookup::InHost => candidates.push(Candidate { key, rank, bytes: 0 }),
@@ -395,7 +395,7 @@ impl Streamer {
             live_bytes: victims.live_bytes(),
             reserved_bytes: self.cache.reserved_bytes(),
             budget_bytes: self.cache.budget_bytes(),
-            bricks,
+            bricks: room.bricks,
         };
         let admitted = admit(&candidates, frontier, supply);
         if let (0, [], [first, ..], true) = (admitted, &fetched.answered[..], &candidates[..], self.is_idle()) {
@@ -415,13 +415,17 @@ impl Streamer {
         Ok(fetched)
     }
 
-    /// Reads what the table of contents says of bricks of which nothing is known yet. What cannot be read fails its bricks, one by
-    /// one, when they are looked up.
-    fn read_entries_ahead(&mut self, ranked: &[Ranked]) {
-        let is_unknown = |key: &BrickKey| self.states.state(*key) == BrickState::Unknown;
-        let read =
-            |_: &mut StreamCounters| self.container.read_entries_ahead(ranked.iter().map(|r| r.key).filter(is_unknown));
-        io::patiently(&mut self.counters, read).ok();
+    /// Reads what the table of contents says of bricks of which nothing is known yet, front to back. What cannot be read fails its
+    /// bricks, one by one, when they are looked up. Returns the bricks of which nothing could be read in time: they wait.
+    fn read_entries_ahead(&mut self, ranked: &[Ranked], stop: &Stop) -> KeyMap<()> {
+        let (container, states) = (&self.container, &self.states);
+        let unknown = || ranked.iter().map(|r| r.key).filter(|&key| states.state(key) == BrickState::Unknown);
+        let read = |_: &mut StreamCounters| container.read_entries_ahead(unknown(), || !stop.is_due());
+        io::patiently(&mut self.counters, stop, read).ok();
+        if !stop.is_due() {
+            return KeyMap::default();
+        }
+        unknown().filter(|&key| !container.has_entry(key)).map(|key| (key, ())).collect()
     }
 
     /// What to do for a wanted brick; afterwards its state is decided, or it is queued.

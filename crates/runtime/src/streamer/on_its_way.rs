@@ -114,10 +114,14 @@ impl Streamer {
                 Ok(record) => {
                     self.states.start_decoding(key);
                     self.record_bytes[key.lod().0 as usize] += record.bytes().len() as u64;
-                    encoded.push(Encoded { key, entry: self.loading[&key].entry, record });
+                    encoded.push(Encoded { key, entry: self.loading[&key].entry, record, spare: None });
                 }
                 Err(error) => self.settle(key, Err(error), fetched),
             }
+        }
+        let sizes: Vec<u64> = encoded.iter().map(|brick| self.loading[&brick.key].bytes).collect();
+        for (brick, spare) in encoded.iter_mut().zip(self.cache.take_spares(&sizes)) {
+            brick.spare = spare;
         }
         let start = Instant::now();
         let bricks = decode::decode_bricks(&self.container, &self.map, encoded);

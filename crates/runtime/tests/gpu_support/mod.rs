@@ -7,6 +7,7 @@ pub mod compute;
 use std::collections::HashMap;
 
 use supervol_format::brick::{APRON, MACRO_CELL};
+use supervol_format::codec::BrickShape;
 use supervol_format::random::Random;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
@@ -284,8 +285,8 @@ pub fn brick(
         }
         ranges.push([range.min, range.max]);
     }
-    let extent = extent.map(|n| n as u32);
-    DecodedBrick::from_stored(key, extent, storage.voxel_type, &bytes, &ranges, map, absence)
+    let shape = BrickShape { voxel_type: storage.voxel_type, extent };
+    DecodedBrick::from_stored(key, shape, &bytes, ranges.into_iter(), map, absence, None)
 }
 
 /// The Marschner-Lobb signal on n^3 voxels, values 0 to 1.

@@ -5,6 +5,7 @@
 use std::collections::HashMap;
 use std::sync::Mutex;
 
+use supervol_format::codec::BrickShape;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, Dims, Geometry, Lod, Pyramid, ValueRange, VoxelType};
 use supervol_runtime::facts::VolumeFacts;
@@ -221,7 +222,8 @@ fn brick_of(level: &Volume, pyramid: &Pyramid, key: BrickKey, map: &ValueMap) ->
         }
     }
     let absence = Absence { nodata: level.nodata };
-    DecodedBrick::from_stored(key, extent.map(|n| n as u32), level.voxel_type, &bytes, &ranges, map, absence)
+    let shape = BrickShape { voxel_type: level.voxel_type, extent };
+    DecodedBrick::from_stored(key, shape, &bytes, ranges.into_iter(), map, absence, None)
 }
 
 /// A view in which only `limit` new bricks become resident between passes, and old ones may go.

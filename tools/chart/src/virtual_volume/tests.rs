@@ -1,15 +1,23 @@
 //! Virtual volumes are true containers, cheap at any size, and show what the same voxels show when they are stored.
 
+use std::io;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 use supervol_format::VoxelType;
+use supervol_format::byte_source::ByteSource;
+use supervol_format::container::toc::ENTRIES_PER_PAGE;
 use supervol_format::container::validate::{check_brick, check_coverage};
 use supervol_format::random::Random;
 use supervol_preprocess::source::computed::Computed;
 use supervol_runtime::frame::Backend;
+use supervol_runtime::frame::setting::{plan_host, streamer_for};
+use supervol_runtime::stop::Stop;
+use supervol_runtime::streamer::Room;
+use supervol_runtime::streamer::state::BrickState;
 
 use super::*;
-use crate::volume::{build_options, image_size, transfer_function};
+use crate::volume::{build_options, finest, image_size, transfer_function};
 use crate::{Context, Scale};
 
 fn container(field: Field, dims: [u64; 3], core: u32) -> Container {
@@ -140,4 +148,65 @@ fn its_picture_is_that_of_the_same_voxels_stored() {
     let picture = |volume: &Volume| volume.finest(&scene, Backend::Cpu).expect("it converges");
     assert!(picture(&computed) == picture(&stored), "pictures of the same voxels differ");
     assert!(source.records() >= 512 && source.reads() > 3);
+}
+
+#[test]
+fn entries_of_what_is_wanted_first_are_read_first_and_no_more_when_it_is_to_stop() {
+    let container = container(Field::BrickId, [65_536; 3], 64);
+    let pyramid = container.pyramid();
+    // 150 pages, the last one first.
+    let wanted: Vec<BrickKey> =
+        (0..150).rev().map(|page| pyramid.key(page * ENTRIES_PER_PAGE as u64).expect("a brick")).collect();
+    let known = |container: &Container| wanted.iter().filter(|&&key| container.has_entry(key)).count();
+    container.read_entries_ahead(wanted.iter().copied(), || false).expect("readable");
+    let first = known(&container);
+    assert!((1..wanted.len()).contains(&first), "one request at least, and not all: {first}");
+    assert!(wanted[..first].iter().all(|&key| container.has_entry(key)), "those that are wanted first");
+    container.read_entries_ahead(wanted.iter().copied(), || true).expect("readable");
+    assert_eq!(known(&container), wanted.len());
+}
+
+/// A source whose table of contents times out once it has been opened.
+struct Stumbling {
+    volume: VirtualVolume,
+    is_open: AtomicBool,
+    stumbles: AtomicU64,
+}
+
+impl ByteSource for Stumbling {
+    fn len(&self) -> io::Result<u64> {
+        self.volume.len()
+    }
+
+    fn read_exact_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
+        if offset >= self.volume.sections.toc_offset && self.is_open.load(Ordering::Relaxed) {
+            self.stumbles.fetch_add(1, Ordering::Relaxed);
+            return Err(io::ErrorKind::TimedOut.into());
+        }
+        self.volume.read_exact_at(offset, buffer)
+    }
+}
+
+#[test]
+fn a_table_of_contents_that_times_out_costs_a_deadline_no_brick() {
+    let volume = VirtualVolume::new(Field::BrickId, [400; 3], 16, Geometry::IDENTITY).expect("within the limits");
+    let source = Arc::new(Stumbling { volume, is_open: AtomicBool::new(false), stumbles: AtomicU64::new(0) });
+    let container = Container::from_source(source.clone()).expect("it opens");
+    let volume = Volume::of("stumbling", Arc::new(container));
+    let tf = transfer_function(20.0, &[(0.0, [0.1, 0.2, 0.9], 0.02), (249.0, [1.0, 0.8, 0.1], 0.6)]);
+    let scene = volume.scene(&[&volume.outside(), &image_size(40, 30), &tf]).expect("the scene is valid");
+    let options = finest(Backend::Cpu);
+    let plan = plan_host(&volume.container, &scene, &options).expect("two gigabytes are enough");
+    let mut streamer = streamer_for(&volume.container, &scene, &options, plan);
+    source.is_open.store(true, Ordering::Relaxed);
+    let wanted = [key(0, [0; 3]), key(0, [24; 3])];
+    let room = |deadline| Room { bricks: usize::MAX, stop: Stop::at(deadline), patience: None };
+
+    let late = streamer.fetch(&wanted, room(Some(Instant::now()))).expect("there is room");
+    assert!(source.stumbles.load(Ordering::Relaxed) > 0, "the finest level's entries did not come with the tail");
+    assert_eq!((late.is_progress(), late.left), (false, wanted.len()), "they wait");
+    assert!(wanted.iter().all(|&key| streamer.states().state(key) == BrickState::Unknown), "and have not failed");
+    // With all the time there is, what fails three times has failed.
+    let failed = streamer.fetch(&wanted, room(None)).expect("there is room");
+    assert_eq!(failed.answered.len(), wanted.len());
 }
