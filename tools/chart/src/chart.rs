@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use supervol_format::codec::CodecChoice;
+use supervol_preprocess::{BuildOptions, MaxError};
 use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::image::{GREY_LEVELS, Image};
 use supervol_runtime::process;
@@ -81,12 +82,15 @@ struct Cost {
     wall_ms: Vec<f64>,
 }
 
+/// How a volume is stored: as what, by which codec, and how far a voxel may be off.
+type Stock = (Storage, CodecChoice, MaxError);
+
 /// A scene's volume in every way it has been stored so far.
 struct Stored<'a> {
     context: &'a Context<'a>,
     spec: &'a SceneSpec,
     grid: Grid,
-    volumes: Vec<(Storage, CodecChoice, Volume)>,
+    volumes: Vec<(Stock, Volume)>,
 }
 
 /// Measures these scenes by every method.
@@ -125,15 +129,16 @@ fn gpu_to_measure() -> Result<String, String> {
 
 impl Stored<'_> {
     /// The volume, stored and encoded like this; built at the first call.
-    fn volume(&mut self, storage: Storage, codec: CodecChoice) -> Result<&Volume, ChartError> {
-        if let Some(i) = self.volumes.iter().position(|(s, c, _)| (*s, *c) == (storage, codec)) {
-            return Ok(&self.volumes[i].2);
+    fn volume(&mut self, method: &MethodSpec) -> Result<&Volume, ChartError> {
+        let stock @ (storage, codec, max_error) = (method.storage, method.codec, method.voxel_error);
+        if let Some(i) = self.volumes.iter().position(|(there, _)| *there == stock) {
+            return Ok(&self.volumes[i].1);
         }
-        let options = supervol_preprocess::BuildOptions { codec, ..build_options(self.context.pick(32, 16)) };
+        let options = BuildOptions { codec, max_error, ..build_options(self.context.pick(32, 16)) };
         let name = format!("{} {storage:?} {}", self.spec.name, self.volumes.len());
         let volume = Volume::build(self.context, &name, &self.grid.source(storage), &options)?;
-        self.volumes.push((storage, codec, volume));
-        Ok(&self.volumes.last().expect("just pushed").2)
+        self.volumes.push((stock, volume));
+        Ok(&self.volumes.last().expect("just pushed").1)
     }
 }
 
@@ -164,7 +169,7 @@ impl Chart {
         let default = MethodSpec::default_method();
         let members = self.scene_members(stored, look)?;
         let members: Vec<&str> = members.iter().map(String::as_str).collect();
-        let volume = stored.volume(default.storage, default.codec)?;
+        let volume = stored.volume(&default)?;
         let exact = volume.finest(&volume.scene(&members)?, Backend::Reference)?;
         let mut row = PictureRow {
             scene: stored.spec.name.into(),
@@ -197,7 +202,7 @@ impl Chart {
     fn scene_members(&self, stored: &mut Stored<'_>, look: Look) -> Result<Vec<String>, ChartError> {
         let points = stored.spec.values.points(look.shape, stored.grid.range());
         let default = MethodSpec::default_method();
-        let volume = stored.volume(default.storage, default.codec)?;
+        let volume = stored.volume(&default)?;
         let mut members = vec![
             volume.looking_from(DVec3::new(0.57, -0.71, 0.41), CAMERA_RADII),
             image_size(self.image_size[0], self.image_size[1]),
@@ -211,7 +216,7 @@ impl Chart {
 }
 
 fn measure(stored: &mut Stored<'_>, members: &[&str], method: &MethodSpec) -> Result<(Image, Cost), ChartError> {
-    let volume = stored.volume(method.storage, method.codec)?;
+    let volume = stored.volume(method)?;
     let scene = volume.scene(members)?;
     let options = RenderOptions {
         level: method.level,

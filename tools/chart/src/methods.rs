@@ -11,6 +11,7 @@
 
 use supervol_format::Lod;
 use supervol_format::codec::{Codec, CodecChoice};
+use supervol_preprocess::MaxError;
 use supervol_runtime::frame::{Backend, LevelChoice};
 use supervol_runtime::image::GREY_LEVELS;
 use supervol_runtime::raycast::cpu::{Caster, Skipping};
@@ -79,6 +80,8 @@ pub struct MethodSpec {
     pub storage: Storage,
     /// How bricks are encoded.
     pub codec: CodecChoice,
+    /// Most by which a stored voxel may be off.
+    pub voxel_error: MaxError,
     /// Whether this is what users get.
     pub is_default: bool,
 }
@@ -98,6 +101,7 @@ impl MethodSpec {
             skipping: Skipping::On,
             storage: Storage::Float,
             codec: CodecChoice::Smallest,
+            voxel_error: MaxError::Exact,
             is_default: true,
         }
     }
@@ -273,9 +277,13 @@ fn stores() -> Vec<MethodSpec> {
         ("smallest, brick by brick", CodecChoice::Smallest),
     ];
     let codecs = codecs.map(|(name, codec)| MethodSpec { codec, ..MethodSpec::variant("codec", name) });
+    let bounded = [0.1, 1.0].map(|percent| MethodSpec {
+        voxel_error: MaxError::Percent(percent),
+        ..MethodSpec::variant("bounded codec", format!("voxels within {percent} % of the range"))
+    });
     let kinds = [("8-bit", Storage::Byte), ("16-bit", Storage::Word), ("float", Storage::Float)];
     let storages = kinds.map(|(name, storage)| MethodSpec { storage, ..MethodSpec::variant("storage", name) });
-    codecs.into_iter().chain(storages).map(|spec| spec.on(On::Smooth)).collect()
+    codecs.into_iter().chain(bounded).chain(storages).map(|spec| spec.on(On::Smooth)).collect()
 }
 
 fn skipping_and_gpu() -> Vec<MethodSpec> {

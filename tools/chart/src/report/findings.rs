@@ -130,9 +130,10 @@ pub(super) fn storage(points: &[Point]) -> String {
     let mut html = paragraph(
         "A volume is stored in bricks, each encoded on its own. Bytes are those that the first picture read; the first \
          picture's processor time includes reading, checking and decoding them. Codecs give back the same voxels, so their \
-         errors are equal; storage in 8 or 16 bits rounds them, which is its error.",
+         errors are equal; a bounded codec moves each by no more than its share of the volume's range, and storage in 8 or 16 \
+         bits rounds them: that is their error.",
     );
-    let is_shown = |p: &&Point| p.method == "codec" || p.method == "storage" || p.default;
+    let is_shown = |p: &&Point| ["codec", "bounded codec", "storage"].contains(&p.method.as_str()) || p.default;
     let has_codecs = |look: &&[Point]| look.iter().any(|p| p.method == "codec");
     let row = |p: &Point| {
         let what = if p.default { "default".into() } else { format!("{}: {}", p.method, p.parameters) };

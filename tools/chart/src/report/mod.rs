@@ -143,7 +143,7 @@ fn all_points(report: &Report<'_>) -> String {
 
 fn notes(chart: &Chart) -> String {
     let standing = [
-        "There is no lossy codec yet: the error of every codec is that of the storage it encodes.",
+        "Bits of voxels against their error, beside other codecs, are charted in docs/measurements.md, \"Beside other codecs\".",
         "A GPU's processor time is that of starting it and of waiting for it, so GPU points are never on a Pareto front; \
          an adapter whose name holds \"llvmpipe\" is the processor itself.",
     ];

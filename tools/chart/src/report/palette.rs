@@ -48,7 +48,7 @@ pub const VERMILLION: RGBColor = RGBColor(213, 94, 0);
 const PURPLE: RGBColor = RGBColor(204, 121, 167);
 
 /// Every family of the chart, in the order of its legend; the names are those of [`crate::methods`].
-pub const FAMILIES: [(&str, Look); 19] = [
+pub const FAMILIES: [(&str, Look); 20] = [
     ("default", joined(BLUE, Mark::Circle)),
     ("cells, adaptive", joined(SKY, Mark::Diamond)),
     ("cells, fixed", joined(SKY, Mark::Circle)),
@@ -65,6 +65,7 @@ pub const FAMILIES: [(&str, Look); 19] = [
     ("early ray termination", loose(VERMILLION, Mark::Cross)),
     ("level of detail", loose(GREY, Mark::Diamond)),
     ("codec", loose(GREEN, Mark::Cross)),
+    ("bounded codec", loose(SKY, Mark::Cross)),
     ("storage", loose(ORANGE, Mark::Cross)),
     ("without skipping", loose(BLACK, Mark::Cross)),
     ("GPU backend", loose(PURPLE, Mark::Cross)),
