@@ -1,6 +1,6 @@
 //! From a brick's voxels to the eight corners of each lane's cell, in stored numbers.
 
-use super::simd::Simd;
+use super::simd::{Places, Simd};
 use crate::raycast::volume::ValueMap;
 
 /// Corners of a cell: corner c has the offsets `(c & 1, c >> 1 & 1, c >> 2)`.
@@ -52,27 +52,43 @@ impl Stored {
         }
     }
 
-    /// Gathers the cells whose first corners lie at `base`, in voxels from `voxels`; `strides` are those of y and z.
+    /// The words that begin with the voxels at `N` distances from each of some places, in voxels.
     ///
     /// Which kind it is, is asked for every cell: the processor foresees the answer, and one kernel serves all kinds.
     ///
     /// # Safety
+    /// As for [`Simd::gather_around`].
+    #[inline(always)]
+    unsafe fn words<S: Simd, const N: usize>(
+        self,
+        voxels: *const u8,
+        places: &Places,
+        distances: [i32; N],
+    ) -> [S::I; N] {
+        // SAFETY: the caller's promise.
+        unsafe {
+            match self {
+                Self::U8 => S::gather_around(voxels, 1, places, distances),
+                Self::U16 => S::gather_around(voxels, 2, places, distances),
+                Self::F32 => S::gather_around(voxels, 4, places, distances),
+            }
+        }
+    }
+
+    /// Gathers the cells whose first corners lie at `base`, in voxels from `voxels`; `strides` are those of y and z.
+    ///
+    /// # Safety
     /// In every lane, all corners lie in the array, and two voxels after each row's first.
     #[inline(always)]
-    pub unsafe fn gather<S: Simd>(self, voxels: *const u8, base: S::I, strides: [i32; 2]) -> Raw<S> {
+    pub unsafe fn gather<S: Simd>(self, voxels: *const u8, base: &Places, [dy, dz]: [i32; 2]) -> Raw<S> {
         let mut raw = [S::splat_int(0); CORNERS];
-        let size = self.bytes();
-        let bytes = base * S::splat_int(size);
-        let all = S::mask_from_bits(u32::MAX);
-        for (row, offset) in [0, strides[0], strides[1], strides[0] + strides[1]].into_iter().enumerate() {
-            // SAFETY: the caller's promise; a word holds both voxels of a row, or one.
-            raw[row] = unsafe { S::gather(voxels, bytes + S::splat_int(offset * size), all) };
-        }
+        // SAFETY: the caller's promise; a word holds both voxels of a row, or one.
+        let words = unsafe { self.words::<S, 4>(voxels, base, [0, dy, dz, dy + dz]) };
+        raw[..CORNERS / 2].copy_from_slice(&words);
         if self == Self::F32 {
-            for (row, offset) in [0, strides[0], strides[1], strides[0] + strides[1]].into_iter().enumerate() {
-                // SAFETY: as above.
-                raw[4 + row] = unsafe { S::gather(voxels, bytes + S::splat_int((offset + 1) * size), all) };
-            }
+            // SAFETY: as above.
+            let words = unsafe { self.words::<S, 4>(voxels, base, [1, dy + 1, dz + 1, dy + dz + 1]) };
+            raw[CORNERS / 2..].copy_from_slice(&words);
         }
         raw
     }
@@ -85,7 +101,7 @@ impl Stored {
     pub unsafe fn gather_rows<S: Simd>(
         self,
         voxels: *const u8,
-        base: S::I,
+        base: &Places,
         strides: [i32; 2],
         rows: &mut Option<Rows<S>>,
     ) -> Raw<S> {
@@ -94,7 +110,7 @@ impl Stored {
             return unsafe { self.gather::<S>(voxels, base, strides) };
         }
         // SAFETY: the caller's promise.
-        let mut raw = unsafe { self.gather::<S>(voxels, base + S::splat_int(-1), strides) };
+        let mut raw = unsafe { self.gather::<S>(voxels.wrapping_offset(-1), base, strides) };
         *rows = Some([raw[0], raw[1], raw[2], raw[3]]);
         for word in &mut raw[..CORNERS / 2] {
             *word = S::shift_right::<8>(*word);

@@ -18,7 +18,7 @@ use super::queue::QueuedCell;
 use super::refine::Refine;
 use super::shade::PacketLighting;
 use super::shaded_cells::{AlongRay, CellShader, ShadeCells, ShadeQueue, ShadeRound};
-use super::simd::{LANES_LIMIT, Simd, exp_minus, for_three};
+use super::simd::{LANES_LIMIT, Places, Simd, exp_minus, for_three};
 use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, VALUE_ERROR, Walker};
 
 /// Share of the lanes that must show for a round's cells to be shaded where they lie: packing costs, too.
@@ -458,12 +458,13 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     ) {
         let brick = self.brick;
         // SAFETY: the caller's promise.
-        let mut raw = unsafe { self.gather(steps[0].base, &mut rows[0]) };
+        let places = brick.places_of(steps);
+        let mut raw = unsafe { self.gather(&places[0], &mut rows[0]) };
         for i in 0..ROUND {
             let cell = brick.stored.cell::<S>(&raw, brick.absent, brick.centre);
             if i + 1 < ROUND {
                 // SAFETY: as above.
-                raw = unsafe { self.gather(steps[i + 1].base, &mut rows[i + 1]) };
+                raw = unsafe { self.gather(&places[i + 1], &mut rows[i + 1]) };
             }
             chords[i] = self.chord(&cell, &steps[i], direction);
         }
@@ -474,13 +475,13 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
     /// # Safety
     /// As for [`Round::fetch`].
     #[inline(always)]
-    unsafe fn gather(&self, base: S::I, rows: &mut Option<Rows<S>>) -> Raw<S> {
+    unsafe fn gather(&self, places: &Places, rows: &mut Option<Rows<S>>) -> Raw<S> {
         let PacketBrick { stored, voxels, strides, .. } = *self.brick;
         // SAFETY: the caller's promise; the apron is wider than a voxel.
         unsafe {
             match self.brick.lighting {
-                Some(_) => stored.gather_rows::<S>(voxels, base, strides, rows),
-                None => stored.gather::<S>(voxels, base, strides),
+                Some(_) => stored.gather_rows::<S>(voxels, places, strides, rows),
+                None => stored.gather::<S>(voxels, places, strides),
             }
         }
     }

@@ -12,7 +12,7 @@ use supervol_format::space::HALF_VOXEL;
 
 use super::levels::LevelErrors;
 use super::parts::PartsAhead;
-use super::walk::Packet;
+use super::walk::{BLOCK_SIDE, Packet};
 use super::work::TileWork;
 use super::{IsoSides, RayState, SurfaceCrossing};
 use crate::clip::{IndexRay, Segment};
@@ -22,8 +22,6 @@ use crate::raycast::scalar::walk::PARALLEL;
 pub const TILE_SIDE: u32 = 16;
 /// Rays of a tile.
 pub const TILE_RAYS: usize = (TILE_SIDE * TILE_SIDE) as usize;
-/// Pixels along each side of a block of rays with consecutive numbers: what one packet holds, as long as all rays run.
-const BLOCK_SIDE: u32 = 4;
 
 /// Place in the tile of ray number `ray`: neighbours in number are neighbours in the picture.
 #[must_use]

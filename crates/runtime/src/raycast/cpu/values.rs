@@ -170,12 +170,13 @@ unsafe fn cast_packet<S: Simd, G: Gather<S>>(rays: &mut Rays<'_, S>, gather: &mu
         }
         let steps = rays.walker.round();
         // SAFETY: the walk stays in cells of the core, whose corners the apron holds.
-        let mut raw = unsafe { brick.stored.gather::<S>(brick.voxels, steps[0].base, brick.strides) };
+        let places = brick.places_of(&steps);
+        let mut raw = unsafe { brick.stored.gather::<S>(brick.voxels, &places[0], brick.strides) };
         for i in 0..ROUND {
             let corners = brick.stored.corners::<S>(&raw, brick.absent, brick.centre);
             if i + 1 < ROUND {
                 // SAFETY: as above.
-                raw = unsafe { brick.stored.gather::<S>(brick.voxels, steps[i + 1].base, brick.strides) };
+                raw = unsafe { brick.stored.gather::<S>(brick.voxels, &places[i + 1], brick.strides) };
             }
             let crosses = S::lt(zero, steps[i].length);
             rays.work.cells += u64::from(S::bits(crosses).count_ones());

@@ -12,10 +12,13 @@ use supervol_format::brick::{APRON, MACRO_CELL};
 use super::fetch::Stored;
 use super::leap::{BLOCK, ProximityCloud};
 use super::shade::PacketLighting;
-use super::simd::{LANES_LIMIT, Simd};
+use super::simd::{LANES_LIMIT, Places, Simd, hidden_in_memory};
 
 /// Cells that are walked before anything is composited.
 pub const ROUND: usize = 6;
+
+/// Pixels along each side of a block of rays with consecutive numbers: what one packet holds, as long as all rays run.
+pub const BLOCK_SIDE: u32 = 4;
 
 /// Distance, in cells, that stands for beyond everything.
 const FAR: f32 = 1e30;
@@ -96,6 +99,32 @@ impl PacketBrick<'_> {
     #[must_use]
     pub fn first_base(&self) -> i32 {
         (APRON as i32 - 1) * (1 + self.strides[0] + self.strides[1])
+    }
+
+    /// Where the cells of a round lie; the processor begins to load what the next round will want.
+    #[inline(always)]
+    pub fn places_of<S: Simd>(&self, steps: &[Step<S>; ROUND]) -> [Places; ROUND] {
+        let mut bases = [steps[0].base; ROUND];
+        for (base, step) in bases.iter_mut().zip(steps) {
+            *base = step.base;
+        }
+        let places = hidden_in_memory::<S, ROUND>(bases);
+        self.prefetch_behind::<S>(&places);
+        places
+    }
+
+    /// Prefetches the rows of the cells as far behind a round as this is long, of the packet's outermost rays: what lies between is on
+    /// the same lines of the cache.
+    #[inline(always)]
+    fn prefetch_behind<S: Simd>(&self, places: &[Places; ROUND]) {
+        let ([dy, dz], size, row_of_rays) = (self.strides, self.stored.bytes(), BLOCK_SIDE as usize);
+        for lane in [0, row_of_rays - 1, S::LANES - row_of_rays, S::LANES - 1] {
+            let behind = 2 * places[ROUND - 1][lane] - places[0][lane];
+            for row in [0, dy, dz, dy + dz] {
+                // Wherever that is: what does not lie in memory is not loaded.
+                S::prefetch(self.voxels.wrapping_offset(((behind + row) * size) as isize));
+            }
+        }
     }
 }
 

@@ -320,6 +320,11 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
+    fn prefetch(address: *const u8) {
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) };
+    }
+
+    #[inline(always)]
     fn float_from_bits(a: Ints) -> Floats {
         Floats(unsafe { _mm256_castsi256_ps(a.0) })
     }

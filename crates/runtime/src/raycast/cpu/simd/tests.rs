@@ -54,6 +54,7 @@ impl Task for Outcome<'_> {
         // SAFETY: the places are 0 to 63, and the array goes on for 4 bytes.
         let gathered = unsafe { S::gather(bytes.as_ptr(), places, mask) };
         check_moves::<S>(inputs);
+        check_around::<S>(places);
         let floats = [
             ("add", a + b),
             ("sub", a - b),
@@ -92,6 +93,28 @@ impl Task for Outcome<'_> {
         ];
         listed::<S>(inputs, &floats, &ints, &masks)
     }
+}
+
+/// Words around places are those that stand there; `places`: 0 to 63.
+#[inline(always)]
+fn check_around<S: Simd>(places: S::I) {
+    let bytes: [u8; 256] = std::array::from_fn(|i| (i * 37) as u8);
+    let (before, size, distances) = (8, 3, [0, 7, -1]);
+    let [places] = hidden_in_memory::<S, 1>([places]);
+    // SAFETY: from 3 bytes before the first place to 4 behind the last distance from the last, the array goes on.
+    let words = unsafe { S::gather_around(bytes[before..].as_ptr(), size, &places, distances) };
+    for (words, distance) in words.into_iter().zip(distances) {
+        let mut found = [0; LANES_LIMIT];
+        S::store_int(words, &mut found);
+        for (found, place) in found.into_iter().zip(places).take(S::LANES) {
+            let first =
+                usize::try_from(before as i32 + (place + distance) * size).expect("no place lies before the array");
+            let word = bytes[first..].first_chunk().expect("the array goes on for 4 bytes");
+            assert_eq!(found, i32::from_le_bytes(*word), "at {place} and {distance}");
+        }
+    }
+    // Wherever that is.
+    S::prefetch(bytes.as_ptr().wrapping_sub(1 << 40));
 }
 
 /// Numbers that change their lanes go where the mask says; all lanes are summed.
