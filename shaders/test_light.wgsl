@@ -17,6 +17,9 @@ struct LightResult {
     channels: vec4<f32>,
     // The part after shading: colour and error.
     lit: vec4<f32>,
+    // Of two chords by one line: colour and transmittance; error; mean and greatest distance, and width, in tables.
+    both: vec4<f32>,
+    line: vec4<f32>,
 }
 
 @group(2) @binding(0) var<storage, read> light_cases: array<LightCase>;
@@ -37,6 +40,11 @@ fn test_light(@builtin(global_invocation_id) id: vec3<u32>) {
     let spread = c.high.w * c.high.w * c.high.w * c.high.w;
     let values = mix(bins.xxx, bins.xyz, spread);
     let part = integrate_chord(LightChord(values, 100.0 * spread * c.high.x, 4.0 * u));
+    // Another part behind it, by one line with it.
+    let behind = LightChord(values.zyx + 0.1 * (values.yxz - values.xxx), 50.0 * spread * c.high.y, 2.0 * c.near.x);
+    let first = line_over(no_line(), line_of(LightChord(values, 100.0 * spread * c.high.x, 4.0 * u)));
+    let line = line_over(first, line_of(behind));
+    let both = integrate_line(line, disorder_of(line));
     let field = LightCell(vec4<f32>(c.low.xz, c.high.xz), vec4<f32>(c.low.yw - c.low.xz, c.high.yw - c.high.xz), true);
     result.part = vec4<f32>(part.color, part.transmittance);
     result.cell = vec4<f32>(part.error, value_in(field, a), twist_of(field), 0.0);
@@ -48,5 +56,7 @@ fn test_light(@builtin(global_invocation_id) id: vec3<u32>) {
     let gradients = mat3x3<f32>(begin, begin + turn * (c.high.xyz - 0.5), size * (begin + turn * (c.near.xyz - 0.5)));
     let lit = shade_part(part, gradients, normalize(a - c.b_u.xyz));
     result.lit = vec4<f32>(lit.color, lit.error);
+    result.both = vec4<f32>(both.color, both.transmittance);
+    result.line = vec4<f32>(both.error, vec3<f32>(line.average, line.most, line.high - line.low) * (1.0 / f32(LIGHT_BINS)));
     light_results[id.x] = result;
 }

@@ -19,8 +19,18 @@ fn slot_at(index: u32) -> Slot {
         default: {}
     }
     let i = index - grid.first;
-    let place = vec3<u32>(i % grid.slots.x, (i / grid.slots.x) % grid.slots.y, i / (grid.slots.x * grid.slots.y));
+    let row = quotient(i, grid.slots.x);
+    let layer = quotient(row, grid.slots.y);
+    let place = vec3<u32>(i - row * grid.slots.x, row - layer * grid.slots.y, layer);
     return Slot(index, texture, vec3<i32>(place * slot_texels()));
+}
+
+// The whole quotient of numbers below 2^24: software adapters divide whole numbers lane by lane.
+fn quotient(number: u32, divisor: u32) -> u32 {
+    let near = u32(f32(number) / f32(divisor));
+    // Division may be off by some units of the last place.
+    let least = near - u32(near * divisor > number);
+    return least + u32(number - least * divisor >= divisor);
 }
 
 // Texels of a slot along x, y and z.

@@ -104,12 +104,15 @@ fn ray_of_pixel(pixel: vec2<u32>) -> PixelRay {
     return PixelRay(origin, stride, parts[0] * per_t, parts[1] * per_t, sqrt(1.0 + dot(across, across)));
 }
 
-// The pixel whose ray is stored at a place: tiles of 8 x 8, row by row.
+// The pixel whose ray is stored at a place: tiles of 8 x 8, each in blocks of 4 x 2, row by row. Rays that groups of
+// lanes cast together then lie closer to each other than in rows of 8, and go through the same.
 fn pixel_of(place: u32) -> vec2<u32> {
     let tile = place / WORKGROUP_RAYS;
     let lane = place % WORKGROUP_RAYS;
     let first = vec2<u32>(tile % scene.view.tiles_x, tile / scene.view.tiles_x) * 8u;
-    return first + vec2<u32>(lane % 8u, lane / 8u) + vec2<u32>(0u, scene.view.first_row);
+    let block = lane / 8u;
+    let in_block = vec2<u32>(lane % 4u, lane / 4u % 2u);
+    return first + vec2<u32>(block % 2u * 4u, block / 2u * 2u) + in_block + vec2<u32>(0u, scene.view.first_row);
 }
 
 // The ray from its base point so many strides after its first point.

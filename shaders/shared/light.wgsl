@@ -82,16 +82,81 @@ fn no_part() -> LightPart {
     return LightPart(vec3<f32>(0.0), 1.0, 0.0, 0.0, 0.0, 0.0, 0.0);
 }
 
-// Integrates a chord.
-fn integrate_chord(chord: LightChord) -> LightPart {
+// The line that stands for the field along a part of a ray, and how far the field is from it.
+struct LightLine {
+    begin: f32,
+    end: f32,
+    // Bounds of the field, and of the line.
+    low: f32,
+    high: f32,
+    // Greatest distance of the field from the line, and a bound on its mean.
+    most: f32,
+    average: f32,
+    extent: f32,
+}
+
+// That of nothing yet.
+fn no_line() -> LightLine {
+    return LightLine(0.0, 0.0, FAR, -FAR, -FAR, 0.0, 0.0);
+}
+
+// The line with the field's mean and the difference between its ends.
+fn line_of(chord: LightChord) -> LightLine {
     let first = chord.values.x;
     let middle = chord.values.y;
     let last = chord.values.z;
-    // The line with the field's mean and the difference between its ends.
     let rise = last - first;
     let mean = middle * (4.0 / 6.0) + (first + last) * (1.0 / 6.0);
+    let bump = abs(middle - 0.5 * (first + last));
+    let cubic = abs(chord.cubic);
+    let most = (2.0 / 3.0) * bump + 0.05 * cubic;
+    let margin = most + 0.05 * cubic;
+    let low = min(min(first, last), middle) - margin;
+    let high = max(max(first, last), middle) + margin;
+    return LightLine(mean - 0.5 * rise, mean + 0.5 * rise, low, high, most, 0.26 * bump + 0.03 * cubic, chord.extent);
+}
+
+// The line that stands for the field along two parts, one behind the other. Its distance from each of theirs
+// goes evenly from end to end: so what is known of their distances from the field says how far the field is from this one.
+fn line_over(a: LightLine, b: LightLine) -> LightLine {
+    let extent = a.extent + b.extent;
+    let share = a.extent / max(extent, TINY);
+    let mean = 0.5 * (share * (a.begin + a.end) + (1.0 - share) * (b.begin + b.end));
+    let rise = (a.end - a.begin) + (b.end - b.begin);
     let begin = mean - 0.5 * rise;
     let end = mean + 0.5 * rise;
+    let joint = begin + share * rise;
+    let of_a = vec2<f32>(a.begin - begin, a.end - joint);
+    let of_b = vec2<f32>(b.begin - joint, b.end - end);
+    let most_a = a.most + max(abs(of_a.x), abs(of_a.y));
+    let most_b = b.most + max(abs(of_b.x), abs(of_b.y));
+    let average_a = a.average + mean_distance(of_a);
+    let average_b = b.average + mean_distance(of_b);
+    let low = min(min(a.low, b.low), min(begin, end));
+    let high = max(max(a.high, b.high), max(begin, end));
+    return LightLine(begin, end, low, high, max(most_a, most_b), share * average_a + (1.0 - share) * average_b, extent);
+}
+
+// Bound on the mean distance from 0 of what goes evenly from one number to another.
+fn mean_distance(ends: vec2<f32>) -> f32 {
+    return 0.25 * (abs(ends.x) + abs(ends.y) + abs(ends.x + ends.y));
+}
+
+// Share of the light that may come in another order than along a line that stands for several parts.
+fn disorder_of(line: LightLine) -> f32 {
+    return min(2.0 * line.most / max(abs(line.end - line.begin), TINY), 1.0);
+}
+
+// Integrates a chord.
+fn integrate_chord(chord: LightChord) -> LightPart {
+    return integrate_line(line_of(chord), 0.0);
+}
+
+// Integrates along a line; of several parts, `disorder` is `disorder_of`, else 0.
+fn integrate_line(line: LightLine, disorder: f32) -> LightPart {
+    let begin = line.begin;
+    let end = line.end;
+    let rise = end - begin;
     let a = light_at(begin);
     let b = light_at(end);
     // In one bin as well: far outside of all, antiderivatives would cancel.
@@ -99,7 +164,7 @@ fn integrate_chord(chord: LightChord) -> LightPart {
     let per_rise = 1.0 / select(rise, 1.0, is_narrow);
     let of_sums = (vec4<f32>(b.start - a.start) * config.light_unit + (b.rest - a.rest)) * per_rise;
     let means = max(select(of_sums, 0.5 * (a.value + b.value), is_narrow), vec4<f32>(0.0));
-    let extent = chord.extent;
+    let extent = line.extent;
     let kappa = means.w;
     let tau = kappa * extent;
     let transmittance = exp(-tau);
@@ -111,17 +176,12 @@ fn integrate_chord(chord: LightChord) -> LightPart {
     let ordered = order * (between.rgb * kappa - means.rgb * between.w);
 
     // What the line misses.
-    let bump = abs(middle - 0.5 * (first + last));
-    let cubic = abs(chord.cubic);
-    let most = (2.0 / 3.0) * bump + 0.05 * cubic;
-    let average = 0.26 * bump + 0.03 * cubic;
-    let margin = most + 0.05 * cubic;
-    let low = min(min(first, last), middle) - margin;
-    let high = max(max(first, last), middle) + margin;
+    let low = line.low;
+    let high = line.high;
     let sums_high = light_sums(high, 1.0);
     let sums_low = light_sums(low, 0.0);
     let sums = sums_high.xy - sums_low.xy;
-    let of_mean = 0.5 * sums.x * average * extent;
+    let of_mean = 0.5 * sums.x * line.average * extent;
     // No more than order can do to colours that differ so much.
     let reach = opacity * (1.0 - 0.5 * transmittance);
     let greatest = vec3<f32>(0.5 * min(sums.y, 1.0) * reach * reach);
@@ -131,7 +191,7 @@ fn integrate_chord(chord: LightChord) -> LightPart {
     // Colour may also be the uneven one: even, and then not. Beyond the last bin it does not change.
     let slope_high = select(sums_high.w, 0.0, high >= f32(LIGHT_BINS));
     let even_colors = min(sums_low.z, slope_high) * (light_bin(high) + 1.0 - light_bin(low));
-    let out_of_order = 0.84 * max(sums.y * uneven, sums.y - even_colors) + 0.06 * sums.y;
+    let out_of_order = 0.84 * max(sums.y * max(uneven, disorder), sums.y - even_colors) + 0.06 * sums.y;
     let of_order = opacity * out_of_order * tau / (4.0 + tau);
     let error = clamp(of_mean, 0.0, 1.0) + of_order;
     // Within a bin a line stands for what bends there; its ends are rounded roots.

@@ -1,10 +1,15 @@
 // Mode dvr: the walk of a ray through a brick, part by part.
 //
-// One loop without branches: whatever a ray does next, a cell, a part of a cell that one rule did not settle, or a leap, is
-// one turn of it. Rays of a group then wait for each other only where the brick ends.
+// One loop without branches: whatever a ray does next, a cell, several cells by one line where the field is
+// smooth, a part of a cell that one rule did not settle, or a leap, is one turn of it. Rays of a group then wait for each other
+// only where the brick ends.
 
 // Turns of the loop between two leaps.
 const ROUND: u32 = 8u;
+// Most cells that one line stands for.
+const LONGEST_SPAN: f32 = 4.0;
+// Error, in tolerances of a cell, up to which cells are followed by twice as many at once: of an even field it grows eightfold.
+const EASY_SPAN: f32 = 0.1;
 // No stored number.
 const NO_NUMBER: u32 = 0xffffffffu;
 
@@ -135,9 +140,11 @@ struct LightWalk {
     color: vec3<f32>,
     // First corner of the cell.
     cell: vec3<f32>,
-    // Share of the cell that is done, and length of the next part, in cells.
+    // Share of the cell that is done, and length of the next part, in cells; from 1 on, whole cells.
     at: f32,
     next: f32,
+    // Most cells that are tried at once in this round.
+    longest: f32,
     // Along the ray's way through the cell, once it is asked for: what is fetched for one part serves the next.
     gradient: ChordGradient,
     has_gradient: bool,
@@ -151,9 +158,10 @@ fn cell_at(ray: LightRay, t: f32) -> vec3<f32> {
     return clamp(floor(ray.origin + t * ray.direction), vec3<f32>(-1.0), vec3<f32>(f32(config.core) - 1.0));
 }
 
-// Whether the ray has begun with a cell.
+// Whether the ray has begun with a cell: where nothing of it is taken yet, its next part may be shorter. To try all of it again
+// with each round would never end where it takes more turns than a round has to find a part that is short enough.
 fn is_in_cell(walk: ptr<function, LightWalk>) -> bool {
-    return (*walk).at > 0.0 || (*walk).has_crossings;
+    return (*walk).at > 0.0 || (*walk).next < 1.0 || (*walk).has_crossings;
 }
 
 // Takes the ray out of what shows nothing, to where something near does, or the brick ends.
@@ -185,61 +193,113 @@ fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr
     }
 }
 
-// Integrates the next part of a cell, and takes it or makes it shorter; behind the last one the next cell begins.
+// What one turn integrates: a part of a cell, or whole cells one behind the other.
+struct Stretch {
+    line: LightLine,
+    cells: f32,
+    // False where an absent voxel has weight on the way.
+    is_present: bool,
+    // The last cell, where the ray leaves it, and where it crosses the planes ahead.
+    cell: vec3<f32>,
+    leave: f32,
+    exits: vec3<f32>,
+    // The ray's way through that cell, and the share of it that is gone through, and ends.
+    entry: vec3<f32>,
+    way: vec3<f32>,
+    size: f32,
+    end: f32,
+    voxels: StoredCell,
+}
+
+// Goes through the next part of a cell, or through the next cells, and fits a line to the field.
+fn next_stretch(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) -> Stretch {
+    let at = (*walk).at;
+    var s: Stretch;
+    s.line = no_line();
+    s.cells = 0.0;
+    s.is_present = true;
+    s.cell = (*walk).cell;
+    var t = (*walk).t;
+    loop {
+        s.exits = (s.cell + ray.ahead) * ray.inverse + ray.offset;
+        s.leave = max(min(first_crossing(s.exits), ray.leave), t);
+        let length = s.leave - t;
+        s.entry = ray.origin + t * ray.direction - s.cell;
+        s.way = length * ray.direction;
+        s.voxels = stored_cell(slot, vec3<i32>(s.cell));
+        if (has_flag(FLAG_SURFACES) && !(*walk).has_crossings) {
+            find_crossings(corners_of_stored(s.voxels), Chord(s.entry, s.entry + s.way, 0.0), walk, state);
+        }
+        // Parts end at surfaces; nothing shorter than the shortest part is left over.
+        let stop = select(1.0, min((*walk).crossings.u, 1.0), has_flag(FLAG_SURFACES));
+        let is_last = (*walk).next + LEAST_PART >= stop - at;
+        s.size = select((*walk).next, stop - at, is_last);
+        s.end = select(at + s.size, stop, is_last);
+        let field = light_cell(s.voxels, s.entry, s.entry + s.way);
+        let values = vec3<f32>(
+            value_in(field, s.entry + at * s.way),
+            value_in(field, s.entry + (at + 0.5 * s.size) * s.way),
+            value_in(field, s.entry + s.end * s.way),
+        );
+        let part_way = s.size * s.way;
+        let cubic = twist_of(field) * part_way.x * part_way.y * part_way.z;
+        s.line = line_over(s.line, line_of(LightChord(values, cubic, length * ray.extent_per_t * s.size)));
+        s.is_present = s.is_present && field.is_present;
+        s.cells += 1.0;
+        if (s.cells >= (*walk).next || s.leave >= ray.leave) {
+            break;
+        }
+        // The first one is counted with its round.
+        work += 1u;
+        s.cell += select(vec3<f32>(0.0), ray.step, s.exits <= vec3<f32>(s.leave));
+        t = s.leave;
+    }
+    return s;
+}
+
+// Integrates the next part of a cell, or the next cells, and takes it or makes it shorter; behind the last part the next cell
+// begins.
 fn try_part(
     slot: Slot, local: LocalRay, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) {
-    let exits = ((*walk).cell + ray.ahead) * ray.inverse + ray.offset;
-    let cell_leave = max(min(first_crossing(exits), ray.leave), (*walk).t);
-    let length = cell_leave - (*walk).t;
-    let entry = ray.origin + (*walk).t * ray.direction - (*walk).cell;
-    let way = length * ray.direction;
-    let voxels = stored_cell(slot, vec3<i32>((*walk).cell));
-    if (has_flag(FLAG_SURFACES) && !(*walk).has_crossings) {
-        find_crossings(corners_of_stored(voxels), Chord(entry, entry + way, 0.0), walk, state);
-    }
-    // Parts end at surfaces; nothing shorter than the shortest part is left over.
     let at = (*walk).at;
-    let stop = select(1.0, min((*walk).crossings.u, 1.0), has_flag(FLAG_SURFACES));
-    let is_last = (*walk).next + LEAST_PART >= stop - at;
-    let size = select((*walk).next, stop - at, is_last);
-    let end = select(at + size, stop, is_last);
-    let field = light_cell(voxels, entry, entry + way);
-    let values = vec3<f32>(
-        value_in(field, entry + at * way),
-        value_in(field, entry + (at + 0.5 * size) * way),
-        value_in(field, entry + end * way),
-    );
-    let part_way = size * way;
-    let cubic = twist_of(field) * part_way.x * part_way.y * part_way.z;
-    var part = integrate_chord(LightChord(values, cubic, length * ray.extent_per_t * size));
-    if (!field.is_present) {
+    let s = next_stretch(slot, ray, walk, state);
+    let is_span = s.cells > 1.0;
+    var part = integrate_line(s.line, select(0.0, disorder_of(s.line), is_span));
+    if (!s.is_present) {
         part = no_part();
     }
     samples += 2u;
-    if (has_flag(FLAG_SHADED) && (1.0 - part.transmittance) * (*walk).transmittance > config.least_shaded) {
-        let gradient = gradient_of(slot, voxels, entry, way, walk);
+    let is_lit = has_flag(FLAG_SHADED) && (1.0 - part.transmittance) * (*walk).transmittance > config.least_shaded;
+    if (is_lit && !is_span) {
+        let gradient = gradient_of(slot, s.voxels, s.entry, s.way, walk);
         if (gradient.present != 0u) {
-            let middle = gradient_at(gradient, at + 0.5 * size, local);
-            let gradients = mat3x3<f32>(gradient_at(gradient, at, local), middle, gradient_at(gradient, end, local));
+            let middle = gradient_at(gradient, at + 0.5 * s.size, local);
+            let gradients = mat3x3<f32>(gradient_at(gradient, at, local), middle, gradient_at(gradient, s.end, local));
             part = shade_part(part, gradients, local.to_eye);
         }
     }
 
     let ratio = part.error * (*walk).transmittance / config.cell_error;
-    let is_taken = ratio <= max(size, LEAST_SHARE) || size <= SHORTEST;
-    (*walk).next = next_size(size, ratio, is_taken);
+    let is_settled = ratio <= max(s.size, LEAST_SHARE) || s.size <= SHORTEST;
+    // Three places do not settle the light of several cells, and beside a hole nothing is known.
+    let is_taken = is_settled && !(is_span && (is_lit || !s.is_present));
+    let is_whole = s.size == 1.0;
+    let grows = is_taken && s.is_present && !is_lit && ratio <= EASY_SPAN && !has_flag(FLAG_SURFACES);
+    let cells_next = select(1.0, min(2.0 * s.cells, (*walk).longest), grows);
+    (*walk).longest = select((*walk).longest, 1.0, is_span && !is_taken);
+    (*walk).next = select(next_size(s.size, ratio, is_taken), cells_next, is_whole && (is_taken || is_span));
     if (is_taken) {
         if (has_flag(FLAG_ERRORS)) {
             ray_errors.cells += (part.error + part.fit) * (*walk).transmittance;
         }
         (*walk).color += (*walk).transmittance * part.color;
         (*walk).transmittance *= part.transmittance;
-        (*walk).at = end;
+        (*walk).at = s.end;
     }
     let is_met = has_flag(FLAG_SURFACES) && (*walk).at >= (*walk).crossings.u;
     if (is_met) {
         let iso = scene.tables.isos[(*walk).crossings.surface];
-        let color = shaded(gradient_of(slot, voxels, entry, way, walk), (*walk).at, local, iso.color);
+        let color = shaded(gradient_of(slot, s.voxels, s.entry, s.way, walk), (*walk).at, local, iso.color);
         (*walk).color += (*walk).transmittance * iso.alpha * color;
         (*walk).transmittance *= 1.0 - iso.alpha;
         (*walk).next = 1.0;
@@ -248,13 +308,13 @@ fn try_part(
         (*walk).crossings = left;
     }
     if ((*walk).at >= 1.0 && !is_met) {
-        (*walk).cell += select(vec3<f32>(0.0), ray.step, exits <= vec3<f32>(cell_leave));
-        (*walk).t = cell_leave;
+        (*walk).cell = s.cell + select(vec3<f32>(0.0), ray.step, s.exits <= vec3<f32>(s.leave));
+        (*walk).t = s.leave;
         (*walk).at = 0.0;
-        (*walk).next = 1.0;
+        (*walk).next = select(1.0, (*walk).next, is_whole);
         (*walk).has_gradient = false;
         (*walk).has_crossings = false;
-        cells += 1u;
+        cells += u32(s.cells);
     }
 }
 
@@ -314,6 +374,12 @@ fn cast_brick_light(slot: Slot, local: LocalRay, leave: f32, state: ptr<function
     var goes_on = walk.t < leave;
     while (goes_on) {
         leap_on(slot, ray, &walk, state);
+        // Each round begins as if the ray had been interrupted in front of it, so that pictures do not depend on where rays are.
+        // Within a cell none is.
+        let begins = !is_in_cell(&walk);
+        walk.cell = select(walk.cell, cell_at(ray, walk.t), begins);
+        walk.next = select(walk.next, 1.0, begins);
+        walk.longest = select(walk.longest, LONGEST_SPAN, begins);
         macro_cells += 1u;
         work += ROUND;
         for (var i = 0u; i < ROUND; i += 1u) {

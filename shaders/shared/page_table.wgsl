@@ -37,7 +37,7 @@ fn region_at(ray: LevelRay, t: f32) -> Region {
     let core = i32(config.core);
     let point = vec3<i32>(floor(ray.fraction + t * ray.direction + 0.5)) + ray.voxel;
     let last = vec3<i32>(scene.tables.levels[0].bricks) - 1;
-    var brick = clamp(point / core, vec3<i32>(0), last);
+    var brick = clamp(point >> vec3<u32>(firstTrailingBit(config.core)), vec3<i32>(0), last);
     for (var i = 0u; i < REGION_STEPS; i += 1u) {
         work += 1u;
         if (any(brick < vec3<i32>(0)) || any(brick > last)) {

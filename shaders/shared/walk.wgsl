@@ -48,11 +48,7 @@ fn cast_page(page: Page, base: LevelRay, leave: f32, state: ptr<function, RaySta
     switch page.state {
         case PAGE_RESIDENT: {
             note_use(page.payload);
-            if (has_flag(FLAG_LIGHT)) {
-                cast_brick_light(slot_at(page.payload), local_ray(page, base), leave, state);
-            } else {
-                cast_brick(slot_at(page.payload), local_ray(page, base), leave, state);
-            }
+            cast_resident(slot_at(page.payload), local_ray(page, base), leave, state);
         }
         case PAGE_UNIFORM: {
             let way = leave - (*state).t;

@@ -28,6 +28,7 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
         &[
             "cast_ray",
             "cast_page",
+            "cast_resident",
             "local_ray",
             "begin_part",
             "cast_brick",
@@ -37,6 +38,7 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
             "gather_part",
             "split_at",
             "cast_brick_light",
+            "next_stretch",
             "try_part",
             "is_in_cell",
             "gradient_of",

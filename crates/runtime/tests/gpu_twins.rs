@@ -10,7 +10,10 @@ use gpu_support::{F32, TestVolume, gpu, marschner_lobb};
 use supervol_format::Geometry;
 use supervol_format::random::Random;
 use supervol_runtime::gpu::layout::{Dispatch, LIGHT_BINS, Scene as GpuScene, SlotGrid, View};
-use supervol_runtime::gpu::light::{LightChord, LightPart, integrate_chord, light_at, shade_part, twist_of, value_in};
+use supervol_runtime::gpu::light::{
+    LightChord, LightPart, disorder_of, integrate_chord, integrate_line, light_at, line_of, line_over, no_line,
+    shade_part, twist_of, value_in,
+};
 use supervol_runtime::gpu::light_table::LightTable;
 use supervol_runtime::gpu::scene_tables::{self, Exactness, FeedbackPlaces};
 use supervol_runtime::gpu::shaders;
@@ -66,6 +69,8 @@ struct LightOutcome {
     cell: [f32; 4],
     channels: [f32; 4],
     lit: [f32; 4],
+    both: [f32; 4],
+    line: [f32; 4],
 }
 
 /// The same through the Rust functions.
@@ -112,6 +117,17 @@ fn light_outcome(case: &Case, light: &LightTable, lighting: &Lighting) -> LightO
         extent: 4.0 * case.b_u[3],
     };
     let part = integrate_chord(light, &chord);
+    let [x, y, z] = chord.values;
+    let behind = LightChord {
+        values: [z + 0.1 * (y - x), y, x + 0.1 * (z - x)],
+        cubic: 50.0 * spread * case.high[1],
+        extent: 2.0 * case.near[0],
+    };
+    let line = line_over(&line_over(&no_line(), &line_of(&chord)), &line_of(&behind));
+    let both = integrate_line(light, &line, disorder_of(&line));
+    let [of_both_r, of_both_g, of_both_b] = both.color;
+    let [low, high] = line.range;
+    let in_tables = [line.average, line.most, high - low].map(|v| v / LIGHT_BINS as f32);
     let LightPart { color: [r, g, blue], transmittance, error, .. } = part;
     let (corners, place) = (corners(case), [case.a_value[0], case.a_value[1], case.a_value[2]]);
     LightOutcome {
@@ -119,6 +135,8 @@ fn light_outcome(case: &Case, light: &LightTable, lighting: &Lighting) -> LightO
         cell: [error, value_in(&corners, place), twist_of(&corners), 0.0],
         channels: light_at(light, bins[3]).value,
         lit: shade_part(lighting, &part, gradients(case), to_eye(case)),
+        both: [of_both_r, of_both_g, of_both_b, both.transmittance],
+        line: [both.error, in_tables[0], in_tables[1], in_tables[2]],
     }
 }
 
@@ -252,7 +270,7 @@ fn compare_with_twins(gpu: &GpuDevice, shininess: u32) {
     let found: Vec<LightOutcome> = run(gpu, shaders::TEST_LIGHT, &light_group_0, &cases);
     let expected: Vec<LightOutcome> = cases.iter().map(|case| light_outcome(case, &light, &lighting)).collect();
     compare(
-        [("part", 2e-4), ("cell", 2e-3), ("channels", 2e-4), ("lit", 2e-3)],
+        [("part", 2e-4), ("cell", 2e-3), ("channels", 2e-4), ("lit", 2e-3), ("both", 2e-4), ("line", 2e-3)],
         &bytemuck::pod_collect_to_vec(&found),
         &bytemuck::pod_collect_to_vec(&expected),
     );

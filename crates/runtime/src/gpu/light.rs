@@ -9,6 +9,7 @@ use supervol_format::Geometry;
 
 use super::layout::LIGHT_BINS;
 use super::light_table::{BIN_TEXELS, GREATEST_ROOT, LightTable};
+use super::twins::FAR;
 use crate::raycast::cpu::integrate::Part;
 use crate::raycast::cpu::shade::PacketLighting;
 use crate::raycast::cpu::simd::{LANES_LIMIT, Portable, Simd};
@@ -18,8 +19,8 @@ use crate::raycast::scalar::shade::Lighting;
 pub const NARROW: f32 = 1.0;
 /// 1 over the square of the greatest root.
 const PER_SQUARE: f32 = 1.0 / (GREATEST_ROOT as f32 * GREATEST_ROOT as f32);
-/// Extinction that stands for none.
-const DIM: f32 = 1e-30;
+/// Keeps a division from dividing by zero; extinction that stands for none.
+const TINY: f32 = 1e-30;
 
 /// The channels at a value: red, green, blue (times extinction), extinction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,6 +40,21 @@ pub struct LightChord {
     pub values: [f32; 3],
     /// Coefficient of the third power.
     pub cubic: f32,
+    /// Length.
+    pub extent: f32,
+}
+
+/// The line that stands for the field along a part of a ray, or along several, and how far the field is from it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LightLine {
+    /// Where it begins and ends.
+    pub ends: [f32; 2],
+    /// Bounds of the field, and of the line.
+    pub range: [f32; 2],
+    /// Greatest distance of the field from the line.
+    pub most: f32,
+    /// Bound on its mean distance.
+    pub average: f32,
     /// Length.
     pub extent: f32,
 }
@@ -99,13 +115,75 @@ pub fn light_sums(table: &LightTable, value: f32, behind: f32) -> [f32; 4] {
     texel(table, 2, (light_bin(value) + behind).min(LIGHT_BINS as f32)).map(f32::from_bits)
 }
 
+/// That of nothing yet.
+#[must_use]
+pub fn no_line() -> LightLine {
+    LightLine { ends: [0.0; 2], range: [FAR, -FAR], most: -FAR, average: 0.0, extent: 0.0 }
+}
+
+/// The line with the field's mean and the difference between its ends.
+#[must_use]
+pub fn line_of(chord: &LightChord) -> LightLine {
+    let [first, middle, last] = chord.values;
+    let rise = last - first;
+    let mean = middle * (4.0 / 6.0) + (first + last) * (1.0 / 6.0);
+    let (bump, cubic) = ((middle - 0.5 * (first + last)).abs(), chord.cubic.abs());
+    let most = 2.0 / 3.0 * bump + 0.05 * cubic;
+    let margin = most + 0.05 * cubic;
+    LightLine {
+        ends: [-0.5, 0.5].map(|share| mean + share * rise),
+        range: [first.min(last).min(middle) - margin, first.max(last).max(middle) + margin],
+        most,
+        average: 0.26 * bump + 0.03 * cubic,
+        extent: chord.extent,
+    }
+}
+
+/// The line that stands for the field along two parts, one behind the other. Its distance from each of theirs goes evenly from
+/// end to end: so what is known of their distances from the field says how far the field is from this one.
+#[must_use]
+pub fn line_over(a: &LightLine, b: &LightLine) -> LightLine {
+    let extent = a.extent + b.extent;
+    let share = a.extent / extent.max(TINY);
+    let mean = 0.5 * (share * (a.ends[0] + a.ends[1]) + (1.0 - share) * (b.ends[0] + b.ends[1]));
+    let rise = (a.ends[1] - a.ends[0]) + (b.ends[1] - b.ends[0]);
+    let [begin, end] = [-0.5, 0.5].map(|part| mean + part * rise);
+    let joint = begin + share * rise;
+    let of_a = [a.ends[0] - begin, a.ends[1] - joint];
+    let of_b = [b.ends[0] - joint, b.ends[1] - end];
+    let most = |line: &LightLine, [x, y]: [f32; 2]| line.most + x.abs().max(y.abs());
+    let average = |line: &LightLine, ends| line.average + mean_distance(ends);
+    LightLine {
+        ends: [begin, end],
+        range: [a.range[0].min(b.range[0]).min(begin).min(end), a.range[1].max(b.range[1]).max(begin).max(end)],
+        most: most(a, of_a).max(most(b, of_b)),
+        average: share * average(a, of_a) + (1.0 - share) * average(b, of_b),
+        extent,
+    }
+}
+
+/// Bound on the mean distance from 0 of what goes evenly from one number to another.
+fn mean_distance([x, y]: [f32; 2]) -> f32 {
+    0.25 * (x.abs() + y.abs() + (x + y).abs())
+}
+
+/// Share of the light that may come in another order than along a line that stands for several parts.
+#[must_use]
+pub fn disorder_of(line: &LightLine) -> f32 {
+    (2.0 * line.most / (line.ends[1] - line.ends[0]).abs().max(TINY)).min(1.0)
+}
+
 /// Integrates a chord.
 #[must_use]
 pub fn integrate_chord(table: &LightTable, chord: &LightChord) -> LightPart {
-    let ([first, middle, last], extent) = (chord.values, chord.extent);
-    let rise = last - first;
-    let mean = middle * (4.0 / 6.0) + (first + last) * (1.0 / 6.0);
-    let ends = [-0.5, 0.5].map(|share| mean + share * rise);
+    integrate_line(table, &line_of(chord), 0.0)
+}
+
+/// Integrates along a line; of several parts, `disorder` is [`disorder_of`], else 0.
+#[must_use]
+pub fn integrate_line(table: &LightTable, line: &LightLine, disorder: f32) -> LightPart {
+    let LightLine { ends, extent, .. } = *line;
+    let rise = ends[1] - ends[0];
     let [a, b] = ends.map(|value| light_at(table, value));
     let is_narrow = rise.abs() <= NARROW || light_bin(ends[0]) == light_bin(ends[1]);
     let means: [f32; 4] = std::array::from_fn(|c| {
@@ -120,13 +198,13 @@ pub fn integrate_chord(table: &LightTable, chord: &LightChord) -> LightPart {
     let emitting = if tau < 1e-6 { extent } else { opacity / kappa };
     let order = extent * extent / (12.0 + tau * (6.0 + 1.2 * tau));
     let between = |c: usize| b.value[c] - a.value[c];
-    let [error, fit, misplaced, colors] = error_of(table, chord, kappa);
+    let [error, fit, misplaced, colors] = error_of(table, line, disorder, kappa);
     let most = 0.5 * colors * (opacity * (1.0 - 0.5 * transmittance)).powi(2);
     let color = std::array::from_fn(|c| {
         let ordered = order * (between(c) * kappa - means[c] * between(3));
         (means[c] * emitting - ordered.clamp(-most, most)).clamp(0.0, opacity)
     });
-    let dim = 1e-3 * kappa + DIM;
+    let dim = 1e-3 * kappa + TINY;
     let (at_front, at_back) = (a.value[3].max(0.0) + dim, b.value[3].max(0.0) * transmittance + dim);
     LightPart { color, transmittance, error, fit, front_share: at_front / (at_front + at_back), misplaced, colors }
 }
@@ -159,23 +237,18 @@ pub fn shade_part(lighting: &Lighting, part: &LightPart, gradients: [Vec3; 3], t
 }
 
 /// What the line misses, [`LightPart::fit`], [`LightPart::misplaced`] and [`LightPart::colors`].
-fn error_of(table: &LightTable, chord: &LightChord, kappa: f32) -> [f32; 4] {
-    let ([first, middle, last], extent) = (chord.values, chord.extent);
-    let (bump, cubic) = ((middle - 0.5 * (first + last)).abs(), chord.cubic.abs());
-    let most = 2.0 / 3.0 * bump + 0.05 * cubic;
-    let average = 0.26 * bump + 0.03 * cubic;
-    let margin = most + 0.05 * cubic;
-    let [below, above] = [first.min(last).min(middle) - margin, first.max(last).max(middle) + margin];
+fn error_of(table: &LightTable, line: &LightLine, disorder: f32, kappa: f32) -> [f32; 4] {
+    let LightLine { ends, range: [below, above], average, extent, .. } = *line;
     let [low, high] = [light_sums(table, below, 0.0), light_sums(table, above, 1.0)];
     let [bends, colors] = std::array::from_fn(|i| high[i] - low[i]);
-    let width = (last - first).abs();
+    let width = (ends[1] - ends[0]).abs();
     let of_mean = 0.5 * bends * average * extent;
     let uneven = (0.25 * bends * width / kappa.max(1e-12)).min(1.0);
     let tau = kappa * extent;
     // Beyond the last bin colour does not change.
     let slope_high = if above >= LIGHT_BINS as f32 { 0.0 } else { high[3] };
     let even_colors = low[2].min(slope_high) * (light_bin(above) + 1.0 - light_bin(below));
-    let out_of_order = 0.84 * (colors * uneven).max(colors - even_colors) + 0.06 * colors;
+    let out_of_order = 0.84 * (colors * uneven.max(disorder)).max(colors - even_colors) + 0.06 * colors;
     let of_order = (1.0 - (-tau).exp()) * out_of_order * tau / (4.0 + tau);
     let fall = 0.03 * tau * tau / (1.0 + 0.1 * tau * tau);
     let of_bin = 0.5 * bends + 2.0 * (kappa * table.most).sqrt() / GREATEST_ROOT as f32 + table.unit;
@@ -204,20 +277,25 @@ mod tests {
     use crate::transfer_function::{ControlPoint, TransferFunction};
     use supervol_format::random::Random;
 
+    /// A cubic by its coefficients, and the length it goes over.
+    type Cubic = ([f64; 4], f64);
+
     fn cubic(k: [f64; 4], u: f64) -> f64 {
         k[0] + u * (k[1] + u * (k[2] + u * k[3]))
     }
 
-    /// Colour and transmittance by 20,000 steps.
-    fn exact(tf: &TransferFunction, k: [f64; 4], length: f64) -> [f64; 4] {
-        let steps = 20_000;
-        let h = length / f64::from(steps);
+    /// Colour and transmittance of cubics one behind the other, by 20,000 steps in all.
+    fn exact(tf: &TransferFunction, cubics: &[Cubic]) -> [f64; 4] {
+        let steps = 20_000 / cubics.len();
         let (mut color, mut transmittance) = ([0.0; 3], 1.0);
-        for i in 0..steps {
-            let (c, alpha) = tf.classify(cubic(k, (f64::from(i) + 0.5) / f64::from(steps)));
-            let through = (-tf.kappa(alpha) * h).exp();
-            (0..3).for_each(|i| color[i] += transmittance * (1.0 - through) * c[i]);
-            transmittance *= through;
+        for &(k, length) in cubics {
+            let h = length / steps as f64;
+            for i in 0..steps {
+                let (c, alpha) = tf.classify(cubic(k, (i as f64 + 0.5) / steps as f64));
+                let through = (-tf.kappa(alpha) * h).exp();
+                (0..3).for_each(|i| color[i] += transmittance * (1.0 - through) * c[i]);
+                transmittance *= through;
+            }
         }
         [color[0], color[1], color[2], transmittance]
     }
@@ -249,13 +327,31 @@ mod tests {
         }
     }
 
-    /// The error that a part states is never far below the one that it has, whatever bends lie in it.
+    /// As many cubics as asked for, of one slope and curvature on the whole.
+    fn follow_one_another(random: &mut impl FnMut() -> f64, count: usize, wide: f64) -> Vec<Cubic> {
+        let mut value = 100.0 + 20.0 * random();
+        let (mut slope, bend) = (wide * 10.0 * (random() - 0.5), wide * 6.0 * (random() - 0.5));
+        let share = if count == 1 { 1.0 } else { 0.4 };
+        (0..count)
+            .map(|_| {
+                let length = share * 3.0 * random();
+                let own = wide * (random() - 0.5);
+                let k = [value, share * slope, share * share * bend, share * own];
+                value = cubic(k, 1.0);
+                slope += share * bend;
+                (k, length)
+            })
+            .collect()
+    }
+
+    /// The error that a part states is never far below the one that it has, whatever bends lie in it: of one part, and of
+    /// several by one line, along which the field bends, and whose lengths differ.
     #[test]
     fn stated_errors_are_errors() {
         let mut numbers = Random::new(17);
         let mut random = || numbers.unit();
         let (mut worst, mut looked_at) = (0.0f64, 0);
-        for _ in 0..3000 {
+        for i in 0..3000 {
             let mut values: Vec<f64> = (0..2 + (random() * 4.0) as usize).map(|_| 100.0 + 20.0 * random()).collect();
             values.sort_by(f64::total_cmp);
             let steep = if random() < 0.5 { 0.05 } else { 0.9 };
@@ -267,21 +363,19 @@ mod tests {
             let tf = TransferFunction::new(points.collect(), 2.0).unwrap();
             let table = LightTable::new(&tf, 0.0, 1e-3);
             let wide = if random() < 0.5 { 1.0 } else { 0.1 };
-            let k = [
-                100.0 + 20.0 * random(),
-                wide * 10.0 * (random() - 0.5),
-                wide * 6.0 * (random() - 0.5),
-                wide * (random() - 0.5),
-            ];
-            let length = 3.0 * random();
+            let cubics = follow_one_another(&mut random, if i % 2 == 0 { 1 } else { 4 }, wide);
             let bins = |v: f64| ((v - f64::from(table.first)) * f64::from(table.bins_per_value)) as f32;
-            let chord = LightChord {
-                values: [0.0, 0.5, 1.0].map(|u| bins(cubic(k, u))),
-                cubic: (k[3] * f64::from(table.bins_per_value)) as f32,
-                extent: (length / tf.unit_distance()) as f32,
-            };
-            let found = integrate_chord(&table, &chord);
-            let expected = exact(&tf, k, length);
+            let line = cubics.iter().fold(no_line(), |line, &(k, length)| {
+                let chord = LightChord {
+                    values: [0.0, 0.5, 1.0].map(|u| bins(cubic(k, u))),
+                    cubic: (k[3] * f64::from(table.bins_per_value)) as f32,
+                    extent: (length / tf.unit_distance()) as f32,
+                };
+                line_over(&line, &line_of(&chord))
+            });
+            let disorder = if cubics.len() == 1 { 0.0 } else { disorder_of(&line) };
+            let found = integrate_line(&table, &line, disorder);
+            let expected = exact(&tf, &cubics);
             let [r, g, b] = found.color;
             let off = [r, g, b, found.transmittance].into_iter().zip(expected);
             let error = off.map(|(f, e)| (f64::from(f) - e).abs()).fold(0.0, f64::max);
@@ -290,7 +384,7 @@ mod tests {
             let allowed = own + 1.5 * f64::from(found.error + found.fit);
             worst = worst.max(error / allowed);
             looked_at += usize::from(error > 1.5e-3);
-            assert!(error <= allowed, "{found:?} for {expected:?}, {chord:?}, {:?}", tf.points());
+            assert!(error <= allowed, "{found:?} for {expected:?}, {line:?}, {:?}", tf.points());
         }
         assert!(looked_at > 100 && worst > 0.3, "{looked_at} chords with an error; at worst {worst} of what is stated");
     }

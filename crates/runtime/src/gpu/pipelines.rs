@@ -1,8 +1,9 @@
 //! Compute pipelines and what they bind; the order of the bindings is that of `shaders/shared/config.wgsl`.
 
 use super::device::{GpuDevice, GpuError};
+use super::layout::FLAG_LIGHT;
 use super::memory::TEXTURE_LIMIT;
-use super::shaders::{BEGIN_PARTS, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, RAYCAST, ShaderModule};
+use super::shaders::{BEGIN_PARTS, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, RAYCAST, RAYCAST_LIGHT, ShaderModule};
 
 /// What pipelines are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -93,6 +94,7 @@ impl Pipelines {
         let cache = (SCENE_TABLES.len() as u32..).take(TEXTURE_LIMIT);
         scene_entries.extend(cache.map(|i| entry(i, Access::Storage(wgpu::TextureViewDimension::D3))));
         scene_entries.push(entry(scene_entries.len() as u32, Access::Read));
+        let raycast = if variant.flags & FLAG_LIGHT != 0 { RAYCAST_LIGHT } else { RAYCAST };
         gpu.checked("the compute pipelines", || {
             let scene_layout = layout(gpu, &scene_entries);
             let make = |shader: &ShaderModule, buffers: &[Access]| {
@@ -104,7 +106,7 @@ impl Pipelines {
                 classify_cells: make(&CLASSIFY_CELLS, &[Access::Read]),
                 begin_rays: make(&BEGIN_RAYS, &[Access::ReadWrite, Access::ReadWrite]),
                 begin_parts: make(&BEGIN_PARTS, &[Access::ReadWrite, Access::Read]),
-                raycast: make(&RAYCAST, &[Access::ReadWrite, Access::ReadWrite]),
+                raycast: make(&raycast, &[Access::ReadWrite, Access::ReadWrite]),
                 gather_misses: make(&GATHER_MISSES, &[]),
                 scene_layout,
             }

@@ -23,33 +23,44 @@ macro_rules! file {
     };
 }
 
-/// All that a ray does, without an entry point.
-const RAY: &[ShaderFile] = &[
-    file!("shared/layout.wgsl"),
-    file!("shared/config.wgsl"),
-    file!("shared/camera.wgsl"),
-    file!("shared/segment.wgsl"),
-    file!("shared/page_table.wgsl"),
-    file!("shared/brick.wgsl"),
-    file!("shared/leap.wgsl"),
-    file!("shared/cubic.wgsl"),
-    file!("shared/sample.wgsl"),
-    file!("shared/transfer_function.wgsl"),
-    file!("shared/shading.wgsl"),
-    file!("shared/quadrature.wgsl"),
-    file!("shared/compositing.wgsl"),
-    file!("shared/light.wgsl"),
-    file!("shared/light_shading.wgsl"),
-    file!("shared/inner_surfaces.wgsl"),
-    file!("shared/cell.wgsl"),
-    file!("shared/light_walk.wgsl"),
-    file!("shared/feedback.wgsl"),
-    file!("shared/errors.wgsl"),
-    file!("shared/walk.wgsl"),
-];
+/// All that a ray does, without an entry point; how it goes through a brick is in the file that is named.
+macro_rules! ray {
+    ($resident:literal) => {
+        &[
+            file!("shared/layout.wgsl"),
+            file!("shared/config.wgsl"),
+            file!("shared/camera.wgsl"),
+            file!("shared/segment.wgsl"),
+            file!("shared/page_table.wgsl"),
+            file!("shared/brick.wgsl"),
+            file!("shared/leap.wgsl"),
+            file!("shared/cubic.wgsl"),
+            file!("shared/sample.wgsl"),
+            file!("shared/transfer_function.wgsl"),
+            file!("shared/shading.wgsl"),
+            file!("shared/quadrature.wgsl"),
+            file!("shared/compositing.wgsl"),
+            file!("shared/light.wgsl"),
+            file!("shared/light_shading.wgsl"),
+            file!("shared/inner_surfaces.wgsl"),
+            file!("shared/cell.wgsl"),
+            file!("shared/light_walk.wgsl"),
+            file!("shared/feedback.wgsl"),
+            file!("shared/errors.wgsl"),
+            file!($resident),
+            file!("shared/walk.wgsl"),
+        ]
+    };
+}
+
+/// By cells and roots: all modes.
+const RAY: &[ShaderFile] = ray!("shared/resident_cells.wgsl");
 
 /// Casts rays until they finish, lack a brick, or reach the dispatch's limit.
 pub const RAYCAST: ShaderModule = ShaderModule { name: "raycast", shared: RAY, entry: file!("raycast.wgsl") };
+
+/// The same by parts of cells, where `FLAG_LIGHT` is set.
+pub const RAYCAST_LIGHT: ShaderModule = ShaderModule { shared: ray!("shared/resident_light.wgsl"), ..RAYCAST };
 
 /// Clips the rays of a band.
 pub const BEGIN_RAYS: ShaderModule = ShaderModule { name: "begin_rays", shared: RAY, entry: file!("begin_rays.wgsl") };
@@ -93,7 +104,7 @@ pub const TEST_ERRORS: ShaderModule =
 pub const TESTING: [ShaderModule; 6] = [TEST_TWINS, TEST_LIGHT, TEST_PLACES, TEST_WALK, TEST_SLOTS, TEST_ERRORS];
 
 /// What pictures are made by.
-pub const DRAWING: [ShaderModule; 5] = [RAYCAST, BEGIN_RAYS, BEGIN_PARTS, CLASSIFY_CELLS, GATHER_MISSES];
+pub const DRAWING: [ShaderModule; 6] = [RAYCAST, RAYCAST_LIGHT, BEGIN_RAYS, BEGIN_PARTS, CLASSIFY_CELLS, GATHER_MISSES];
 
 impl ShaderModule {
     /// The files joined.
