@@ -187,7 +187,6 @@ fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr
             let exit = first_crossing(face * ray.inverse + ray.offset);
             // Rounding must not hold it.
             (*walk).t = min(max(exit, (*walk).t) + ray.margin, ray.leave);
-            (*walk).cell = cell_at(ray, (*walk).t);
             macro_cells_skipped += 1u;
         }
     }
@@ -369,7 +368,6 @@ fn cast_brick_light(slot: Slot, local: LocalRay, leave: f32, state: ptr<function
     walk.t = begin;
     walk.transmittance = (*state).transmittance;
     walk.color = (*state).color;
-    walk.cell = cell_at(ray, begin);
     walk.next = 1.0;
     var goes_on = walk.t < leave;
     while (goes_on) {

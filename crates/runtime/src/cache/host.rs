@@ -26,8 +26,7 @@ pub struct HostCache<T> {
     reserved: u64,
     /// Bricks that have left, whose memory waits for those on their way: never more bytes than are reserved. Given back to the
     /// allocator and asked for again by whichever thread decodes next, it would be torn to pieces.
-    spares: Vec<Spare<T>>,
-    spare_bytes: u64,
+    spares: Vec<Held<T>>,
     pass: u64,
     counters: StreamCounters,
     peak_bytes: u64,
@@ -39,12 +38,6 @@ struct Held<T> {
     bytes: u64,
     /// Pass in which a ray last used it, or in which it came.
     last_used: u64,
-}
-
-#[derive(Debug)]
-struct Spare<T> {
-    brick: T,
-    bytes: u64,
 }
 
 /// How readily a brick may leave.
@@ -94,7 +87,6 @@ impl<T> HostCache<T> {
             bytes: 0,
             reserved: 0,
             spares: Vec::new(),
-            spare_bytes: 0,
             pass: 0,
             counters: StreamCounters::default(),
             peak_bytes: 0,
@@ -175,10 +167,7 @@ impl<T> HostCache<T> {
                 }
             };
             let held = self.bricks.remove(&key);
-            let Held { brick, bytes, .. } =
-                held.unwrap_or_else(|| panic!("{key} was to leave the cache but is not in it"));
-            self.spares.push(Spare { brick, bytes });
-            self.spare_bytes += bytes;
+            self.spares.push(held.unwrap_or_else(|| panic!("{key} was to leave the cache but is not in it")));
             self.bytes -= victim_bytes;
             self.counters.evictions += 1;
             dropped.push(key);
@@ -226,16 +215,19 @@ impl<T> HostCache<T> {
 
     fn take_spare(&mut self, bytes: u64) -> Option<T> {
         let at = self.spares.iter().rposition(|spare| spare.bytes == bytes)?;
-        self.spare_bytes -= bytes;
         Some(self.spares.swap_remove(at).brick)
     }
 
     /// Drops spares until they have at most so many bytes.
     fn drop_spares(&mut self, most_bytes: u64) {
-        while self.spare_bytes > most_bytes {
-            let spare = self.spares.pop().expect("they have these bytes");
-            self.spare_bytes -= spare.bytes;
+        let mut bytes = self.spare_bytes();
+        while bytes > most_bytes {
+            bytes -= self.spares.pop().expect("they have these bytes").bytes;
         }
+    }
+
+    fn spare_bytes(&self) -> u64 {
+        self.spares.iter().map(|spare| spare.bytes).sum()
     }
 
     /// Bytes that are reserved.
@@ -391,12 +383,12 @@ mod tests {
         let mut victims = cache.victims(|_, _| Standing::Free);
         assert_eq!(cache.make_room(25, &mut victims), Ok(vec![key(0), key(1), key(2)]));
         cache.reserve(25);
-        assert_eq!(cache.spare_bytes, 20, "the third would be more than is on its way");
+        assert_eq!(cache.spare_bytes(), 20, "the third would be more than is on its way");
         assert_eq!(cache.take_spares(&[10, 5]), [Some(1), None]);
-        assert_eq!(cache.spare_bytes, 10);
+        assert_eq!(cache.spare_bytes(), 10);
         cache.release(15);
         assert_eq!(cache.take_spares(&[7]), [None], "of another size");
-        assert_eq!(cache.spare_bytes, 0, "what comes and a spare are more than is reserved");
+        assert_eq!(cache.spare_bytes(), 0, "what comes and a spare are more than is reserved");
         cache.release(10);
         cache.insert(key(4), 4, 10);
         assert_eq!((cache.bytes(), cache.free_bytes(), cache.spares.len()), (20, 20, 0));

@@ -274,31 +274,9 @@ pub fn twist_of(corners: &[f32; 8]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::raycast::cubics::{Cubic, cubic, exact};
     use crate::transfer_function::{ControlPoint, TransferFunction};
     use supervol_format::random::Random;
-
-    /// A cubic by its coefficients, and the length it goes over.
-    type Cubic = ([f64; 4], f64);
-
-    fn cubic(k: [f64; 4], u: f64) -> f64 {
-        k[0] + u * (k[1] + u * (k[2] + u * k[3]))
-    }
-
-    /// Colour and transmittance of cubics one behind the other, by 20,000 steps in all.
-    fn exact(tf: &TransferFunction, cubics: &[Cubic]) -> [f64; 4] {
-        let steps = 20_000 / cubics.len();
-        let (mut color, mut transmittance) = ([0.0; 3], 1.0);
-        for &(k, length) in cubics {
-            let h = length / steps as f64;
-            for i in 0..steps {
-                let (c, alpha) = tf.classify(cubic(k, (i as f64 + 0.5) / steps as f64));
-                let through = (-tf.kappa(alpha) * h).exp();
-                (0..3).for_each(|i| color[i] += transmittance * (1.0 - through) * c[i]);
-                transmittance *= through;
-            }
-        }
-        [color[0], color[1], color[2], transmittance]
-    }
 
     /// What lies beside the function, however close, adds nothing and is not off.
     #[test]
@@ -351,7 +329,7 @@ mod tests {
         let mut numbers = Random::new(17);
         let mut random = || numbers.unit();
         let (mut worst, mut looked_at) = (0.0f64, 0);
-        for i in 0..3000 {
+        for i in 0..6000 {
             let mut values: Vec<f64> = (0..2 + (random() * 4.0) as usize).map(|_| 100.0 + 20.0 * random()).collect();
             values.sort_by(f64::total_cmp);
             let steep = if random() < 0.5 { 0.05 } else { 0.9 };

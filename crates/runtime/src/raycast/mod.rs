@@ -8,6 +8,8 @@
 //! - [`gpu`]: the same ray caster in WGSL.
 
 pub mod cpu;
+#[cfg(test)]
+pub(crate) mod cubics;
 pub mod gpu;
 pub mod reference;
 pub mod scalar;

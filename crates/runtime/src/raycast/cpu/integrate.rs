@@ -370,16 +370,10 @@ mod tests {
     use super::super::lookup::ManyPieces;
     use super::super::simd::{LANES_LIMIT, Portable, Task};
     use super::*;
+    use crate::raycast::cubics::{Cubic, cubic, exact};
     use crate::transfer_function::pieces::TransferPieces;
     use crate::transfer_function::{ControlPoint, TransferFunction};
     use supervol_format::random::Random;
-
-    /// A cubic by its coefficients, and the world length it goes over.
-    type Cubic = ([f64; 4], f64);
-
-    fn cubic(k: [f64; 4], u: f64) -> f64 {
-        k[0] + u * (k[1] + u * (k[2] + u * k[3]))
-    }
 
     /// Colour, transmittance and error of chords, one behind the other, by one line.
     struct Integrate<'a> {
@@ -409,21 +403,6 @@ mod tests {
                 lanes[0]
             })
         }
-    }
-
-    fn exact(tf: &TransferFunction, cubics: &[Cubic]) -> [f64; 4] {
-        let steps = 20_000 / cubics.len();
-        let (mut color, mut transmittance) = ([0.0; 3], 1.0);
-        for &(k, length) in cubics {
-            let h = length / steps as f64;
-            for i in 0..steps {
-                let (c, alpha) = tf.classify(cubic(k, (i as f64 + 0.5) / steps as f64));
-                let through = (-tf.kappa(alpha) * h).exp();
-                (0..3).for_each(|i| color[i] += transmittance * (1.0 - through) * c[i]);
-                transmittance *= through;
-            }
-        }
-        [color[0], color[1], color[2], transmittance]
     }
 
     /// The error that a part states is never far below the one that it has: of one cell, and of spans of several, along

@@ -457,8 +457,8 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         rows: &mut [Option<Rows<S>>; ROUND],
     ) {
         let brick = self.brick;
-        // SAFETY: the caller's promise.
         let places = brick.places_of(steps);
+        // SAFETY: the caller's promise.
         let mut raw = unsafe { self.gather(&places[0], &mut rows[0]) };
         for i in 0..ROUND {
             let cell = brick.stored.cell::<S>(&raw, brick.absent, brick.centre);

@@ -169,8 +169,8 @@ unsafe fn cast_packet<S: Simd, G: Gather<S>>(rays: &mut Rays<'_, S>, gather: &mu
             return;
         }
         let steps = rays.walker.round();
-        // SAFETY: the walk stays in cells of the core, whose corners the apron holds.
         let places = brick.places_of(&steps);
+        // SAFETY: the walk stays in cells of the core, whose corners the apron holds.
         let mut raw = unsafe { brick.stored.gather::<S>(brick.voxels, &places[0], brick.strides) };
         for i in 0..ROUND {
             let corners = brick.stored.corners::<S>(&raw, brick.absent, brick.centre);
