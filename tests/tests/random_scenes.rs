@@ -10,9 +10,12 @@ use supervol_chart::{Context, Scale};
 use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::raycast::cpu::simd::InstructionSet;
 use supervol_runtime::raycast::cpu::{Caster, PacketRule};
+use supervol_runtime::scene::Mode;
 use supervol_tests::pictures::{distance, gpu_name};
 
 const SCENES: u64 = 80;
+/// Of each other mode.
+const SCENES_OF_MODE: u64 = 20;
 /// Software adapters take a second for each.
 const GPU_SCENES: u64 = 8;
 const SEED: u64 = 1;
@@ -24,7 +27,7 @@ fn with_context<T>(test: impl FnOnce(&Context<'_>) -> T) -> T {
 
 #[test]
 fn random_scenes_keep_the_error() {
-    let options = Options { seed: SEED, first: 0, scenes: SCENES, threads: 2, backend: Backend::Cpu };
+    let options = Options { seed: SEED, first: 0, scenes: SCENES, mode: Mode::Dvr, threads: 2, backend: Backend::Cpu };
     let found = with_context(|context| run(context, options)).unwrap_or_else(|e| panic!("seed {SEED}: {e}"));
     println!("{found:#?}");
     assert!(found.scenes_above().is_empty(), "further off than was asked for: {found:#?}");
@@ -42,6 +45,23 @@ fn random_scenes_keep_the_error() {
     }
     let [smallest, greatest] = [0, ERRORS.len() - 1].map(|i| found.errors[i].largest_grey_levels);
     assert!(greatest > smallest && smallest > 0.0, "the error that is asked for changes nothing: {found:#?}");
+}
+
+/// What is stated of pixels that are drawn from coarser levels holds whatever rays gather, and so does half a level at level 0.
+#[test]
+fn random_scenes_keep_what_is_stated_in_every_mode() {
+    for mode in [Mode::Mip, Mode::Minip, Mode::Mean, Mode::Iso] {
+        let options = Options { seed: SEED, first: 0, scenes: SCENES_OF_MODE, mode, threads: 2, backend: Backend::Cpu };
+        let found = with_context(|context| run(context, options)).unwrap_or_else(|e| panic!("{mode:?}: {e}"));
+        println!("{found:#?}");
+        assert!(found.scenes_that_show_something > SCENES_OF_MODE / 2, "{found:#?}");
+        assert!(found.errors.iter().all(|at| at.largest_grey_levels <= 0.5), "{found:#?}");
+        for at in &found.stated {
+            assert!(at.scenes_above_stated.is_empty(), "{mode:?}: further off than is stated of a pixel: {at:#?}");
+        }
+        let [_, coarser] = &found.stated[..] else { panic!("two levels: {found:#?}") };
+        assert!(coarser.pixels > 300, "hardly a pixel changes with the level: {coarser:#?}");
+    }
 }
 
 /// Scenes, by seed and number, of which a pixel was further off once than was asked for, or than was stated of it:
@@ -66,7 +86,7 @@ fn scenes_that_were_further_off_than_asked_or_stated() {
         (6, &[737, 860]),
     ];
     for (seed, first) in scenes.iter().flat_map(|(seed, scenes)| scenes.iter().map(|&scene| (*seed, scene))) {
-        let options = Options { seed, first, scenes: 1, threads: 2, backend: Backend::Cpu };
+        let options = Options { seed, first, scenes: 1, mode: Mode::Dvr, threads: 2, backend: Backend::Cpu };
         let found = with_context(|context| run(context, options)).unwrap_or_else(|e| panic!("scene {first}: {e}"));
         println!("{found:#?}");
         assert!(found.scenes_above().is_empty(), "{seed}/{first} is further off than was asked for: {found:#?}");
@@ -82,7 +102,8 @@ fn random_scenes_keep_the_error_on_the_gpu() {
     if gpu_name().is_none() {
         return;
     }
-    let options = Options { seed: SEED, first: 0, scenes: GPU_SCENES, threads: 2, backend: Backend::Gpu };
+    let options =
+        Options { seed: SEED, first: 0, scenes: GPU_SCENES, mode: Mode::Dvr, threads: 2, backend: Backend::Gpu };
     let found = with_context(|context| run(context, options)).unwrap_or_else(|e| panic!("seed {SEED}: {e}"));
     println!("{found:#?}");
     assert!(found.scenes_that_show_something > GPU_SCENES / 2, "{found:#?}");
@@ -107,7 +128,7 @@ fn scenes_that_were_further_off_on_the_gpu() {
     if gpu_name().is_none() {
         return;
     }
-    let options = Options { seed: 7, first: 197, scenes: 1, threads: 2, backend: Backend::Gpu };
+    let options = Options { seed: 7, first: 197, scenes: 1, mode: Mode::Dvr, threads: 2, backend: Backend::Gpu };
     let found = with_context(|context| run(context, options)).unwrap_or_else(|e| panic!("scene 197: {e}"));
     println!("{found:#?}");
     assert!(found.scenes_above().is_empty(), "further off than was asked for: {found:#?}");

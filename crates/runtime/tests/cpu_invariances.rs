@@ -4,11 +4,12 @@
 
 mod support;
 
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
+use glam::DVec3;
 use supervol_format::{BrickKey, Lod, ValueRange, VoxelType};
 use supervol_runtime::lod::LodChoice;
-use supervol_runtime::raycast::cpu::{CpuQuality, Skipping, cast_pass};
+use supervol_runtime::raycast::cpu::{BrickPlans, CpuQuality, Skipping, cast_pass};
 use supervol_runtime::raycast::volume::{BrickView, Resident};
 use supervol_runtime::scene::{Mode, ResolvedScene};
 use supervol_runtime::streamer::budget::MADE_LIMIT;
@@ -100,6 +101,37 @@ fn what_is_made_of_bricks_need_not_be_kept() {
             |made_bytes| bricked.render_of(scene, CpuQuality { lod: FINEST, made_bytes, ..CpuQuality::default() });
         assert_eq!(render(0), render(MADE_LIMIT), "scene {i}");
     }
+}
+
+/// Plans go from picture to picture, whatever changes, and no picture shows it; those of a camera that moves stay.
+#[test]
+fn what_is_made_of_bricks_may_be_kept() {
+    let (mut kept, mut made) = (0, 0);
+    for volume in &volumes() {
+        let bricked = Bricked::new(volume, 16);
+        let mut plans: Option<Arc<BrickPlans>> = None;
+        for (i, scene) in scenes(volume).iter().enumerate() {
+            // Twice, the second time seen from the other side.
+            let mut behind = scene.clone();
+            let (camera, middle) = (&mut behind.camera, DVec3::from_array(volume.dims.map(|n| 0.5 * n as f64)));
+            camera.eye += 2.0 * (middle - camera.eye).dot(camera.forward) * camera.forward;
+            (camera.forward, camera.right) = (-camera.forward, -camera.right);
+            for (side, scene) in [scene, &behind, scene].into_iter().enumerate() {
+                let quality = CpuQuality { lod: FINEST, plans: plans.clone(), ..CpuQuality::default() };
+                let found = bricked.frame_of(scene, quality.clone()).plans();
+                assert_eq!(found.is_some(), scene.mode == Mode::Dvr);
+                let is_kept = plans.iter().zip(&found).any(|(before, now)| Arc::ptr_eq(before, now));
+                assert!(is_kept || side == 0 || found.is_none(), "scene {i}: only the camera has moved");
+                kept += u32::from(is_kept);
+                made += u32::from(found.is_some() && !is_kept);
+                let quality = CpuQuality { plans: found.clone(), ..quality };
+                let anew = CpuQuality { plans: None, ..quality.clone() };
+                assert_eq!(bricked.render_of(scene, quality).0, bricked.render_of(scene, anew).0, "scene {i}, {side}");
+                plans = found;
+            }
+        }
+    }
+    assert!(kept > 10 && made > 5, "{kept} frames found plans that are still true, {made} made new ones");
 }
 
 /// S21. At least four fifths of what the best ranges would let the same rays skip.

@@ -1,5 +1,5 @@
 //! Packets in the modes `mip`, `minip`, `mean` and `iso`: against the reference, against the scalar caster, and whatever
-//! instructions, levels, holes and failures rays meet.
+//! instructions, levels, holes and failures rays meet, which `dvr` meets here, too.
 
 #![allow(clippy::print_stderr, reason = "tests show the errors they measure")]
 
@@ -20,6 +20,8 @@ const SEED: u64 = 20_261_123;
 const VALUE_BOUND: f64 = 0.01;
 /// The same where a surface is shaded: chords are cut elsewhere, so that roots round otherwise.
 const SHADED_BOUND: f64 = 0.001;
+/// The same where light is gathered: what packets aim at.
+const LIGHT_BOUND: f64 = PacketRule::DEFAULT.max_error * 255.0;
 const FINEST: LodChoice = LodChoice::Fixed(Lod(0));
 
 const TYPES: [VoxelType; 4] = [VoxelType::F32, VoxelType::U8, VoxelType::U16, VoxelType::I16];
@@ -124,6 +126,7 @@ fn bound(scene: &ResolvedScene) -> f64 {
     match (scene.mode, &scene.shading) {
         (Mode::Iso, None) => 0.0,
         (Mode::Iso, Some(_)) => SHADED_BOUND,
+        (Mode::Dvr, _) => LIGHT_BOUND,
         _ => VALUE_BOUND,
     }
 }
@@ -237,7 +240,7 @@ fn levels_failures_and_uniform_bricks_agree_with_the_scalar_caster() {
         let volume = random_volume(&mut random, index);
         let bricked = Bricked::new(&volume, 16);
         let view = Patchwork { all: &bricked, seed: index as u64 };
-        for mode in MODES {
+        for mode in MODES.into_iter().chain(["dvr", "dvr shaded"]) {
             let scene = random_scene(&mut random, &volume, mode);
             let render = |quality: CpuQuality| {
                 let frame = bricked.frame_of(&scene, quality);
@@ -253,7 +256,7 @@ fn levels_failures_and_uniform_bricks_agree_with_the_scalar_caster() {
             pictures_with_something += usize::from(found.pixels.iter().any(|p| p[3] > 0.0));
         }
     }
-    assert!(pictures_with_something > 150, "{pictures_with_something} of 200 pictures show something");
+    assert!(pictures_with_something > 210, "{pictures_with_something} of 280 pictures show something");
 }
 
 /// Below the first surface, then nothing for so long that macro cells are empty, then above it: no ray crosses it, though

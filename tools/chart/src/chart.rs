@@ -26,6 +26,7 @@ use crate::measure::{Spread, distance, flip};
 use crate::methods::{DEFAULT, MethodSpec, methods};
 use crate::points::{CPU, Point, mark_front};
 use crate::scenes::{Grid, Loaded, Look, SceneSpec, Shading, Shape, Storage};
+use crate::stated::{AtLevel, Pixels};
 use crate::volume::{HOST_MEMORY_BYTES, Volume, build_options, finest, image_size, transfer_function};
 
 /// Warm pictures that are timed at least and at most.
@@ -37,6 +38,9 @@ const REPEAT_TIME: Duration = Duration::from_millis(100);
 const CAMERA_RADII: f64 = 2.2;
 /// Length that opacities are given for, in world units: one voxel.
 const UNIT_DISTANCE: f64 = 1.0;
+
+/// Levels of detail of which it is compared what is stated.
+const STATED_LEVELS: [u8; 3] = [0, 1, 2];
 
 /// Looks whose pictures the report shows.
 const PICTURED_LOOKS: [Look; 2] =
@@ -55,6 +59,8 @@ pub struct Chart {
     pub points: Vec<Point>,
     /// Exact pictures, each with those of some methods.
     pub pictures: Vec<PictureRow>,
+    /// What is stated of pixels, scene by scene, over all looks of each.
+    pub stated: Vec<(String, Vec<AtLevel>)>,
     /// What a reader must know of this run: a sentence each.
     pub notes: Vec<String>,
     /// Width and height of the measured pictures, pixels.
@@ -102,6 +108,7 @@ pub fn run(context: &Context<'_>, scenes: &[&SceneSpec]) -> Result<Chart, ChartE
     let mut chart = Chart {
         points: Vec::new(),
         pictures: Vec::new(),
+        stated: Vec::new(),
         notes: Vec::new(),
         image_size: [width, height],
         edge: u64::from(edge),
@@ -149,10 +156,13 @@ impl Chart {
     }
 
     fn measure_scene(&mut self, stored: &mut Stored<'_>, methods: &[MethodSpec]) -> Result<(), ChartError> {
-        for &look in stored.context.pick(&Look::ALL[..], &Look::QUICK[..]) {
+        let mut stated = STATED_LEVELS.map(Pixels::new);
+        for (number, &look) in stored.context.pick(&Look::ALL[..], &Look::QUICK[..]).iter().enumerate() {
             let first = self.points.len();
             let started = Instant::now();
-            self.measure_look(stored, look, methods)?;
+            self.measure_look(stored, look, methods, |volume, scene, exact| {
+                stated.iter_mut().try_for_each(|at| at.draw(number as u64, volume, scene, exact, stating()))
+            })?;
             mark_front(&mut self.points[first..]);
             (stored.context.say)(&format!(
                 "{}, {}: {} methods in {:.0} s",
@@ -162,15 +172,31 @@ impl Chart {
                 started.elapsed().as_secs_f64()
             ));
         }
+        let stated = stated.map(Pixels::finish);
+        for at in stated.iter().filter(|at| !at.scenes_above_stated.is_empty()) {
+            let (scene, level, looks) = (stored.spec.name, at.level, at.scenes_above_stated.len());
+            let what = format!("{scene}, level {level}: in {looks} looks a pixel is further off than is stated of it");
+            self.note(stored.context, what);
+        }
+        self.stated.push((stored.spec.name.into(), stated.into()));
         Ok(())
     }
 
-    fn measure_look(&mut self, stored: &mut Stored<'_>, look: Look, methods: &[MethodSpec]) -> Result<(), ChartError> {
+    /// `compare` is shown the volume as the default has it, the scene, and the exact picture.
+    fn measure_look(
+        &mut self,
+        stored: &mut Stored<'_>,
+        look: Look,
+        methods: &[MethodSpec],
+        compare: impl FnOnce(&Volume, &ResolvedScene, &Image) -> Result<(), ChartError>,
+    ) -> Result<(), ChartError> {
         let default = MethodSpec::default_method();
         let members = self.scene_members(stored, look)?;
         let members: Vec<&str> = members.iter().map(String::as_str).collect();
         let volume = stored.volume(&default)?;
-        let exact = volume.finest(&volume.scene(&members)?, Backend::Reference)?;
+        let scene = volume.scene(&members)?;
+        let exact = volume.finest(&scene, Backend::Reference)?;
+        compare(volume, &scene, &exact)?;
         let mut row = PictureRow {
             scene: stored.spec.name.into(),
             transfer_function: look.name().into(),
@@ -234,6 +260,11 @@ fn measure(stored: &mut Stored<'_>, members: &[&str], method: &MethodSpec) -> Re
         time_cpu(volume, &scene, &options, &mut cost)?;
     }
     Ok((image, cost))
+}
+
+/// How pictures are drawn of whose pixels it is stated how far they are off.
+fn stating() -> RenderOptions {
+    RenderOptions { predict_error: true, host_memory_bytes: HOST_MEMORY_BYTES, ..finest(Backend::Cpu) }
 }
 
 /// Whether another picture is to be timed.

@@ -25,14 +25,17 @@ use supervol_runtime::transfer_function::render::RenderTransferFunction;
 
 use by_rays::Octree;
 
-use crate::context::{ChartError, Context};
+use crate::context::{ChartError, Context, Scale};
 use crate::peers::cases::{Looks, Subject, planned};
 use crate::peers::report::markdown_table;
 use crate::resident::ResidentBricks;
+use crate::scenes::CARP;
 use crate::stability::leaping::{ahead_of, local_ray, rays_of};
 
 /// Macro cells of which clouds are made.
 const MACRO_CELLS: [usize; 4] = [1 << 18, 1 << 20, 1 << 22, 1 << 24];
+/// Scenes of the report.
+const REPORTED: [&str; 3] = ["vessels", "carp", "seismic"];
 /// Times that each is measured; the least is kept.
 const REPEATS: usize = 3;
 
@@ -125,6 +128,22 @@ pub fn run(context: &Context<'_>, options: &Options<'_>) -> Result<Vec<Measured>
         });
     }
     Ok(all)
+}
+
+/// What the report shows: scenes that are mostly empty, half, and hardly at all, on one thread.
+///
+/// # Errors
+/// If a volume cannot be made.
+pub fn for_report(context: &Context<'_>) -> Result<Vec<Measured>, ChartError> {
+    let (scenes, image, edge) = match context.scale {
+        Scale::Full => (&REPORTED[..], [256, 192], 256),
+        Scale::Small => (&REPORTED[..1], [24, 18], 48),
+    };
+    let subject = Subject::Scenes(scenes.iter().map(|name| (*name).into()).collect());
+    let options = Options { subject, edge: Some(edge), image, carp_nifti_gz: CARP };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    let pool = pool.map_err(|e| ChartError::Command(format!("one thread: {e}")))?;
+    pool.install(|| run(context, &options))
 }
 
 fn rebuilding(bricks: &[Met<'_>], transfer_function: &RenderTransferFunction) -> Vec<(usize, f64)> {
@@ -241,7 +260,6 @@ pub fn markdown(all: &[Measured]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::context::Scale;
 
     #[test]
     fn less_is_walked_and_leapt_the_more_is_known() {

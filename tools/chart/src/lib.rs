@@ -39,6 +39,7 @@ pub mod resident;
 pub mod ricker;
 pub mod scenes;
 pub mod stability;
+pub mod stated;
 pub mod virtual_volume;
 pub mod volume;
 

@@ -23,6 +23,7 @@ use supervol_runtime::lod::by_error::ANY_ERROR;
 use crate::build::{SourceArguments, open, refuse_for_container, refuse_without_file};
 use crate::demo::CARP;
 use crate::failure::{Failure, with_container, with_output};
+use crate::look::ModeName;
 use crate::output::{Force, ReportFolder};
 use crate::progress::{Reporter, announce};
 use crate::quantity;
@@ -66,8 +67,7 @@ pub struct Arguments {
     /// Most memory for decoded bricks along the path [default: all that is left of --host-memory]
     #[arg(long, value_name = "BYTES", requires = "path", value_parser = quantity::bytes)]
     cache: Option<u64>,
-    /// Instead, draw N random scenes (volume, transfer function, camera, shading, clipping; mode dvr) at --max-error 0.1,
-    /// 0.5, 2 and 8 of 255, and compare them with the reference; exit code 1 if one is further off than was asked for.
+    /// Instead, draw N random scenes (volume, transfer function, camera, shading, clipping) at --max-error 0.1, 0.5, 2 and 8 of 255, and compare them with the reference; exit code 1 if one is further off than was asked for.
     /// 1000 scenes take some 7 minutes on one core
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000), group = "cast",
           conflicts_with_all = ["peers", "path", "leaping", "quick", "scene", "volume", "size", "edge", "pixels", "repeats", "record"])]
@@ -79,6 +79,9 @@ pub struct Arguments {
     #[arg(long, value_name = "K", default_value = "0", requires = "random_scenes",
           value_parser = clap::value_parser!(u64).range(..1 << 48))]
     first_scene: u64,
+    /// What the rays of the random scenes gather
+    #[arg(long, value_enum, value_name = "MODE", default_value = "dvr", requires = "random_scenes")]
+    mode: ModeName,
     /// Measure what it costs to know where nothing shows, and what that saves
     #[arg(long, conflicts_with_all = ["peers", "path", "record", "output", "shading"])]
     leaping: bool,
@@ -257,7 +260,8 @@ impl Arguments {
                 return Err(Failure::Command(message.into()));
             }
         };
-        let found = random_scenes::run(context, random_scenes::Options { seed, first, scenes, threads, backend })?;
+        let options = random_scenes::Options { seed, first, scenes, mode: self.mode.into(), threads, backend };
+        let found = random_scenes::run(context, options)?;
         let text = random_scenes::markdown(&found, &command_line());
         if let Some(output) = &self.output {
             self.reports(output, |folder| random_scenes::write(&found, &text, folder))?;

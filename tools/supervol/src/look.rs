@@ -96,8 +96,9 @@ pub struct LookArguments {
     supersample: Option<u32>,
 }
 
+/// What rays gather.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum ModeName {
+pub enum ModeName {
     /// Emission and absorption
     Dvr,
     /// The greatest value

@@ -601,7 +601,10 @@ fn bench_draws_random_scenes_and_keeps_the_error() {
         assert!(at["p999_grey_levels"].as_f64().is_some_and(|p999| p999 <= largest), "{at}");
         assert!(at["scenes_above"].as_array().is_some_and(Vec::is_empty), "{at}");
     }
-    for wrong in [&["--random-scenes", "0"][..], &["--random-scenes", "3", "--peers"], &["--seed", "3"]] {
+    let page = folder.expect(0, &["bench", "--random-scenes", "1", "--seed", "5", "--mode", "mean"]);
+    assert!(page.contains("Random scenes 0 to 0 of seed 5, mode mean"), "{page}");
+    let lone = [&["--seed", "3"][..], &["--mode", "mip"]];
+    for wrong in [&["--random-scenes", "0"][..], &["--random-scenes", "3", "--peers"]].into_iter().chain(lone) {
         folder.expect(2, &[&["bench"][..], wrong].concat());
     }
 }

@@ -18,7 +18,7 @@ use crate::lod::deviation::Deviations;
 use crate::options::RenderOptions;
 use crate::raycast::cpu::levels::ErrorsByReason;
 use crate::raycast::cpu::simd::InstructionSet;
-use crate::raycast::cpu::{CpuFrame, CpuQuality, Rays, cast_pass};
+use crate::raycast::cpu::{CpuFrame, CpuQuality, Made, Rays, cast_pass};
 use crate::scene::ResolvedScene;
 use crate::stats::FrameStats;
 use crate::stop::Stop;
@@ -29,19 +29,19 @@ use crate::units::InUnits;
 /// What all rays of the CPU ray caster share in a frame.
 #[must_use]
 pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderOptions, plan: &HostPlan) -> CpuFrame {
-    cpu_frame_of(container, scene, options, (options.lod(), plan))
+    cpu_frame_of(container, scene, options, options.lod(), (plan.made_bytes, None))
 }
 
-/// The same with levels of its own.
+/// The same with levels of its own, and with plans of another picture's frame.
 pub(crate) fn cpu_frame_of(
     container: &Container,
     scene: &ResolvedScene,
     options: &RenderOptions,
-    (lod, plan): (LodChoice, &HostPlan),
+    lod: LodChoice,
+    (made_bytes, plans): Made,
 ) -> CpuFrame {
     let InUnits { geometry, value_range, .. } = InUnits::of(container);
-    let quality =
-        CpuQuality { lod, skipping: options.skipping, caster: options.ray_caster(), made_bytes: plan.made_bytes };
+    let quality = CpuQuality { lod, skipping: options.skipping, caster: options.ray_caster(), made_bytes, plans };
     let frame = CpuFrame::new(scene, container.pyramid(), &geometry, value_map(container), value_range, quality);
     let frame = frame.counting(options.rays_finished.clone());
     if !options.predict_error {

@@ -54,7 +54,8 @@ pub(super) fn look_ahead(
         LevelChoice::Fixed(lod) => LodChoice::Fixed(lod),
     };
     let plan = resident.plan();
-    let mut caster = CpuCaster::new(cpu_frame_of(resident.container(), &scene, &options, (lod, &plan)));
+    let made = resident.made_for(pixel);
+    let mut caster = CpuCaster::new(cpu_frame_of(resident.container(), &scene, &options, lod, made));
     let mut image = Image::unknown(scene.image_size);
     let streamer = resident.streamer();
     let before = streamer.counters();

@@ -21,7 +21,7 @@ use crate::frame::cpu::CpuCaster;
 use crate::frame::maps::{Maps, of_work};
 use crate::frame::stated::{ErrorStated, complete};
 use crate::frame::walk::{Bands, FrameWalk};
-use crate::frame::{LevelChoice, RenderError, RenderOptions, cpu_frame};
+use crate::frame::{LevelChoice, RenderError, RenderOptions, cpu_frame_of};
 use crate::image::Image;
 use crate::lod::by_error::ANY_ERROR;
 use crate::raycast::cpu::levels::ErrorsByReason;
@@ -232,7 +232,7 @@ impl Drawing {
     }
 
     /// Begins the next picture.
-    fn next_stage(&mut self, resident: &Resident, options: &RenderOptions, stop: &Stop) -> Stage {
+    fn next_stage(&mut self, resident: &mut Resident, options: &RenderOptions, stop: &Stop) -> Stage {
         let left = stop.deadline().map(|deadline| deadline.saturating_duration_since(Instant::now()));
         let pixel = left.map_or(1, |left| match self.was_all_there {
             true => next_pixel(self.pixel, self.took, left),
@@ -251,7 +251,7 @@ impl Drawing {
 
 impl Stage {
     /// Pictures of a scene through pixels of this size; no ray is cast yet.
-    fn new(scene: &ResolvedScene, pixel: u32, resident: &Resident, options: &RenderOptions) -> Self {
+    fn new(scene: &ResolvedScene, pixel: u32, resident: &mut Resident, options: &RenderOptions) -> Self {
         let mut scene = with_pixels(scene, pixel);
         let options = options_for(resident.container(), options, pixel);
         if pixel > 1
@@ -259,7 +259,11 @@ impl Stage {
         {
             scene.transfer_function = coarse;
         }
-        let caster = CpuCaster::new(cpu_frame(resident.container(), &scene, &options, &resident.plan()));
+        let frame = cpu_frame_of(resident.container(), &scene, &options, options.lod(), resident.made_for(pixel));
+        if pixel == 1 {
+            resident.keep_plans(&frame);
+        }
+        let caster = CpuCaster::new(frame);
         Self { pixel, scene, options, caster, bands: Bands::default(), spent: Duration::ZERO, page_ins_before: 0 }
     }
 }

@@ -7,6 +7,7 @@ use supervol_format::{BrickIndex, BrickKey, Container, Lod};
 use super::spread::{Spread, values_of};
 use crate::facts::value_map;
 use crate::frame::{LevelChoice, RenderError, RenderOptions, classifier_for, plan_host_for, streamer_for};
+use crate::raycast::cpu::{BrickPlans, CpuFrame, Made};
 use crate::raycast::volume::{BrickView, Resident as Brick};
 use crate::scene::{Mode, ResolvedScene};
 use crate::stop::Stop;
@@ -15,6 +16,9 @@ use crate::streamer::priority::BrickOrder;
 use crate::streamer::{OnMissing, Room, Streamer};
 use crate::transfer_function::TransferFunction;
 use crate::units::{InUnits, edges};
+
+/// Part of what is kept of bricks, as a divisor, that is for pictures of large pixels: they show coarse levels, of few bricks.
+const SKETCHES_SHARE: u64 = 8;
 
 /// A streamer that outlives its pictures.
 #[derive(Debug)]
@@ -26,6 +30,8 @@ pub struct Resident {
     spread: Option<Spread>,
     /// Whether the coarsest level has been read for that.
     is_spread_read: bool,
+    /// How packets went through bricks in the last picture through pixels of the size that was wanted.
+    plans: Option<Arc<BrickPlans>>,
 }
 
 /// What the streamer was told last.
@@ -62,7 +68,7 @@ impl Resident {
     ) -> Result<Self, RenderError> {
         let plan = plan_host_for(caster, container, scene, options, has_deadline)?;
         let streamer = streamer_for(container, scene, options, plan);
-        Ok(Self { streamer, plan, aimed: Aim::new(scene, options), spread: None, is_spread_read: false })
+        Ok(Self { streamer, plan, aimed: Aim::new(scene, options), spread: None, is_spread_read: false, plans: None })
     }
 
     /// Divides the memory anew, for a picture of another size, by another caster, or with a deadline.
@@ -80,6 +86,7 @@ impl Resident {
         if plan != self.plan {
             self.streamer.set_plan(plan);
             self.plan = plan;
+            self.plans = None;
         }
         Ok(())
     }
@@ -148,6 +155,21 @@ impl Resident {
             }
         };
         spread.transfer_function(&scene.transfer_function, level, container.pyramid().coarsest())
+    }
+
+    /// What the frame of a picture through pixels that cover so many along an edge may keep of bricks, and has been kept for it.
+    #[must_use]
+    pub fn made_for(&self, pixel: u32) -> Made {
+        let for_sketches = self.plan.made_bytes / SKETCHES_SHARE;
+        match pixel {
+            1 => (self.plan.made_bytes - for_sketches, self.plans.clone()),
+            _ => (for_sketches, None),
+        }
+    }
+
+    /// What the frame of a picture finds out of bricks is kept for the next.
+    pub fn keep_plans(&mut self, frame: &CpuFrame) {
+        self.plans = frame.plans();
     }
 
     /// How the memory is divided.

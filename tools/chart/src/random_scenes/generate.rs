@@ -2,7 +2,8 @@
 //!
 //! What is drawn from: waves, white noise, Marschner and Lobb's signal, and blobs in nothing; four types of voxels, cubes and
 //! cuboids, sometimes with holes; ramps, steps and spikes, faint and nearly opaque; perspective from outside and from
-//! within, parallel rays, some along an axis; half of the scenes shaded, a third clipped.
+//! within, parallel rays, some along an axis; half of the scenes shaded, a third clipped. In other modes than `dvr` the same
+//! scenes, in `iso` with surfaces, without lights where there is nothing to light.
 
 use std::f64::consts::TAU;
 
@@ -10,6 +11,7 @@ use glam::DVec3;
 use supervol_format::VoxelType;
 use supervol_format::random::{Random, mix};
 use supervol_preprocess::source::computed::Computed;
+use supervol_runtime::scene::Mode;
 
 use crate::fixtures::{marschner_lobb_at, point};
 use crate::volume::{Point, image_size, transfer_function};
@@ -57,9 +59,15 @@ impl Shape {
 }
 
 impl RandomScene {
-    /// Scene `number` of this seed: the same on every machine, but for the last bits of its sines.
+    /// Scene `number` of this seed in mode `dvr`: the same on every machine, but for the last bits of its sines.
     #[must_use]
     pub fn new(seed: u64, number: u64) -> Self {
+        Self::in_mode(Mode::Dvr, seed, number)
+    }
+
+    /// The same volume, camera and transfer function in some mode.
+    #[must_use]
+    pub fn in_mode(mode: Mode, seed: u64, number: u64) -> Self {
         let mut random = Random::new(mix(seed) ^ mix(!number));
         let (source, shape) = volume(&mut random);
         let mut members = vec![
@@ -69,6 +77,15 @@ impl RandomScene {
             shading(&mut random),
             clip(&mut random, &shape),
         ];
+        if !matches!(mode, Mode::Dvr | Mode::Iso) {
+            members.retain(|member| !member.starts_with(SHADING));
+        }
+        if mode != Mode::Dvr {
+            members.push(format!(r#""mode": "{}""#, name_of(mode)));
+        }
+        if mode == Mode::Iso {
+            members.push(surfaces(&mut random, &shape));
+        }
         members.retain(|member| !member.is_empty());
         Self { number, source, members }
     }
@@ -184,6 +201,34 @@ fn camera(random: &mut Random, shape: &Shape) -> String {
         up.to_array()
     )
 }
+
+/// A mode as scene files name it.
+pub(super) fn name_of(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Dvr => "dvr",
+        Mode::Mip => "mip",
+        Mode::Minip => "minip",
+        Mode::Mean => "mean",
+        Mode::Iso => "iso",
+        Mode::Slice => "slice",
+    }
+}
+
+/// One to three surfaces, some of which are seen through.
+fn surfaces(random: &mut Random, shape: &Shape) -> String {
+    let [least, reach] = shape.values;
+    let surfaces: Vec<String> = (0..1 + random.below(3))
+        .map(|_| {
+            let (value, color) = (least + reach * random.unit(), [0; 3].map(|_| random.unit()));
+            let alpha = if random.unit() < 0.4 { 1.0 } else { random.unit() };
+            format!(r#"{{"value": {value:?}, "color": {color:?}, "alpha": {alpha:?}}}"#)
+        })
+        .collect();
+    format!(r#""iso": [{}]"#, surfaces.join(", "))
+}
+
+/// How the member begins that lights a scene.
+const SHADING: &str = r#""shading": "#;
 
 /// None, the default, or one to three lights from anywhere on a material that is dull or shiny.
 fn shading(random: &mut Random) -> String {

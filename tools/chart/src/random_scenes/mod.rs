@@ -1,11 +1,10 @@
 //! Random scenes: does the default keep the error that is asked for?
 //!
-//! Each scene ([`RandomScene`]) is built into a container, drawn by the default method in mode `dvr` at every error of
+//! Each scene ([`RandomScene`]) is built into a container, drawn by the default method in one mode at every error of
 //! [`ERRORS`], and compared with the reference integrator pixel by pixel. Tests run some scenes, `supervol bench
 //! --random-scenes N` as many as wanted; scene K of seed S is the same in both, whatever is run before it.
 
 mod generate;
-mod stated;
 
 use std::fmt::Write;
 use std::path::Path;
@@ -15,13 +14,13 @@ use serde::Serialize;
 use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::image::{GREY_LEVELS, Image, greatest};
 use supervol_runtime::renderer::render;
-use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::scene::{Mode, ResolvedScene};
 
+use generate::name_of;
 pub use generate::{IMAGE, RandomScene};
-pub use stated::AtLevel;
-use stated::Pixels;
 
 use crate::context::{ChartError, Context, Pace};
+use crate::stated::{AtLevel, Pixels};
 use crate::volume::{Volume, build_options, finest};
 
 /// Errors that are asked for, grey levels of 255.
@@ -40,6 +39,8 @@ pub struct Options {
     pub first: u64,
     /// How many.
     pub scenes: u64,
+    /// What rays gather.
+    pub mode: Mode,
     /// Threads of the renderer and of the reference.
     pub threads: usize,
     /// Who draws: packets on the CPU, or a GPU, which predicts nothing where the transfer function has steps.
@@ -51,6 +52,8 @@ pub struct Options {
 pub struct Found {
     /// Seed of all scenes.
     pub seed: u64,
+    /// What rays gather.
+    pub mode: Mode,
     /// Number of the first scene.
     pub first_scene: u64,
     /// Scenes drawn.
@@ -137,7 +140,7 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
     let (mut not_judged, mut shown) = (Vec::new(), 0);
     let aimed = |grey_levels| RenderOptions { backend: options.backend, ..aimed_at(grey_levels, options.threads) };
     for number in options.first..options.first + options.scenes {
-        let (volume, scene) = RandomScene::new(options.seed, number).build(context)?;
+        let (volume, scene) = RandomScene::in_mode(options.mode, options.seed, number).build(context)?;
         let by_reference = RenderOptions { threads: Some(options.threads), ..finest(Backend::Reference) };
         let (exact, stats) = render(&volume.container, &scene, &by_reference)?;
         if stats.reference_capped_pieces > 0 {
@@ -148,7 +151,7 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
         for differences in &mut differences {
             let (picture, stats) = volume.render(&scene, &aimed(differences.at.asked_grey_levels))?;
             let predicted = stats.error_predicted.as_ref().and_then(|predicted| predicted.total.grey_levels);
-            if predicted.is_none() && options.backend == Backend::Cpu {
+            if predicted.is_none() && options.backend == Backend::Cpu && options.mode == Mode::Dvr {
                 return Err(ChartError::Broken(format!("no prediction: {stats:?}")));
             }
             differences.add(number, &picture, &exact, predicted);
@@ -161,6 +164,7 @@ pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError>
     }
     Ok(Found {
         seed: options.seed,
+        mode: options.mode,
         first_scene: options.first,
         scenes: options.scenes,
         scenes_that_show_something: shown,
@@ -270,11 +274,16 @@ pub fn markdown(found: &Found, command: &str) -> String {
     let [width, height] = found.image;
     let last = found.first_scene + found.scenes.saturating_sub(1);
     let mut text = format!(
-        "Random scenes {} to {last} of seed {}, {width} x {height} pixels, {} of {} show something; {:.0} s. Errors are \
+        "Random scenes {} to {last} of seed {}, mode {}, {width} x {height} pixels, {} of {} show something; {:.0} s. Errors are \
          distances from the reference integrator, in grey levels of 255.\n\n    {command}\n\n\
          | error asked for | largest error | in scene | 99.9th percentile | scenes above | predicted, median | largest of \
          predicted | scenes above predicted |\n|---|---|---|---|---|---|---|---|\n",
-        found.first_scene, found.seed, found.scenes_that_show_something, found.scenes, found.seconds
+        found.first_scene,
+        found.seed,
+        name_of(found.mode),
+        found.scenes_that_show_something,
+        found.scenes,
+        found.seconds
     );
     for at in &found.errors {
         let against = at.predicted.as_ref().map_or("- | - | -".into(), |predicted| {
@@ -368,6 +377,7 @@ mod tests {
         assert_eq!((predicted.scenes_above.as_slice(), predicted.median_grey_levels), (&[12u64][..], 0.6));
         let found = Found {
             seed: 1,
+            mode: Mode::Dvr,
             first_scene: 11,
             scenes: 2,
             scenes_that_show_something: 2,

@@ -6,6 +6,7 @@ use super::html::{bytes, details, escape, number, number_or_dash, paragraph, tab
 use crate::measure::INVISIBLE;
 use crate::methods::{DEFAULT, ERRORS};
 use crate::points::{CPU, Point};
+use crate::stated::AtLevel;
 
 /// Families that integrate a ray in another way than the default's: what it competes with. Variations of the default
 /// (termination, levels, codecs, ...) are not among them.
@@ -123,6 +124,41 @@ pub(super) fn errors_asked_for(points: &[Point]) -> String {
         &["asked for", "largest error", "largest 99.9th percentile", "pictures above", "cost, median", "cost"],
         &rows,
     )
+}
+
+/// What is stated of pixels that are drawn from some level, beside what is true of them.
+pub(super) fn stated(scenes: &[(String, Vec<AtLevel>)]) -> String {
+    let row = |scene: &str, at: &AtLevel| {
+        vec![
+            escape(scene),
+            at.level.to_string(),
+            number(at.pixels as f64),
+            number(at.median_true_grey_levels),
+            number(at.median_stated_grey_levels),
+            number(at.median_stated_over_true),
+            number(at.largest_share_of_stated),
+            format!("{:.0} %", 100.0 * at.share_with_a_bound),
+            number(at.scenes_above_stated.len() as f64),
+        ]
+    };
+    let rows: Vec<_> = scenes.iter().flat_map(|(scene, levels)| levels.iter().map(|at| row(scene, at))).collect();
+    let headings = [
+        "scene",
+        "level drawn",
+        "pixels that are off",
+        "true, median",
+        "stated, median",
+        "stated / true, median",
+        "largest true / stated",
+        "with a bound",
+        "looks with a pixel beyond",
+    ];
+    paragraph(
+        "With every picture comes, pixel by pixel, how far it may be from the exact picture of level 0 (--error-map). Here that is \
+         compared with how far it is, over all looks of a scene and all pixels that are more than a hundredth of a grey level off. \
+         What is stated must never be less than what is true; how much more it is, is what a user pays for certainty. Of a pixel \
+         without a bound nothing is known but that colours end at white. Grey levels of 255.",
+    ) + &table(&headings, &rows)
 }
 
 /// Bytes read and the first picture's processor time, by codec and storage.

@@ -7,6 +7,7 @@ mod compact;
 pub mod convergence;
 pub mod findings;
 pub mod html;
+pub mod leaping;
 pub mod machine;
 pub mod palette;
 pub mod pictures;
@@ -19,6 +20,7 @@ pub use stability::stability_page;
 
 use crate::chart::Chart;
 use crate::convergence::OrderRow;
+use crate::leaping::Measured;
 use crate::measure::{GREY_LEVELS, INVISIBLE};
 use crate::methods::DEFAULT;
 use crate::points::Point;
@@ -44,6 +46,8 @@ pub struct Report<'a> {
     pub chart: &'a Chart,
     /// How fast methods converge; may be empty.
     pub convergence: &'a [OrderRow],
+    /// What leaping over nothing costs and saves; may be empty.
+    pub leaping: &'a [Measured],
     /// The stability suite, where it has been run.
     pub stability: Option<&'a [RegimeRecord]>,
     /// Where and when.
@@ -62,8 +66,10 @@ pub fn chart_page(report: &Report<'_>) -> String {
         Section::new("speed", "Speed against accuracy", speed_against_accuracy(&chart.points)),
         Section::new("convergence", "Convergence", convergence::section(report.convergence)),
         Section::new("errors", "What an error asked for costs", findings::errors_asked_for(&chart.points)),
+        Section::new("stated", "What is stated of each pixel", findings::stated(&chart.stated)),
         Section::new("pictures", "Pictures and their errors", shown_pictures(report)),
         Section::new("storage", "What is read: codecs and storage", findings::storage(&chart.points)),
+        Section::new("leaping", "Leaping over what shows nothing", leaping::section(report.leaping)),
         Section::new("stability", "Where methods fail", stability::section(report.stability, report.extent)),
         Section::new("points", "All points", all_points(report)),
         Section::new("notes", "What was not measured", notes(chart)),
@@ -234,6 +240,7 @@ mod tests {
     use super::*;
     use crate::chart::PictureRow;
     use crate::points::tests::point;
+    use crate::stated::Pixels;
     use supervol_runtime::image::Image;
 
     #[test]
@@ -251,12 +258,15 @@ mod tests {
                 exact: image.clone(),
                 pictures: vec![("midpoint samples".into(), "step 1 voxel".into(), image)],
             }],
+            stated: vec![("thin".into(), vec![Pixels::new(1).finish()])],
             notes: vec!["scene f3 is <left out>".into()],
             image_size: [4, 3],
             edge: 8,
         };
         let here = Circumstances::now("supervol chart --quick");
-        let of = |extent| chart_page(&Report { chart: &chart, convergence: &[], stability: None, here: &here, extent });
+        let of = |extent| {
+            chart_page(&Report { chart: &chart, convergence: &[], leaping: &[], stability: None, here: &here, extent })
+        };
         let page = of(Extent::Whole);
         // The default is a curve, with its ends named and the default error ringed.
         for part in

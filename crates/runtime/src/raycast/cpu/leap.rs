@@ -7,7 +7,7 @@
 //!
 //! Cubes are macro cells, or in mode `dvr` [`BLOCK`]s, half as wide: see [`super::blocks`].
 
-use super::simd::Simd;
+use super::simd::{Simd, hidden_in_memory};
 use crate::raycast::volume::DecodedBrick;
 use supervol_format::brick::MACRO_CELL;
 
@@ -104,9 +104,12 @@ impl<const SIDE: usize> ProximityCloud<SIDE> {
     /// In every lane of the mask, the cube is one of the cloud's.
     #[inline(always)]
     pub(super) unsafe fn gather<S: Simd>(&self, cube: [S::I; 3], mask: S::M) -> S::I {
+        // Lanes outside the mask look at the first.
+        let place = S::select_int(mask, place_in::<S>(self.cells, cube), S::splat_int(0));
         // SAFETY: the caller's promise; the padding lets words be read.
-        let words = unsafe { S::gather(self.distances.as_ptr(), place_in::<S>(self.cells, cube), mask) };
-        S::and_int(words, S::splat_int(255))
+        let [words] =
+            unsafe { S::gather_around(self.distances.as_ptr(), 1, &hidden_in_memory::<S, 1>([place])[0], [0]) };
+        S::select_int(mask, S::and_int(words, S::splat_int(255)), S::splat_int(0))
     }
 
     /// How many cubes there are.

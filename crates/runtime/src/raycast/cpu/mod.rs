@@ -10,8 +10,8 @@
 //! The picture depends neither on the number of threads, nor on which bricks came when, nor on skipping: to the last bit. On
 //! the size of bricks it depends where packets cast, by less than shows (docs/decisions/006-packets.md).
 //!
-//! Packets, in the order of the data: `tile` (rays) and `order` (bricks), `packets` (their passes), `blocks` and `leap` (what
-//! shows nothing), `walk` (`trace`: for who checks it), `fetch`;
+//! Packets, in the order of the data: `tile` (rays) and `order` (bricks), `packets` (their passes), `plans`, `blocks`
+//! and `leap` (what shows nothing), `walk` (`trace`: for who checks it), `fetch`;
 //! then in `dvr` `packet`, `lookup` and `integrate` (one cell), `shade`, `queue` and `refine` (cells that are not settled by
 //! that), and in the other modes `value_tiles` (bricks), `values` (`mip`, `minip`, `mean`), `surfaces` (`iso`). What packets are
 //! compared with goes ray by ray through [`scalar`].
@@ -35,6 +35,7 @@ mod parts;
 mod pending;
 mod per_brick;
 mod pixels;
+pub mod plans;
 mod quality;
 mod queue;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
@@ -82,6 +83,7 @@ use levels::ErrorsByReason;
 pub(crate) use packets::{END_SHARE, FIT_SHARE, LEAST_SHADED_SHARE, cell_error, fit_error, own_error, rounding_error};
 use packets::{PacketTables, cast_tiles, tiles_of};
 use pixels::{Tile, error_pixels_of, pixels_of, work_pixels_of};
+pub use plans::{BrickPlans, Made};
 pub use quality::{Caster, CpuQuality, MAX_ERROR_LIMITS, PacketRule};
 use simd::InstructionSet;
 
@@ -399,13 +401,13 @@ impl CpuFrame {
         if scene.mode == Mode::Dvr && !scene.iso.is_empty() {
             made_bytes /= 2;
             let scene = ResolvedScene { mode: Mode::Iso, ..scene.clone() };
-            let quality = CpuQuality { made_bytes, ..quality.clone() };
+            let quality = CpuQuality { made_bytes, plans: None, ..quality.clone() };
             assert!(matches!(quality.caster, Caster::Packets(_)), "only packets draw surfaces inside the volume");
             let surfaces = Self::new(&scene, pyramid, geometry, map, value_range, quality);
             frame.inner = Some(Arc::new(Self { lists_crossings: true, ..surfaces }));
         }
         if let Caster::Packets(rule) = quality.caster {
-            let tables = PacketTables::new(&frame, &scene.transfer_function, rule, made_bytes);
+            let tables = PacketTables::new(&frame, &scene.transfer_function, rule, (made_bytes, quality.plans));
             frame.packets = Some(Arc::new(tables));
         }
         frame
@@ -438,6 +440,13 @@ impl CpuFrame {
     /// Whether it is time to stop.
     pub(crate) fn is_due(&self) -> bool {
         self.stop.is_due()
+    }
+
+    /// What packets have found out of bricks, for a frame of another camera; `None` where they cast none in mode `dvr`.
+    #[must_use]
+    pub fn plans(&self) -> Option<Arc<BrickPlans>> {
+        let tables = self.packets.as_ref().filter(|_| self.mode == Mode::Dvr)?;
+        Some(tables.plans.clone())
     }
 
     /// The same frame for some rows of pixels only, numbered from the top: its picture is that band of the picture.

@@ -15,9 +15,8 @@ use supervol_format::brick::APRON;
 use supervol_format::{BrickKey, Lod};
 
 use super::begin::MakeRays;
-use super::blocks::cloud_of_blocks;
 use super::fetch::Stored;
-use super::leap::{Ahead, BLOCK, ProximityCloud};
+use super::leap::Ahead;
 use super::levels::{LevelErrors, TileErrors, errors_of};
 use super::lookup::{FewPieces, Lookup, ManyPieces};
 use super::order::{View, push_children, region_of, ways_through};
@@ -25,6 +24,7 @@ use super::packet::{Classifier, ClassifyTask, Host, Precision, Queues, cast};
 use super::parts::{PartsAhead, begin_next_part, has_ended, is_in_picture, part_of_ray, rays_in_picture};
 use super::per_brick::{PerBrick, bytes_kept};
 use super::pixels::{FinishedTile, Tile};
+use super::plans::{BrickPlan, BrickPlans};
 use super::shade::PacketLighting;
 use super::simd::{InstructionSet, Simd, Task, dispatch};
 use super::span::ChooseSpan;
@@ -32,7 +32,7 @@ use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays,
 use super::value_tiles::{BrickSummaries, BrickSummary};
 use super::walk::{Packet, PacketBrick};
 use super::work::{NO_WORK, TileWork};
-use super::{BlockFeedback, CpuFrame, MAX_ERROR_LIMITS, PacketRule, RayCounters, Skipping};
+use super::{BlockFeedback, CpuFrame, MAX_ERROR_LIMITS, Made, PacketRule, RayCounters, Skipping};
 use crate::camera::{PixelRays, Projection};
 use crate::clip::{IndexRay, Segment, ToIndex};
 use crate::lod::deviation::Deviation;
@@ -66,31 +66,13 @@ pub struct PacketTables {
     pub(super) pixel_rays: PixelRays,
     pub(super) to_index: ToIndex,
     /// Of bricks, in mode `dvr`.
-    plans: PerBrick<BrickPlan>,
+    pub(super) plans: Arc<BrickPlans>,
     /// Of bricks, in all modes but `dvr`.
     pub(super) summaries: BrickSummaries,
     /// What bricks of coarser levels are off by, where errors are summed up.
     pub(super) of_levels: PerBrick<Deviation>,
     /// Whether it is noted what each ray costs.
     counts_work: bool,
-}
-
-/// How packets go through a brick in mode `dvr`.
-#[derive(Debug)]
-struct BrickPlan {
-    /// What there is to leap over.
-    cloud: ProximityCloud<BLOCK>,
-    /// Whether that pays.
-    leaps: bool,
-    /// Cells that are integrated together: only where rays do not leap, or where they land would decide what goes together.
-    span: usize,
-}
-
-impl BrickPlan {
-    /// Bytes of a plan whose cloud has so many.
-    fn bytes_with(cloud: u64) -> u64 {
-        (size_of::<Self>() - size_of::<ProximityCloud<BLOCK>>()) as u64 + cloud
-    }
 }
 
 /// Part of what is kept of bricks, as a divisor, that is for what coarser levels do.
@@ -102,9 +84,6 @@ const HALF_EPSILON: f64 = 0.5 * f32::EPSILON as f64;
 
 /// Lanes up to which look-ups in registers are not compiled: arrays have none.
 const FEW_LANES: usize = 4;
-
-/// Share of a brick's blocks that show nothing from which rays leap.
-const LEAST_LEAPT: f64 = 0.125;
 
 /// The pieces in the smallest table that holds them.
 #[derive(Debug)]
@@ -148,12 +127,13 @@ impl<T: ClassifyTask> Task for WithTable<'_, T> {
 
 impl PacketTables {
     /// The tables of a frame.
-    pub fn new(frame: &CpuFrame, source: &TransferFunction, rule: PacketRule, made_bytes: u64) -> Self {
+    pub fn new(frame: &CpuFrame, source: &TransferFunction, rule: PacketRule, (made_bytes, plans): Made) -> Self {
         let max_error = rule.max_error.clamp(MAX_ERROR_LIMITS[0], MAX_ERROR_LIMITS[1]);
         let origin = origin_of(source, frame.map.shift);
         let pieces = TransferPieces::new(source, frame.map.shift + f64::from(origin), FIT_SHARE * max_error);
         let precision = precision_of(max_error, pieces.has_steps(), rule.sums_errors);
         let for_levels = if rule.sums_errors { made_bytes / LEVELS_SHARE } else { 0 };
+        let for_bricks = made_bytes - for_levels;
         let set = rule.instructions.unwrap_or_else(InstructionSet::best);
         let ray = frame.camera.ray(0, 0);
         let index_ray = IndexRay::new(&ray, &frame.geometry);
@@ -172,8 +152,8 @@ impl PacketTables {
             pixel_rays: frame.camera.rays(),
             to_index: ToIndex::new(&frame.geometry),
             // A frame has one mode: only one of the two is filled.
-            plans: PerBrick::new(made_bytes - for_levels),
-            summaries: BrickSummaries::new(made_bytes - for_levels),
+            plans: BrickPlans::new(plans, frame, (source, rule), for_bricks),
+            summaries: BrickSummaries::new(for_bricks),
             of_levels: PerBrick::new(for_levels),
             counts_work: rule.counts_work,
         }
@@ -215,23 +195,14 @@ impl PacketTables {
         own_error(frame.mode, opacity, (self.max_error, frame.inner.is_some()), frame.pyramid.layout().core())
     }
 
-    /// How to go through a brick.
-    fn plan(&self, frame: &CpuFrame, key: BrickKey, brick: &DecodedBrick) -> Arc<BrickPlan> {
-        let shows = |[low, high]: [f32; 2]| frame.transfer_function.is_visible(low, high);
-        let make = || {
-            let cloud = cloud_of_blocks(brick, APRON, self.ahead(frame, key), &frame.map, shows);
-            let leaps = LEAST_LEAPT * cloud.cubes() as f64 <= cloud.hidden as f64;
-            let may_span = !leaps && frame.lighting.is_none();
-            let span = if may_span { self.choose_span(frame, key, brick) } else { 1 };
-            BrickPlan { cloud, leaps: leaps && frame.skipping == Skipping::On, span }
-        };
-        self.plans.of(key, |plan| BrickPlan::bytes_with(plan.cloud.bytes()), make)
-    }
-
-    /// How many cells of a brick to integrate together.
-    fn choose_span(&self, frame: &CpuFrame, key: BrickKey, brick: &DecodedBrick) -> usize {
+    /// How many cells of a brick to integrate together, where rays go along this direction.
+    pub(super) fn choose_span(
+        &self,
+        frame: &CpuFrame,
+        (key, brick): (BrickKey, &DecodedBrick),
+        direction: [f32; 3],
+    ) -> usize {
         let (brick, _) = self.packet_brick(frame, key, brick);
-        let direction = self.direction_through(frame, key);
         self.dispatch(ChooseSpan { brick: &brick, precision: self.precision, direction })
     }
 
@@ -248,7 +219,7 @@ impl PacketTables {
     }
 
     /// Direction of rays through a brick's middle, in cells per world length.
-    fn direction_through(&self, frame: &CpuFrame, key: BrickKey) -> [f32; 3] {
+    pub(super) fn direction_through(&self, frame: &CpuFrame, key: BrickKey) -> [f32; 3] {
         let scale = frame.pyramid.level_at(key.lod()).scale.map(|s| s as f64);
         let core = frame.pyramid.core_box(key);
         let middle = DVec3::from_array(std::array::from_fn(|a| scale[a] * 0.5 * (core.start[a] + core.end[a]) as f64));
@@ -338,8 +309,7 @@ fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision
 /// What packets hold in host memory beside their tables; `core`: voxels along an edge of a full brick's core.
 #[must_use]
 pub fn bytes_held(core: usize, rule: PacketRule) -> CasterBytes {
-    let plan = BrickPlan::bytes_with(ProximityCloud::<BLOCK>::most_bytes(core));
-    let made = plan.max(BrickSummary::most_bytes(core));
+    let made = BrickPlan::most_bytes(core).max(BrickSummary::most_bytes(core));
     let made_of_brick = bytes_kept(made);
     let gathered = size_of::<Gathered>()
         + if rule.sums_errors { size_of::<LevelErrors>() } else { 0 }
@@ -626,7 +596,7 @@ impl CastTile<'_> {
 
     fn cast_brick(&mut self, key: BrickKey, brick: &DecodedBrick) {
         let (frame, tables) = (self.frame, self.tables);
-        let plan = tables.plan(frame, key, brick);
+        let plan = tables.plans.of(frame, tables, key, brick);
         if plan.cloud.is_empty() && frame.skipping == Skipping::On {
             self.feedback.counters.macro_cells_skipped += self.rays.hits().len() as u64;
             return;

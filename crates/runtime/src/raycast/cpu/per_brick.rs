@@ -1,4 +1,4 @@
-//! What is made once of each brick of a frame, and kept while it fits.
+//! What is made once of each brick, and kept while it fits.
 
 use std::sync::{Arc, RwLock};
 
@@ -19,7 +19,8 @@ pub struct PerBrick<T> {
 
 #[derive(Debug)]
 struct Kept<T> {
-    of_bricks: KeyMap<Arc<T>>,
+    /// With the bytes of each.
+    of_bricks: KeyMap<(Arc<T>, u64)>,
     bytes: u64,
 }
 
@@ -44,8 +45,19 @@ impl<T> PerBrick<T> {
 
     /// What was made of a brick, or is made now; `bytes` says how much it holds.
     pub fn of(&self, key: BrickKey, bytes: impl Fn(&T) -> u64, make: impl FnOnce() -> T) -> Arc<T> {
+        self.of_which(key, |_| true, bytes, make)
+    }
+
+    /// The same, made anew where what was made is not true any more.
+    pub fn of_which(
+        &self,
+        key: BrickKey,
+        is_true: impl Fn(&T) -> bool,
+        bytes: impl Fn(&T) -> u64,
+        make: impl FnOnce() -> T,
+    ) -> Arc<T> {
         let known = self.kept.read().expect("no thread panics with the lock").of_bricks.get(&key).cloned();
-        known.unwrap_or_else(|| {
+        known.map(|(made, _)| made).filter(|made| is_true(made)).unwrap_or_else(|| {
             let made = Arc::new(make());
             self.keep(key, bytes_kept(bytes(&made)), made.clone());
             made
@@ -60,10 +72,9 @@ impl<T> PerBrick<T> {
         if kept.bytes + bytes > self.bytes_limit {
             *kept = Kept::default();
         }
-        // Another thread may have made the same meanwhile.
-        if kept.of_bricks.insert(key, made).is_none() {
-            kept.bytes += bytes;
-        }
+        // Another thread may have made the same meanwhile; or what there was is not true any more.
+        let before = kept.of_bricks.insert(key, (made, bytes));
+        kept.bytes = kept.bytes + bytes - before.map_or(0, |(_, bytes)| bytes);
     }
 }
 
@@ -90,6 +101,17 @@ mod tests {
             assert!(kept.bytes <= limit, "{} of {limit} bytes", kept.bytes);
         }
         made
+    }
+
+    #[test]
+    fn what_is_not_true_any_more_is_made_anew_and_counted_once() {
+        let per_brick = PerBrick::new(10 * bytes_kept(8));
+        let of = |wanted: u64| per_brick.of_which(key(1), |&made| made == wanted, |&made| made, || wanted);
+        for wanted in [8, 8, 3, 8] {
+            assert_eq!(*of(wanted), wanted);
+            let kept = per_brick.kept.read().unwrap();
+            assert_eq!((kept.of_bricks.len(), kept.bytes), (1, bytes_kept(wanted)));
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use supervol_format::Geometry;
 
+use super::plans::BrickPlans;
 use super::simd::InstructionSet;
 use super::{RayState, Skipping, TERMINATION_OPACITY, packets};
 use crate::lod::LodChoice;
@@ -143,11 +144,13 @@ pub struct CpuQuality {
     pub caster: Caster,
     /// Most bytes of what is made once of each brick, and kept: with less it is made more often.
     pub made_bytes: u64,
+    /// What packets of another frame found out of the same volume's bricks: taken over where it is still true.
+    pub plans: Option<Arc<BrickPlans>>,
 }
 
 impl Default for CpuQuality {
     fn default() -> Self {
         let lod = LodChoice::Auto { voxel_pixels: 1.0 };
-        Self { lod, skipping: Skipping::On, caster: Caster::DEFAULT, made_bytes: MADE_LIMIT }
+        Self { lod, skipping: Skipping::On, caster: Caster::DEFAULT, made_bytes: MADE_LIMIT, plans: None }
     }
 }

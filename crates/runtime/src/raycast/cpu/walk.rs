@@ -196,7 +196,6 @@ impl<S: Simd> Walker<S> {
             in_plane: S::lt(one, zero),
         };
         let strides = [1, brick.strides[0], brick.strides[1]];
-        let mut cell = [zero; 3];
         for a in 0..3 {
             let (o, d) = (S::load(&packet.origin[a]), S::load(&packet.direction[a]));
             let (ascends, descends) = (S::lt(zero, d), S::lt(d, zero));
@@ -211,9 +210,10 @@ impl<S: Simd> Walker<S> {
             walker.in_plane = walker.in_plane | (!moves & S::le(o, S::floor(o)));
             let stride = S::splat_int(strides[a]);
             walker.base_step[a] = S::select_int(ascends, stride, stride * S::splat_int(-1));
-            cell[a] = walker.cell_of(a, o, S::splat(-1.0), S::splat(brick.core[a] as f32 - 1.0));
+            let cell = walker.cell_of(a, o, S::splat(-1.0), S::splat(brick.core[a] as f32 - 1.0));
+            walker.plane[a] = cell + walker.ahead[a];
         }
-        walker.go_to(cell, brick.strides, S::mask_from_bits(u32::MAX));
+        walker.find_base(brick.strides);
         walker
     }
 
@@ -224,20 +224,6 @@ impl<S: Simd> Walker<S> {
         let is_face = S::le(position, below) & S::lt(self.plane_step[axis], S::splat(0.0));
         let cell = S::select(is_face, below - S::splat(1.0), below);
         S::min(S::max(cell, low), high)
-    }
-
-    /// Places rays of the mask into cells.
-    #[inline(always)]
-    fn go_to(&mut self, cell: [S::F; 3], strides: [i32; 2], mask: S::M) {
-        let apron = S::splat(APRON as f32);
-        let mut base = S::to_int(cell[0] + apron);
-        for a in 1..3 {
-            base = base + S::to_int(cell[a] + apron) * S::splat_int(strides[a - 1]);
-        }
-        self.base = S::select_int(mask, base, self.base);
-        for a in 0..3 {
-            self.plane[a] = S::select(mask, cell[a] + self.ahead[a], self.plane[a]);
-        }
     }
 
     /// Rays that have not left the brick.
@@ -293,13 +279,17 @@ impl<S: Simd> Walker<S> {
         loop {
             let leaping = self.leap_once(cloud, brick);
             if leaping == 0 {
-                return leaps;
+                break;
             }
             leaps += leaping.count_ones();
         }
+        if leaps > 0 {
+            self.find_base(brick.strides);
+        }
+        leaps
     }
 
-    /// One leap of every ray that can; returns which these are, one bit per lane.
+    /// One leap of every ray that can; returns which these are, one bit per lane. Where their cells lie in memory is not found out.
     #[inline(always)]
     pub fn leap_once<const SIDE: usize>(&mut self, cloud: &ProximityCloud<SIDE>, brick: &PacketBrick<'_>) -> u32 {
         let active = self.active();
@@ -309,7 +299,7 @@ impl<S: Simd> Walker<S> {
         let leaping = S::lt_int(S::splat_int(0), distance) & active;
         let bits = S::bits(leaping);
         if bits != 0 {
-            self.leave::<SIDE>(cube, S::to_float(distance), leaping, brick);
+            self.go_out_of::<SIDE>(cube, S::to_float(distance), leaping, brick);
         }
         bits
     }
@@ -332,31 +322,44 @@ impl<S: Simd> Walker<S> {
     /// Takes rays of the mask to the far face of the cubes less than `reach` ahead of their own.
     #[inline(always)]
     pub fn leave<const SIDE: usize>(&mut self, cube: [S::I; 3], reach: S::F, leaping: S::M, brick: &PacketBrick<'_>) {
-        let side = S::splat(SIDE as f32);
-        let mut faces = [[reach; 2]; 3];
+        self.go_out_of::<SIDE>(cube, reach, leaping, brick);
+        self.find_base(brick.strides);
+    }
+
+    /// As [`Walker::leave`]; where the cells lie in memory is not found out.
+    #[inline(always)]
+    fn go_out_of<const SIDE: usize>(&mut self, cube: [S::I; 3], reach: S::F, leaping: S::M, brick: &PacketBrick<'_>) {
+        let (zero, one, side) = (S::splat(0.0), S::splat(1.0), S::splat(SIDE as f32));
+        let mut faces = [reach; 3];
         let mut exits = [self.end; 3];
         for a in 0..3 {
-            let m = S::to_float(cube[a]);
-            let low = (m - reach + S::splat(1.0)) * side;
+            let ascends = S::lt(zero, self.plane_step[a]);
+            let face = (S::to_float(cube[a]) + S::select(ascends, reach, one - reach)) * side;
             // What lies before the first cube lies outside the brick.
-            let low = S::select(S::le(low, S::splat(0.0)), S::splat(-2.0 * SIDE as f32), low);
-            faces[a] = [low, (m + reach) * side];
-            let ascends = S::lt(S::splat(0.0), self.plane_step[a]);
-            let face = S::select(ascends, faces[a][1], low);
-            exits[a] = S::mul_add(face, self.inverse[a], self.offset[a]);
+            faces[a] = S::select(S::le(face, zero), S::splat(-2.0 * SIDE as f32), face);
+            exits[a] = S::mul_add(faces[a], self.inverse[a], self.offset[a]);
         }
         let leave = S::max(S::min(S::min(exits[0], exits[1]), S::min(exits[2], self.end)), self.t);
-        let mut cell = [leave; 3];
         for a in 0..3 {
             let position = S::mul_add(leave, self.direction[a], self.origin[a]);
-            let [low, high] = faces[a];
-            let inside = self.cell_of(a, position, low, high - S::splat(1.0));
-            let ascends = S::lt(S::splat(0.0), self.plane_step[a]);
-            let beyond = S::select(ascends, high, low - S::splat(1.0));
-            let next = S::select(S::le(exits[a], leave), beyond, inside);
-            cell[a] = S::min(S::max(next, S::splat(-1.0)), S::splat(brick.core[a] as f32 - 1.0));
+            let ascends = S::lt(zero, self.plane_step[a]);
+            // The last cell before the face, and the first behind it.
+            let before = S::select(ascends, faces[a] - one, faces[a]);
+            let behind = before + self.plane_step[a];
+            let here = self.plane[a] - self.ahead[a];
+            let inside = self.cell_of(a, position, S::min(here, before), S::max(here, before));
+            let next = S::select(S::le(exits[a], leave), behind, inside);
+            let cell = S::min(S::max(next, S::splat(-1.0)), S::splat(brick.core[a] as f32 - 1.0));
+            self.plane[a] = S::select(leaping, cell + self.ahead[a], self.plane[a]);
         }
         self.t = S::select(leaping, leave, self.t);
-        self.go_to(cell, brick.strides, leaping);
+    }
+
+    /// Finds out where the cells lie in memory.
+    #[inline(always)]
+    fn find_base(&mut self, strides: [i32; 2]) {
+        let apron = S::splat(APRON as f32);
+        let place = |a: usize| S::to_int(self.plane[a] - self.ahead[a] + apron);
+        self.base = place(0) + place(1) * S::splat_int(strides[0]) + place(2) * S::splat_int(strides[1]);
     }
 }

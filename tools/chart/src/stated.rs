@@ -1,4 +1,4 @@
-//! Random scenes drawn from coarser levels: does what is stated of each pixel hold, and how much of it is true?
+//! Scenes drawn from coarser levels: does what is stated of each pixel hold, and how much of it is true?
 
 use serde::Serialize;
 use supervol_format::Lod;
@@ -32,7 +32,7 @@ pub struct AtLevel {
 }
 
 /// The pixels of one level while scenes are drawn: what is true of each and what is stated, grey levels.
-pub(super) struct Pixels {
+pub struct Pixels {
     level: u8,
     errors: Vec<[f64; 2]>,
     scenes_above: Vec<u64>,
@@ -44,11 +44,16 @@ const LEAST: f64 = 0.01;
 const NO_BOUND: f64 = 254.0;
 
 impl Pixels {
+    /// None yet.
+    #[must_use]
     pub fn new(level: u8) -> Self {
         Self { level, errors: Vec::new(), scenes_above: Vec::new() }
     }
 
-    /// Draws a scene from this level, or the coarsest, and compares.
+    /// Draws scene `number` from this level, or the coarsest, and compares.
+    ///
+    /// # Errors
+    /// If there is no picture, or nothing is stated of it.
     pub fn draw(
         &mut self,
         number: u64,
@@ -79,6 +84,8 @@ impl Pixels {
         }
     }
 
+    /// What was found.
+    #[must_use]
     pub fn finish(self) -> AtLevel {
         let median = |of: &dyn Fn(&[f64; 2]) -> f64| {
             let mut sorted: Vec<f64> = self.errors.iter().map(of).collect();
