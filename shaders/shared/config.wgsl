@@ -55,6 +55,8 @@ const ANY: u32 = 0xffffffffu;
 override ONLY_MODE: u32 = ANY;
 override ONLY_FLAGS: u32 = ANY;
 override TEXTURE_COUNT: u32 = 4u;
+// Whether there are clip planes.
+override CUT_BY_PLANES: bool = true;
 
 fn mode() -> u32 {
     return select(ONLY_MODE, config.mode, ONLY_MODE == ANY);

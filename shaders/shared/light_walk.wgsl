@@ -2,7 +2,11 @@
 //
 // One loop without branches: whatever a ray does next, a cell, several cells by one line where the field is
 // smooth, a part of a cell that one rule did not settle, or a leap, is one turn of it. Rays of a group then wait for each other
-// only where the brick ends.
+// only where the brick ends. Loops end at their end: software adapters go once more through all that stands behind another
+// place, for nobody.
+//
+// What light and surfaces make of a part is in files of its own, each of which has an alternative without it: drivers compile all that a
+// shader calls, whatever its constants are.
 
 // Turns of the loop between two leaps.
 const ROUND: u32 = 8u;
@@ -10,6 +14,8 @@ const ROUND: u32 = 8u;
 const LONGEST_SPAN: f32 = 4.0;
 // Error, in tolerances of a cell, up to which cells are followed by twice as many at once: of an even field it grows eightfold.
 const EASY_SPAN: f32 = 0.1;
+// The same, up to which they are taken: one by one they would state far less than a tolerance.
+const SPAN_SHARE: f32 = 0.5;
 // No stored number.
 const NO_NUMBER: u32 = 0xffffffffu;
 
@@ -168,26 +174,27 @@ fn is_in_cell(walk: ptr<function, LightWalk>) -> bool {
 fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) {
     let last = vec3<i32>(macro_edge() - 1);
     var is_near = is_in_cell(walk);
-    while (!is_near && (*walk).t < ray.leave) {
-        work += 1u;
-        let place = (ray.origin + (*walk).t * ray.direction + 0.5) * (1.0 / f32(MACRO_CELL));
-        let block = clamp(vec3<i32>(floor(place)), vec3<i32>(0), last);
-        let number = macro_place(slot, block);
-        let reach = f32(proximity[number]) - 1.0;
-        is_near = reach < 0.0;
-        if (has_flag(FLAG_SURFACES)) {
-            // What is skipped shows nothing; but values may jump where it begins, across a surface.
-            is_near = is_worth_a_visit(macro_ranges[number], state);
+    loop {
+        if (!is_near && (*walk).t < ray.leave) {
+            work += 1u;
+            let place = (ray.origin + (*walk).t * ray.direction + 0.5) * (1.0 / f32(MACRO_CELL));
+            let block = clamp(vec3<i32>(floor(place)), vec3<i32>(0), last);
+            let number = macro_place(slot, block);
+            let reach = f32(proximity[number]) - 1.0;
+            is_near = reach < 0.0;
+            if (has_flag(FLAG_SURFACES)) {
+                is_near = is_near_surfaces(number, state);
+            }
             if (!is_near) {
-                gather_skipped(macro_ranges[number], state);
+                let face = (vec3<f32>(block) + ray.ahead + max(reach, 0.0) * ray.step) * f32(MACRO_CELL) - 0.5;
+                let exit = first_crossing(face * ray.inverse + ray.offset);
+                // Rounding must not hold it.
+                (*walk).t = min(max(exit, (*walk).t) + ray.margin, ray.leave);
+                macro_cells_skipped += 1u;
             }
         }
-        if (!is_near) {
-            let face = (vec3<f32>(block) + ray.ahead + max(reach, 0.0) * ray.step) * f32(MACRO_CELL) - 0.5;
-            let exit = first_crossing(face * ray.inverse + ray.offset);
-            // Rounding must not hold it.
-            (*walk).t = min(max(exit, (*walk).t) + ray.margin, ray.leave);
-            macro_cells_skipped += 1u;
+        if (is_near || (*walk).t >= ray.leave) {
+            break;
         }
     }
 }
@@ -270,16 +277,11 @@ fn try_part(
     samples += 2u;
     let is_lit = has_flag(FLAG_SHADED) && (1.0 - part.transmittance) * (*walk).transmittance > config.least_shaded;
     if (is_lit && !is_span) {
-        let gradient = gradient_of(slot, s.voxels, s.entry, s.way, walk);
-        if (gradient.present != 0u) {
-            let middle = gradient_at(gradient, at + 0.5 * s.size, local);
-            let gradients = mat3x3<f32>(gradient_at(gradient, at, local), middle, gradient_at(gradient, s.end, local));
-            part = shade_part(part, gradients, local.to_eye);
-        }
+        part = lit_part(slot, local, s, part, walk);
     }
 
     let ratio = part.error * (*walk).transmittance / config.cell_error;
-    let is_settled = ratio <= max(s.size, LEAST_SHARE) || s.size <= SHORTEST;
+    let is_settled = ratio <= select(max(s.size, LEAST_SHARE), SPAN_SHARE, is_span) || s.size <= SHORTEST;
     // Three places do not settle the light of several cells, and beside a hole nothing is known.
     let is_taken = is_settled && !(is_span && (is_lit || !s.is_present));
     let is_whole = s.size == 1.0;
@@ -297,14 +299,7 @@ fn try_part(
     }
     let is_met = has_flag(FLAG_SURFACES) && (*walk).at >= (*walk).crossings.u;
     if (is_met) {
-        let iso = scene.tables.isos[(*walk).crossings.surface];
-        let color = shaded(gradient_of(slot, s.voxels, s.entry, s.way, walk), (*walk).at, local, iso.color);
-        (*walk).color += (*walk).transmittance * iso.alpha * color;
-        (*walk).transmittance *= 1.0 - iso.alpha;
-        (*walk).next = 1.0;
-        var left = (*walk).crossings;
-        next_crossing((*walk).view, &left);
-        (*walk).crossings = left;
+        meet_surface(slot, local, s, walk);
     }
     if ((*walk).at >= 1.0 && !is_met) {
         (*walk).cell = s.cell + select(vec3<f32>(0.0), ray.step, s.exits <= vec3<f32>(s.leave));
@@ -314,38 +309,6 @@ fn try_part(
         (*walk).has_gradient = false;
         (*walk).has_crossings = false;
         cells += u32(s.cells);
-    }
-}
-
-// The gradient along the ray's way through a cell, fetched when it is first asked for.
-fn gradient_of(
-    slot: Slot, voxels: StoredCell, entry: vec3<f32>, way: vec3<f32>, walk: ptr<function, LightWalk>) -> ChordGradient {
-    if (!(*walk).has_gradient) {
-        let chord = Chord(entry, entry + way, 0.0);
-        (*walk).gradient = chord_gradient(slot, vec3<i32>((*walk).cell), corners_of_stored(voxels), chord);
-        (*walk).has_gradient = true;
-    }
-    return (*walk).gradient;
-}
-
-// Looks for the surfaces that the ray crosses in a cell.
-fn find_crossings(own: Corners, chord: Chord, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) {
-    (*walk).has_crossings = true;
-    (*walk).crossings = no_crossings();
-    var corners = own;
-    if (has_flag(FLAG_HOLES) && has_holes(corners)) {
-        corners = replace_unreached(corners, chord.a, chord.b);
-        if (has_holes(corners)) {
-            gather_absent(state);
-            return;
-        }
-    }
-    let range = range_of_corners(corners);
-    if (meets_surfaces(range, state)) {
-        (*walk).view = cell_view(corners, range, chord);
-        (*walk).crossings = first_of_crossings((*walk).view, state);
-    } else {
-        gather_skipped(range, state);
     }
 }
 
@@ -369,25 +332,31 @@ fn cast_brick_light(slot: Slot, local: LocalRay, leave: f32, state: ptr<function
     walk.transmittance = (*state).transmittance;
     walk.color = (*state).color;
     walk.next = 1.0;
-    var goes_on = walk.t < leave;
-    while (goes_on) {
-        leap_on(slot, ray, &walk, state);
-        // Each round begins as if the ray had been interrupted in front of it, so that pictures do not depend on where rays are.
-        // Within a cell none is.
-        let begins = !is_in_cell(&walk);
-        walk.cell = select(walk.cell, cell_at(ray, walk.t), begins);
-        walk.next = select(walk.next, 1.0, begins);
-        walk.longest = select(walk.longest, LONGEST_SPAN, begins);
-        macro_cells += 1u;
-        work += ROUND;
-        for (var i = 0u; i < ROUND; i += 1u) {
-            try_part(slot, local, ray, &walk, state);
-            goes_on = walk.t < leave && walk.transmittance > config.transmittance_limit;
-            if (!goes_on) {
+    if (begin < leave) {
+        loop {
+            leap_on(slot, ray, &walk, state);
+            // Each round begins as if the ray had been interrupted in front of it, so that pictures do not depend on where rays
+            // are. Within a cell none is.
+            let begins = !is_in_cell(&walk);
+            walk.cell = select(walk.cell, cell_at(ray, walk.t), begins);
+            walk.next = select(walk.next, 1.0, begins);
+            walk.longest = select(walk.longest, LONGEST_SPAN, begins);
+            macro_cells += 1u;
+            work += ROUND;
+            var turns = 0u;
+            var goes_on = true;
+            loop {
+                try_part(slot, local, ray, &walk, state);
+                goes_on = walk.t < leave && walk.transmittance > config.transmittance_limit;
+                turns += 1u;
+                if (!goes_on || turns >= ROUND) {
+                    break;
+                }
+            }
+            if (!goes_on || (is_worked_off() && !is_in_cell(&walk))) {
                 break;
             }
         }
-        goes_on = goes_on && (!is_worked_off() || is_in_cell(&walk));
     }
     (*state).t = walk.t;
     (*state).transmittance = walk.transmittance;

@@ -21,12 +21,13 @@ fn box_crossings(ray: LevelRay, first: vec3<i32>, edge: i32) -> vec3<f32> {
 // The level from which a brick of level 0 is drawn: the coarsest whose brick need not be refined.
 fn wanted_level(brick: vec3<i32>) -> u32 {
     var level = config.level_count - 1u;
-    while (level > 0u) {
+    loop {
         let entry = entry_of(level, brick >> scene.tables.levels[level].scale_log2);
-        if ((page_table[entry].x & PAGE_REFINE) == 0u) {
+        let is_too_coarse = level > 0u && (page_table[entry].x & PAGE_REFINE) != 0u;
+        level -= u32(is_too_coarse);
+        if (!is_too_coarse || level == 0u) {
             break;
         }
-        level -= 1u;
         work += 1u;
     }
     return level;
@@ -38,30 +39,36 @@ fn region_at(ray: LevelRay, t: f32) -> Region {
     let point = vec3<i32>(floor(ray.fraction + t * ray.direction + 0.5)) + ray.voxel;
     let last = vec3<i32>(scene.tables.levels[0].bricks) - 1;
     var brick = clamp(point >> vec3<u32>(firstTrailingBit(config.core)), vec3<i32>(0), last);
-    for (var i = 0u; i < REGION_STEPS; i += 1u) {
+    var region = Region(brick, 0u, 0u);
+    var is_over = false;
+    var steps = 0u;
+    loop {
         work += 1u;
-        if (any(brick < vec3<i32>(0)) || any(brick > last)) {
-            return Region(brick, 0u, 0u);
+        steps += 1u;
+        is_over = any(brick < vec3<i32>(0)) || any(brick > last);
+        if (!is_over) {
+            let leaves = box_crossings(ray, brick * core, core);
+            if (first_crossing(leaves) <= t) {
+                brick += first_axis(leaves) * step_of(ray.direction);
+            } else {
+                // Ancestors come from whole numbers: every ray that meets this place makes the same choice.
+                let level = wanted_level(brick);
+                let shift = scene.tables.levels[level].scale_log2;
+                let ancestor = brick >> shift;
+                let level_leaves = box_crossings(ray_at_level(ray, level), ancestor * core, core);
+                is_over = first_crossing(level_leaves) > t;
+                region = Region(ancestor, level, u32(is_over));
+                // The two levels round the same face differently: step out of the whole ancestor.
+                let outside = ((ancestor + leaving_side(ray.direction)) << shift) + leaving_side(ray.direction) - 1;
+                brick = select(brick, outside, first_axis(level_leaves) == vec3<i32>(1));
+            }
         }
-        let leaves = box_crossings(ray, brick * core, core);
-        if (first_crossing(leaves) <= t) {
-            brick += first_axis(leaves) * step_of(ray.direction);
-            continue;
+        if (is_over || steps >= REGION_STEPS) {
+            break;
         }
-        // Ancestors come from whole numbers: every ray that meets this place makes the same choice.
-        let level = wanted_level(brick);
-        let shift = scene.tables.levels[level].scale_log2;
-        let ancestor = brick >> shift;
-        let level_leaves = box_crossings(ray_at_level(ray, level), ancestor * core, core);
-        if (first_crossing(level_leaves) > t) {
-            return Region(ancestor, level, 1u);
-        }
-        // The two levels round the same face differently: step out of the whole ancestor.
-        let outside = ((ancestor + leaving_side(ray.direction)) << shift) + leaving_side(ray.direction) - 1;
-        brick = select(brick, outside, first_axis(level_leaves) == vec3<i32>(1));
     }
-    anomalies += 1u;
-    return Region(brick, 0u, 0u);
+    anomalies += u32(!is_over);
+    return region;
 }
 
 // Where the ray leaves a region.

@@ -44,9 +44,11 @@ fn kept_from(ray: PixelRay, pixel: vec2<u32>, strides: u32) -> Interval {
     for (var axis = 0u; axis < 3u; axis += 1u) {
         kept = cut(cut(kept, above[axis], rate[axis]), below[axis], -rate[axis]);
     }
-    for (var i = 0u; i < scene.view.plane_count; i += 1u) {
-        let height = above_plane(i, pixel, strides);
-        kept = cut(kept, height.x, height.y);
+    if (CUT_BY_PLANES) {
+        for (var i = 0u; i < scene.view.plane_count; i += 1u) {
+            let height = above_plane(i, pixel, strides);
+            kept = cut(kept, height.x, height.y);
+        }
     }
     return kept;
 }

@@ -20,7 +20,7 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
     ),
     (
         "decides what is leapt over: without leaps the picture is the same (gpu_images)",
-        &["is_shown", "sweep", "is_worth_a_visit", "leap_on"],
+        &["is_shown", "sweep", "is_worth_a_visit", "is_near_surfaces", "leap_on"],
     ),
     (
         "leads rays from brick to brick and from cell to cell by what is compared: pictures beside the reference's and the \
@@ -41,6 +41,8 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
             "next_stretch",
             "try_part",
             "is_in_cell",
+            "lit_part",
+            "lit_surface",
             "gradient_of",
             "note_levels",
         ],
@@ -51,6 +53,7 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
             "gather_between_surfaces",
             "gather_surfaces",
             "find_crossings",
+            "meet_surface",
             "no_crossings",
             "first_of_crossings",
             "next_crossing",

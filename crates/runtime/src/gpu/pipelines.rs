@@ -1,9 +1,10 @@
 //! Compute pipelines and what they bind; the order of the bindings is that of `shaders/shared/config.wgsl`.
 
+use std::sync::OnceLock;
+
 use super::device::{GpuDevice, GpuError};
-use super::layout::FLAG_LIGHT;
 use super::memory::TEXTURE_LIMIT;
-use super::shaders::{BEGIN_PARTS, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, RAYCAST, RAYCAST_LIGHT, ShaderModule};
+use super::shaders::{BEGIN_PARTS, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, ShaderModule, raycast_for};
 
 /// What pipelines are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -18,13 +19,14 @@ pub struct Variant {
 
 /// All pipelines and their layouts.
 pub struct Pipelines {
+    variant: Variant,
     scene_layout: wgpu::BindGroupLayout,
+    /// `begin_rays.wgsl` where nothing cuts rays, and where planes do: made when they are first wanted.
+    begin_rays: [OnceLock<Pipeline>; 2],
+    /// `begin_parts.wgsl`, in the same way.
+    begin_parts: OnceLock<Pipeline>,
     /// `classify_cells.wgsl`
     pub classify_cells: Pipeline,
-    /// `begin_rays.wgsl`
-    pub begin_rays: Pipeline,
-    /// `begin_parts.wgsl`
-    pub begin_parts: Pipeline,
     /// `raycast.wgsl`
     pub raycast: Pipeline,
     /// `gather_misses.wgsl`
@@ -94,23 +96,54 @@ impl Pipelines {
         let cache = (SCENE_TABLES.len() as u32..).take(TEXTURE_LIMIT);
         scene_entries.extend(cache.map(|i| entry(i, Access::Storage(wgpu::TextureViewDimension::D3))));
         scene_entries.push(entry(scene_entries.len() as u32, Access::Read));
-        let raycast = if variant.flags & FLAG_LIGHT != 0 { RAYCAST_LIGHT } else { RAYCAST };
         gpu.checked("the compute pipelines", || {
             let scene_layout = layout(gpu, &scene_entries);
-            let make = |shader: &ShaderModule, buffers: &[Access]| {
-                let entries: Vec<_> = (0..).zip(buffers).map(|(i, access)| entry(i, *access)).collect();
-                let layout = layout(gpu, &entries);
-                Pipeline { pipeline: pipeline(gpu, [&scene_layout, &layout], shader, variant), layout }
-            };
+            let make =
+                |shader: &ShaderModule, buffers: &[Access]| make(gpu, &scene_layout, shader, buffers, variant, false);
             Self {
+                variant,
+                begin_rays: Default::default(),
+                begin_parts: OnceLock::new(),
                 classify_cells: make(&CLASSIFY_CELLS, &[Access::Read]),
-                begin_rays: make(&BEGIN_RAYS, &[Access::ReadWrite, Access::ReadWrite]),
-                begin_parts: make(&BEGIN_PARTS, &[Access::ReadWrite, Access::Read]),
-                raycast: make(&raycast, &[Access::ReadWrite, Access::ReadWrite]),
+                raycast: make(&raycast_for(variant.flags), &[Access::ReadWrite, Access::ReadWrite]),
                 gather_misses: make(&GATHER_MISSES, &[]),
                 scene_layout,
             }
         })
+    }
+
+    /// `begin_rays.wgsl`, for rays that planes cut or others.
+    ///
+    /// # Errors
+    /// If the driver refuses it.
+    pub fn begin_rays(&self, gpu: &GpuDevice, is_cut: bool) -> Result<&Pipeline, GpuError> {
+        let place = &self.begin_rays[usize::from(is_cut)];
+        self.wanted(gpu, place, &BEGIN_RAYS, &[Access::ReadWrite, Access::ReadWrite], is_cut)
+    }
+
+    /// `begin_parts.wgsl`
+    ///
+    /// # Errors
+    /// If the driver refuses it.
+    pub fn begin_parts(&self, gpu: &GpuDevice) -> Result<&Pipeline, GpuError> {
+        self.wanted(gpu, &self.begin_parts, &BEGIN_PARTS, &[Access::ReadWrite, Access::Read], false)
+    }
+
+    /// The pipeline of a place, which is made if nobody has wanted it before.
+    fn wanted<'p>(
+        &self,
+        gpu: &GpuDevice,
+        place: &'p OnceLock<Pipeline>,
+        shader: &ShaderModule,
+        buffers: &[Access],
+        is_cut: bool,
+    ) -> Result<&'p Pipeline, GpuError> {
+        if let Some(pipeline) = place.get() {
+            return Ok(pipeline);
+        }
+        let made =
+            gpu.checked("a compute pipeline", || make(gpu, &self.scene_layout, shader, buffers, self.variant, is_cut))?;
+        Ok(place.get_or_init(|| made))
     }
 
     /// Group 0.
@@ -139,6 +172,20 @@ impl Pipeline {
     }
 }
 
+/// A pipeline with these buffers of its own.
+fn make(
+    gpu: &GpuDevice,
+    scene_layout: &wgpu::BindGroupLayout,
+    shader: &ShaderModule,
+    buffers: &[Access],
+    variant: Variant,
+    is_cut: bool,
+) -> Pipeline {
+    let entries: Vec<_> = (0..).zip(buffers).map(|(i, access)| entry(i, *access)).collect();
+    let layout = layout(gpu, &entries);
+    Pipeline { pipeline: pipeline(gpu, [scene_layout, &layout], shader, variant, is_cut), layout }
+}
+
 fn bind(
     gpu: &GpuDevice,
     layout: &wgpu::BindGroupLayout,
@@ -160,6 +207,7 @@ fn pipeline(
     layouts: [&wgpu::BindGroupLayout; 2],
     shader: &ShaderModule,
     variant: Variant,
+    is_cut: bool,
 ) -> wgpu::ComputePipeline {
     let source = wgpu::ShaderSource::Wgsl(shader.source().into());
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(shader.name), source });
@@ -178,6 +226,7 @@ fn pipeline(
                 ("ONLY_MODE", f64::from(variant.mode)),
                 ("ONLY_FLAGS", f64::from(variant.flags)),
                 ("TEXTURE_COUNT", f64::from(variant.textures)),
+                ("CUT_BY_PLANES", f64::from(u8::from(is_cut))),
             ],
             ..Default::default()
         },

@@ -3,6 +3,8 @@
 //! Nothing is assembled but whole files, end to end; WGSL lets a function use one that is declared further down, so
 //! that the order only matters to readers: layout, bindings, then the data path.
 
+use super::layout::{FLAG_LIGHT, FLAG_SHADED, FLAG_SURFACES};
+
 /// Name below `shaders/`, and text.
 type ShaderFile = (&'static str, &'static str);
 
@@ -23,9 +25,10 @@ macro_rules! file {
     };
 }
 
-/// All that a ray does, without an entry point; how it goes through a brick is in the file that is named.
+/// All that a ray does, without an entry point. Named are the files that have an alternative: how it goes through a brick, and what light
+/// and surfaces make of a part of its way.
 macro_rules! ray {
-    ($resident:literal) => {
+    ($resident:literal, $light:literal, $surfaces:literal) => {
         &[
             file!("shared/layout.wgsl"),
             file!("shared/config.wgsl"),
@@ -45,6 +48,8 @@ macro_rules! ray {
             file!("shared/inner_surfaces.wgsl"),
             file!("shared/cell.wgsl"),
             file!("shared/light_walk.wgsl"),
+            file!($light),
+            file!($surfaces),
             file!("shared/feedback.wgsl"),
             file!("shared/errors.wgsl"),
             file!($resident),
@@ -54,13 +59,43 @@ macro_rules! ray {
 }
 
 /// By cells and roots: all modes.
-const RAY: &[ShaderFile] = ray!("shared/resident_cells.wgsl");
+const RAY: &[ShaderFile] = ray!("shared/resident_cells.wgsl", "shared/light_lit.wgsl", "shared/light_surfaces.wgsl");
 
 /// Casts rays until they finish, lack a brick, or reach the dispatch's limit.
 pub const RAYCAST: ShaderModule = ShaderModule { name: "raycast", shared: RAY, entry: file!("raycast.wgsl") };
 
+macro_rules! raycast_light {
+    ($light:literal, $surfaces:literal) => {
+        ShaderModule { shared: ray!("shared/resident_light.wgsl", $light, $surfaces), ..RAYCAST }
+    };
+}
+
 /// The same by parts of cells, where `FLAG_LIGHT` is set.
-pub const RAYCAST_LIGHT: ShaderModule = ShaderModule { shared: ray!("shared/resident_light.wgsl"), ..RAYCAST };
+pub const RAYCAST_LIGHT: ShaderModule = raycast_light!("shared/light_unlit.wgsl", "shared/light_no_surfaces.wgsl");
+
+/// With light.
+pub const RAYCAST_LIGHT_SHADED: ShaderModule = raycast_light!("shared/light_lit.wgsl", "shared/light_no_surfaces.wgsl");
+
+/// With surfaces.
+pub const RAYCAST_LIGHT_SURFACES: ShaderModule =
+    raycast_light!("shared/light_unlit.wgsl", "shared/light_surfaces.wgsl");
+
+/// With both.
+pub const RAYCAST_LIGHT_SHADED_SURFACES: ShaderModule =
+    raycast_light!("shared/light_lit.wgsl", "shared/light_surfaces.wgsl");
+
+/// What casts rays where these flags are set.
+#[must_use]
+pub fn raycast_for(flags: u32) -> ShaderModule {
+    let has = |flag: u32| flags & flag != 0;
+    match (has(FLAG_LIGHT), has(FLAG_SHADED), has(FLAG_SURFACES)) {
+        (false, ..) => RAYCAST,
+        (true, false, false) => RAYCAST_LIGHT,
+        (true, true, false) => RAYCAST_LIGHT_SHADED,
+        (true, false, true) => RAYCAST_LIGHT_SURFACES,
+        (true, true, true) => RAYCAST_LIGHT_SHADED_SURFACES,
+    }
+}
 
 /// Clips the rays of a band.
 pub const BEGIN_RAYS: ShaderModule = ShaderModule { name: "begin_rays", shared: RAY, entry: file!("begin_rays.wgsl") };
@@ -104,7 +139,17 @@ pub const TEST_ERRORS: ShaderModule =
 pub const TESTING: [ShaderModule; 6] = [TEST_TWINS, TEST_LIGHT, TEST_PLACES, TEST_WALK, TEST_SLOTS, TEST_ERRORS];
 
 /// What pictures are made by.
-pub const DRAWING: [ShaderModule; 6] = [RAYCAST, RAYCAST_LIGHT, BEGIN_RAYS, BEGIN_PARTS, CLASSIFY_CELLS, GATHER_MISSES];
+pub const DRAWING: [ShaderModule; 9] = [
+    RAYCAST,
+    RAYCAST_LIGHT,
+    RAYCAST_LIGHT_SHADED,
+    RAYCAST_LIGHT_SURFACES,
+    RAYCAST_LIGHT_SHADED_SURFACES,
+    BEGIN_RAYS,
+    BEGIN_PARTS,
+    CLASSIFY_CELLS,
+    GATHER_MISSES,
+];
 
 impl ShaderModule {
     /// The files joined.

@@ -58,6 +58,18 @@ impl Slots {
         self.places.len()
     }
 
+    /// Number of the coming pass.
+    #[must_use]
+    pub fn coming_pass(&self) -> u64 {
+        self.pass
+    }
+
+    /// Slots whose bricks were used or inserted since a pass.
+    #[must_use]
+    pub fn used_since(&self, pass: u64) -> usize {
+        self.by_age.range((pass, SlotIndex(0))..).count()
+    }
+
     /// Where a brick sits, if it is resident.
     #[must_use]
     pub fn place(&self, key: BrickKey) -> Option<SlotIndex> {
@@ -151,6 +163,7 @@ mod tests {
         assert_eq!(slots.place(key(0)), Some(a));
         assert_eq!(slots.place(key(1)), None);
         assert_eq!(slots.occupied(), 2);
+        assert_eq!([1, 2, 3, 4].map(|pass| slots.used_since(pass)), [2, 2, 1, 0], "{}", slots.coming_pass());
     }
 
     #[test]

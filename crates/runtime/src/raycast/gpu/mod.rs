@@ -136,6 +136,8 @@ pub struct GpuRenderer {
     caster: Caster,
     picture: Picture,
     parts: PartsInProgress,
+    /// The first pass of the band in progress.
+    first_pass: u64,
     /// Slots whose bricks came since the last pass: what of them shows is not known yet.
     unclassified: Vec<SlotIndex>,
     /// What bricks may be off by, if that is summed up.
@@ -270,6 +272,7 @@ impl GpuRenderer {
             cache,
             picture,
             parts: PartsInProgress::default(),
+            first_pass: 0,
             unclassified: Vec::new(),
             deviation_of,
             stats: GpuStats {
@@ -383,6 +386,7 @@ impl GpuRenderer {
     /// Begins the rays of these rows, numbered from the top; no more than [`Self::band_rows`].
     pub fn begin(&mut self, rows: Range<u32>) {
         let first_row = rows.start;
+        self.first_pass = self.slots.coming_pass();
         self.caster.begin(rows);
         if let Some(parts) = &self.picture.parts {
             let turn = parts.first(self.caster.grid(), first_row);
@@ -514,6 +518,9 @@ impl GpuRenderer {
             self.caster.classify(&self.cache, &self.unclassified);
             self.unclassified.clear();
         }
+        if !self.has_room_for_scouts() {
+            self.caster.end_scouting();
+        }
         let mut raw = self.caster.cast_pass(stop)?;
         while raw.is_finished() && self.begin_next_part() {
             raw = raw.followed_by(self.caster.cast_pass(stop)?);
@@ -541,6 +548,13 @@ impl GpuRenderer {
         self.stats.counters.add(&feedback.device);
         self.stats.dispatch_ms_max = self.stats.dispatch_ms_max.max(raw.dispatch_ms_max);
         Ok(feedback)
+    }
+
+    /// Whether bricks that scouts ask for are still there when the other rays come: of a volume that does not fit, half of the slots are
+    /// kept for what those ask for.
+    fn has_room_for_scouts(&self) -> bool {
+        let slots = self.slots.capacity();
+        slots as u64 >= self.pyramid.brick_count() || 2 * self.slots.used_since(self.first_pass) < slots
     }
 
     /// The picture of what the rays of the band have gathered, sub-grid averaged.

@@ -59,6 +59,8 @@ const WORK_LIMIT: u32 = 1 << 14;
 const SOFTWARE_WORK_LIMIT: u32 = 1 << 8;
 /// The same where all rays of a group are in one loop (`light_walk.wgsl`).
 const SOFTWARE_LIGHT_WORK_LIMIT: u32 = 1 << 11;
+/// Of so many rows of tiles one goes ahead: bricks that its rays lack are mostly those that the others would lack, pass after pass.
+const SCOUTING_ROWS: u32 = 8;
 /// Runs that are submitted before the first of them is waited for: while one is cast, the next is there.
 const RUNS_IN_FLIGHT: usize = 2;
 /// Parts of rays that are handed over at once.
@@ -207,11 +209,14 @@ struct Run {
 /// Pipelines, and what they bind.
 struct Bound {
     variant: Variant,
+    /// Whether planes cut rays.
+    is_cut: bool,
     pipelines: Arc<Pipelines>,
     scene: wgpu::BindGroup,
     classify: wgpu::BindGroup,
     begin: wgpu::BindGroup,
-    begin_parts: wgpu::BindGroup,
+    /// Where solids leave parts of rays.
+    begin_parts: Option<wgpu::BindGroup>,
     cast: wgpu::BindGroup,
     gather: wgpu::BindGroup,
     /// Whether a ray has been cast by them.
@@ -243,6 +248,8 @@ pub(super) struct Caster {
     run_rays: u32,
     /// Rays that a pass looks at: all others of the band are finished.
     unfinished: Vec<Range<u32>>,
+    /// Rays that begin when the scouts' have all that they need.
+    held_back: Vec<Range<u32>>,
 }
 
 impl Caster {
@@ -280,6 +287,7 @@ impl Caster {
             grid: RayGrid { width: 0, height: 0 },
             view: View::zeroed(),
             unfinished: Vec::new(),
+            held_back: Vec::new(),
             run_rays: match gpu.kind() {
                 wgpu::DeviceType::DiscreteGpu => MOST_RUN_RAYS,
                 wgpu::DeviceType::Cpu => FIRST_SOFTWARE_RUN_RAYS,
@@ -289,7 +297,7 @@ impl Caster {
     }
 
     /// Pipelines for pictures of a kind, bound to what is there.
-    fn bind(&self, cache: &GpuCache, variant: Variant) -> Result<Bound, GpuError> {
+    fn bind(&self, cache: &GpuCache, variant: Variant, view: &View) -> Result<Bound, GpuError> {
         let gpu = &self.gpu;
         let pipelines = gpu.pipelines(variant)?;
         let bindings = SceneBindings {
@@ -304,12 +312,18 @@ impl Caster {
             textures: &cache.views,
             deviations: &cache.deviations.buffer,
         };
+        let is_cut = view.plane_count > 0;
+        let begin_parts = (view.in_parts != 0).then(|| {
+            let pipeline = pipelines.begin_parts(gpu)?;
+            pipeline.bind(gpu, &[&self.states, &self.parts])
+        });
         Ok(Bound {
             variant,
+            is_cut,
             scene: pipelines.bind_scene(gpu, &bindings)?,
             classify: pipelines.classify_cells.bind(gpu, &[&cache.slot_list])?,
-            begin: pipelines.begin_rays.bind(gpu, &[&self.states, &self.errors])?,
-            begin_parts: pipelines.begin_parts.bind(gpu, &[&self.states, &self.parts])?,
+            begin: pipelines.begin_rays(gpu, is_cut)?.bind(gpu, &[&self.states, &self.errors])?,
+            begin_parts: begin_parts.transpose()?,
             cast: pipelines.raycast.bind(gpu, &[&self.states, &self.errors])?,
             gather: pipelines.gather_misses.bind(gpu, &[])?,
             pipelines,
@@ -334,8 +348,12 @@ impl Caster {
     ) -> Result<(), GpuError> {
         let (mode, flags) = (scene.config.mode, scene.config.flags);
         let variant = Variant { mode, flags, textures: cache.texture_count() };
-        if self.bound.as_ref().is_none_or(|bound| bound.variant != variant) {
-            self.bound = Some(self.bind(cache, variant)?);
+        let is_bound = |bound: &Bound| {
+            let has_parts = bound.begin_parts.is_some() || scene.view.in_parts == 0;
+            bound.variant == variant && bound.is_cut == (scene.view.plane_count > 0) && has_parts
+        };
+        if !self.bound.as_ref().is_some_and(is_bound) {
+            self.bound = Some(self.bind(cache, variant, &scene.view)?);
         }
         self.view = scene.view;
         self.gpu.write_buffer(&self.scene, 0, bytemuck::bytes_of(scene));
@@ -368,14 +386,21 @@ impl Caster {
         let mut encoder = self.encoder();
         let groups = places.div_ceil(WORKGROUP_RAYS);
         let bound = self.bound();
-        self.dispatch(&mut encoder, &bound.pipelines.begin_rays, &bound.begin, groups);
+        let pipeline = bound.pipelines.begin_rays(&self.gpu, bound.is_cut).expect("made when the scene was set");
+        self.dispatch(&mut encoder, pipeline, &bound.begin, groups);
         self.gpu.submit(encoder);
     }
 
-    /// No ray of the band is known to be finished.
+    /// No ray of the band is known to be finished. Scouts go ahead; where they stop for the bricks that they meet, all others would have
+    /// stopped with them.
     fn look_at_all(&mut self) {
-        let places = self.grid.places() as u32;
-        self.unfinished = std::iter::once(0..places).collect();
+        [self.unfinished, self.held_back] = scouts_and_others(self.grid);
+    }
+
+    /// All rays go on with the scouts: what these would still ask for would have to leave before the others come.
+    pub(super) fn end_scouting(&mut self) {
+        self.unfinished.append(&mut self.held_back);
+        join_ranges(&mut self.unfinished);
     }
 
     /// Sets rays of the band on their way through their next part.
@@ -389,7 +414,9 @@ impl Caster {
             self.gpu.write_buffer(&self.parts, 0, bytemuck::cast_slice(&whole));
             let mut encoder = self.encoder();
             let bound = self.bound();
-            self.dispatch(&mut encoder, &bound.pipelines.begin_parts, &bound.begin_parts, groups);
+            let bindings = bound.begin_parts.as_ref().expect("bound where there are parts");
+            let pipeline = bound.pipelines.begin_parts(&self.gpu).expect("made when the scene was set");
+            self.dispatch(&mut encoder, pipeline, bindings, groups);
             self.gpu.submit(encoder);
         }
     }
@@ -430,19 +457,32 @@ impl Caster {
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.feedback, 0, None);
         self.gpu.submit(encoder);
+        loop {
+            self.cast_rounds(&mut raw, stop)?;
+            if !self.unfinished.is_empty() || self.held_back.is_empty() {
+                break;
+            }
+            self.end_scouting();
+        }
+        raw.feedback.unfinished_rays += self.held_back.iter().map(|rays| u64::from(rays.end - rays.start)).sum::<u64>();
+        join_ranges(&mut self.unfinished);
+        raw.feedback.unfinished_rays += raw.interrupted;
+        self.read_feedback(&mut raw)?;
+        Ok(raw)
+    }
+
+    /// Casts the unfinished rays, round by round.
+    fn cast_rounds(&mut self, raw: &mut RawFeedback, stop: &Stop) -> Result<(), GpuError> {
         let mut round = Round { later: 0, rays: std::mem::take(&mut self.unfinished) };
         for _ in 0..ROUND_LIMIT {
-            let left = self.cast_round(round, &mut raw, stop)?;
+            let left = self.cast_round(round, raw, stop)?;
             if left.is_empty() || raw.is_stopped {
                 self.unfinished.extend(left);
                 break;
             }
             round = Round { later: 1, rays: left };
         }
-        join_ranges(&mut self.unfinished);
-        raw.feedback.unfinished_rays += raw.interrupted;
-        self.read_feedback(&mut raw)?;
-        Ok(raw)
+        Ok(())
     }
 
     /// Casts no ray, once: drivers that compile a shader when it is first run would take the time for that of the rays, half a second
@@ -591,6 +631,21 @@ impl Caster {
     }
 }
 
+/// Places of the rays that go ahead, and of the others: whole rows of tiles, evenly spread.
+fn scouts_and_others(grid: RayGrid) -> [Vec<Range<u32>>; 2] {
+    let [across, rows] = grid.tiles();
+    if rows < 2 * SCOUTING_ROWS {
+        return [std::iter::once(0..grid.places() as u32).collect(), Vec::new()];
+    }
+    let row = across * WORKGROUP_RAYS;
+    let places = |rows: Range<u32>| rows.start * row..rows.end * row;
+    let scouts: Vec<u32> = (SCOUTING_ROWS / 2..rows).step_by(SCOUTING_ROWS as usize).collect();
+    let begins = std::iter::once(0).chain(scouts.iter().map(|scout| scout + 1));
+    let ends = scouts.iter().copied().chain([rows]);
+    let others = begins.zip(ends).map(|(begin, end)| places(begin..end)).filter(|places| !places.is_empty());
+    [scouts.iter().map(|&scout| places(scout..scout + 1)).collect(), others.collect()]
+}
+
 /// Sorts ranges, and makes one of those that touch.
 fn join_ranges(ranges: &mut Vec<Range<u32>>) {
     ranges.sort_unstable_by_key(|range| range.start);
@@ -612,6 +667,22 @@ mod tests {
         let mut ranges = vec![8..12, 0..4, 20..24, 10..11, 4..6, 24..25];
         join_ranges(&mut ranges);
         assert_eq!(ranges, [0..6, 8..12, 20..25]);
+    }
+
+    #[test]
+    fn scouts_and_others_are_all_rays() {
+        for (width, height) in [(1, 1), (64, 127), (64, 128), (1024, 768), (3840, 256), (9, 2001)] {
+            let grid = RayGrid { width, height };
+            let [scouts, others] = scouts_and_others(grid);
+            let count =
+                |ranges: &[Range<u32>]| ranges.iter().map(|range| u64::from(range.end - range.start)).sum::<u64>();
+            let (ahead, all) = (count(&scouts), grid.places());
+            assert!(ahead == all || (ahead * 6 < all && ahead * 10 > all), "{width} x {height}: {ahead} of {all}");
+            assert_eq!(count(&scouts) + count(&others), all);
+            let mut joined = [scouts, others].concat();
+            join_ranges(&mut joined);
+            assert!(joined.len() == 1 && joined[0] == (0..all as u32), "{width} x {height}: {joined:?}");
+        }
     }
 
     #[test]

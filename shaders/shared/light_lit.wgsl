@@ -1,0 +1,31 @@
+// Parts of rays where `FLAG_SHADED` is set; the alternative is light_unlit.wgsl.
+
+// What light makes of a part of a cell.
+fn lit_part(
+    slot: Slot, local: LocalRay, s: Stretch, part: LightPart, walk: ptr<function, LightWalk>) -> LightPart {
+    let gradient = gradient_of(slot, s.voxels, s.entry, s.way, walk);
+    if (gradient.present == 0u) {
+        return part;
+    }
+    let at = (*walk).at;
+    let middle = gradient_at(gradient, at + 0.5 * s.size, local);
+    let gradients = mat3x3<f32>(gradient_at(gradient, at, local), middle, gradient_at(gradient, s.end, local));
+    return shade_part(part, gradients, local.to_eye);
+}
+
+// A surface's colour where a part of a cell ends.
+fn lit_surface(
+    slot: Slot, local: LocalRay, s: Stretch, color: vec3<f32>, walk: ptr<function, LightWalk>) -> vec3<f32> {
+    return shaded(gradient_of(slot, s.voxels, s.entry, s.way, walk), (*walk).at, local, color);
+}
+
+// The gradient along the ray's way through a cell, fetched when it is first asked for.
+fn gradient_of(
+    slot: Slot, voxels: StoredCell, entry: vec3<f32>, way: vec3<f32>, walk: ptr<function, LightWalk>) -> ChordGradient {
+    if (!(*walk).has_gradient) {
+        let chord = Chord(entry, entry + way, 0.0);
+        (*walk).gradient = chord_gradient(slot, vec3<i32>((*walk).cell), corners_of_stored(voxels), chord);
+        (*walk).has_gradient = true;
+    }
+    return (*walk).gradient;
+}

@@ -1,0 +1,43 @@
+// Surfaces on a ray's way, where `FLAG_SURFACES` is set; the alternative is light_no_surfaces.wgsl.
+
+// Whether a macro cell may show something. What is skipped shows nothing; but values may jump where it begins, across a surface.
+fn is_near_surfaces(number: u32, state: ptr<function, RayState>) -> bool {
+    let is_near = is_worth_a_visit(macro_ranges[number], state);
+    if (!is_near) {
+        gather_skipped(macro_ranges[number], state);
+    }
+    return is_near;
+}
+
+// Adds the surface at which a part of a cell ends, and looks for the next one.
+fn meet_surface(slot: Slot, local: LocalRay, s: Stretch, walk: ptr<function, LightWalk>) {
+    let iso = scene.tables.isos[(*walk).crossings.surface];
+    let color = lit_surface(slot, local, s, iso.color, walk);
+    (*walk).color += (*walk).transmittance * iso.alpha * color;
+    (*walk).transmittance *= 1.0 - iso.alpha;
+    (*walk).next = 1.0;
+    var left = (*walk).crossings;
+    next_crossing((*walk).view, &left);
+    (*walk).crossings = left;
+}
+
+// Looks for the surfaces that the ray crosses in a cell.
+fn find_crossings(own: Corners, chord: Chord, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) {
+    (*walk).has_crossings = true;
+    (*walk).crossings = no_crossings();
+    var corners = own;
+    if (has_flag(FLAG_HOLES) && has_holes(corners)) {
+        corners = replace_unreached(corners, chord.a, chord.b);
+        if (has_holes(corners)) {
+            gather_absent(state);
+            return;
+        }
+    }
+    let range = range_of_corners(corners);
+    if (meets_surfaces(range, state)) {
+        (*walk).view = cell_view(corners, range, chord);
+        (*walk).crossings = first_of_crossings((*walk).view, state);
+    } else {
+        gather_skipped(range, state);
+    }
+}

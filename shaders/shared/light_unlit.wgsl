@@ -1,0 +1,11 @@
+// Parts of rays where there is no light: the alternative to light_lit.wgsl.
+
+fn lit_part(
+    slot: Slot, local: LocalRay, s: Stretch, part: LightPart, walk: ptr<function, LightWalk>) -> LightPart {
+    return part;
+}
+
+fn lit_surface(
+    slot: Slot, local: LocalRay, s: Stretch, color: vec3<f32>, walk: ptr<function, LightWalk>) -> vec3<f32> {
+    return color;
+}
