@@ -6,8 +6,11 @@
 //! In a container a cell is two bytes, `low` and `high`: the range `[lo + low*w/255, lo + high*w/255]`, where `[lo, lo+w]`
 //! is the brick's range, rounded outward; `low > high` means that no voxel the cell reaches is present.
 
+use std::marker::PhantomData;
+
 use crate::brick::{APRON, MACRO_CELL};
 use crate::codec::BrickShape;
+use crate::vectors::{Vectorized, vectorized};
 use crate::voxel_type::{Absence, Voxel};
 use crate::{ValueRange, with_voxel};
 
@@ -43,7 +46,7 @@ pub fn cells_along(stored_extent: [usize; 3]) -> [usize; 3] {
 pub fn measure(shape: BrickShape, voxels: &[u8], absence: Absence) -> BrickRanges {
     assert_eq!(voxels.len(), shape.bytes(), "a brick of {:?} {} has other bytes", shape.extent, shape.voxel_type);
     assert!(shape.extent.iter().all(|&n| n > 2 * APRON), "stored extent {:?} has no core", shape.extent);
-    with_voxel!(shape.voxel_type, V => measure_typed::<V>(shape.extent, voxels, absence))
+    with_voxel!(shape.voxel_type, V => vectorized(Measuring { extent: shape.extent, voxels, absence, typed: PhantomData::<V> }))
 }
 
 /// Least and greatest present voxel of each column of a bundle of rows, and whether one is absent.
@@ -57,15 +60,19 @@ struct Columns<V> {
 
 impl<V: Voxel> Columns<V> {
     fn new(n: usize) -> Self {
-        let (least, greatest) = V::TYPE.limits();
-        Self { min: vec![V::from_f64(greatest); n], max: vec![V::from_f64(least); n], holes: vec![false; n] }
+        let mut columns = Self { min: vec![V::zeroed(); n], max: vec![V::zeroed(); n], holes: vec![false; n] };
+        columns.clear();
+        columns
     }
 
     fn clear(&mut self) {
-        let fresh = Self::new(self.min.len());
-        *self = fresh;
+        let (least, greatest) = V::TYPE.limits();
+        self.min.fill(V::from_f64(greatest));
+        self.max.fill(V::from_f64(least));
+        self.holes.fill(false);
     }
 
+    #[inline(always)]
     fn add(&mut self, row: &[V], absence: Absence, holes_possible: bool) {
         let extremes = self.min.iter_mut().zip(&mut self.max);
         if !holes_possible {
@@ -95,6 +102,24 @@ impl<V: Voxel> Columns<V> {
     }
 }
 
+/// See [`measure`].
+struct Measuring<'a, V> {
+    extent: [usize; 3],
+    voxels: &'a [u8],
+    absence: Absence,
+    typed: PhantomData<V>,
+}
+
+impl<V: Voxel> Vectorized for Measuring<'_, V> {
+    type Output = BrickRanges;
+
+    #[inline(always)]
+    fn run(self) -> BrickRanges {
+        measure_typed::<V>(self.extent, self.voxels, self.absence)
+    }
+}
+
+#[inline(always)]
 fn measure_typed<V: Voxel>(extent: [usize; 3], voxels: &[u8], absence: Absence) -> BrickRanges {
     let [nx, ny, nz] = extent;
     let cells = cells_along(extent);
@@ -134,6 +159,7 @@ fn measure_typed<V: Voxel>(extent: [usize; 3], voxels: &[u8], absence: Absence) 
 }
 
 /// Reads the row that begins at voxel `start`.
+#[inline(always)]
 fn read_row<V: Voxel>(row: &mut [V], voxels: &[u8], start: usize) {
     for (v, b) in row.iter_mut().zip(voxels[start * size_of::<V>()..].chunks_exact(size_of::<V>())) {
         *v = V::read_le(b);

@@ -111,6 +111,8 @@ pub trait Voxel: bytemuck::Pod + PartialEq + PartialOrd + Send + Sync + 'static 
     fn from_whole(value: i64) -> Self;
     /// As [`Voxel::from_whole`], of a number that vectors hold more of.
     fn from_word(value: i32) -> Self;
+    /// The number that an integer of at most 16 bits is; of others, what is left of it in 32 bits.
+    fn to_word(self) -> i32;
     /// Reads one voxel from exactly `size_of::<Self>()` little-endian bytes.
     fn read_le(bytes: &[u8]) -> Self;
     /// Writes the voxel as little-endian bytes.
@@ -136,6 +138,10 @@ macro_rules! voxel {
             #[inline(always)]
             fn from_word($i: i32) -> Self {
                 $from_word
+            }
+            #[inline(always)]
+            fn to_word(self) -> i32 {
+                self as i32
             }
             #[inline(always)]
             fn read_le(bytes: &[u8]) -> Self {

@@ -2,8 +2,12 @@
 //!
 //! Coarse voxel c of a halved axis stands for fine voxels 2c and 2c+1; where the finer grid ends with 2c, for that one alone.
 //! Absent voxels take no part; where all are absent, the coarse voxel is absent too. What stands for up to eight voxels is
-//! chosen by [`Reduce`]. Means are taken in double precision and rounded to the voxel type, ties to even.
+//! chosen by [`Reduce`]. Means are rounded to the voxel type, ties to even; they are taken in double precision, those of integers of at
+//! most 16 bits in whole numbers, which is the same.
 
+use std::marker::PhantomData;
+
+use supervol_format::vectors::{Vectorized, vectorized};
 use supervol_format::voxel_type::{Absence, Voxel};
 use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
 
@@ -112,6 +116,13 @@ fn downsample_typed<V: Voxel>(
             let (x0, _) = pair(0, 0, fine_nx);
             if holes_possible || reduce != Reduce::Mean {
                 reduce_row::<V>(reduce, absence, factors[0] as usize, x0, rows, row);
+            } else if V::TYPE.bytes() <= 2 {
+                vectorized(Averaging {
+                    factor: factors[0],
+                    rows: rows.map(|row| &row[x0 * size_of::<V>()..]),
+                    out: row,
+                    typed: PhantomData::<V>,
+                });
             } else {
                 average_row::<V>(factors[0] as usize, x0, rows, row);
             }
@@ -119,7 +130,53 @@ fn downsample_typed<V: Voxel>(
     });
 }
 
-/// Mean of eight voxels each; where an axis is not halved or ends, its voxel simply counts twice.
+/// Means of eight integers of at most 16 bits each; where an axis is not halved or ends, its voxel simply counts twice.
+struct Averaging<'a, V> {
+    factor: u32,
+    /// From the first voxel of the first mean.
+    rows: [&'a [u8]; 4],
+    out: &'a mut [u8],
+    typed: PhantomData<V>,
+}
+
+impl<V: Voxel> Vectorized for Averaging<'_, V> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { factor, rows, out, .. } = self;
+        if factor == 1 {
+            return average_each::<V, 1>(rows, out);
+        }
+        let whole = (rows[0].len() / (2 * size_of::<V>())).min(out.len() / size_of::<V>()) * size_of::<V>();
+        let (pairs, last) = out.split_at_mut(whole);
+        average_each::<V, 2>(rows, pairs);
+        if !last.is_empty() {
+            average_each::<V, 1>(rows.map(|row| &row[2 * whole..]), last);
+        }
+    }
+}
+
+/// The mean of `COUNT` voxels of each row, and if that is one, of it twice. Written for vectors.
+#[inline(always)]
+fn average_each<V: Voxel, const COUNT: usize>(rows: [&[u8]; 4], out: &mut [u8]) {
+    let size = size_of::<V>();
+    let rows = rows.map(|row| &row[..COUNT * out.len()]);
+    let word = |row: &[u8], i: usize| V::read_le(&row[i * size..(i + 1) * size]).to_word();
+    for i in 0..out.len() / size {
+        let of_row = |row| word(row, COUNT * i) + word(row, COUNT * i + COUNT - 1);
+        let sum = of_row(rows[0]) + of_row(rows[1]) + of_row(rows[2]) + of_row(rows[3]);
+        V::from_word(eighth(sum)).write_le(&mut out[i * size..(i + 1) * size]);
+    }
+}
+
+/// An eighth, ties to even.
+#[inline(always)]
+fn eighth(sum: i32) -> i32 {
+    (sum + 3 + (sum >> 3 & 1)) >> 3
+}
+
+/// Mean of eight voxels each, as [`Averaging`] has it, of all types.
 fn average_row<V: Voxel>(factor: usize, x0: usize, rows: [&[u8]; 4], out: &mut [u8]) {
     let size = size_of::<V>();
     let n = rows[0].len() / size;
@@ -182,6 +239,37 @@ mod tests {
         assert_eq!(average_u8([5, 1, 1], [2, 1, 1], &[1, 2, 3, 4, 9], None), [2, 4, 9]);
         assert_eq!(average_u8([2, 2, 2], [2, 2, 2], &[0, 1, 2, 3, 4, 5, 6, 8], None), [4]);
         assert_eq!(average_u8([2, 2, 1], [1, 2, 1], &[10, 20, 30, 50], None), [20, 35]);
+    }
+
+    #[test]
+    fn eighths_of_whole_numbers_are_those_of_doubles() {
+        for sum in -8 * 32768..=8 * 65535 {
+            assert_eq!(f64::from(eighth(sum)), (f64::from(sum) * 0.125).round_ties_even(), "{sum}");
+        }
+    }
+
+    #[test]
+    fn rows_of_small_integers_are_averaged_as_all_others_are() {
+        let mut random = supervol_format::random::Random::new(5);
+        let rows: [Vec<u8>; 4] = std::array::from_fn(|_| (0..2 * 41).map(|_| random.next_u64() as u8).collect());
+        fn compare<V: Voxel>(rows: &[Vec<u8>; 4]) {
+            let size = size_of::<V>();
+            for n in [1, 2, 3, 38, 41] {
+                let rows = rows.each_ref().map(|row| &row[..n * size]);
+                for (factor, x0) in [(1, 0), (1, n / 2), (2, 0), (2, n / 2)] {
+                    let mut out = [(); 2].map(|()| vec![0xa5; (n - x0).div_ceil(factor as usize) * size]);
+                    let [whole, double] = &mut out;
+                    let from = rows.map(|row| &row[x0 * size..]);
+                    vectorized(Averaging { factor, rows: from, out: whole, typed: PhantomData::<V> });
+                    average_row::<V>(factor as usize, x0, rows, double);
+                    assert_eq!(whole, double, "{} times {n} from {x0} by {factor}", V::TYPE);
+                }
+            }
+        }
+        compare::<u8>(&rows);
+        compare::<i8>(&rows);
+        compare::<u16>(&rows);
+        compare::<i16>(&rows);
     }
 
     #[test]

@@ -25,6 +25,7 @@ const LANES: usize = 16;
 trait Real: Copy + PartialOrd + Default {
     const NAN: Self;
     fn from_f64(v: f64) -> Self;
+    fn from_word(v: i32) -> Self;
     fn to_f64(self) -> f64;
     /// `a + (b - a) w`.
     fn blend(a: Self, b: Self, w: Self) -> Self;
@@ -37,6 +38,10 @@ macro_rules! real {
             const NAN: Self = <$t>::NAN;
             #[inline(always)]
             fn from_f64(v: f64) -> Self {
+                v as $t
+            }
+            #[inline(always)]
+            fn from_word(v: i32) -> Self {
                 v as $t
             }
             #[inline(always)]
@@ -78,61 +83,49 @@ impl Tap {
     }
 }
 
-/// Taps that lean on voxels at even distances, all with one weight: loops over them need no tables.
+/// Where a row that is halved has its voxels in memory: the even ones before the odd ones, so that points at one place of their coarse
+/// voxels lean on voxels that lie one behind the other.
+#[inline(always)]
+fn place(voxel: usize, n: usize, factor: u32) -> usize {
+    if factor == 2 { voxel / 2 + voxel % 2 * n.div_ceil(2) } else { voxel }
+}
+
+/// Taps that lean on one voxel after the other, all with one weight: loops over them need no tables.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct TapRun {
     start: Tap,
-    /// Voxels from one tap to the next: one of [`STEPS`].
-    step: usize,
     count: usize,
 }
 
-/// Voxels of either level from one coarse voxel to the next.
-const STEPS: [usize; 2] = [1, 2];
-
 impl TapRun {
     /// The taps in their order, in runs as long as can be.
-    fn all(taps: &[Tap]) -> Vec<Self> {
+    fn all(taps: impl IntoIterator<Item = Tap>) -> Vec<Self> {
         let mut runs: Vec<Self> = Vec::new();
-        for &tap in taps {
-            if !runs.last_mut().is_some_and(|run| run.takes(tap)) {
-                runs.push(Self { start: tap, step: STEPS[0], count: 1 });
+        for tap in taps {
+            match runs.last_mut() {
+                Some(run) if run.tap(run.count) == tap => run.count += 1,
+                _ => runs.push(Self { start: tap, count: 1 }),
             }
         }
         runs
     }
 
-    /// Whether the tap goes on with the run, which it then is part of.
-    fn takes(&mut self, tap: Tap) -> bool {
-        let step = if self.count == 1 { tap.first.saturating_sub(self.start.first) } else { self.step };
-        let at = |first: usize| first + self.count * step;
-        let next = Tap { first: at(self.start.first), second: at(self.start.second), weight: self.start.weight };
-        if tap != next || !STEPS.contains(&step) {
-            return false;
-        }
-        (self.step, self.count) = (step, self.count + 1);
-        true
+    /// One of its taps, or the one behind the last.
+    fn tap(&self, i: usize) -> Tap {
+        Tap { first: self.start.first + i, second: self.start.second + i, ..self.start }
     }
 
     /// What the row is at its points.
     #[inline(always)]
     fn blend<F: Real>(&self, row: &[F], out: &mut [F]) {
-        let (a, b, weight) = (&row[self.start.first..], &row[self.start.second..], F::from_f64(self.start.weight));
-        // Each step a loop of its own, whose stride the compiler knows.
-        if self.step == STEPS[0] {
-            blend_each::<{ STEPS[0] }, F>(a, b, weight, out);
-        } else {
-            blend_each::<{ STEPS[1] }, F>(a, b, weight, out);
+        let [a, b] = [self.start.first, self.start.second].map(|from| &row[from..from + self.count]);
+        if self.start.weight == 0.0 {
+            return out.copy_from_slice(a);
         }
-    }
-}
-
-#[inline(always)]
-fn blend_each<const STEP: usize, F: Real>(a: &[F], b: &[F], weight: F, out: &mut [F]) {
-    let reach = STEP * (out.len() - 1) + 1;
-    let (a, b) = (&a[..reach], &b[..reach]);
-    for (i, t) in out.iter_mut().enumerate() {
-        *t = F::blend(a[STEP * i], b[STEP * i], weight);
+        let weight = F::from_f64(self.start.weight);
+        for ((t, &a), &b) in out.iter_mut().zip(a).zip(b) {
+            *t = F::blend(a, b, weight);
+        }
     }
 }
 
@@ -229,8 +222,8 @@ fn step_error_in<F: Real>(
     };
     let (fine_axes, coarse_axes) = (axes(beneath, true), axes(around, false));
     with_voxel!(voxel_type, V => vectorized(Comparing {
-        fine: Slices::<F, V>::new(fine, beneath, absence, &fine_axes[0]),
-        coarse: Slices::<F, V>::new(coarse, around, absence, &coarse_axes[0]),
+        fine: Slices::<F, V>::new(fine, beneath, absence, (factors[0], &fine_axes[0])),
+        coarse: Slices::<F, V>::new(coarse, around, absence, (1, &coarse_axes[0])),
         fine_axes: &fine_axes,
         coarse_axes: &coarse_axes,
     }))
@@ -299,30 +292,41 @@ struct Slices<'a, F, V> {
     /// Values at x points and y voxels of an even and an odd z voxel, NaN where absent; and which those are.
     kept: [Vec<F>; 2],
     kept_z: [Option<usize>; 2],
-    /// The same at the current z point.
+    /// The same at the current z point, unless that is a voxel's: then that one of the kept.
     slice: Vec<F>,
-    /// One row of the part, NaN where absent.
+    current: Option<usize>,
+    /// Voxels of one z of the part.
+    bytes: Vec<u8>,
+    /// One row of the part, NaN where absent, in the order of [`place`].
     row: Vec<F>,
+    factor: u32,
     /// Greatest present absolute value met, of float types.
     magnitude: f64,
     voxel: std::marker::PhantomData<V>,
 }
 
 impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
-    fn new(block: VoxelBlock<'a>, part: VoxelBox, absence: Absence, x_taps: &[Tap]) -> Self {
+    fn new(block: VoxelBlock<'a>, part: VoxelBox, absence: Absence, (factor, x_taps): (u32, &[Tap])) -> Self {
         let [nx, ny, nz] = part.extent();
+        let placed = |tap: &Tap| {
+            let [first, second] = [tap.first, tap.second].map(|voxel| place(voxel, nx, factor));
+            Tap { first, second, ..*tap }
+        };
         let values = x_taps.len() * ny;
         Self {
             block,
             absence,
             from: std::array::from_fn(|a| (part.start[a] - block.voxels.start[a]) as usize),
             part: [nx, ny, nz],
-            x_taps: TapRun::all(x_taps),
+            x_taps: TapRun::all(x_taps.iter().map(placed)),
             x_points: x_taps.len(),
             kept: [vec![F::NAN; values], vec![F::NAN; values]],
             kept_z: [None; 2],
             slice: vec![F::NAN; values],
+            current: None,
+            bytes: Vec::with_capacity(nx * ny * size_of::<V>()),
             row: vec![F::NAN; nx],
+            factor,
             magnitude: 0.0,
             voxel: std::marker::PhantomData,
         }
@@ -338,15 +342,16 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
         let holes = self.absence.possible(V::TYPE);
         let block_extent = self.block.voxels.extent();
         let [nx, ny, _] = self.part;
-        let rows = self.kept[z % 2].chunks_exact_mut(self.x_points);
-        for (y, out) in rows.enumerate().take(ny) {
-            let first_row = (self.from[2] + z) * block_extent[1] + self.from[1];
-            let start = (first_row + y) * block_extent[0] + self.from[0];
-            let bytes = &self.block.bytes[start * size_of::<V>()..(start + nx) * size_of::<V>()];
-            for (target, b) in self.row.iter_mut().zip(bytes.chunks_exact(size_of::<V>())) {
-                let v = V::read_le(b).to_f64();
-                *target = if holes && self.absence.is_absent(v) { F::NAN } else { F::from_f64(v) };
-            }
+        // One short copy after the other, so that the processor waits for the memory of many rows at once.
+        self.bytes.clear();
+        for y in 0..ny {
+            let row = ((self.from[2] + z) * block_extent[1] + self.from[1] + y) * block_extent[0] + self.from[0];
+            self.bytes.extend_from_slice(&self.block.bytes[row * size_of::<V>()..(row + nx) * size_of::<V>()]);
+        }
+        let rows = self.kept[z % 2].chunks_exact_mut(self.x_points).zip(self.bytes.chunks_exact(nx * size_of::<V>()));
+        for (out, bytes) in rows {
+            let holes_among = holes.then_some(self.absence);
+            read_row::<F, V>(bytes, holes_among, self.factor, &mut self.row);
             if V::TYPE.is_float() {
                 self.magnitude = self.row.iter().map(|v| v.to_f64().abs()).fold(self.magnitude, f64::max);
             }
@@ -363,6 +368,10 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
     fn blend_slice(&mut self, tap: Tap) {
         self.load(tap.first);
         self.load(tap.second);
+        self.current = (tap.weight == 0.0).then_some(tap.first % 2);
+        if self.current.is_some() {
+            return;
+        }
         let weight = F::from_f64(tap.weight);
         let pairs = self.kept[tap.first % 2].iter().zip(&self.kept[tap.second % 2]);
         self.slice.iter_mut().zip(pairs).for_each(|(t, (&a, &b))| *t = F::blend(a, b, weight));
@@ -372,8 +381,40 @@ impl<'a, F: Real, V: Voxel> Slices<'a, F, V> {
     #[inline(always)]
     fn rows(&self, tap: Tap) -> RowPair<'_, F> {
         let n = self.x_points;
-        let row = |y: usize| &self.slice[y * n..(y + 1) * n];
+        let slice = self.current.map_or(&self.slice, |kept| &self.kept[kept]);
+        let row = |y: usize| &slice[y * n..(y + 1) * n];
         (row(tap.first), row(tap.second), F::from_f64(tap.weight))
+    }
+}
+
+/// Reads a row in the order of [`place`], NaN where absent.
+#[inline(always)]
+fn read_row<F: Real, V: Voxel>(bytes: &[u8], absence: Option<Absence>, factor: u32, row: &mut [F]) {
+    let value = |voxel: &[u8]| {
+        let voxel = V::read_le(voxel);
+        if V::TYPE.bytes() <= 2 { F::from_word(voxel.to_word()) } else { F::from_f64(voxel.to_f64()) }
+    };
+    match absence {
+        None => read_row_as::<F, V>(bytes, factor, row, value),
+        Some(absence) => read_row_as::<F, V>(bytes, factor, row, |voxel| {
+            if absence.is_absent(V::read_le(voxel).to_f64()) { F::NAN } else { value(voxel) }
+        }),
+    }
+}
+
+#[inline(always)]
+fn read_row_as<F: Real, V: Voxel>(bytes: &[u8], factor: u32, row: &mut [F], value: impl Fn(&[u8]) -> F) {
+    let (size, n) = (size_of::<V>(), row.len());
+    if factor == 1 {
+        return row.iter_mut().zip(bytes.chunks_exact(size)).for_each(|(target, voxel)| *target = value(voxel));
+    }
+    let (even, odd) = row.split_at_mut(n.div_ceil(2));
+    let pairs = || bytes.chunks_exact(2 * size);
+    // One after the other, which vectors do better than both at once.
+    even.iter_mut().zip(pairs()).for_each(|(target, pair)| *target = value(&pair[..size]));
+    odd.iter_mut().zip(pairs()).for_each(|(target, pair)| *target = value(&pair[size..]));
+    if n % 2 == 1 {
+        even[n / 2] = value(&bytes[(n - 1) * size..]);
     }
 }
 
@@ -415,15 +456,13 @@ mod tests {
             let points = points_by_place(start, start + n, factor);
             let fine = (n * u64::from(factor)) as usize;
             let tap = |p: &f64| Tap::new(p * scale + (scale - 1.0) * 0.5, start * u64::from(factor), fine);
-            let taps: Vec<Tap> = points.iter().map(tap).collect();
-            let runs = TapRun::all(&taps);
-            let each = runs.iter().flat_map(|run| {
-                (0..run.count).map(|i| Tap {
-                    first: run.start.first + i * run.step,
-                    second: run.start.second + i * run.step,
-                    ..run.start
-                })
-            });
+            let placed = |tap: Tap| {
+                let [first, second] = [tap.first, tap.second].map(|voxel| place(voxel, fine, factor));
+                Tap { first, second, ..tap }
+            };
+            let taps: Vec<Tap> = points.iter().map(tap).map(placed).collect();
+            let runs = TapRun::all(taps.iter().copied());
+            let each = runs.iter().flat_map(|run| (0..run.count).map(|i| run.tap(i)));
             assert!(each.eq(taps.iter().copied()) && runs.len() <= 8, "{runs:?}");
         }
     }

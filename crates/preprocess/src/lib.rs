@@ -1,8 +1,8 @@
 //! Offline half of Supervol: one volume file in, one `.svol` container out, in bounded memory.
 //!
 //! The data path, left to right: [`source`] (one reader per file format) -> [`bricker`] (tiles, bricks with apron) ->
-//! [`downsample`] (coarser voxels) and [`error_bound`] (how far they are from the finer ones) -> encoding and ordered
-//! writing in [`pipeline`]. [`verify`] checks a container rule by rule; [`extract`] takes voxels out again.
+//! [`downsample`] (coarser voxels) and [`error_bound`] (how far they are from the finer ones), kept in `next_level` where there is
+//! room -> encoding and ordered writing in [`pipeline`]. [`verify`] checks a container rule by rule; [`extract`] takes voxels out again.
 //!
 //! Nothing here touches a GPU. Memory is a number of bytes given by the caller ([`memory`]). The same input and options
 //! give the same bytes, whatever the number of threads.
@@ -24,6 +24,8 @@ pub mod lod_axes;
 pub mod memory;
 pub mod mesh;
 pub mod naming;
+mod next_level;
+mod ordered;
 pub mod output;
 pub mod pipeline;
 pub mod preview;

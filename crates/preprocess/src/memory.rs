@@ -6,7 +6,7 @@
 //! | tables | 80 per brick, until the container is finished, and what the source needs |
 //! | workspaces | a quarter of the rest: per thread `WORKSPACE_COPIES` stored bricks (cut, predicted, byte planes, encoded, ...), or what making wavelets takes if that is more |
 //! | statistics | per thread one histogram of 64 Ki counters, 512 Ki for doubles, and one |
-//! | brick cache | a sixteenth of what the program leaves: decoded bricks of the finer level |
+//! | brick cache | a sixteenth of what the program leaves: decoded bricks of the finer level, or part of what is kept of the next one ([`crate::next_level`]) |
 //! | tiles | the rest: what is read for a tile and made of it ([`tile_bytes`]) |
 //!
 //! The tiles' share depends on the budget and the volume alone, never on the number of threads, because tiles decide in
@@ -21,6 +21,7 @@ use supervol_format::readable::Mib;
 use supervol_format::{Level, Pyramid, VoxelType};
 
 use crate::error::BuildError;
+use crate::ordered::AHEAD_PER_THREAD;
 use crate::statistics::Statistics;
 
 /// What the process has in memory beside what is planned: the program itself, stacks, progress, and what the allocator keeps between
@@ -113,6 +114,24 @@ impl MemoryPlan {
         Ok(Self { budget_bytes, threads, fixed_bytes, cache_bytes, tile_bytes: tiles })
     }
 
+    /// Most that may be kept of next levels ([`crate::next_level`]) while a level is written in tiles of `size` bricks: what the cache
+    /// would take, which nobody needs then, and what such a tile leaves of its share, since only a few of its encoded bricks are there at
+    /// once.
+    #[must_use]
+    pub fn next_level_bytes(
+        &self,
+        pyramid: &Pyramid,
+        level: &Level,
+        factors: [u32; 3],
+        size: [u32; 3],
+        voxel_type: VoxelType,
+    ) -> u64 {
+        let all = tile_bytes(pyramid, level, factors, size, voxel_type);
+        let records = |size| records_bytes(pyramid, level, size, voxel_type);
+        let at_once = (AHEAD_PER_THREAD * self.threads) as u64 * records([1; 3]);
+        (self.cache_bytes + self.tile_bytes).saturating_sub(all - records(size) + at_once)
+    }
+
     /// What the parts add up to, bytes.
     #[must_use]
     pub fn planned_bytes(&self) -> u64 {
@@ -125,12 +144,17 @@ impl MemoryPlan {
 #[must_use]
 pub fn tile_bytes(pyramid: &Pyramid, level: &Level, factors: [u32; 3], size: [u32; 3], voxel_type: VoxelType) -> u64 {
     let read = read_bytes(pyramid, level, factors, size, voxel_type) as f64 * TILES_IN_FLIGHT;
+    (read.ceil() as u64).saturating_add(records_bytes(pyramid, level, size, voxel_type))
+}
+
+/// Most bytes that the encoded bricks of a tile of `size` bricks take.
+fn records_bytes(pyramid: &Pyramid, level: &Level, size: [u32; 3], voxel_type: VoxelType) -> u64 {
     let bricks: u64 = (0..3).map(|a| u64::from(size[a].min(level.bricks[a]))).product();
     // No payload is longer than raw voxels by more than 1 in 64; a macro cell takes 2 bytes of 512 voxels.
     let core = pyramid.layout().core() as u64;
     let extent = level.dims.0.map(|n| n.min(core) + 2 * APRON as u64);
     let record = extent.iter().product::<u64>() * voxel_type.bytes() as u64 * 65 / 64;
-    (read.ceil() as u64).saturating_add(bricks.saturating_mul(record + ENCODED_BRICK_BYTES))
+    bricks.saturating_mul(record + ENCODED_BRICK_BYTES)
 }
 
 /// Bytes to read for a tile of `size` bricks of a level: its voxels with apron, times the factors to the finer level
@@ -155,17 +179,17 @@ pub(crate) struct Spares(Mutex<Vec<Vec<u8>>>);
 impl Spares {
     /// So many bytes, whatever they hold.
     pub(crate) fn take(&self, bytes: usize) -> Vec<u8> {
-        let mut buffer = {
+        let spare = {
             let mut spares = self.0.lock().unwrap_or_else(PoisonError::into_inner);
             spares.sort_by_key(Vec::capacity);
-            match spares.iter().position(|spare| spare.capacity() >= bytes) {
-                Some(at) => spares.remove(at),
-                None => {
-                    spares.pop();
-                    Vec::new()
-                }
+            let found = spares.iter().position(|spare| spare.capacity() >= bytes);
+            if found.is_none() {
+                spares.pop();
             }
+            found.map(|at| spares.remove(at))
         };
+        // Zeros that the system gives cost nothing until they are written over.
+        let Some(mut buffer) = spare else { return vec![0; bytes] };
         buffer.resize(bytes, 0);
         buffer
     }

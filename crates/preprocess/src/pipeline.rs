@@ -1,10 +1,11 @@
 //! The build: source -> tiles -> bricks -> container, level by level, in bounded memory.
 //!
-//! Level 0 is read from the source. Each coarser level is read from the container's own finer level, averaged, and
-//! compared with it for the error bound. Of each level one tile is read ahead while another is encoded on all threads;
-//! encoded bricks are written in tile order, Morton order inside a tile, so that the bytes do not depend on the number
-//! of threads. The output is written under a temporary name beside the final one, synced, and renamed when it is whole. A
-//! build that was killed, or that the machine has failed, goes on where it was ([`crate::journal`]), and ends with the same bytes.
+//! Level 0 is read from the source. Each coarser level is averaged from the finer one, and compared with it for the error bound: while
+//! the finer one's tiles are in memory, if there is room for the level ([`crate::next_level`]), or else from the container's own bricks.
+//! Of each level one tile is read ahead while another is encoded on all threads; encoded bricks are written as they come, in tile order,
+//! Morton order inside a tile, so that the bytes do not depend on the number of threads. The output is written under a temporary name
+//! beside the final one, synced, and renamed when it is whole. A build that was killed, or that the machine has failed, goes on where it
+//! was ([`crate::journal`]), and ends with the same bytes.
 
 use std::fs::File;
 use std::io::{self, BufWriter};
@@ -39,6 +40,8 @@ use crate::labels::are_labels;
 use crate::level_reader::by_all_threads;
 use crate::lod_axes::{self, LodAxes};
 use crate::memory::{MemoryPlan, Spares, tile_bytes};
+use crate::next_level::NextLevel;
+use crate::ordered::in_order;
 use crate::output::{Existing, OutputFile, check_distinct, check_free};
 use crate::provenance::{ChecksumAlong, Chosen, bounded_notes, check_unchanged, manifest};
 use crate::report::{BuildReport, LevelReport, Progress};
@@ -380,11 +383,12 @@ struct Build<'a> {
     spares: Spares,
 }
 
-/// The finer voxels a coarse tile was made of.
-struct FinerTile<'a> {
-    factors: [u32; 3],
-    block: VoxelBlock<'a>,
-}
+/// Takes a brick that is encoded.
+type TakeBrick<'a> = dyn FnMut(EncodedBrick) -> Result<(), BuildError> + 'a;
+/// Encodes a tile of these voxels.
+type EncodeTile<'a> = dyn FnMut(Tile, Vec<u8>, &mut TakeBrick<'_>) -> Result<(), BuildError> + 'a;
+/// How far a coarse brick's voxels are from those of the finer level.
+type StepOf<'a> = dyn Fn(BrickKey) -> f64 + Sync + 'a;
 
 impl Build<'_> {
     fn writer(&self) -> MutexGuard<'_, ContainerWriter<BufWriter<File>>> {
@@ -402,18 +406,25 @@ impl Build<'_> {
         origin: &mut Source,
         (tiles, read): (&[Tile], ReadSource<'_>),
     ) -> Result<Vec<LevelReport>, BuildError> {
-        let mut levels = vec![self.write_finest(tiles, read)?];
+        let (finest, mut next) = self.write_finest(tiles, read)?;
+        let mut levels = vec![finest];
         match self.checksum().take() {
             Some(checksum) => origin.xxh3_64 = checksum.finish(&self.options.canceller)?,
             None => check_unchanged(source, origin, &self.options.canceller)?,
         }
         for lod in 1..self.descriptor.pyramid.levels().len() {
-            levels.push(self.write_coarser(lod)?);
+            let (level, coarser) = self.write_coarser(lod, next)?;
+            levels.push(level);
+            next = coarser;
         }
         Ok(levels)
     }
 
-    fn write_finest(&self, tiles: &[Tile], read_source: ReadSource<'_>) -> Result<LevelReport, BuildError> {
+    fn write_finest(
+        &self,
+        tiles: &[Tile],
+        read_source: ReadSource<'_>,
+    ) -> Result<(LevelReport, Option<NextLevel>), BuildError> {
         let level = *self.descriptor.pyramid.level_at(Lod::FINEST);
         let done = self.restored.first().map_or(0, |level| level.tiles);
         let tiles_left = AtomicUsize::new(tiles.len() - done);
@@ -424,15 +435,21 @@ impl Build<'_> {
             let left = tiles_left.fetch_sub(1, Ordering::Relaxed);
             let canceller = &self.options.canceller;
             self.checksum().as_mut().map_or(Ok(()), |checksum| checksum.advance(left, canceller))?;
-            Ok((voxels, bytes))
+            Ok(bytes)
         };
-        self.write_level(0, tiles, &read, &|tile, voxels, bytes| {
+        let mut next = self.begin_next(0, tiles, None);
+        let report = self.write_level(0, tiles, &read, &mut |tile, mut bytes, take| {
+            let voxels = tile.voxels(self.options.layout.core(), level.dims, MARGIN);
             // Each brick moves its own voxels, to know how far; what is counted is what is stored.
-            let bricks = self.encode_tile(0, tile, VoxelBlock { voxels, bytes }, None)?;
-            self.move_voxels(0, bytes);
-            self.pool.install(|| self.count_voxels(tile, VoxelBlock { voxels, bytes }));
-            Ok(bricks)
-        })
+            self.encode_tile(0, tile, VoxelBlock { voxels, bytes: &bytes }, None, take)?;
+            self.move_voxels(0, &mut bytes);
+            let block = VoxelBlock { voxels, bytes: &bytes };
+            self.pool.install(|| self.count_voxels(tile, block));
+            self.go_on_with(&mut next, 0, tile, block);
+            self.spares.give_back(bytes);
+            Ok(())
+        })?;
+        Ok((report, next))
     }
 
     /// Moves voxels of a level to multiples of the container's step, or of the level's, if it has one.
@@ -447,51 +464,120 @@ impl Build<'_> {
         });
     }
 
-    fn write_coarser(&self, lod: usize) -> Result<LevelReport, BuildError> {
+    /// What stands in for reading a finer level back while the next coarser one is written; none where not all of it is written now, the
+    /// tiles do not hold whole coarse bricks, or the memory does not suffice.
+    fn begin_next(&self, finer: usize, tiles: &[Tile], now: Option<&NextLevel>) -> Option<NextLevel> {
+        if self.restored.get(finer).is_some_and(|level| level.tiles > 0) {
+            return None;
+        }
+        let Descriptor { pyramid, voxel_type, .. } = self.descriptor;
+        let level = pyramid.level_at(Lod(finer as u8));
+        let size = tiles.first().map(|tile| std::array::from_fn(|a| tile.end[a] - tile.start[a]))?;
+        let factors = if finer == 0 { [1; 3] } else { level.factors };
+        let most = self.plan.next_level_bytes(pyramid, level, factors, size, *voxel_type);
+        // Who reads back keeps decoded bricks.
+        let read_back = if finer > 0 { self.plan.cache_bytes } else { 0 };
+        let taken = now.map_or(read_back, NextLevel::bytes);
+        NextLevel::begin(self.descriptor, finer + 1, tiles, most.saturating_sub(taken))
+    }
+
+    /// Makes a tile's part of the next coarser level, if that is kept.
+    fn go_on_with(&self, next: &mut Option<NextLevel>, lod: usize, tile: Tile, block: VoxelBlock<'_>) {
+        let Some(next) = next else { return };
+        let Descriptor { voxel_type, absence, .. } = *self.descriptor;
+        let part = next.part_of(self.descriptor, tile);
+        let mut voxels = self.spares.take(part.around.voxels() * voxel_type.bytes());
+        self.reduce(lod + 1, block, part.around, &mut voxels);
+        let coarse = VoxelBlock { voxels: part.around, bytes: &voxels };
+        let step =
+            |key| step_error(voxel_type, absence, next.factors(), block, coarse, self.descriptor.pyramid.core_box(key));
+        let steps = self.pool.install(|| part.bricks.par_iter().map(|&key| step(key)).collect());
+        next.put(&part, coarse, steps);
+        self.spares.give_back(voxels);
+    }
+
+    /// The voxels of a box of a coarser level, from those of the finer one.
+    fn reduce(&self, lod: usize, finer: VoxelBlock<'_>, coarse: VoxelBox, out: &mut [u8]) {
+        let Descriptor { voxel_type, absence, .. } = *self.descriptor;
+        let factors = self.descriptor.pyramid.level_at(Lod(lod as u8)).factors;
+        self.pool.install(|| downsample(self.reduce, voxel_type, absence, factors, finer, coarse, out));
+        self.move_voxels(lod, out);
+    }
+
+    /// Writes a coarser level, from what is kept of it, or else from the finer level's bricks.
+    fn write_coarser(
+        &self,
+        lod: usize,
+        kept: Option<NextLevel>,
+    ) -> Result<(LevelReport, Option<NextLevel>), BuildError> {
+        let level = *self.descriptor.pyramid.level_at(Lod(lod as u8));
+        let voxel_bytes = self.descriptor.voxel_type.bytes();
+        let coarse_box = |tile: &Tile| tile.voxels(self.options.layout.core(), level.dims, MARGIN);
+        let tiles = tiles_of(self.descriptor, self.plan, AccessOrder::X_FASTEST, lod);
+        let mut next = self.begin_next(lod, &tiles, kept.as_ref());
+        let report = if let Some(kept) = kept {
+            let read = |tile: &Tile| {
+                let voxels = coarse_box(tile);
+                let mut bytes = self.spares.take(voxels.voxels() * voxel_bytes);
+                kept.read_box(voxels, &mut bytes);
+                Ok(bytes)
+            };
+            self.write_level(lod, &tiles, &read, &mut |tile, bytes, take| {
+                let block = VoxelBlock { voxels: coarse_box(&tile), bytes: &bytes };
+                self.encode_tile(lod, tile, block, Some(&|key| kept.step(key)), take)?;
+                self.go_on_with(&mut next, lod, tile, block);
+                self.spares.give_back(bytes);
+                Ok(())
+            })
+        } else {
+            self.write_read_back(lod, &tiles, &mut next)
+        };
+        Ok((report?, next))
+    }
+
+    /// Writes a coarser level from the bricks of the finer one.
+    fn write_read_back(
+        &self,
+        lod: usize,
+        tiles: &[Tile],
+        next: &mut Option<NextLevel>,
+    ) -> Result<LevelReport, BuildError> {
         self.writer().flush().map_err(|e| BuildError::write(self.output, e))?;
         let pyramid = &self.descriptor.pyramid;
         let level = *pyramid.level_at(Lod(lod as u8));
         let finer_lod = Lod(lod as u8 - 1);
         let finer_dims = pyramid.level_at(finer_lod).dims;
         let reader = by_all_threads(self, finer_lod, self.plan.cache_bytes as usize);
-        let voxel_bytes = self.descriptor.voxel_type.bytes();
+        let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
         let coarse_box = |tile: &Tile| tile.voxels(self.options.layout.core(), level.dims, MARGIN);
+        let fine_box = |tile: &Tile| finer_box(coarse_box(tile), level.factors, finer_dims);
         let read = |tile: &Tile| {
-            let fine = finer_box(coarse_box(tile), level.factors, finer_dims);
-            let mut bytes = self.spares.take(fine.voxels() * voxel_bytes);
-            let read = self.pool.install(|| reader.read_box(fine, &mut bytes));
+            let mut bytes = self.spares.take(fine_box(tile).voxels() * voxel_type.bytes());
+            let read = self.pool.install(|| reader.read_box(fine_box(tile), &mut bytes));
             read.map_err(|e| BuildError::container(self.output, e))?;
-            Ok((fine, bytes))
+            Ok(bytes)
         };
-        self.write_level(
-            lod,
-            &tiles_of(self.descriptor, self.plan, AccessOrder::X_FASTEST, lod),
-            &read,
-            &|tile, fine, bytes| {
-                let block = VoxelBlock { voxels: fine, bytes };
-                let coarse = coarse_box(&tile);
-                let mut voxels = self.spares.take(coarse.voxels() * voxel_bytes);
-                let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
-                self.pool.install(|| {
-                    downsample(self.reduce, voxel_type, absence, level.factors, block, coarse, &mut voxels)
-                });
-                self.move_voxels(lod, &mut voxels);
-                let finer = FinerTile { factors: level.factors, block };
-                let bricks = self.encode_tile(lod, tile, VoxelBlock { voxels: coarse, bytes: &voxels }, Some(&finer));
-                self.spares.give_back(voxels);
-                bricks
-            },
-        )
+        self.write_level(lod, tiles, &read, &mut |tile, bytes, take| {
+            let finer = VoxelBlock { voxels: fine_box(&tile), bytes: &bytes };
+            let mut voxels = self.spares.take(coarse_box(&tile).voxels() * voxel_type.bytes());
+            self.reduce(lod, finer, coarse_box(&tile), &mut voxels);
+            let block = VoxelBlock { voxels: coarse_box(&tile), bytes: &voxels };
+            let step = |key| step_error(voxel_type, absence, level.factors, finer, block, pyramid.core_box(key));
+            self.encode_tile(lod, tile, block, Some(&step), take)?;
+            self.spares.give_back(bytes);
+            self.go_on_with(next, lod, tile, block);
+            self.spares.give_back(voxels);
+            Ok(())
+        })
     }
 
-    /// Reads the level's tiles one ahead, has each encoded, and writes its bricks.
-    #[allow(clippy::type_complexity, reason = "two closures that only this function takes")]
+    /// Reads the level's tiles one ahead, has each encoded, and writes its bricks as they come.
     fn write_level(
         &self,
         lod: usize,
         tiles: &[Tile],
-        read: &(dyn Fn(&Tile) -> Result<(VoxelBox, Vec<u8>), BuildError> + Sync),
-        encode: &dyn Fn(Tile, VoxelBox, &mut Vec<u8>) -> Result<Vec<EncodedBrick>, BuildError>,
+        read: &(dyn Fn(&Tile) -> Result<Vec<u8>, BuildError> + Sync),
+        encode: &mut EncodeTile<'_>,
     ) -> Result<LevelReport, BuildError> {
         let level = *self.descriptor.pyramid.level_at(Lod(lod as u8));
         let new = LevelReport { factors: level.factors, dims: level.dims.0, ..LevelReport::default() };
@@ -511,45 +597,57 @@ impl Build<'_> {
                 }
             });
             reader.map_err(BuildError::Thread)?;
-            for (tile, result) in receive {
-                let (voxels, mut bytes) = result?;
-                let read_bytes = bytes.len() as u64;
-                let bricks = encode(tile, voxels, &mut bytes)?;
-                self.spares.give_back(bytes);
-                let count = bricks.len() as u64;
-                self.append(lod, bricks, &mut report).map_err(|e| BuildError::write(self.output, e))?;
-                self.counter.add(lod, count, read_bytes);
+            for (tile, bytes) in receive {
+                let mut frame = Frame { lod: lod as u32, end: 0, bricks: Vec::new() };
+                encode(tile, bytes?, &mut |brick| self.append(brick, &mut frame, &mut report))?;
+                let bricks = frame.bricks.len() as u64;
+                self.note(frame).map_err(|e| BuildError::write(self.output, e))?;
+                self.counter.add(lod, bricks, self.bytes_behind(lod, &tile));
             }
             Ok(report)
         })
     }
 
-    /// Writes the bricks of a tile, and notes them once they have left the process.
-    fn append(&self, lod: usize, bricks: Vec<EncodedBrick>, report: &mut LevelReport) -> io::Result<()> {
+    /// Bytes of the voxels that a tile is made of: of the source, or of the finer level.
+    fn bytes_behind(&self, lod: usize, tile: &Tile) -> u64 {
+        let pyramid = &self.descriptor.pyramid;
+        let level = pyramid.level_at(Lod(lod as u8));
+        let own = tile.voxels(self.options.layout.core(), level.dims, MARGIN);
+        let voxels = match lod.checked_sub(1) {
+            None => own.voxels(),
+            Some(finer) => finer_box(own, level.factors, pyramid.level_at(Lod(finer as u8)).dims).voxels(),
+        };
+        (voxels * self.descriptor.voxel_type.bytes()) as u64
+    }
+
+    /// Writes a brick.
+    fn append(&self, brick: EncodedBrick, frame: &mut Frame, report: &mut LevelReport) -> Result<(), BuildError> {
+        let number = self.descriptor.pyramid.entry(brick.key);
+        let entry = self.writer().append(brick).map_err(|e| BuildError::write(self.output, e))?;
+        frame.bricks.push((number, entry.encode()));
+        tally(report, &entry, self.descriptor.scale);
+        Ok(())
+    }
+
+    /// Notes the bricks of a tile once they have left the process.
+    fn note(&self, mut frame: Frame) -> io::Result<()> {
         let mut writer = self.writer();
-        let mut frame = Frame { lod: lod as u32, end: 0, bricks: Vec::with_capacity(bricks.len()) };
-        for brick in bricks {
-            let number = self.descriptor.pyramid.entry(brick.key);
-            let entry = writer.append(brick)?;
-            frame.bricks.push((number, entry.encode()));
-            tally(report, &entry, self.descriptor.scale);
-        }
         writer.flush()?;
         frame.end = writer.position();
         self.journal.map_or(Ok(()), |journal| journal.append(&frame))
     }
 
-    /// Encodes all bricks of a tile, in Morton order.
+    /// Encodes all bricks of a tile; hands them over in Morton order while others are encoded.
     fn encode_tile(
         &self,
         lod: usize,
         tile: Tile,
         block: VoxelBlock<'_>,
-        finer: Option<&FinerTile<'_>>,
-    ) -> Result<Vec<EncodedBrick>, BuildError> {
+        step: Option<&StepOf<'_>>,
+        take: &mut TakeBrick<'_>,
+    ) -> Result<(), BuildError> {
         let bricks = tile.bricks();
-        self.pool
-            .install(|| bricks.par_iter().map(|&brick| self.encode_brick(key_of(lod, brick), block, finer)).collect())
+        in_order(self.pool, bricks.len(), &|i| self.encode_brick(key_of(lod, bricks[i]), block, step), take)
     }
 
     /// Adds the tile's own voxels to the statistics, one z-slab per task.
@@ -577,22 +675,21 @@ impl Build<'_> {
         &self,
         key: BrickKey,
         block: VoxelBlock<'_>,
-        finer: Option<&FinerTile<'_>>,
+        step: Option<&StepOf<'_>>,
     ) -> Result<EncodedBrick, BuildError> {
         check(&self.options.canceller)?;
         let pyramid = &self.descriptor.pyramid;
         let (voxel_type, absence) = (self.descriptor.voxel_type, self.descriptor.absence);
         let mut voxels = cut_brick(pyramid, key, voxel_type.bytes(), block);
-        let (mut beneath, mut children_error, mut step) = (ValueRange::EMPTY, 0.0f64, 0.0);
-        if let Some(finer) = finer {
+        let (mut beneath, mut children_error) = (ValueRange::EMPTY, 0.0f64);
+        if step.is_some() {
             for child in pyramid.children(key) {
                 let child = self.writer().entry(child).map_err(|e| BuildError::container(self.output, e))?;
                 beneath = beneath.union(child.range_beneath);
                 children_error = children_error.max(child.error);
             }
-            step = step_error(voxel_type, absence, finer.factors, finer.block, block, pyramid.core_box(key));
         }
-        let moved = self.descriptor.quantizer.filter(|_| finer.is_none());
+        let moved = self.descriptor.quantizer.filter(|_| step.is_none());
         let moved = moved.map_or(0.0, |quantizer| quantizer.snap(voxel_type, absence, &mut voxels));
         let mut sealed =
             seal_brick(self.descriptor, key, &voxels, self.options.codec, beneath, moved).map_err(|e| {
@@ -603,9 +700,9 @@ impl Build<'_> {
                     found: e.to_string(),
                 }
             })?;
-        if finer.is_some() {
+        if let Some(step) = step {
             let own = sealed.entry.range;
-            sealed.entry.error = brick_error(children_error, step, own, beneath, self.descriptor.voxel_error());
+            sealed.entry.error = brick_error(children_error, step(key), own, beneath, self.descriptor.voxel_error());
         }
         Ok(sealed)
     }

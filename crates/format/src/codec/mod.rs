@@ -14,6 +14,7 @@
 //! | 4 | [`wavelet`] | multiples of a step, lifted or predicted, in tokens | whatever is measured: integers, floats that are few numbers of steps |
 //! | 5 | [`trimmed`] | one of raw, rle, zstd, without layers of apron that repeat | at the edges of a grid, above all of thin ones |
 
+mod compressor;
 pub mod quantize;
 pub mod raw;
 mod repeats;

@@ -27,10 +27,13 @@
 mod tokens;
 mod transform;
 
-use ::zstd::bulk::{Compressor, Decompressor};
+use std::borrow::Cow;
+
+use ::zstd::bulk::Decompressor;
 use tokens::{BITS_PADDING, Decoding, Encoding, Tokens};
 use transform::{Band, Sample, bands};
 
+use super::compressor::append_frame;
 use super::quantize::{Quantizer, common_step};
 use super::repeats::{Places, Repeats};
 use super::{BrickShape, CodecError};
@@ -48,9 +51,8 @@ pub const DECODING_BYTES_PER_VOXEL: usize = 4 + 4 + 4 + 1 + 4;
 pub const CHUNK_COEFFICIENTS: usize = 4096;
 /// Voxels along each axis of the part that decides between transforms.
 const PROBED: usize = 32;
-/// Level of Zstandard: the tokens are left to its Huffman coder, higher levels find little more.
-const LEVEL: i32 = 1;
 const HEAD_BYTES: usize = 10;
+const CHUNK_HEAD_BYTES: usize = 12;
 const FLAG_HOLES: u8 = 1 << 6;
 
 /// How indices are turned into coefficients.
@@ -135,13 +137,21 @@ pub fn encode_if_smaller(
     limit: usize,
 ) -> Result<Option<Vec<u8>>, CodecError> {
     with_voxel!(shape.voxel_type, V => {
-        let voxels: Vec<V> = voxels.chunks_exact(size_of::<V>()).map(V::read_le).collect();
+        let voxels = to_voxels::<V>(voxels);
         if V::TYPE.bytes() == 1 {
             encode_typed::<V, i16>(shape.extent, &voxels, absence, step, limit)
         } else {
             encode_typed::<V, i32>(shape.extent, &voxels, absence, step, limit)
         }
     })
+}
+
+/// Little-endian bytes as voxels; the same bytes, where they lie as voxels do.
+fn to_voxels<V: Voxel>(bytes: &[u8]) -> Cow<'_, [V]> {
+    match bytemuck::try_cast_slice(bytes) {
+        Ok(voxels) if cfg!(target_endian = "little") => Cow::Borrowed(voxels),
+        _ => bytes.chunks_exact(size_of::<V>()).map(V::read_le).collect(),
+    }
 }
 
 fn encode_typed<V: Voxel, S: Sample>(
@@ -163,8 +173,7 @@ fn encode_typed<V: Voxel, S: Sample>(
 
     let mut payload = vec![transform as u8, repeats.bits()];
     payload.extend(quantizer.step().to_le_bytes());
-    let compressor = Compressor::new(LEVEL).map_err(zstd_failed)?;
-    let mut writer = ChunkWriter { payload, limit, compressor };
+    let mut writer = ChunkWriter { payload, limit };
     if let Some((fill, mask)) = holes {
         writer.payload[1] |= FLAG_HOLES;
         writer.payload.extend(fill.to_le_bytes());
@@ -232,6 +241,11 @@ impl<V: Voxel, S: Sample> Vectorized for Indexing<'_, V, S> {
     #[inline(always)]
     fn run(self) -> bool {
         let Self { voxels, quantizer, samples } = self;
+        if quantizer == Quantizer::WHOLE && V::TYPE.bytes() <= 2 {
+            // Each is its own index.
+            samples.iter_mut().zip(voxels).for_each(|(sample, voxel)| *sample = S::wrap(voxel.to_word()));
+            return true;
+        }
         let mut others = 0u8;
         for (sample, &voxel) in samples.iter_mut().zip(voxels) {
             let (index, is_exact) = quantizer.indexed(voxel);
@@ -294,11 +308,31 @@ fn estimate<S: Sample>(transform: Transform, coefficients: &[S], extent: [usize;
     transform.bands(extent).into_iter().map(of_band).sum()
 }
 
+/// Samples that are copied for any shorter rest of a row: what is too much the next row writes over. That costs less than to end where the
+/// row does.
+const COPIED_AT_ONCE: usize = 16;
+
+/// The samples of some bands, one band behind the other, in the memory of `out`.
+fn gather<'a, S: Sample>(samples: &[S], extent: [usize; 3], bands: &[Band], out: &'a mut Vec<S>) -> &'a [S] {
+    let count = bands.iter().map(|band| band.samples()).sum::<usize>();
+    out.resize(out.len().max(count + COPIED_AT_ONCE), S::default());
+    let mut end = 0;
+    for row in bands.iter().flat_map(|&band| rows_of(band, extent)) {
+        for from in row.clone().step_by(COPIED_AT_ONCE) {
+            let to = &mut out[end + from - row.start..];
+            match (samples[from..].first_chunk::<COPIED_AT_ONCE>(), to.first_chunk_mut()) {
+                (Some(part), Some(to)) => *to = *part,
+                _ => to[..row.end - from].copy_from_slice(&samples[from..row.end]),
+            }
+        }
+        end += row.len();
+    }
+    &out[..count]
+}
+
 struct ChunkWriter {
     payload: Vec<u8>,
     limit: usize,
-    /// Kept from chunk to chunk: preparing one takes longer than a small chunk.
-    compressor: Compressor<'static>,
 }
 
 impl ChunkWriter {
@@ -311,19 +345,17 @@ impl ChunkWriter {
     ) -> Result<bool, CodecError> {
         let mut gathered = Vec::new();
         for chunk in transform.chunks(extent) {
-            gathered.clear();
             let is_whole_box = chunk.iter().any(|band| band.extent() == extent);
-            for band in chunk.into_iter().filter(|_| !is_whole_box) {
-                rows_of(band, extent).for_each(|row| gathered.extend_from_slice(&coefficients[row]));
-            }
-            let coefficients = if is_whole_box { coefficients } else { &gathered };
+            let coefficients =
+                if is_whole_box { coefficients } else { gather(coefficients, extent, &chunk, &mut gathered) };
             let Tokens { tokens, bits } = vectorized(Encoding { coefficients });
-            let frame = self.compressor.compress(&tokens).map_err(zstd_failed)?;
-            for length in [tokens.len(), frame.len(), bits.len()] {
-                let length = u32::try_from(length).expect("a brick has fewer than 2^32 voxels");
-                self.payload.extend(length.to_le_bytes());
+            let head = self.payload.len();
+            self.payload.extend([0; CHUNK_HEAD_BYTES]);
+            let frame = append_frame(&tokens, &mut self.payload).map_err(zstd_failed)?;
+            let lengths = [tokens.len(), frame, bits.len()];
+            for (target, length) in self.payload[head..].as_chunks_mut::<4>().0.iter_mut().zip(lengths) {
+                *target = u32::try_from(length).expect("a brick has fewer than 2^32 voxels").to_le_bytes();
             }
-            self.payload.extend(frame);
             self.payload.extend(bits);
             if self.payload.len() >= self.limit {
                 return Ok(false);
@@ -437,7 +469,7 @@ impl Scratch {
         let coefficients = out.len();
         let wrong = |reason: String| CodecError::Wavelet { reason };
         let cut_short = || wrong("a chunk is cut short".into());
-        let (head, rest) = payload.split_first_chunk::<12>().ok_or_else(cut_short)?;
+        let (head, rest) = payload.split_first_chunk::<CHUNK_HEAD_BYTES>().ok_or_else(cut_short)?;
         let length = |i: usize| u32::from_le_bytes([0, 1, 2, 3].map(|b| head[4 * i + b])) as usize;
         let [tokens, frame_bytes, bits_bytes] = [0, 1, 2].map(length);
         // Each token stands for one coefficient at least: no more room is asked for than the brick's own.

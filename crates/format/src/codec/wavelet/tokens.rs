@@ -88,6 +88,8 @@ const MEANINGS: [Meaning; 256] = {
 const GROUP: usize = 16;
 /// Tokens that are looked at together otherwise.
 const HALF: usize = GROUP / 2;
+/// Most zeros that a token without bits stands for.
+const LONGEST_DIRECT_RUN: usize = 1 << RUNS.direct_bits;
 
 /// Tokens and bits of some coefficients.
 #[derive(Debug, PartialEq)]
@@ -120,7 +122,7 @@ impl<S: Sample> Vectorized for Encoding<'_, S> {
             } else if left > 0 {
                 left -= 1;
                 writer.push_each(group);
-            } else if writer.push_singles(group) {
+            } else if writer.push_direct(group) {
                 passed_over = 0;
             } else {
                 passed_over = (2 * passed_over + 1).min(MOST_PASSED_OVER);
@@ -146,28 +148,70 @@ struct Writer {
 }
 
 impl Writer {
-    /// Encodes coefficients if each of them, but for a last zero, has a token without bits; else nothing happens. Written for
-    /// vectors.
+    /// Encodes coefficients if each of them, and each run of zeros, has a token without bits; else nothing happens.
     #[inline(always)]
-    fn push_singles<S: Sample>(&mut self, group: &[S; GROUP]) -> bool {
+    fn push_direct<S: Sample>(&mut self, group: &[S; GROUP]) -> bool {
         let numbers = group.map(S::zigzagged);
         let mut others = 0u8;
         for number in numbers {
             others |= u8::from(number > 1 << VALUES.direct_bits);
         }
-        for i in 1..GROUP {
-            others |= u8::from(numbers[i - 1] | numbers[i] == 0);
+        for run in numbers.windows(LONGEST_DIRECT_RUN + 1) {
+            others |= u8::from(run.iter().fold(0, |all, number| all | number) == 0);
         }
-        if others != 0 || (self.zeros > 0 && numbers[0] == 0) {
+        if others != 0 {
             return false;
         }
+        // Zeros at the beginning belong to the run before, if there is one.
+        let before = if self.zeros > 0 { numbers.iter().take_while(|number| **number == 0).count() as u32 } else { 0 };
+        self.zeros += before;
         self.push_zeros();
-        let tokens = numbers.map(|number| if number == 0 { RUNS.first } else { VALUES.first - 1 + number as u8 });
-        // No token stands for less than one coefficient: there is room for those of all that are left.
-        self.tokens[self.end..self.end + GROUP].copy_from_slice(&tokens);
-        self.zeros = u32::from(numbers[GROUP - 1] == 0);
-        self.end += GROUP - self.zeros as usize;
+        let values = numbers.map(|number| (VALUES.first - 1).wrapping_add(number as u8));
+        let mut pairs = 0u8;
+        for i in 1..GROUP {
+            pairs |= u8::from(numbers[i - 1] | numbers[i] == 0);
+        }
+        if pairs == 0 && before == 0 {
+            self.push_singles(numbers.map(|number| number == 0), values);
+        } else {
+            self.push_runs(values, before as u8);
+        }
         true
+    }
+
+    /// Encodes coefficients of which no two zeros stand together, by the tokens of those that are none. Written for vectors.
+    #[inline(always)]
+    fn push_singles(&mut self, zeros: [bool; GROUP], values: [u8; GROUP]) {
+        let tokens = std::array::from_fn(|i| if zeros[i] { RUNS.first } else { values[i] });
+        // No token stands for less than one coefficient: there is room for those of all that are left.
+        *self.room() = tokens;
+        self.zeros = u32::from(zeros[GROUP - 1]);
+        self.end += GROUP - self.zeros as usize;
+    }
+
+    /// Encodes coefficients with short runs of zeros, by the tokens of those that are none. Which are zero nobody can foresee: so each step
+    /// writes the tokens of a run and of a coefficient, and goes on behind those that it meant. The first `done` zeros have a token.
+    #[inline(always)]
+    fn push_runs(&mut self, values: [u8; GROUP], done: u8) {
+        let (mut end, mut zeros) = (0, 0u8.wrapping_sub(done));
+        let room = self.room();
+        for value in values {
+            let is_zero = value == VALUES.first - 1;
+            // No more tokens than coefficients before this one.
+            room[end % GROUP] = RUNS.first.wrapping_add(zeros).wrapping_sub(1);
+            end += usize::from(!is_zero & (zeros > 0));
+            room[end % GROUP] = value;
+            end += usize::from(!is_zero);
+            zeros = if is_zero { zeros.wrapping_add(1) } else { 0 };
+        }
+        self.zeros = u32::from(zeros);
+        self.end += end;
+    }
+
+    /// Where the next tokens go.
+    #[inline(always)]
+    fn room(&mut self) -> &mut [u8; GROUP] {
+        self.tokens[self.end..].first_chunk_mut().expect("no token stands for less than one coefficient")
     }
 
     /// Encodes coefficients one by one.

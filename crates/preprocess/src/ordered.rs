@@ -1,0 +1,92 @@
+//! Work that many threads do, handed over in its order by the one that asks.
+
+use std::collections::BTreeMap;
+
+/// Pieces that are begun, for each thread, before the first of them is handed over.
+pub(crate) const AHEAD_PER_THREAD: usize = 4;
+
+/// Makes pieces 0 to `count` on the pool's threads, and hands them over one after the other on the thread that calls, meanwhile. No more
+/// than [`AHEAD_PER_THREAD`] for each thread are there at once.
+///
+/// # Errors
+/// The first that comes, of either function; nothing is begun afterwards.
+pub(crate) fn in_order<T: Send, E: Send>(
+    pool: &rayon::ThreadPool,
+    count: usize,
+    make: &(dyn Fn(usize) -> Result<T, E> + Sync),
+    take: &mut dyn FnMut(T) -> Result<(), E>,
+) -> Result<(), E> {
+    let ahead = AHEAD_PER_THREAD * pool.current_num_threads();
+    pool.in_place_scope(|scope| {
+        let (send, made) = crossbeam_channel::bounded(ahead);
+        let begin = |number: usize| {
+            let send = send.clone();
+            // Each piece by itself, so that threads come to what others ask of them in between.
+            scope.spawn(move |_| {
+                // After an error nobody listens any more.
+                let _ = send.send((number, make(number)));
+            });
+        };
+        let mut to_begin = 0..count;
+        to_begin.by_ref().take(ahead).for_each(&begin);
+        let mut waiting = BTreeMap::new();
+        for due in 0..count {
+            while !waiting.contains_key(&due) {
+                let (number, piece) = made.recv().expect("this thread could send, too");
+                waiting.insert(number, piece?);
+            }
+            take(waiting.remove(&due).expect("it has just been there"))?;
+            to_begin.by_ref().take(1).for_each(&begin);
+        }
+        Ok(())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+
+    fn pool() -> rayon::ThreadPool {
+        rayon::ThreadPoolBuilder::new().num_threads(3).build().expect("three threads can be had")
+    }
+
+    #[test]
+    fn pieces_come_in_their_order_however_long_each_takes_and_few_are_there_at_once() {
+        let (pool, begun) = (pool(), AtomicUsize::new(0));
+        let ahead = AHEAD_PER_THREAD * pool.current_num_threads();
+        for count in [0, 1, ahead, 5 * ahead + 1] {
+            begun.store(0, Ordering::Relaxed);
+            let make = |number: usize| {
+                begun.fetch_add(1, Ordering::Relaxed);
+                std::thread::sleep(std::time::Duration::from_micros(number as u64 * 7919 % 500));
+                Ok::<_, ()>(number)
+            };
+            let mut taken = Vec::new();
+            let done = in_order(&pool, count, &make, &mut |number| {
+                taken.push(number);
+                assert!(begun.load(Ordering::Relaxed) < taken.len() + ahead);
+                Ok(())
+            });
+            assert_eq!((done, taken), (Ok(()), (0..count).collect()));
+        }
+    }
+
+    #[test]
+    fn the_first_error_ends_it() {
+        let (pool, begun) = (pool(), AtomicUsize::new(0));
+        let make = |number: usize| {
+            begun.fetch_add(1, Ordering::Relaxed);
+            if number == 20 { Err("made") } else { Ok(number) }
+        };
+        assert_eq!(in_order(&pool, 1000, &make, &mut |_| Ok(())), Err("made"));
+        assert!(begun.load(Ordering::Relaxed) < 100);
+        let mut taken = 0;
+        let refused = in_order(&pool, 1000, &|number| Ok(number), &mut |_| {
+            taken += 1;
+            if taken == 20 { Err("taken") } else { Ok(()) }
+        });
+        assert_eq!((refused, taken), (Err("taken"), 20));
+    }
+}
