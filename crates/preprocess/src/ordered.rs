@@ -1,6 +1,7 @@
 //! Work that many threads do, handed over in its order by the one that asks.
 
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
 /// Pieces that are begun, for each thread, before the first of them is handed over.
 pub(crate) const AHEAD_PER_THREAD: usize = 4;
@@ -10,6 +11,9 @@ pub(crate) const AHEAD_PER_THREAD: usize = 4;
 ///
 /// # Errors
 /// The first that comes, of either function; nothing is begun afterwards.
+///
+/// # Panics
+/// Where `make` does.
 pub(crate) fn in_order<T: Send, E: Send>(
     pool: &rayon::ThreadPool,
     count: usize,
@@ -23,8 +27,10 @@ pub(crate) fn in_order<T: Send, E: Send>(
             let send = send.clone();
             // Each piece by itself, so that threads come to what others ask of them in between.
             scope.spawn(move |_| {
+                // Whoever waits for a piece that panicked would wait for ever.
+                let piece = catch_unwind(AssertUnwindSafe(|| make(number)));
                 // After an error nobody listens any more.
-                let _ = send.send((number, make(number)));
+                let _ = send.send((number, piece));
             });
         };
         let mut to_begin = 0..count;
@@ -33,7 +39,7 @@ pub(crate) fn in_order<T: Send, E: Send>(
         for due in 0..count {
             while !waiting.contains_key(&due) {
                 let (number, piece) = made.recv().expect("this thread could send, too");
-                waiting.insert(number, piece?);
+                waiting.insert(number, piece.unwrap_or_else(|panic| resume_unwind(panic))?);
             }
             take(waiting.remove(&due).expect("it has just been there"))?;
             to_begin.by_ref().take(1).for_each(&begin);
@@ -71,6 +77,13 @@ mod tests {
             });
             assert_eq!((done, taken), (Ok(()), (0..count).collect()));
         }
+    }
+
+    #[test]
+    #[should_panic(expected = "piece 7")]
+    fn a_piece_that_panics_is_not_waited_for() {
+        let make = |number: usize| if number == 7 { panic!("piece {number}") } else { Ok::<_, ()>(number) };
+        let _ = in_order(&pool(), 20, &make, &mut |_| Ok(()));
     }
 
     #[test]
