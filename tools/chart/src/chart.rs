@@ -40,7 +40,7 @@ const CAMERA_RADII: f64 = 2.2;
 const UNIT_DISTANCE: f64 = 1.0;
 
 /// Levels of detail of which it is compared what is stated.
-const STATED_LEVELS: [u8; 3] = [0, 1, 2];
+const STATED_LEVELS: [u8; 2] = [0, 1];
 
 /// Looks whose pictures the report shows.
 const PICTURED_LOOKS: [Look; 2] =

@@ -12,6 +12,7 @@ use supervol_format::VoxelType;
 use supervol_format::random::{Random, mix};
 use supervol_preprocess::source::computed::Computed;
 use supervol_runtime::scene::Mode;
+use supervol_runtime::stats::mode_name;
 
 use crate::fixtures::{marschner_lobb_at, point};
 use crate::volume::{Point, image_size, transfer_function};
@@ -81,7 +82,7 @@ impl RandomScene {
             members.retain(|member| !member.starts_with(SHADING));
         }
         if mode != Mode::Dvr {
-            members.push(format!(r#""mode": "{}""#, name_of(mode)));
+            members.push(format!(r#""mode": "{}""#, mode_name(mode)));
         }
         if mode == Mode::Iso {
             members.push(surfaces(&mut random, &shape));
@@ -200,18 +201,6 @@ fn camera(random: &mut Random, shape: &Shape) -> String {
         target.to_array(),
         up.to_array()
     )
-}
-
-/// A mode as scene files name it.
-pub(super) fn name_of(mode: Mode) -> &'static str {
-    match mode {
-        Mode::Dvr => "dvr",
-        Mode::Mip => "mip",
-        Mode::Minip => "minip",
-        Mode::Mean => "mean",
-        Mode::Iso => "iso",
-        Mode::Slice => "slice",
-    }
 }
 
 /// One to three surfaces, some of which are seen through.

@@ -15,8 +15,8 @@ use supervol_runtime::frame::{Backend, RenderOptions};
 use supervol_runtime::image::{GREY_LEVELS, Image, greatest};
 use supervol_runtime::renderer::render;
 use supervol_runtime::scene::{Mode, ResolvedScene};
+use supervol_runtime::stats::mode_name;
 
-use generate::name_of;
 pub use generate::{IMAGE, RandomScene};
 
 use crate::context::{ChartError, Context, Pace};
@@ -280,7 +280,7 @@ pub fn markdown(found: &Found, command: &str) -> String {
          predicted | scenes above predicted |\n|---|---|---|---|---|---|---|---|\n",
         found.first_scene,
         found.seed,
-        name_of(found.mode),
+        mode_name(found.mode),
         found.scenes_that_show_something,
         found.scenes,
         found.seconds
