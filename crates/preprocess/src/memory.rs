@@ -6,7 +6,7 @@
 //! | tables | 80 per brick, until the container is finished, and what the source needs |
 //! | workspaces | a quarter of the rest: per thread `WORKSPACE_COPIES` stored bricks (cut, predicted, byte planes, encoded, ...), or what making wavelets takes if that is more |
 //! | statistics | per thread one histogram of 64 Ki counters, 512 Ki for doubles, and one |
-//! | brick cache | a sixteenth of what the program leaves: decoded bricks of the finer level, or part of what is kept of the next one ([`crate::next_level`]) |
+//! | brick cache | a sixteenth of what the program leaves: decoded bricks of the finer level, or part of what is kept of the next one (`next_level`) |
 //! | tiles | the rest: what is read for a tile and made of it ([`tile_bytes`]) |
 //!
 //! The tiles' share depends on the budget and the volume alone, never on the number of threads, because tiles decide in
@@ -114,7 +114,7 @@ impl MemoryPlan {
         Ok(Self { budget_bytes, threads, fixed_bytes, cache_bytes, tile_bytes: tiles })
     }
 
-    /// Most that may be kept of next levels ([`crate::next_level`]) while a level is written in tiles of `size` bricks: what the cache
+    /// Most that may be kept of next levels (`next_level`) while a level is written in tiles of `size` bricks: what the cache
     /// would take, which nobody needs then, and what such a tile leaves of its share, since only a few of its encoded bricks are there at
     /// once.
     #[must_use]

@@ -1,7 +1,7 @@
 //! The build: source -> tiles -> bricks -> container, level by level, in bounded memory.
 //!
 //! Level 0 is read from the source. Each coarser level is averaged from the finer one, and compared with it for the error bound: while
-//! the finer one's tiles are in memory, if there is room for the level ([`crate::next_level`]), or else from the container's own bricks.
+//! the finer one's tiles are in memory, if there is room for the level (`next_level`), or else from the container's own bricks.
 //! Of each level one tile is read ahead while another is encoded on all threads; encoded bricks are written as they come, in tile order,
 //! Morton order inside a tile, so that the bytes do not depend on the number of threads. The output is written under a temporary name
 //! beside the final one, synced, and renamed when it is whole. A build that was killed, or that the machine has failed, goes on where it
