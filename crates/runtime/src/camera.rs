@@ -103,6 +103,15 @@ impl PixelRays {
         let [nx, ny] = camera.ndc([x, y]);
         nx * self.half_size[0] * camera.right + ny * self.half_size[1] * camera.up
     }
+
+    /// The pixel whose centre lies so far to the right of the view's middle, and so far above it; between pixels, and beside the
+    /// picture, too. The reverse of [`PixelRays::offset`].
+    #[inline(always)]
+    #[must_use]
+    pub fn pixel_at(&self, [right, above]: [f64; 2]) -> [f64; 2] {
+        let ndc = [right / self.half_size[0], -above / self.half_size[1]];
+        [0, 1].map(|a| (ndc[a] + 1.0) * 0.5 * self.camera.extent[a] - 0.5)
+    }
 }
 
 /// The unit vector along `v`, whose square may be out of the range of `f64`; `None` where `v` is zero or not finite.
@@ -286,6 +295,18 @@ mod tests {
         let found = zoomed.moved_on_from(&around(0.0));
         assert_eq!((found.eye, found.projection), (zoomed.eye, zoomed.projection), "nothing but the lens has changed");
         assert!((found.forward - zoomed.forward).length() < 1e-15);
+    }
+
+    #[test]
+    fn pixels_are_found_again_by_where_they_lie() {
+        for projection in [Projection::Perspective { fov_y: 50.0 }, Projection::Orthographic { height: 3.0 }] {
+            let camera = Camera::look_at(DVec3::ZERO, DVec3::X, DVec3::Z, projection, [31, 17]).unwrap().coarser(3);
+            for pixel in [[0.0, 0.0], [10.0, 5.0], [-4.0, 7.25]] {
+                let offset = camera.rays().offset(pixel);
+                let found = camera.rays().pixel_at([offset.dot(camera.right), offset.dot(camera.up)]);
+                assert!((0..2).all(|a| (found[a] - pixel[a]).abs() < 1e-12), "{found:?} for {pixel:?}");
+            }
+        }
     }
 
     #[test]

@@ -43,6 +43,7 @@ pub(crate) mod refine;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]
 pub(crate) mod shade;
 mod shaded_cells;
+mod silhouette;
 pub mod simd;
 mod span;
 #[allow(clippy::needless_range_loop, reason = "axes and channels are indices of several arrays at once")]

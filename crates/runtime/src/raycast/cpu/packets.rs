@@ -26,6 +26,7 @@ use super::per_brick::{PerBrick, bytes_kept};
 use super::pixels::{FinishedTile, Tile};
 use super::plans::{BrickPlan, BrickPlans};
 use super::shade::PacketLighting;
+use super::silhouette::{MakeSilhouette, MeetSilhouette, Projector, Silhouette};
 use super::simd::{InstructionSet, Simd, Task, dispatch};
 use super::span::ChooseSpan;
 use super::tile::{BrickGrid, Gathered, IndexBox, TILE_RAYS, TILE_SIDE, TileRays, place_of};
@@ -67,6 +68,9 @@ pub struct PacketTables {
     pub(super) to_index: ToIndex,
     /// Of bricks, in mode `dvr`.
     pub(super) plans: Arc<BrickPlans>,
+    pub(super) projector: Projector,
+    /// Of bricks, in mode `dvr`, where they are worth it.
+    silhouettes: PerBrick<Option<Silhouette>>,
     /// Of bricks, in all modes but `dvr`.
     pub(super) summaries: BrickSummaries,
     /// What bricks of coarser levels are off by, where errors are summed up.
@@ -77,6 +81,8 @@ pub struct PacketTables {
 
 /// Part of what is kept of bricks, as a divisor, that is for what coarser levels do.
 const LEVELS_SHARE: u64 = 8;
+/// The same for where they lie in the picture.
+const SILHOUETTES_SHARE: u64 = 4;
 /// Roundings of colour and of optical depth in a cell.
 const ROUNDINGS: f64 = 4.0;
 /// Half the distance of 1 from the next `f32`.
@@ -133,7 +139,8 @@ impl PacketTables {
         let pieces = TransferPieces::new(source, frame.map.shift + f64::from(origin), FIT_SHARE * max_error);
         let precision = precision_of(max_error, pieces.has_steps(), rule.sums_errors);
         let for_levels = if rule.sums_errors { made_bytes / LEVELS_SHARE } else { 0 };
-        let for_bricks = made_bytes - for_levels;
+        let for_silhouettes = if frame.mode == Mode::Dvr { made_bytes / SILHOUETTES_SHARE } else { 0 };
+        let for_bricks = made_bytes - for_levels - for_silhouettes;
         let set = rule.instructions.unwrap_or_else(InstructionSet::best);
         let ray = frame.camera.ray(0, 0);
         let index_ray = IndexRay::new(&ray, &frame.geometry);
@@ -153,6 +160,8 @@ impl PacketTables {
             to_index: ToIndex::new(&frame.geometry),
             // A frame has one mode: only one of the two is filled.
             plans: BrickPlans::new(plans, frame, (source, rule), for_bricks),
+            projector: Projector::new(&frame.camera, &frame.geometry),
+            silhouettes: PerBrick::new(for_silhouettes),
             summaries: BrickSummaries::new(for_bricks),
             of_levels: PerBrick::new(for_levels),
             counts_work: rule.counts_work,
@@ -309,7 +318,7 @@ fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision
 /// What packets hold in host memory beside their tables; `core`: voxels along an edge of a full brick's core.
 #[must_use]
 pub fn bytes_held(core: usize, rule: PacketRule) -> CasterBytes {
-    let made = BrickPlan::most_bytes(core).max(BrickSummary::most_bytes(core));
+    let made = (BrickPlan::most_bytes(core) + Silhouette::most_bytes()).max(BrickSummary::most_bytes(core));
     let made_of_brick = bytes_kept(made);
     let gathered = size_of::<Gathered>()
         + if rule.sums_errors { size_of::<LevelErrors>() } else { 0 }
@@ -531,6 +540,9 @@ impl CastTile<'_> {
         }
         self.feedback.uses.insert(key);
         let crossing = self.crossing(key, resident);
+        if let (Resident::Brick(brick), Mode::Dvr, None) = (resident, self.frame.mode, &self.frame.inner) {
+            self.leave_out_unseen(key, brick);
+        }
         match self.tables.counts_work {
             true => self.go_through_one_by_one(key, resident),
             false => self.go_through(key, resident),
@@ -594,7 +606,31 @@ impl CastTile<'_> {
         self.feedback.counters.cells += self.rays.hits().len() as u64;
     }
 
+    /// Leaves out the rays that miss all that shows of a brick.
+    fn leave_out_unseen(&mut self, key: BrickKey, brick: &DecodedBrick) {
+        let (frame, tables) = (self.frame, self.tables);
+        let plan = tables.plans.of(frame, tables, key, brick);
+        if !plan.leaps || plan.cloud.is_empty() {
+            return;
+        }
+        let projector = &tables.projector;
+        let make = || {
+            let grid = &grid_of(frame, key);
+            dispatch(tables.set, MakeSilhouette { projector, grid, cloud: &plan.cloud })
+        };
+        let bytes = |made: &Option<Silhouette>| made.as_ref().map_or(0, Silhouette::bytes);
+        let made = tables.silhouettes.of(key, bytes, make);
+        let Some(silhouette) = made.as_ref() else { return };
+        let corner = [self.corner[0], frame.rows.start + self.corner[1]];
+        let before = self.rays.hits().len();
+        dispatch(tables.set, MeetSilhouette { silhouette, projector, corner, rays: self.rays });
+        self.feedback.counters.macro_cells_skipped += (before - self.rays.hits().len()) as u64;
+    }
+
     fn cast_brick(&mut self, key: BrickKey, brick: &DecodedBrick) {
+        if self.rays.hits().is_empty() {
+            return;
+        }
         let (frame, tables) = (self.frame, self.tables);
         let plan = tables.plans.of(frame, tables, key, brick);
         if plan.cloud.is_empty() && frame.skipping == Skipping::On {
@@ -651,8 +687,6 @@ pub(super) fn packet_brick<'a>(
         Voxels::F32(v) => (v.as_ptr().cast(), Stored::F32, v.len()),
     };
     assert_eq!(count, extent.iter().product::<usize>(), "voxels of {key}");
-    let level = frame.pyramid.level_at(key.lod());
-    let grid = BrickGrid { inverse_scale: level.scale.map(|s| 1.0 / s as f64), start: core.start.map(|s| s as f64) };
     let packet_brick = PacketBrick {
         voxels,
         stored,
@@ -666,7 +700,13 @@ pub(super) fn packet_brick<'a>(
         cloud: None,
         lighting: None,
     };
-    (packet_brick, grid)
+    (packet_brick, grid_of(frame, key))
+}
+
+/// The grid of a brick's voxels.
+fn grid_of(frame: &CpuFrame, key: BrickKey) -> BrickGrid {
+    let (level, core) = (frame.pyramid.level_at(key.lod()), frame.pyramid.core_box(key));
+    BrickGrid { inverse_scale: level.scale.map(|s| 1.0 / s as f64), start: core.start.map(|s| s as f64) }
 }
 
 /// Which rays of a tile meet a region.

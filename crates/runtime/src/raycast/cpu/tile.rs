@@ -32,7 +32,8 @@ pub const fn place_of(ray: usize) -> [u32; 2] {
     [block % blocks * BLOCK_SIDE + inside % BLOCK_SIDE, block / blocks * BLOCK_SIDE + inside / BLOCK_SIDE]
 }
 
-type PerRay = [f64; TILE_RAYS];
+/// One number for each ray of a tile.
+pub(super) type PerRay = [f64; TILE_RAYS];
 
 /// The nearest `f32`, but a whole number only for a whole number: a ray beside a plane of voxels stays on its side of it,
 /// where holes in the plane's neighbours count or do not.
@@ -112,13 +113,16 @@ pub struct TileRays {
     /// Surfaces that rays meet in the present brick, in order along each ray, of frames that list them.
     pub crossings: Vec<(u16, SurfaceCrossing)>,
     /// Entry into and exit from the present brick.
-    entry: PerRay,
-    exit: PerRay,
+    pub(super) entry: PerRay,
+    pub(super) exit: PerRay,
+    /// How far behind its entry a ray begins, where `has_starts`.
+    pub(super) start: [f32; TILE_RAYS],
+    pub(super) has_starts: bool,
     /// What solids leave of the rays.
     pub(super) ahead: PartsAhead,
     /// Rays that meet the present brick.
-    hits: [u16; TILE_RAYS],
-    hit_count: usize,
+    pub(super) hits: [u16; TILE_RAYS],
+    pub(super) hit_count: usize,
     /// Rays that go on in this pass.
     going: usize,
     has_parallel: bool,
@@ -194,6 +198,8 @@ impl TileRays {
             crossings: Vec::new(),
             entry: zero,
             exit: zero,
+            start: [0.0; TILE_RAYS],
+            has_starts: false,
             ahead: PartsAhead::default(),
             hits: [0; TILE_RAYS],
             hit_count: 0,
@@ -329,7 +335,7 @@ impl TileRays {
                 break;
             }
         }
-        self.hit_count = count;
+        (self.hit_count, self.has_starts) = (count, false);
         count
     }
 
@@ -403,6 +409,7 @@ impl TileRays {
             packet.direction[a][lane] = (self.direction[a][ray] * grid.inverse_scale[a]) as f32;
         }
         packet.length[lane] = (self.exit[ray] - entry) as f32;
+        packet.start[lane] = if self.has_starts { self.start[ray] } else { 0.0 };
         packet.front[lane] = self.gathered.transmittance[ray] as f32;
         packet.rays[lane] = ray as u16;
     }

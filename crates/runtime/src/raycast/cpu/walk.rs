@@ -37,7 +37,9 @@ pub struct Packet {
     pub origin: [PerLane; 3],
     /// Cells per world length; 0 where parallel.
     pub direction: [PerLane; 3],
-    /// World length in the brick; 0 for unused lanes.
+    /// World length behind the entry at which the ray begins: there is nothing to see before.
+    pub start: PerLane,
+    /// World length behind the entry at which it ends; 0 for unused lanes.
     pub length: PerLane,
     /// Transmittance in front of the brick.
     pub front: PerLane,
@@ -57,6 +59,7 @@ impl Default for Packet {
         Self {
             origin: [zero; 3],
             direction: [zero; 3],
+            start: zero,
             length: zero,
             front: zero,
             color: [zero; 3],
@@ -191,7 +194,7 @@ impl<S: Simd> Walker<S> {
             plane_step: [zero; 3],
             base: zero_int,
             base_step: [zero_int; 3],
-            t: zero,
+            t: S::load(&packet.start),
             end: S::load(&packet.length),
             in_plane: S::lt(one, zero),
         };
@@ -210,7 +213,8 @@ impl<S: Simd> Walker<S> {
             walker.in_plane = walker.in_plane | (!moves & S::le(o, S::floor(o)));
             let stride = S::splat_int(strides[a]);
             walker.base_step[a] = S::select_int(ascends, stride, stride * S::splat_int(-1));
-            let cell = walker.cell_of(a, o, S::splat(-1.0), S::splat(brick.core[a] as f32 - 1.0));
+            let position = S::mul_add(walker.t, d, o);
+            let cell = walker.cell_of(a, position, S::splat(-1.0), S::splat(brick.core[a] as f32 - 1.0));
             walker.plane[a] = cell + walker.ahead[a];
         }
         walker.find_base(brick.strides);

@@ -126,9 +126,10 @@ pub trait Simd: Copy + Send + Sync + 'static {
         let mut words = [[0; LANES_LIMIT]; N];
         for (lane, &place) in places.iter().enumerate().take(Self::LANES) {
             for (words, row) in words.iter_mut().zip(rows) {
-                // SAFETY: the caller's promise.
-                let word = unsafe { row.wrapping_offset((place * size) as isize).cast::<i32>().read_unaligned() };
-                words[lane] = i32::from_le(word);
+                let word = row.wrapping_offset((place * size) as isize).cast::<Word>();
+                // Volatile, or compilers make a gather of it, in one build and not in the next.
+                // SAFETY: the caller's promise; a `Word` may lie anywhere.
+                words[lane] = i32::from_le(unsafe { word.read_volatile() }.0);
             }
         }
         let mut out = [Self::splat_int(0); N];
@@ -148,6 +149,11 @@ pub trait Simd: Copy + Send + Sync + 'static {
     /// Runs a task as a function of its own: what it keeps in registers does not crowd out its caller's.
     fn apart<T: TaskOf<Self>>(task: T) -> T::Output;
 }
+
+/// Four bytes at any address.
+#[derive(Clone, Copy)]
+#[repr(C, packed)]
+struct Word(i32);
 
 /// The lanes of a mask, from its bits.
 pub fn lanes(mask: u32) -> impl Iterator<Item = usize> {
