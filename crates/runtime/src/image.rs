@@ -128,22 +128,29 @@ impl Image {
 
     /// Pixels that are NaN become those of `small`, whose pixels are `factor` times as large, enlarged.
     pub fn fill_unknown(&mut self, small: &Self, factor: u32) {
-        // The two pixels beside a place and the weight of the second, clamped at the ends.
-        let beside = |i: u32, pixels: u32| {
-            let place = ((f64::from(i) + 0.5) / f64::from(factor) - 0.5).clamp(0.0, f64::from(pixels - 1));
-            let first = place as u32;
-            (first as usize, (first + 1).min(pixels - 1) as usize, (place - f64::from(first)) as f32)
-        };
-        let columns: Vec<_> = (0..self.width).map(|x| beside(x, small.width)).collect();
+        let columns: Vec<Beside> = (0..self.width).map(|x| Beside::new(x, factor, small.width)).collect();
+        // Rows of `small` above and below a line, as wide as this picture: the next lines lie between the same ones.
+        let mut wide = [(usize::MAX, Vec::new()), (usize::MAX, Vec::new())];
         for (y, line) in (0..).zip(self.pixels.chunks_exact_mut(self.width as usize)) {
-            let (above, below, down) = beside(y, small.height);
-            let rows = [above, below].map(|row| &small.pixels[row * small.width as usize..][..small.width as usize]);
-            for (pixel, &(left, right, across)) in line.iter_mut().zip(&columns).filter(|(pixel, _)| pixel[0].is_nan())
-            {
-                *pixel = std::array::from_fn(|c| {
-                    let [top, bottom] = rows.map(|row| row[left][c] + across * (row[right][c] - row[left][c]));
-                    top + down * (bottom - top)
-                });
+            if !line.iter().any(|pixel| pixel[0].is_nan()) {
+                continue;
+            }
+            let Beside { first, second, weight } = Beside::new(y, factor, small.height);
+            if wide[0].0 != first {
+                wide.swap(0, 1);
+            }
+            for (number, (held, row)) in [first, second].into_iter().zip(&mut wide) {
+                if *held != number {
+                    *held = number;
+                    row.clear();
+                    let pixels = &small.pixels[number * small.width as usize..][..small.width as usize];
+                    row.extend(columns.iter().map(|at| mixed(&pixels[at.first], &pixels[at.second], at.weight)));
+                }
+            }
+            for ((pixel, above), below) in line.iter_mut().zip(&wide[0].1).zip(&wide[1].1) {
+                if pixel[0].is_nan() {
+                    *pixel = mixed(above, below, weight);
+                }
             }
         }
     }
@@ -316,9 +323,36 @@ impl From<png::EncodingError> for EncodeError {
     }
 }
 
+/// The two pixels of a row or column beside a place, and the weight of the second; clamped at the ends.
+struct Beside {
+    first: usize,
+    second: usize,
+    weight: f32,
+}
+
+impl Beside {
+    /// Beside the middle of pixel `i`, of `count` pixels that are `factor` times as large.
+    fn new(i: u32, factor: u32, count: u32) -> Self {
+        let place = ((f64::from(i) + 0.5) / f64::from(factor) - 0.5).clamp(0.0, f64::from(count - 1));
+        let first = place as u32;
+        let second = (first + 1).min(count - 1);
+        Self { first: first as usize, second: second as usize, weight: (place - f64::from(first)) as f32 }
+    }
+}
+
+/// One pixel, and so much of the way to another.
+fn mixed(a: &[f32; 4], b: &[f32; 4], weight: f32) -> [f32; 4] {
+    let mut mixed = *a;
+    for c in 0..4 {
+        mixed[c] += weight * (b[c] - a[c]);
+    }
+    mixed
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use supervol_format::random::Random;
 
     /// A ramp stays one between the middles of the large pixels, and ends level beyond them.
     #[test]
@@ -330,6 +364,43 @@ mod tests {
         assert_eq!(row(1), [2.5, 3.5, 5.5, 7.5, 9.5]);
         assert_eq!(row(3), [10.0, 11.0, 13.0, 15.0, 17.0]);
         assert_eq!(large.clone().enlarged(1, [5, 4]), large);
+    }
+
+    /// Line by line it is what it is pixel by pixel, bit for bit, and pixels that are numbers stay.
+    #[test]
+    fn what_is_unknown_is_interpolated_and_nothing_else() {
+        let mut random = Random::new(20);
+        for (factor, [width, height]) in [(1, [7, 6]), (2, [13, 9]), (4, [30, 1]), (8, [70, 41])] {
+            let size = [width, height].map(|n: u32| n.div_ceil(factor));
+            let mut pixels = |[width, height]: [u32; 2]| -> Vec<[f32; 4]> {
+                (0..width * height).map(|_| std::array::from_fn(|_| random.unit() as f32)).collect()
+            };
+            let small = Image { width: size[0], height: size[1], pixels: pixels(size) };
+            let mut large = Image { width, height, pixels: pixels([width, height]) };
+            let is_unknown = |x: u32, y: u32| y % 5 != 3 && (x + y).is_multiple_of(3);
+            let places = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+            let before = large.clone();
+            for (pixel, (x, y)) in large.pixels.iter_mut().zip(places()) {
+                if is_unknown(x, y) {
+                    *pixel = [f32::NAN; 4];
+                }
+            }
+            large.fill_unknown(&small, factor);
+            for (n, (x, y)) in places().enumerate() {
+                let [at_x, at_y] = [Beside::new(x, factor, size[0]), Beside::new(y, factor, size[1])];
+                let expected: [f32; 4] = std::array::from_fn(|c| {
+                    let of_row = |row: usize| {
+                        let [left, right] =
+                            [at_x.first, at_x.second].map(|x| small.pixels[row * size[0] as usize + x][c]);
+                        left + at_x.weight * (right - left)
+                    };
+                    let [top, bottom] = [at_y.first, at_y.second].map(of_row);
+                    top + at_y.weight * (bottom - top)
+                });
+                let expected = if is_unknown(x, y) { expected } else { before.pixels[n] };
+                assert_eq!(large.pixels[n], expected, "({x}, {y}) of {width} x {height} by {factor}");
+            }
+        }
     }
 
     #[test]

@@ -13,6 +13,7 @@
 //! - [`transfer_function`]: values to colour and opacity;
 //! - [`lod`]: how fine a brick must be, by its size on screen and by its error;
 //! - [`raycast`]: the reference integrator and the CPU ray caster;
+//! - [`field`]: of which field a brick is: what the next two, and a device's page table, are keyed by;
 //! - [`streamer`], [`cache`]: which bricks are wanted, reading and decoding them, where they are kept;
 //! - [`options`], [`error`]: how pictures are made, and why there is none;
 //! - [`frame`]: one frame: what it is made with, who makes it, and its passes;
@@ -30,6 +31,7 @@ pub mod clip;
 pub mod counters;
 pub mod error;
 pub mod facts;
+pub mod field;
 pub mod frame;
 pub mod gpu;
 pub mod image;

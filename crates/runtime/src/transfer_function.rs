@@ -148,8 +148,16 @@ impl TransferFunction {
         let kappa = |value: f64| self.kappa(self.classify(value).1);
         let of_fine: f64 = fine.map(|(value, share)| share * kappa(value)).sum();
         let present = || coarse.iter().filter(|value| !value.is_nan());
-        let of_coarse = present().map(|value| kappa(*value)).sum::<f64>() / present().count() as f64;
-        of_coarse < LOST_SHARE * of_fine
+        let (count, least) = (present().count() as f64, LOST_SHARE * of_fine);
+        // No extinction is negative: once they are enough they stay so, mostly after a quarter of the voxels.
+        let mut of_coarse = 0.0;
+        for value in present() {
+            of_coarse += kappa(*value);
+            if of_coarse / count >= least {
+                return false;
+            }
+        }
+        of_coarse / count < least
     }
 
     /// Extinction per world length of an opacity: `-ln(1 - min(alpha, 0.9999)) / unit_distance`.

@@ -82,7 +82,8 @@ impl Engine for Slabs {
                 other => panic!("{key} is {other:?}"),
             }
         }
-        Ok(Advance { remaining: self.left.len() as u64, wanted: self.left.clone(), used, ..Advance::default() })
+        let [wanted, used] = [self.left.clone(), used].map(|keys| view.field().bricks(keys));
+        Ok(Advance { remaining: wanted.len() as u64, wanted, used, ..Advance::default() })
     }
 
     fn image(&mut self) -> Result<Image, RenderError> {

@@ -12,8 +12,9 @@ use std::time::{Duration, Instant};
 
 use containers::{Fault, Faulty, container_bytes, open, plan};
 use supervol_format::random::Random;
-use supervol_format::{BrickKey, Container, Lod, VoxelType};
+use supervol_format::{BrickIndex, BrickKey, Container, Lod, VoxelType};
 use supervol_runtime::facts::value_map;
+use supervol_runtime::field::{Field, FieldBrick};
 use supervol_runtime::frame::cpu::CpuCaster;
 use supervol_runtime::frame::engine::{Engine, InSteps};
 use supervol_runtime::frame::{FrameWalk, LevelChoice, RenderOptions, classifier_for, cpu_frame, streamer_for};
@@ -50,7 +51,7 @@ fn scene_with(volume: &Volume, visible: f64, more: &str) -> ResolvedScene {
     scene(volume, &format!(r#"{{"camera": {{{camera}}}, {image}, "transfer_function": {tf}{more}}}"#))
 }
 
-fn check(streamer: &Streamer, keys: &[BrickKey]) {
+fn check(streamer: &Streamer, keys: &[FieldBrick]) {
     let (states, cache) = (streamer.states(), streamer.cache());
     let view = streamer.view(OnMissing::Wait);
     let mut in_host = 0;
@@ -59,9 +60,9 @@ fn check(streamer: &Streamer, keys: &[BrickKey]) {
         assert_eq!(kind == StateKind::InHost, cache.get(key).is_some(), "{key} is {kind:?}");
         assert!(kind != StateKind::Decoding, "{key} was left {kind:?}");
         in_host += u64::from(kind == StateKind::InHost);
-        let resident = view.stand_in(key);
+        let resident = view.stand_in(key.brick);
         let as_promised = match kind {
-            StateKind::InHost => matches!(resident, Resident::Brick(brick) if brick.key == key),
+            StateKind::InHost => matches!(resident, Resident::Brick(brick) if brick.key == key.brick),
             StateKind::Nothing => matches!(resident, Resident::Nothing),
             StateKind::Uniform => matches!(resident, Resident::Uniform(_)),
             StateKind::Failed => matches!(resident, Resident::UseParent),
@@ -69,7 +70,7 @@ fn check(streamer: &Streamer, keys: &[BrickKey]) {
         };
         assert!(as_promised, "{key} is {kind:?} but seen as {resident:?}");
         // Rays see the same, unless they are to go on in the children.
-        let drawn = view.lookup(key);
+        let drawn = view.lookup(key.brick);
         let is_too_coarse = matches!(drawn, Resident::TooCoarse);
         assert!(is_too_coarse || kind != StateKind::TooCoarse, "{key} is {kind:?} but drawn as {drawn:?}");
         assert!(is_too_coarse || discriminant(&drawn) == discriminant(&resident), "{key}: {drawn:?}, {resident:?}");
@@ -82,17 +83,17 @@ fn check(streamer: &Streamer, keys: &[BrickKey]) {
     assert!(loading == 0 || !streamer.is_idle());
 }
 
-fn check_answers(streamer: &Streamer, wanted: &[BrickKey], fetched: &Fetched) {
-    let distinct: BTreeSet<BrickKey> = wanted.iter().copied().collect();
+fn check_answers(streamer: &Streamer, wanted: &[FieldBrick], fetched: &Fetched) {
+    let distinct: BTreeSet<FieldBrick> = wanted.iter().copied().collect();
     assert_eq!(fetched.bricks.len() + fetched.answered.len() + fetched.left, distinct.len());
-    let kind = |key: &BrickKey| streamer.states().state(*key).kind();
+    let kind = |key: &FieldBrick| streamer.states().state(*key).kind();
     assert!(fetched.bricks.iter().all(|key| kind(key) == StateKind::InHost));
     let answers = [StateKind::Nothing, StateKind::Uniform, StateKind::TooCoarse, StateKind::Failed];
     assert!(fetched.answered.iter().chain(&fetched.neighbours).all(|key| answers.contains(&kind(key))));
 }
 
 /// Fetches without waiting, until something is there, or until all is that there is room for.
-fn fetch_somehow(streamer: &mut Streamer, wanted: &[BrickKey], bricks: usize, random: &mut Random) -> Fetched {
+fn fetch_somehow(streamer: &mut Streamer, wanted: &[FieldBrick], bricks: usize, random: &mut Random) -> Fetched {
     let room = |stop, patience| Room { bricks, stop, patience };
     let how = random.below(4);
     let fetched = match how {
@@ -114,10 +115,11 @@ fn states_and_cache_agree_under_random_wishes_and_faults() {
     // One record is damaged for good; two of five reads fail. In every other run the tail is not read at once, so that the
     // table of contents is not in memory from the start.
     let container = open(&bytes);
-    let keys: Vec<BrickKey> =
-        (0..container.pyramid().brick_count()).filter_map(|e| container.pyramid().key(e)).collect();
-    let records = || keys.iter().filter(|&&k| container.entry(k).unwrap().record_bytes() > 0);
-    bytes[container.entry(*records().nth(5).unwrap()).unwrap().offset as usize] ^= 1;
+    let pyramid = container.pyramid();
+    let keys = Field::FIRST.bricks((0..pyramid.brick_count()).filter_map(|e| pyramid.key(e)));
+    let entry = |key: &FieldBrick| container.entry(key.brick).unwrap();
+    let damaged = keys.iter().filter(|&key| entry(key).record_bytes() > 0).nth(5).unwrap();
+    bytes[entry(damaged).offset as usize] ^= 1;
     let descriptor = container.descriptor().clone();
 
     let mut seen = BTreeSet::new();
@@ -152,7 +154,7 @@ fn states_and_cache_agree_under_random_wishes_and_faults() {
                     streamer.begin_pass();
                     let most = [4, 4, 4, 40][random.below(4) as usize];
                     let count = random.below(most);
-                    let wanted: Vec<BrickKey> =
+                    let wanted: Vec<FieldBrick> =
                         (0..count).map(|_| keys[random.below(keys.len() as u64) as usize]).collect();
                     let bricks = 1 + random.below(5) as usize;
                     let fetched = fetch_somehow(&mut streamer, &wanted, bricks, &mut random);
@@ -207,6 +209,20 @@ fn a_pass_that_begins_late_comes_some_way() {
     let mut walk = FrameWalk::new(&mut at_once, plan, &options, Instant::now());
     let mut expected = CpuCaster::new(cpu_frame(&container, &scene, &options, &plan));
     assert!(caster.image().unwrap() == walk.run(&mut expected, scene.image_size).unwrap());
+}
+
+/// A second field is not read from the first one's place.
+#[test]
+#[should_panic(expected = "brick (0, 0, 0) of LOD 0 of field 1 is wanted of a container of one field")]
+fn a_field_that_the_container_does_not_have_is_refused() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let scene = scene_from(&volume, 30.0);
+    let plan = plan(&container, &scene, 100);
+    let mut streamer = streamer_for(&container, &scene, &RenderOptions::default(), plan);
+    let key = BrickKey::new(Lod(0), BrickIndex([0; 3]));
+    let room = Room { bricks: usize::MAX, stop: Stop::NEVER, patience: None };
+    streamer.fetch(&[Field(0), Field(1)].map(|field| field.brick(key)), room).unwrap();
 }
 
 /// S32: a still camera reads nothing more once its bricks are in the cache.

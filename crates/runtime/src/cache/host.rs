@@ -1,4 +1,4 @@
-//! Things kept by brick key in host memory, within a number of bytes: decoded bricks.
+//! Things kept by field and brick in host memory, within a number of bytes: decoded bricks. The bytes are those of all fields together.
 //!
 //! Least recently used by *pass*: all bricks that one pass used are equally recent. Who may leave is the caller's to say
 //! ([`Victims`]); who leaves first among those is decided here. The budget is never exceeded: room is made before
@@ -8,10 +8,9 @@
 //! what they used; [`HostCache::victims`], [`HostCache::make_room`], [`HostCache::reserve`]; when a brick is here,
 //! [`HostCache::take_spares`] for its memory, [`HostCache::release`], [`HostCache::insert`].
 
-use supervol_format::BrickKey;
-
 use super::KeyMap;
 use crate::counters::StreamCounters;
+use crate::field::FieldBrick;
 
 /// Bytes that a brick costs besides its voxels and ranges: table entry and allocations.
 pub const BRICK_OVERHEAD_BYTES: u64 = 256;
@@ -56,9 +55,9 @@ pub enum Standing {
 #[derive(Debug, Default)]
 pub struct Victims {
     /// The next to leave last.
-    free: Vec<(BrickKey, u64)>,
+    free: Vec<(FieldBrick, u64)>,
     /// The next to leave last.
-    live: Vec<(BrickKey, u64)>,
+    live: Vec<(FieldBrick, u64)>,
     free_bytes: u64,
     live_bytes: u64,
 }
@@ -107,12 +106,12 @@ impl<T> HostCache<T> {
     /// The brick, if it is here.
     #[inline]
     #[must_use]
-    pub fn get(&self, key: BrickKey) -> Option<&T> {
+    pub fn get(&self, key: FieldBrick) -> Option<&T> {
         self.bricks.get(&key).map(|held| &held.brick)
     }
 
     /// Notes which bricks the current pass used, and how many it wanted in vain.
-    pub fn note_uses(&mut self, used: &[BrickKey], missed: u64) {
+    pub fn note_uses(&mut self, used: &[FieldBrick], missed: u64) {
         for key in used {
             if let Some(held) = self.bricks.get_mut(key) {
                 held.last_used = self.pass;
@@ -123,7 +122,7 @@ impl<T> HostCache<T> {
     }
 
     /// Bricks that may leave. `standing` is told the key and the pass in which the brick was last used.
-    pub fn victims(&self, standing: impl Fn(BrickKey, u64) -> Standing) -> Victims {
+    pub fn victims(&self, standing: impl Fn(FieldBrick, u64) -> Standing) -> Victims {
         let mut free = Vec::new();
         let mut live = Vec::new();
         for (&key, held) in &self.bricks {
@@ -136,10 +135,11 @@ impl<T> HostCache<T> {
         // The key breaks ties, so that the order does not depend on the table's.
         free.sort_unstable_by(|a, b| b.cmp(a));
         live.sort_unstable();
-        let strip = |v: Vec<(_, BrickKey, u64)>| v.into_iter().map(|(_, key, bytes)| (key, bytes)).collect::<Vec<_>>();
+        let strip =
+            |v: Vec<(_, FieldBrick, u64)>| v.into_iter().map(|(_, key, bytes)| (key, bytes)).collect::<Vec<_>>();
         let free = free.into_iter().map(|(_, key, bytes)| (key, bytes)).collect::<Vec<_>>();
-        let live: Vec<(BrickKey, u64)> = strip(live);
-        let sum = |v: &[(BrickKey, u64)]| v.iter().map(|(_, bytes)| bytes).sum();
+        let live: Vec<(FieldBrick, u64)> = strip(live);
+        let sum = |v: &[(FieldBrick, u64)]| v.iter().map(|(_, bytes)| bytes).sum();
         Victims { free_bytes: sum(&free), live_bytes: sum(&live), free, live }
     }
 
@@ -148,7 +148,7 @@ impl<T> HostCache<T> {
     ///
     /// # Errors
     /// The bytes that are missing where even all victims do not make enough room; then nothing was dropped.
-    pub fn make_room(&mut self, bytes: u64, victims: &mut Victims) -> Result<Vec<BrickKey>, u64> {
+    pub fn make_room(&mut self, bytes: u64, victims: &mut Victims) -> Result<Vec<FieldBrick>, u64> {
         let available = self.free_bytes() + victims.free_bytes + victims.live_bytes;
         if bytes > available {
             return Err(bytes - available);
@@ -177,7 +177,7 @@ impl<T> HostCache<T> {
 
     /// From now on the cache holds so many bytes. Returns what was dropped; the least recently used first, those that `stays`
     /// names last.
-    pub fn set_budget(&mut self, budget_bytes: u64, stays: impl Fn(BrickKey) -> bool) -> Vec<BrickKey> {
+    pub fn set_budget(&mut self, budget_bytes: u64, stays: impl Fn(FieldBrick) -> bool) -> Vec<FieldBrick> {
         let rank = |key| if stays(key) { Standing::Live(0) } else { Standing::Free };
         let mut victims = self.victims(|key, _| rank(key));
         let less = self.budget_bytes.saturating_sub(budget_bytes);
@@ -246,7 +246,7 @@ impl<T> HostCache<T> {
     ///
     /// # Panics
     /// If it is here already, or no room was made for it.
-    pub fn insert(&mut self, key: BrickKey, brick: T, bytes: u64) {
+    pub fn insert(&mut self, key: FieldBrick, brick: T, bytes: u64) {
         assert!(bytes <= self.free_bytes(), "{key} has {bytes} bytes, but only {} are free", self.free_bytes());
         let before = self.bricks.insert(key, Held { brick, bytes, last_used: self.pass });
         assert!(before.is_none(), "{key} is in the cache already");
@@ -274,7 +274,7 @@ impl<T> HostCache<T> {
     }
 
     /// Keys of all bricks, in no order.
-    pub fn keys(&self) -> impl Iterator<Item = BrickKey> + '_ {
+    pub fn keys(&self) -> impl Iterator<Item = FieldBrick> + '_ {
         self.bricks.keys().copied()
     }
 
@@ -306,10 +306,15 @@ impl<T> HostCache<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use supervol_format::{BrickIndex, Lod};
+    use crate::field::Field;
+    use supervol_format::{BrickIndex, BrickKey, Lod};
 
-    fn key(x: u32) -> BrickKey {
-        BrickKey::new(Lod(0), BrickIndex([x, 0, 0]))
+    fn key(x: u32) -> FieldBrick {
+        key_of(Field::FIRST, x)
+    }
+
+    fn key_of(field: Field, x: u32) -> FieldBrick {
+        field.brick(BrickKey::new(Lod(0), BrickIndex([x, 0, 0])))
     }
 
     fn full() -> HostCache<u32> {
@@ -335,7 +340,7 @@ mod tests {
     #[test]
     fn live_bricks_leave_last_and_the_farthest_of_them_first_and_kept_ones_never() {
         let mut cache = full();
-        let standing = |k: BrickKey, _| match k.brick().0[0] {
+        let standing = |k: FieldBrick, _| match k.brick.brick().0[0] {
             0 => Standing::Kept,
             3 => Standing::Free,
             x => Standing::Live(i64::from(x)),
@@ -355,6 +360,31 @@ mod tests {
         assert_eq!(cache.set_budget(9, |k| k == key(0)), [key(3), key(0)]);
         assert_eq!(cache.set_budget(90, |_| false), []);
         cache.insert(key(7), 7, 90);
+    }
+
+    #[test]
+    fn bricks_of_two_fields_at_one_place_are_two_in_the_bytes_and_in_the_order_in_which_they_leave() {
+        let [a, b, c] = [0, 1, 2].map(|field| key_of(Field(field), 5));
+        let mut cache = HostCache::new(20);
+        for (brick, key) in [(1, a), (2, b)] {
+            cache.begin_pass();
+            cache.insert(key, brick, 10);
+        }
+        assert_eq!((cache.get(a), cache.get(b), cache.get(c)), (Some(&1), Some(&2), None));
+        assert_eq!((cache.len(), cache.bytes(), cache.free_bytes()), (2, 20, 0));
+        let mut keys: Vec<FieldBrick> = cache.keys().collect();
+        keys.sort_unstable();
+        assert_eq!(keys, [a, b]);
+        // The older one is used once more: the other leaves for the third field, and it alone.
+        cache.begin_pass();
+        cache.note_uses(&[a, c], 0);
+        assert_eq!(cache.counters().uses, 1);
+        let mut victims = cache.victims(|_, _| Standing::Free);
+        assert_eq!(cache.make_room(10, &mut victims), Ok(vec![b]));
+        cache.insert(c, 3, 10);
+        assert_eq!((cache.get(a), cache.get(b), cache.get(c)), (Some(&1), None, Some(&3)));
+        assert_eq!(cache.set_budget(10, |key| key == a), [c]);
+        assert_eq!((cache.get(a), cache.get(c), cache.bytes()), (Some(&1), None, 10));
     }
 
     #[test]

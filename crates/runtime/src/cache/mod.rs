@@ -8,13 +8,13 @@ pub mod host;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
-use supervol_format::BrickKey;
+use crate::field::FieldBrick;
 
-/// A map from brick keys. Rays look bricks up millions of times per frame; keys come from our own arithmetic and need no
+/// A map from bricks of fields. Rays look bricks up millions of times per frame; keys come from our own arithmetic and need no
 /// protection against chosen collisions, so one multiplication replaces the standard hash.
-pub type KeyMap<T> = HashMap<BrickKey, T, BuildHasherDefault<KeyHasher>>;
+pub type KeyMap<T> = HashMap<FieldBrick, T, BuildHasherDefault<KeyHasher>>;
 
-/// Hash of the 64 bits of a brick key: the two halves of a product with an odd constant, folded.
+/// Hash of the one word that stands for a brick of a field: the two halves of a product with an odd constant, folded.
 #[derive(Debug, Default, Clone, Copy)]
 pub struct KeyHasher(u64);
 
@@ -43,20 +43,37 @@ impl Hasher for KeyHasher {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use supervol_format::{BrickIndex, Lod};
+    use crate::field::Field;
+    use std::hash::BuildHasher;
+    use supervol_format::{BrickIndex, BrickKey, Lod};
+
+    fn hash_of(key: FieldBrick) -> u64 {
+        BuildHasherDefault::<KeyHasher>::default().hash_one(key)
+    }
+
+    /// Whether 4096 hashes fall evenly into 128 bins by their lowest bits, and by their highest.
+    fn are_spread(hashes: impl Iterator<Item = u64>) -> bool {
+        let mut bins = [[0u32; 128]; 2];
+        for hash in hashes {
+            bins[0][(hash & 127) as usize] += 1;
+            bins[1][(hash >> 57) as usize] += 1;
+        }
+        assert_eq!(bins.map(|counts| counts.iter().sum::<u32>()), [4096; 2]);
+        // 32 keys per bin on average; a Poisson count above 80 has a chance below 1e-11.
+        bins.iter().flatten().all(|&n| n < 80)
+    }
 
     #[test]
     fn neighbouring_keys_spread_over_low_and_high_bits() {
-        let mut low = [0u32; 128];
-        let mut high = [0u32; 128];
-        for i in 0..4096u32 {
-            let key = BrickKey::new(Lod((i >> 9) as u8), BrickIndex([i & 7, i >> 3 & 7, i >> 6 & 7]));
-            let mut hasher = KeyHasher::default();
-            hasher.write_u64(key.bits());
-            low[(hasher.finish() & 127) as usize] += 1;
-            high[(hasher.finish() >> 57) as usize] += 1;
-        }
-        // 32 keys per bin on average; a Poisson count above 80 has a chance below 1e-11.
-        assert!(low.iter().chain(&high).all(|&n| n < 80), "{low:?} {high:?}");
+        let place = |i: u32| BrickIndex([i & 7, i >> 3 & 7, i >> 6 & 7]);
+        let keys = (0..4096u32).map(|i| BrickKey::new(Lod((i >> 9) as u8), place(i)));
+        assert!(are_spread(keys.map(|key| hash_of(Field::FIRST.brick(key)))));
+    }
+
+    #[test]
+    fn bricks_of_many_fields_at_few_places_spread_as_well() {
+        let key = |i: u32| BrickKey::new(Lod(0), BrickIndex([i & 3, i >> 2 & 3, i >> 4 & 3]));
+        assert!(are_spread((0..4096u32).map(|i| hash_of(Field((i >> 6) as u16).brick(key(i))))));
+        assert!(are_spread((0..4096).map(|field| hash_of(Field(field).brick(key(0))))));
     }
 }

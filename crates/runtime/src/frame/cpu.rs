@@ -125,8 +125,8 @@ impl Engine for CpuCaster {
         self.counters.add(&feedback.counters);
         Ok(Advance {
             remaining: feedback.misses.iter().map(|miss| miss.rays).sum(),
-            wanted: feedback.misses.into_iter().map(|miss| miss.key).collect(),
-            used: feedback.uses,
+            wanted: view.field().bricks(feedback.misses.into_iter().map(|miss| miss.key)),
+            used: view.field().bricks(feedback.uses),
             stood_in: feedback.counters.parent_bricks,
             is_stopped: feedback.is_stopped,
         })

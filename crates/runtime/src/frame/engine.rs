@@ -13,11 +13,10 @@
 
 use std::ops::Range;
 
-use supervol_format::BrickKey;
-
 use super::RenderError;
 use super::maps::Maps;
 use crate::counters::RayCounters;
+use crate::field::FieldBrick;
 use crate::image::Image;
 use crate::raycast::gpu::GpuStats;
 use crate::stop::Stop;
@@ -28,9 +27,9 @@ use crate::streamer::{Fetched, HostView};
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Advance {
     /// Bricks that it waits for, each once.
-    pub wanted: Vec<BrickKey>,
+    pub wanted: Vec<FieldBrick>,
     /// Resident bricks that it used, each once.
-    pub used: Vec<BrickKey>,
+    pub used: Vec<FieldBrick>,
     /// What is not finished, in units of the engine's own (rays, slices); 0 where the band is done.
     pub remaining: u64,
     /// Times a coarser brick stood in for one that was wanted.

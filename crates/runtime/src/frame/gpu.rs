@@ -16,6 +16,7 @@ use super::walk::FinishedBands;
 use super::{FrameWalk, RenderError, RenderOptions, plan_host_for, streamer_for};
 use crate::counters::{DeviceCounters, RayCounters};
 use crate::facts::value_map;
+use crate::field::FieldBrick;
 use crate::image::Image;
 use crate::lod::LodChoice;
 use crate::lod::deviation::{Deviation, Deviations};
@@ -219,9 +220,9 @@ impl GpuBackend {
             }
         };
         if !keeps_answers {
-            let is_too_coarse = |key: &BrickKey| streamer.is_too_coarse(*key);
-            let keys: Vec<BrickKey> = renderer.resident().filter(is_too_coarse).collect();
-            keys.into_iter().for_each(|key| renderer.set_state(key, PageEntry::TooCoarse));
+            let is_too_coarse = |key: &FieldBrick| streamer.is_too_coarse(*key);
+            let keys: Vec<FieldBrick> = renderer.resident().filter(is_too_coarse).collect();
+            keys.into_iter().for_each(|key| renderer.set_state(key.brick, PageEntry::TooCoarse));
         }
         Ok(GpuCaster {
             before,
@@ -364,8 +365,8 @@ impl Engine for GpuCaster {
         let feedback = self.renderer.cast_pass_until(&stop)?;
         self.counters.add(&feedback.counters);
         Ok(Advance {
-            wanted: feedback.misses.into_iter().map(|miss| miss.key).collect(),
-            used: feedback.uses,
+            wanted: view.field().bricks(feedback.misses.into_iter().map(|miss| miss.key)),
+            used: view.field().bricks(feedback.uses),
             remaining: feedback.unfinished_rays,
             stood_in: feedback.counters.parent_bricks,
             is_stopped: feedback.is_stopped,
@@ -373,8 +374,8 @@ impl Engine for GpuCaster {
     }
 
     fn update(&mut self, view: &HostView<'_>, fetched: &Fetched) -> Result<(), RenderError> {
-        fetched.answered.iter().chain(&fetched.neighbours).for_each(|&key| self.answer(view, key));
-        fetched.bricks.iter().try_for_each(|&key| self.insert(view, key))
+        fetched.answered.iter().chain(&fetched.neighbours).for_each(|key| self.answer(view, key.brick));
+        fetched.bricks.iter().try_for_each(|key| self.insert(view, key.brick))
     }
 
     fn image(&mut self) -> Result<Image, RenderError> {

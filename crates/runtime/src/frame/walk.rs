@@ -3,12 +3,13 @@
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-use supervol_format::{BrickKey, Lod};
+use supervol_format::Lod;
 
 use super::engine::{Advance, Engine, InSteps};
 use super::maps::Maps;
 use super::{LevelChoice, Progress, RenderError, RenderOptions, check, predict};
 use crate::counters::milliseconds;
+use crate::field::{Field, FieldBrick};
 use crate::image::Image;
 use crate::stats::FrameStats;
 use crate::stop::{LEAST_STEP, Stop};
@@ -57,7 +58,7 @@ pub struct FinishedBands {
     rows: u32,
     count: u64,
     /// What the rays of the band in progress wait for.
-    wanted: Vec<BrickKey>,
+    wanted: Vec<FieldBrick>,
 }
 
 impl FinishedBands {
@@ -191,7 +192,7 @@ impl<'a> FrameWalk<'a> {
 
     /// The passes of a band until nothing of it waits. Where it is cancelled, `wanted` has what its rays wait for: that is
     /// fetched first when it goes on, since a pass may take longer than there is time.
-    fn complete_band(&mut self, engine: &mut dyn Engine, wanted: &mut Vec<BrickKey>) -> Result<(), RenderError> {
+    fn complete_band(&mut self, engine: &mut dyn Engine, wanted: &mut Vec<FieldBrick>) -> Result<(), RenderError> {
         let mut remaining = 0;
         for pass in 1..=PASS_LIMIT {
             if self.stop.is_cancelled() {
@@ -272,7 +273,7 @@ impl<'a> FrameWalk<'a> {
     fn fetch(
         &mut self,
         pass: u64,
-        (wanted, remaining): (&[BrickKey], u64),
+        (wanted, remaining): (&[FieldBrick], u64),
         engine: &mut dyn Engine,
         patience: Option<Duration>,
     ) -> Result<(), RenderError> {
@@ -305,7 +306,7 @@ impl<'a> FrameWalk<'a> {
             if is_optional && (lod < finest || kept > most || self.start.elapsed() >= time) {
                 break;
             }
-            let keys: Vec<BrickKey> = pyramid.keys_of(lod).collect();
+            let keys = Field::FIRST.bricks(pyramid.keys_of(lod));
             // A level that there is no time for is kept as far as it came.
             let stop = self.stop.instead_at(is_optional.then(|| self.start + time));
             let room = Room { bricks: engine.room(), stop, patience: None };
@@ -327,7 +328,7 @@ impl<'a> FrameWalk<'a> {
 }
 
 /// A mistake of ours: the engine waits, and nothing could be done for it.
-fn no_progress(pass: u64, wanted: &[BrickKey], remaining: u64) -> RenderError {
+fn no_progress(pass: u64, wanted: &[FieldBrick], remaining: u64) -> RenderError {
     let first = wanted.first().map_or("none".into(), ToString::to_string);
     RenderError::NoProgress { pass, remaining, wanted: wanted.len(), first }
 }

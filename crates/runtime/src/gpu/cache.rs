@@ -10,6 +10,7 @@ use super::deviations::DeviationTable;
 use super::device::{GpuDevice, GpuError};
 use super::layout::SlotGrid;
 use super::memory::{MemoryPlan, TEXTURE_LIMIT};
+use super::page_table::PageTable;
 use super::slots::SlotIndex;
 
 /// How voxels are stored in the cache textures.
@@ -108,6 +109,8 @@ pub struct GpuCache {
     pub views: Vec<wgpu::TextureView>,
     /// Page table.
     pub page_table: wgpu::Buffer,
+    /// Whose its entries are, and what is not written yet.
+    pub pages: PageTable,
     /// Macro ranges of all slots, whatever the look.
     pub macro_ranges: wgpu::Buffer,
     /// How far each of these is from one that shows something under the look.
@@ -116,8 +119,6 @@ pub struct GpuCache {
     pub slot_list: wgpu::Buffer,
     /// What bricks may be off by.
     pub deviations: DeviationTable,
-    /// Page table entries to be written before the next pass: (entry, (state, payload)), in the order of the calls.
-    pending: Vec<(u32, [u32; 2])>,
     storage: VoxelStorage,
     /// Texels of a slot along x, y and z.
     slot: [u32; 3],
@@ -139,19 +140,17 @@ pub struct CacheShape<'a> {
     pub edge: u32,
     /// Macro cells of a slot.
     pub cells: usize,
-    /// Page table entries.
-    pub entries: u64,
     /// Whether it will be asked what bricks may be off by.
     pub sums_errors: bool,
 }
 
 impl GpuCache {
-    /// Allocates everything; all entries are missing (zero).
+    /// Allocates everything; all entries of `pages` are missing (zero).
     ///
     /// # Errors
     /// Out of memory, or a size the device refuses.
-    pub fn new(gpu: &GpuDevice, shape: &CacheShape<'_>) -> Result<Self, GpuError> {
-        let CacheShape { plan, storage, edge, cells, entries, sums_errors } = *shape;
+    pub fn new(gpu: &GpuDevice, shape: &CacheShape<'_>, pages: PageTable) -> Result<Self, GpuError> {
+        let CacheShape { plan, storage, edge, cells, sums_errors } = *shape;
         let slot = storage.texels([edge; 3]);
         let mut grids = [SlotGrid { slots: [1; 3], first: u32::MAX }; TEXTURE_LIMIT];
         let mut textures = Vec::new();
@@ -166,7 +165,7 @@ impl GpuCache {
         let views = (0..TEXTURE_LIMIT)
             .map(|i| textures.get(i).unwrap_or(&dummy).create_view(&wgpu::TextureViewDescriptor::default()))
             .collect();
-        let page_table = gpu.buffer("the page table", entries * 8, wgpu::BufferUsages::STORAGE)?;
+        let page_table = gpu.buffer("the page table", pages.count() * 8, wgpu::BufferUsages::STORAGE)?;
         let ranges = plan.slots * cells as u64 * 8;
         let macro_ranges = gpu.buffer("the macro ranges", ranges, wgpu::BufferUsages::STORAGE)?;
         let proximity = gpu.buffer("proximity", ranges / 2, wgpu::BufferUsages::STORAGE)?;
@@ -177,11 +176,11 @@ impl GpuCache {
             grids,
             views,
             page_table,
+            pages,
             macro_ranges,
             proximity,
             slot_list,
             deviations: DeviationTable::new(gpu, sums_errors)?,
-            pending: Vec::new(),
             storage,
             slot,
             cells,
@@ -250,24 +249,13 @@ impl GpuCache {
         Ok(())
     }
 
-    /// Notes what an entry of the page table becomes before the next pass.
-    pub fn set_page(&mut self, entry: u32, page: [u32; 2]) {
-        self.pending.push((entry, page));
-    }
-
-    /// Writes the noted entries: runs of neighbours at once, the last note of an entry wins; and the deviations that they number.
+    /// Writes the noted entries, runs of neighbours at once, and the deviations that they number.
     ///
     /// # Errors
     /// A lost device.
     pub fn flush_pages(&mut self) -> Result<(), GpuError> {
         self.deviations.flush();
-        let mut pending = std::mem::take(&mut self.pending);
-        // A stable sort keeps the notes of one entry in order; of these only the last is kept.
-        pending.sort_by_key(|&(entry, _)| entry);
-        pending.reverse();
-        pending.dedup_by_key(|&mut (entry, _)| entry);
-        pending.reverse();
-        for run in pending.chunk_by(|a, b| a.0 + 1 == b.0) {
+        for run in self.pages.take_changes().chunk_by(|a, b| a.0 + 1 == b.0) {
             let pages: Vec<[u32; 2]> = run.iter().map(|&(_, page)| page).collect();
             self.make_room(8 * pages.len() as u64)?;
             self.gpu.write_buffer(&self.page_table, 8 * u64::from(run[0].0), bytemuck::cast_slice(&pages));
@@ -283,7 +271,7 @@ impl GpuCache {
 
     /// Forgets what all entries of the page table are: all are missing.
     pub fn clear_pages(&mut self) {
-        self.pending.clear();
+        self.pages.clear();
         self.deviations.clear();
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         encoder.clear_buffer(&self.page_table, 0, None);

@@ -10,6 +10,7 @@
 //! - [`rays`]: pixels to rays that hold no large number in an `f32`;
 //! - [`scene_tables`]: a scene as the shaders read it;
 //! - [`slots`]: which brick sits in which slot, and who must leave;
+//! - [`page_table`]: which of its entries is whose;
 //! - [`cache`]: the cache textures, the page table and the macro ranges on the GPU;
 //! - [`deviations`]: what bricks may be off by;
 //! - [`table`]: what shaders look up at any place;
@@ -26,6 +27,7 @@ pub mod layout;
 pub mod light;
 pub mod light_table;
 pub mod memory;
+pub mod page_table;
 pub mod pipelines;
 pub mod ray_parts;
 pub mod rays;

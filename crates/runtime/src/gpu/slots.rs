@@ -1,11 +1,11 @@
-//! Which brick sits in which slot, and which one must leave when another comes.
+//! Which brick of which field sits in which slot, and which one must leave when another comes.
 //!
 //! Order of eviction: least recently used first, where "used" means that a ray sampled the slot in a pass. A brick
-//! inserted since the last pass is never evicted: some ray waits for it and has not seen it yet.
+//! inserted since the last pass is never evicted: some ray waits for it and has not seen it yet. All fields share the slots.
 
 use std::collections::{BTreeSet, HashMap};
 
-use supervol_format::BrickKey;
+use crate::field::FieldBrick;
 
 /// Number of a slot: below the capacity of the cache textures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -15,11 +15,11 @@ pub struct SlotIndex(pub u32);
 #[derive(Debug)]
 pub struct Slots {
     /// Key of each slot; `None` where it is free.
-    keys: Vec<Option<BrickKey>>,
+    keys: Vec<Option<FieldBrick>>,
     /// Pass in which each slot was last used or filled.
     stamps: Vec<u64>,
     /// Where each resident brick sits.
-    places: HashMap<BrickKey, SlotIndex>,
+    places: HashMap<FieldBrick, SlotIndex>,
     /// Occupied slots by age: the first is the first to leave.
     by_age: BTreeSet<(u64, SlotIndex)>,
     /// Free slots, the next to be taken last.
@@ -72,24 +72,24 @@ impl Slots {
 
     /// Where a brick sits, if it is resident.
     #[must_use]
-    pub fn place(&self, key: BrickKey) -> Option<SlotIndex> {
+    pub fn place(&self, key: FieldBrick) -> Option<SlotIndex> {
         self.places.get(&key).copied()
     }
 
     /// The brick in a slot.
     #[must_use]
-    pub fn key(&self, slot: SlotIndex) -> Option<BrickKey> {
+    pub fn key(&self, slot: SlotIndex) -> Option<FieldBrick> {
         self.keys[slot.0 as usize]
     }
 
     /// All bricks and their slots.
-    pub fn iter(&self) -> impl Iterator<Item = (BrickKey, SlotIndex)> + '_ {
+    pub fn iter(&self) -> impl Iterator<Item = (FieldBrick, SlotIndex)> + '_ {
         (0u32..).zip(&self.keys).filter_map(|(slot, key)| Some(((*key)?, SlotIndex(slot))))
     }
 
     /// Gives the brick a slot and names the brick that had to leave it; `None` where every slot holds a brick that was
     /// inserted since the last pass. A brick that is already resident keeps its slot.
-    pub fn insert(&mut self, key: BrickKey) -> Option<(SlotIndex, Option<BrickKey>)> {
+    pub fn insert(&mut self, key: FieldBrick) -> Option<(SlotIndex, Option<FieldBrick>)> {
         if let Some(slot) = self.place(key) {
             self.touch(slot, self.pass);
             return Some((slot, None));
@@ -115,7 +115,7 @@ impl Slots {
     }
 
     /// Frees the brick's slot, if it has one.
-    pub fn remove(&mut self, key: BrickKey) -> Option<SlotIndex> {
+    pub fn remove(&mut self, key: FieldBrick) -> Option<SlotIndex> {
         let slot = self.places.remove(&key)?;
         let i = slot.0 as usize;
         self.by_age.remove(&(self.stamps[i], slot));
@@ -146,10 +146,15 @@ impl Slots {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use supervol_format::{BrickIndex, Lod};
+    use crate::field::Field;
+    use supervol_format::{BrickIndex, BrickKey, Lod};
 
-    fn key(x: u32) -> BrickKey {
-        BrickKey::new(Lod(0), BrickIndex([x, 0, 0]))
+    fn key(x: u32) -> FieldBrick {
+        key_of(Field::FIRST, x)
+    }
+
+    fn key_of(field: Field, x: u32) -> FieldBrick {
+        field.brick(BrickKey::new(Lod(0), BrickIndex([x, 0, 0])))
     }
 
     #[test]
@@ -164,6 +169,24 @@ mod tests {
         assert_eq!(slots.place(key(1)), None);
         assert_eq!(slots.occupied(), 2);
         assert_eq!([1, 2, 3, 4].map(|pass| slots.used_since(pass)), [2, 2, 1, 0], "{}", slots.coming_pass());
+    }
+
+    #[test]
+    fn bricks_of_two_fields_at_one_place_take_two_slots_and_leave_one_by_one() {
+        let mut slots = Slots::new(2);
+        let [a, b, c] = [0, 1, 2].map(|field| key_of(Field(field), 3));
+        let (slot_a, _) = slots.insert(a).unwrap();
+        let (slot_b, _) = slots.insert(b).unwrap();
+        assert!(slot_a != slot_b);
+        assert_eq!((slots.place(a), slots.place(b), slots.occupied()), (Some(slot_a), Some(slot_b), 2));
+        assert_eq!((slots.key(slot_a), slots.key(slot_b)), (Some(a), Some(b)));
+        assert_eq!(slots.insert(c), None, "both slots are taken");
+        slots.end_pass([]);
+        slots.end_pass([slot_a]);
+        assert_eq!(slots.insert(c), Some((slot_b, Some(b))), "the one that was not used leaves");
+        assert_eq!([a, b, c].map(|key| slots.place(key)), [Some(slot_a), None, Some(slot_b)]);
+        assert_eq!((slots.remove(b), slots.remove(c), slots.occupied()), (None, Some(slot_b), 1));
+        assert_eq!(slots.iter().collect::<Vec<_>>(), [(a, slot_a)]);
     }
 
     #[test]

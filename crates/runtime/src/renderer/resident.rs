@@ -6,6 +6,7 @@ use supervol_format::{BrickIndex, BrickKey, Container, Lod};
 
 use super::spread::{Spread, values_of};
 use crate::facts::value_map;
+use crate::field::Field;
 use crate::frame::{LevelChoice, RenderError, RenderOptions, classifier_for, plan_host_for, streamer_for};
 use crate::raycast::cpu::{BrickPlans, CpuFrame, Made};
 use crate::raycast::volume::{BrickView, Resident as Brick};
@@ -120,8 +121,10 @@ impl Resident {
         let coarsest = BrickKey::new(container.pyramid().coarsest(), BrickIndex([0; 3]));
         self.streamer.begin_frame();
         self.streamer.begin_band();
-        self.streamer
-            .fetch_to_keep(&[coarsest], Room { bricks: usize::MAX, stop: stop.instead_at(None), patience: None })?;
+        self.streamer.fetch_to_keep(
+            &[Field::FIRST.brick(coarsest)],
+            Room { bricks: usize::MAX, stop: stop.instead_at(None), patience: None },
+        )?;
         let map = value_map(&container);
         let coarsest_values = match self.streamer.view(OnMissing::UseParent).stand_in(coarsest) {
             Brick::Brick(brick) => {

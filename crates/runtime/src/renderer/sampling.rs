@@ -12,6 +12,7 @@ use supervol_format::{BrickIndex, BrickKey, Geometry, Lod, Pyramid};
 
 use super::layers::scale_of;
 use crate::facts::value_map;
+use crate::field::{Field, FieldBrick};
 use crate::frame::RenderError;
 use crate::raycast::volume::{BrickView, DecodedBrick, Resident, ValueMap, Voxels};
 use crate::slices::{Interpolation, interpolate};
@@ -63,7 +64,7 @@ impl<'a> Sampler<'a> {
         streamer.begin_band();
         if stop.deadline().is_some() {
             // What stands in when the time is up.
-            let coarsest: Vec<BrickKey> = pyramid.keys_of(pyramid.coarsest()).collect();
+            let coarsest = Field::FIRST.bricks(pyramid.keys_of(pyramid.coarsest()));
             streamer
                 .fetch_to_keep(&coarsest, Room { bricks: usize::MAX, stop: stop.instead_at(None), patience: None })?;
         }
@@ -122,7 +123,7 @@ impl<'a> Sampler<'a> {
                 misses.extend(task.misses);
                 uses.extend(task.uses);
             }
-            let [misses, uses] = [misses, uses].map(|keys: BTreeSet<BrickKey>| keys.into_iter().collect::<Vec<_>>());
+            let [misses, uses] = [misses, uses].map(|keys: BTreeSet<BrickKey>| view.field().bricks(keys));
             self.streamer.note_uses(&uses, misses.len() as u64);
             if !misses.is_empty() {
                 self.fetch(&misses, chunk.waiting.len())?;
@@ -134,7 +135,7 @@ impl<'a> Sampler<'a> {
         Ok(true)
     }
 
-    fn fetch(&mut self, misses: &[BrickKey], waiting: usize) -> Result<(), RenderError> {
+    fn fetch(&mut self, misses: &[FieldBrick], waiting: usize) -> Result<(), RenderError> {
         let room = Room { bricks: usize::MAX, stop: self.stop.clone(), patience: None };
         let fetched = self.streamer.fetch(misses, room)?;
         if fetched.is_progress() || self.stop.is_due() {

@@ -6,9 +6,8 @@
 //! ray of this frame will want, and only while bricks at or behind the frontier fill no more than `AHEAD_SHARE` of the
 //! cache. So the frontier always finds room that is not live, and no brick is fetched twice.
 
-use supervol_format::BrickKey;
-
 use super::priority::Rank;
+use crate::field::FieldBrick;
 
 /// Part of the cache, as a divisor, that bricks at or behind the frontier may fill: one half.
 const AHEAD_SHARE: u64 = 2;
@@ -17,7 +16,7 @@ const AHEAD_SHARE: u64 = 2;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Candidate {
     /// The brick.
-    pub key: BrickKey,
+    pub key: FieldBrick,
     /// Its place in the front-to-back order.
     pub rank: Rank,
     /// Bytes it will take in the host cache; 0 where it is there already.
@@ -73,10 +72,11 @@ pub fn admit(candidates: &[Candidate], frontier: Rank, supply: Supply) -> usize 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use supervol_format::{BrickIndex, Lod};
+    use crate::field::Field;
+    use supervol_format::{BrickIndex, BrickKey, Lod};
 
     fn candidates(ranks: &[Rank]) -> Vec<Candidate> {
-        let key = BrickKey::new(Lod(0), BrickIndex([0; 3]));
+        let key = Field::FIRST.brick(BrickKey::new(Lod(0), BrickIndex([0; 3])));
         ranks.iter().map(|&rank| Candidate { key, rank, bytes: 10 }).collect()
     }
 

@@ -4,18 +4,19 @@
 //! is an answer like any other; nothing here stops a frame.
 
 use rayon::prelude::*;
+use supervol_format::Container;
 use supervol_format::container::ContainerError;
 use supervol_format::container::toc::BrickEntry;
-use supervol_format::{BrickKey, Container};
 
 use super::io::Record;
+use crate::field::FieldBrick;
 use crate::raycast::volume::{DecodedBrick, ValueMap};
 
 /// A record that was read, with its TOC entry.
 #[derive(Debug)]
 pub struct Encoded {
     /// The brick.
-    pub key: BrickKey,
+    pub key: FieldBrick,
     /// Its entry.
     pub entry: BrickEntry,
     /// Its record.
@@ -30,7 +31,7 @@ pub fn decode_bricks(
     container: &Container,
     map: &ValueMap,
     bricks: Vec<Encoded>,
-) -> Vec<(BrickKey, Result<DecodedBrick, ContainerError>)> {
+) -> Vec<(FieldBrick, Result<DecodedBrick, ContainerError>)> {
     bricks
         .into_par_iter()
         .map_init(Vec::new, |voxels, brick| (brick.key, decode(container, map, brick, voxels)))
@@ -44,7 +45,7 @@ fn decode(
     brick: Encoded,
     voxels: &mut Vec<u8>,
 ) -> Result<DecodedBrick, ContainerError> {
-    let Encoded { key, entry, record, spare } = brick;
+    let Encoded { key: FieldBrick { brick: key, .. }, entry, record, spare } = brick;
     let shape = container.shape(key);
     voxels.clear();
     voxels.resize(shape.bytes(), 0);

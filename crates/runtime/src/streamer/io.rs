@@ -10,11 +10,11 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use supervol_format::BrickKey;
 use supervol_format::byte_source::ReadShape;
 use supervol_format::container::ContainerError;
 
 use crate::counters::{StreamCounters, milliseconds};
+use crate::field::FieldBrick;
 use crate::stop::Stop;
 
 /// How long to wait before a read is tried again whose failure may pass by itself; as often as there are entries.
@@ -24,7 +24,7 @@ pub const RETRY_AFTER: [Duration; 2] = [Duration::from_millis(20), Duration::fro
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RecordRequest {
     /// The brick.
-    pub key: BrickKey,
+    pub key: FieldBrick,
     /// Offset of its record, bytes.
     pub offset: u64,
     /// Length of its record, bytes.
@@ -67,7 +67,7 @@ impl MergedRead {
 pub type ReadAt<'a> = dyn Fn(u64, &mut [u8]) -> Result<(), ContainerError> + 'a;
 
 /// A record that was read, or why not.
-pub type Answer = (BrickKey, Result<Record, ContainerError>);
+pub type Answer = (FieldBrick, Result<Record, ContainerError>);
 
 /// Reads what is read at once.
 pub fn read_merged(read_at: &ReadAt<'_>, merged: &MergedRead, counters: &mut StreamCounters) -> Vec<Answer> {
@@ -166,9 +166,10 @@ pub fn merge(mut requests: Vec<RecordRequest>, shape: ReadShape, most_bytes: u64
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::field::Field;
     use std::cell::Cell;
     use std::io;
-    use supervol_format::{BrickIndex, Lod};
+    use supervol_format::{BrickIndex, BrickKey, Lod};
 
     const SHAPE: ReadShape = ReadShape::FILE;
     const GAP_BYTES: u64 = SHAPE.gap_bytes;
@@ -190,7 +191,7 @@ mod tests {
     }
 
     fn request(x: u32, offset: u64, bytes: u64) -> RecordRequest {
-        RecordRequest { key: BrickKey::new(Lod(0), BrickIndex([x, 0, 0])), offset, bytes }
+        RecordRequest { key: Field::FIRST.brick(BrickKey::new(Lod(0), BrickIndex([x, 0, 0]))), offset, bytes }
     }
 
     fn broken(offset: u64, buffer: &[u8]) -> ContainerError {

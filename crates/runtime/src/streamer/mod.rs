@@ -34,11 +34,12 @@ use std::time::{Duration, Instant};
 
 use supervol_format::container::toc::{BrickEntry, ENTRIES_PER_PAGE};
 use supervol_format::readable::Mib;
-use supervol_format::{BrickKey, Container, Lod};
+use supervol_format::{Container, Lod};
 
 use crate::cache::KeyMap;
 use crate::cache::host::{HostCache, Standing, Victims};
 use crate::counters::{StreamCounters, milliseconds};
+use crate::field::{Field, FieldBrick};
 use crate::raycast::volume::{DecodedBrick, ValueMap};
 use crate::stop::Stop;
 use budget::{HostPlan, decoded_bytes};
@@ -56,7 +57,7 @@ pub enum StreamError {
     #[error("the host cache of {} has no room for {key}: {} more are needed", Mib(*budget_bytes), Mib(*missing_bytes))]
     NoRoom {
         /// The brick that comes first.
-        key: BrickKey,
+        key: FieldBrick,
         /// Size of the cache.
         budget_bytes: u64,
         /// What it lacks.
@@ -82,11 +83,11 @@ pub struct Room {
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Fetched {
     /// Wanted bricks that are in the host cache now, front to back; at most as many as there was room for.
-    pub bricks: Vec<BrickKey>,
+    pub bricks: Vec<FieldBrick>,
     /// Wanted bricks that are nothing, uniform, too coarse, or failed: there is an answer, but no brick.
-    pub answered: Vec<BrickKey>,
+    pub answered: Vec<FieldBrick>,
     /// Other bricks that are known to be nothing, uniform or too coarse since this tick.
-    pub neighbours: Vec<BrickKey>,
+    pub neighbours: Vec<FieldBrick>,
     /// Wanted bricks that are being read, or must wait for a later tick.
     pub left: usize,
 }
@@ -130,7 +131,7 @@ pub struct Streamer {
     /// What the last request wanted.
     wanted: KeyMap<()>,
     /// Bricks left in `Queued` by the last request.
-    queued: Vec<BrickKey>,
+    queued: Vec<FieldBrick>,
     /// Of these: bricks that there is room for, front to back, and who leaves for them.
     due: VecDeque<Load>,
     victims: Victims,
@@ -168,7 +169,7 @@ enum Purpose {
 /// A brick to be read.
 #[derive(Debug, Clone, Copy)]
 struct Load {
-    key: BrickKey,
+    key: FieldBrick,
     entry: BrickEntry,
     bytes: u64,
 }
@@ -271,8 +272,8 @@ impl Streamer {
 
     /// Whether the table of contents says that the brick must not be drawn while its children can be.
     #[must_use]
-    pub fn is_too_coarse(&self, key: BrickKey) -> bool {
-        self.container.entry(key).is_ok_and(|entry| self.class_of(key, &entry) == Class::TooCoarse)
+    pub fn is_too_coarse(&self, key: FieldBrick) -> bool {
+        self.container.entry(key.brick).is_ok_and(|entry| self.class_of(key, &entry) == Class::TooCoarse)
     }
 
     /// A new pass begins, with some of what has come since the last one: when that ended it may have been too late to take anything.
@@ -281,14 +282,14 @@ impl Streamer {
         self.take_arrived();
     }
 
-    /// What the ray caster may read in this pass.
+    /// What the ray caster may read in this pass: the container's one field.
     #[must_use]
     pub fn view(&self, on_missing: OnMissing) -> HostView<'_> {
-        HostView::new(&self.container, &self.states, &self.cache, &self.stand_ins, on_missing)
+        HostView::new(Field::FIRST, &self.container, &self.states, &self.cache, &self.stand_ins, on_missing)
     }
 
     /// The bricks that the pass used, and how many it wanted in vain.
-    pub fn note_uses(&mut self, used: &[BrickKey], missed: u64) {
+    pub fn note_uses(&mut self, used: &[FieldBrick], missed: u64) {
         let start = Instant::now();
         self.cache.note_uses(used, missed);
         if self.drawn.len() > self.plan.state_limit {
@@ -296,7 +297,7 @@ impl Streamer {
         }
         for &key in used {
             if self.drawn.insert(key, ()).is_none()
-                && let Ok(entry) = self.container.entry(key)
+                && let Ok(entry) = self.container.entry(key.brick)
             {
                 self.count_error(key, &entry);
             }
@@ -304,8 +305,8 @@ impl Streamer {
         self.counters.plan_ms += milliseconds(start.elapsed());
     }
 
-    fn count_error(&mut self, key: BrickKey, entry: &BrickEntry) {
-        let has_bound = self.classifier.has_bound(key, entry, || may_have_holes(&self.container, key, entry));
+    fn count_error(&mut self, FieldBrick { brick, .. }: FieldBrick, entry: &BrickEntry) {
+        let has_bound = self.classifier.has_bound(brick, entry, || may_have_holes(&self.container, brick, entry));
         self.drawn_errors.without_bound += u64::from(!has_bound);
         let data_error = entry.error * self.container.descriptor().scale.abs();
         self.drawn_errors.bound = self.drawn_errors.bound.max(data_error);
@@ -315,7 +316,10 @@ impl Streamer {
     ///
     /// # Errors
     /// As [`Self::fetch`].
-    pub fn fetch_to_keep(&mut self, keys: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
+    ///
+    /// # Panics
+    /// As [`Self::fetch`].
+    pub fn fetch_to_keep(&mut self, keys: &[FieldBrick], room: Room) -> Result<Fetched, StreamError> {
         self.kept.extend(keys.iter().map(|&key| (key, ())));
         let fetched = self.fetch_for(Purpose::StandIn, keys, room)?;
         self.kept.retain(|&key, ()| self.cache.get(key).is_some());
@@ -329,11 +333,17 @@ impl Streamer {
     ///
     /// # Errors
     /// If nothing could be answered, because the bricks that stay leave no room for one more.
-    pub fn fetch(&mut self, wanted: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
+    ///
+    /// # Panics
+    /// If a brick is of a field that the container does not have.
+    pub fn fetch(&mut self, wanted: &[FieldBrick], room: Room) -> Result<Fetched, StreamError> {
         self.fetch_for(Purpose::Draw, wanted, room)
     }
 
-    fn fetch_for(&mut self, purpose: Purpose, wanted: &[BrickKey], room: Room) -> Result<Fetched, StreamError> {
+    fn fetch_for(&mut self, purpose: Purpose, wanted: &[FieldBrick], room: Room) -> Result<Fetched, StreamError> {
+        if let Some(other) = wanted.iter().find(|key| key.field != Field::FIRST) {
+            panic!("{other} is wanted of a container of one field");
+        }
         loop {
             let mut fetched = self.request_for(purpose, wanted, &room)?;
             self.receive(&room, &mut fetched);
@@ -344,16 +354,16 @@ impl Streamer {
         }
     }
 
-    fn request_for(&mut self, purpose: Purpose, wanted: &[BrickKey], room: &Room) -> Result<Fetched, StreamError> {
+    fn request_for(&mut self, purpose: Purpose, wanted: &[FieldBrick], room: &Room) -> Result<Fetched, StreamError> {
         let start = Instant::now();
         let fetched = self.plan_requests(purpose, wanted, room);
         self.counters.plan_ms += milliseconds(start.elapsed());
         fetched
     }
 
-    fn plan_requests(&mut self, purpose: Purpose, wanted: &[BrickKey], room: &Room) -> Result<Fetched, StreamError> {
+    fn plan_requests(&mut self, purpose: Purpose, wanted: &[FieldBrick], room: &Room) -> Result<Fetched, StreamError> {
         // A ray that wants a brick although it knows it to be too coarse wants it for a child that has failed.
-        let is_known = |key: &&BrickKey| self.states.state(**key) == BrickState::TooCoarse;
+        let is_known = |key: &&FieldBrick| self.states.state(**key) == BrickState::TooCoarse;
         let wanted_to_stand_in: KeyMap<()> = wanted.iter().filter(is_known).map(|&key| (key, ())).collect();
         if self.states.forget(self.plan.state_limit) > 0 {
             self.classified_pages.clear();
@@ -420,16 +430,17 @@ impl Streamer {
     fn read_entries_ahead(&mut self, ranked: &[Ranked], stop: &Stop) -> KeyMap<()> {
         let (container, states) = (&self.container, &self.states);
         let unknown = || ranked.iter().map(|r| r.key).filter(|&key| states.state(key) == BrickState::Unknown);
-        let read = |_: &mut StreamCounters| container.read_entries_ahead(unknown(), || !stop.is_due());
+        let bricks = || unknown().map(|key| key.brick);
+        let read = |_: &mut StreamCounters| container.read_entries_ahead(bricks(), || !stop.is_due());
         io::patiently(&mut self.counters, stop, read).ok();
         if !stop.is_due() {
             return KeyMap::default();
         }
-        unknown().filter(|&key| !container.has_entry(key)).map(|key| (key, ())).collect()
+        unknown().filter(|&key| !container.has_entry(key.brick)).map(|key| (key, ())).collect()
     }
 
     /// What to do for a wanted brick; afterwards its state is decided, or it is queued.
-    fn look_up(&mut self, key: BrickKey, purpose: Purpose, neighbours: &mut Vec<BrickKey>) -> Lookup {
+    fn look_up(&mut self, key: FieldBrick, purpose: Purpose, neighbours: &mut Vec<FieldBrick>) -> Lookup {
         let state = self.states.state(key);
         match state {
             BrickState::InHost => return Lookup::InHost,
@@ -440,7 +451,7 @@ impl Streamer {
             BrickState::Decoding => unreachable!("{key} is left in state {state:?} between two ticks"),
         }
         let is_queued = state == BrickState::Queued;
-        let entry = match self.container.entry(key) {
+        let entry = match self.container.entry(key.brick) {
             Ok(entry) => entry,
             Err(error) => {
                 if is_queued {
@@ -469,7 +480,7 @@ impl Streamer {
     }
 
     /// What must be done for a wanted brick.
-    fn class_for(&mut self, key: BrickKey, entry: &BrickEntry, purpose: Purpose) -> Class {
+    fn class_for(&mut self, key: FieldBrick, entry: &BrickEntry, purpose: Purpose) -> Class {
         let class = if self.stand_ins.contains_key(&key) { Class::TooCoarse } else { self.class_of(key, entry) };
         // Rays do not ask for what stands in already, but for a child.
         if class == Class::TooCoarse && (purpose == Purpose::StandIn || self.stand_ins.contains_key(&key)) {
@@ -479,11 +490,11 @@ impl Streamer {
         class
     }
 
-    fn class_of(&self, key: BrickKey, entry: &BrickEntry) -> Class {
-        self.classifier.classify(key, entry, || may_have_holes(&self.container, key, entry))
+    fn class_of(&self, FieldBrick { brick, .. }: FieldBrick, entry: &BrickEntry) -> Class {
+        self.classifier.classify(brick, entry, || may_have_holes(&self.container, brick, entry))
     }
 
-    fn enter_class(&mut self, key: BrickKey, class: Class) {
+    fn enter_class(&mut self, key: FieldBrick, class: Class) {
         match class {
             Class::Nothing(why) => self.states.nothing(key, why),
             Class::Uniform(value) => self.states.uniform(key, value),
@@ -494,16 +505,17 @@ impl Streamer {
 
     /// Decides all other bricks of the same TOC page that need no reading: the page is in memory, and rays that cross
     /// empty space need not stop at each of its bricks.
-    fn classify_neighbours(&mut self, key: BrickKey, neighbours: &mut Vec<BrickKey>) {
+    fn classify_neighbours(&mut self, key: FieldBrick, neighbours: &mut Vec<FieldBrick>) {
         let per_page = ENTRIES_PER_PAGE as u64;
-        let page = self.container.pyramid().entry(key) / per_page;
+        let page = self.container.pyramid().entry(key.brick) / per_page;
         if self.states.len() + ENTRIES_PER_PAGE > self.plan.state_limit || !self.classified_pages.insert(page) {
             return;
         }
         for number in page * per_page..(page + 1) * per_page {
-            let Some(neighbour) = self.container.pyramid().key(number) else { break };
+            let Some(brick) = self.container.pyramid().key(number) else { break };
+            let neighbour = key.field.brick(brick);
             // An entry that cannot be read fails when a ray wants it.
-            if let (BrickState::Unknown, Ok(entry)) = (self.states.state(neighbour), self.container.entry(neighbour)) {
+            if let (BrickState::Unknown, Ok(entry)) = (self.states.state(neighbour), self.container.entry(brick)) {
                 let class = self.class_of(neighbour, &entry);
                 self.enter_class(neighbour, class);
                 if class != Class::Load {
@@ -514,10 +526,10 @@ impl Streamer {
     }
 
     /// Who may leave the cache. `stays` answers for wanted bricks whether they must stay, and nothing for all others.
-    fn victims(&self, frontier: Rank, stays: impl Fn(BrickKey) -> Option<bool>) -> Victims {
+    fn victims(&self, frontier: Rank, stays: impl Fn(FieldBrick) -> Option<bool>) -> Victims {
         let pyramid = self.container.pyramid();
         self.cache.victims(|key, last_used| {
-            let rank = self.order.rank(pyramid, key);
+            let rank = self.order.rank(pyramid, key.brick);
             match stays(key) {
                 _ if self.kept.contains_key(&key) => Standing::Kept,
                 _ if self.kept_since.is_some_and(|pass| last_used >= pass) => Standing::Kept,
@@ -530,13 +542,13 @@ impl Streamer {
     }
 
     /// Bytes that a brick takes in the cache.
-    fn bytes_of(&self, key: BrickKey) -> u64 {
-        let shape = self.container.shape(key);
-        let cells: usize = self.container.pyramid().macro_cells(key).iter().product();
+    fn bytes_of(&self, key: FieldBrick) -> u64 {
+        let shape = self.container.shape(key.brick);
+        let cells: usize = self.container.pyramid().macro_cells(key.brick).iter().product();
         decoded_bytes(shape.voxel_type, shape.voxels() as u64, cells as u64)
     }
 
-    fn fail(&mut self, key: BrickKey, reason: String) {
+    fn fail(&mut self, key: FieldBrick, reason: String) {
         let earlier = self.attempts.remove(&key).unwrap_or(0);
         self.states.fail(key, earlier, reason);
     }

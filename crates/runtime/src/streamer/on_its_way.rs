@@ -3,7 +3,6 @@
 
 use std::time::{Duration, Instant};
 
-use supervol_format::BrickKey;
 use supervol_format::container::ContainerError;
 
 use super::classify::Class;
@@ -14,6 +13,7 @@ use super::state::BrickState;
 use super::{Fetched, Load, Room, StreamError, Streamer};
 use crate::cache::KeyMap;
 use crate::counters::milliseconds;
+use crate::field::FieldBrick;
 use crate::raycast::volume::DecodedBrick;
 
 /// Bricks that each thread decodes before the time is looked at.
@@ -130,13 +130,13 @@ impl Streamer {
     }
 
     /// A brick that was on its way is here, or has failed.
-    fn settle(&mut self, key: BrickKey, brick: Result<DecodedBrick, ContainerError>, fetched: &mut Fetched) {
+    fn settle(&mut self, key: FieldBrick, brick: Result<DecodedBrick, ContainerError>, fetched: &mut Fetched) {
         let load = self.loading.remove(&key).expect("it was on its way");
         self.cache.release(load.bytes);
         let is_wanted = self.wanted.contains_key(&key);
         match brick {
             Ok(brick) => {
-                self.counters.bytes_decoded += self.container.shape(key).bytes() as u64;
+                self.counters.bytes_decoded += self.container.shape(key.brick).bytes() as u64;
                 self.cache.insert(key, brick, load.bytes);
                 self.states.in_host(key);
                 // The transfer function may have changed meanwhile.
@@ -200,7 +200,7 @@ impl Streamer {
         self.arrived = arrived;
     }
 
-    fn cancel_loading(&mut self, key: BrickKey) {
+    fn cancel_loading(&mut self, key: FieldBrick) {
         let load = self.loading.remove(&key).expect("it was on its way");
         self.cache.release(load.bytes);
         self.states.cancel(key);

@@ -19,6 +19,7 @@ use supervol_format::space::HALF_VOXEL;
 use supervol_format::{BrickKey, Geometry, Pyramid};
 
 use crate::camera::{Camera, Projection};
+use crate::field::FieldBrick;
 
 /// Position in the order: less is nearer to the eye. Unit: voxels of level 0, summed over axes.
 pub type Rank = i64;
@@ -45,8 +46,8 @@ enum View {
 pub struct Ranked {
     /// Place in the order.
     pub rank: Rank,
-    /// The brick; ties are broken by its bits.
-    pub key: BrickKey,
+    /// The brick; ties are broken by its field and its bits.
+    pub key: FieldBrick,
 }
 
 impl BrickOrder {
@@ -104,9 +105,9 @@ impl BrickOrder {
 
     /// Wanted bricks, in this order.
     #[must_use]
-    pub fn ranked(&self, pyramid: &Pyramid, wanted: impl IntoIterator<Item = BrickKey>) -> Vec<Ranked> {
+    pub fn ranked(&self, pyramid: &Pyramid, wanted: impl IntoIterator<Item = FieldBrick>) -> Vec<Ranked> {
         let mut ranked: Vec<Ranked> =
-            wanted.into_iter().map(|key| Ranked { rank: self.rank(pyramid, key), key }).collect();
+            wanted.into_iter().map(|key| Ranked { rank: self.rank(pyramid, key.brick), key }).collect();
         ranked.sort_unstable();
         ranked.dedup();
         ranked
@@ -116,6 +117,7 @@ impl BrickOrder {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::field::Field;
     use proptest::prelude::*;
     use supervol_format::{BrickIndex, BrickLayout, Dims, Lod};
 
@@ -200,8 +202,14 @@ mod tests {
         let order = BrickOrder::front_to_back(&camera, &Geometry::IDENTITY);
         let key = |b| BrickKey::new(Lod(0), BrickIndex(b));
         let wanted = [[0, 0, 1], [1, 0, 0], [3, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 0]].map(key);
-        let keys: Vec<BrickKey> = order.ranked(&pyramid(), wanted).iter().map(|r| r.key).collect();
-        assert_eq!(keys, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [3, 0, 0]].map(key));
+        let ranked = |wanted: Vec<FieldBrick>| order.ranked(&pyramid(), wanted).into_iter().map(|r| r.key);
+        let keys = ranked(Field::FIRST.bricks(wanted));
+        let places = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [3, 0, 0]].map(key);
+        assert!(keys.eq(Field::FIRST.bricks(places)));
+        // Bricks of two fields at one place are two, and stand next to each other among those of the same rank.
+        let of_two = [Field(1), Field(0)].into_iter().flat_map(|field| field.bricks([key([3, 0, 0]), key([0, 0, 0])]));
+        let expected = [(0, [0; 3]), (1, [0; 3]), (0, [3, 0, 0]), (1, [3, 0, 0])];
+        assert!(ranked(of_two.collect()).eq(expected.map(|(field, place)| Field(field).brick(key(place)))));
     }
 
     #[test]
@@ -226,7 +234,7 @@ mod tests {
             for camera in [camera, perspective] {
                 let order = BrickOrder::front_to_back(&camera, &Geometry::IDENTITY);
                 let all: Vec<BrickKey> = (0..pyramid().brick_count()).filter_map(|e| pyramid().key(e)).collect();
-                assert_eq!(order.ranked(&pyramid(), all.iter().copied()).len(), all.len());
+                assert_eq!(order.ranked(&pyramid(), Field::FIRST.bricks(all.iter().copied())).len(), all.len());
             }
         }
     }

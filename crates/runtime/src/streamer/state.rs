@@ -1,4 +1,4 @@
-//! The state of each brick, and the only code that changes it.
+//! The state of each brick of each field, and the only code that changes it.
 //!
 //! ```text
 //!   Unknown --> Nothing | Uniform | TooCoarse     decided from the TOC entry, without reading the brick
@@ -17,13 +17,14 @@
 //! a limit by dropping what can be found out again.
 
 use serde::Serialize;
-use supervol_format::{BrickKey, Lod};
+use supervol_format::Lod;
 
 use crate::cache::KeyMap;
 use crate::counters::StreamCounters;
+use crate::field::FieldBrick;
 
 /// Bytes that one remembered brick takes in the table where the table is least full, right after it has grown.
-pub const RECORD_BYTES: u64 = 3 * (size_of::<(BrickKey, Record)>() as u64 + 1);
+pub const RECORD_BYTES: u64 = 3 * (size_of::<(FieldBrick, Record)>() as u64 + 1);
 /// Most failures that are kept with their reasons; all are counted.
 pub const FAILURES_KEPT: usize = 16;
 /// Most attempts at one brick over all frames.
@@ -191,7 +192,7 @@ pub struct Failure {
     pub reason: String,
 }
 
-/// States of all bricks of one container.
+/// States of all bricks of all fields. What it counts by level it counts over the fields.
 #[derive(Debug)]
 pub struct StateTable {
     records: KeyMap<Record>,
@@ -221,48 +222,48 @@ impl StateTable {
     /// State of a brick.
     #[inline]
     #[must_use]
-    pub fn state(&self, key: BrickKey) -> BrickState {
+    pub fn state(&self, key: FieldBrick) -> BrickState {
         self.records.get(&key).map_or(BrickState::Unknown, |r| r.state)
     }
 
     /// The TOC entry says that nothing of the brick can be seen.
-    pub fn nothing(&mut self, key: BrickKey, why: Emptiness) {
+    pub fn nothing(&mut self, key: FieldBrick, why: Emptiness) {
         self.enter(key, BrickState::Nothing(why));
     }
 
     /// The TOC entry says that the brick has one render value everywhere.
-    pub fn uniform(&mut self, key: BrickKey, value: f32) {
+    pub fn uniform(&mut self, key: FieldBrick, value: f32) {
         self.enter(key, BrickState::Uniform(value));
     }
 
     /// The rules of levels say that the brick would change the picture too much.
-    pub fn too_coarse(&mut self, key: BrickKey) {
+    pub fn too_coarse(&mut self, key: FieldBrick) {
         self.enter(key, BrickState::TooCoarse);
     }
 
     /// The brick is wanted and must be read.
-    pub fn queue(&mut self, key: BrickKey) {
+    pub fn queue(&mut self, key: FieldBrick) {
         self.enter(key, BrickState::Queued);
     }
 
     /// No ray wants the brick any more, and no thread has begun to read it.
-    pub fn cancel(&mut self, key: BrickKey) {
+    pub fn cancel(&mut self, key: FieldBrick) {
         let was_in_host = self.records.get(&key).is_some_and(|r| r.page_ins > 0);
         self.enter(key, if was_in_host { BrickState::Evicted } else { BrickState::Unknown });
     }
 
     /// The brick's record is being read.
-    pub fn start_reading(&mut self, key: BrickKey) {
+    pub fn start_reading(&mut self, key: FieldBrick) {
         self.enter(key, BrickState::Reading);
     }
 
     /// The brick's record was read and is being decoded.
-    pub fn start_decoding(&mut self, key: BrickKey) {
+    pub fn start_decoding(&mut self, key: FieldBrick) {
         self.enter(key, BrickState::Decoding);
     }
 
     /// The brick is in the host cache.
-    pub fn in_host(&mut self, key: BrickKey) {
+    pub fn in_host(&mut self, key: FieldBrick) {
         self.enter(key, BrickState::InHost);
         self.page_ins[level(key)] += 1;
         let record = self.records.get_mut(&key).expect("a brick in the host cache has a record");
@@ -271,12 +272,12 @@ impl StateTable {
     }
 
     /// The host cache dropped the brick.
-    pub fn evict(&mut self, key: BrickKey) {
+    pub fn evict(&mut self, key: FieldBrick) {
         self.enter(key, BrickState::Evicted);
     }
 
     /// The brick cannot be used in this frame. The wait until the next attempt doubles with each failure.
-    pub fn fail(&mut self, key: BrickKey, earlier_attempts: u32, reason: String) {
+    pub fn fail(&mut self, key: FieldBrick, earlier_attempts: u32, reason: String) {
         let attempts = earlier_attempts + 1;
         self.enter(key, BrickState::Failed { attempts, frames_to_wait: 1 << attempts.min(16) });
         if self.failures.len() < FAILURES_KEPT {
@@ -286,7 +287,7 @@ impl StateTable {
 
     /// A new frame begins: failed bricks come nearer to their next attempt. Returns those that may be tried again, with
     /// their attempts so far; they are `Unknown` now.
-    pub fn begin_frame(&mut self) -> Vec<(BrickKey, u32)> {
+    pub fn begin_frame(&mut self) -> Vec<(FieldBrick, u32)> {
         let mut retry = Vec::new();
         for (&key, record) in &mut self.records {
             if let BrickState::Failed { attempts, frames_to_wait } = &mut record.state {
@@ -307,7 +308,7 @@ impl StateTable {
     /// so now, and the other way round.
     pub fn reclassify(&mut self) {
         let decided = |r: &Record| matches!(r.state.kind(), K::Nothing | K::Uniform | K::TooCoarse);
-        let keys: Vec<BrickKey> = self.records.iter().filter(|(_, r)| decided(r)).map(|(&k, _)| k).collect();
+        let keys: Vec<FieldBrick> = self.records.iter().filter(|(_, r)| decided(r)).map(|(&k, _)| k).collect();
         for key in keys {
             self.enter(key, BrickState::Unknown);
         }
@@ -332,7 +333,7 @@ impl StateTable {
             return 0;
         }
         let cheap = |r: &Record| matches!(r.state.kind(), K::Nothing | K::Uniform | K::TooCoarse | K::Evicted);
-        let keys: Vec<BrickKey> = self.records.iter().filter(|(_, r)| cheap(r)).map(|(&k, _)| k).collect();
+        let keys: Vec<FieldBrick> = self.records.iter().filter(|(_, r)| cheap(r)).map(|(&k, _)| k).collect();
         for &key in &keys {
             self.enter(key, BrickState::Unknown);
         }
@@ -340,7 +341,7 @@ impl StateTable {
         keys.len() as u64
     }
 
-    fn enter(&mut self, key: BrickKey, to: BrickState) {
+    fn enter(&mut self, key: FieldBrick, to: BrickState) {
         let record = self.records.entry(key).or_insert(Record { state: BrickState::Unknown, page_ins: 0 });
         let (from, to_kind) = (record.state.kind(), to.kind());
         assert!(is_allowed(from, to_kind), "{key} must not go from {from:?} to {to_kind:?}");
@@ -400,17 +401,18 @@ pub fn is_allowed(from: StateKind, to: StateKind) -> bool {
     ALLOWED.contains(&(from, to))
 }
 
-fn level(key: BrickKey) -> usize {
+fn level(key: FieldBrick) -> usize {
     key.lod().0 as usize
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use supervol_format::BrickIndex;
+    use crate::field::Field;
+    use supervol_format::{BrickIndex, BrickKey};
 
-    fn key(x: u32) -> BrickKey {
-        BrickKey::new(Lod((x % 2) as u8), BrickIndex([x, 0, 0]))
+    fn key(x: u32) -> FieldBrick {
+        Field::FIRST.brick(BrickKey::new(Lod((x % 2) as u8), BrickIndex([x, 0, 0])))
     }
 
     /// A table with `key(0)` in the state, reached on a legal way.
@@ -495,6 +497,33 @@ mod tests {
         t.queue(key(2));
         t.cancel(key(2));
         assert_eq!(t.state(key(2)), BrickState::Unknown);
+    }
+
+    #[test]
+    fn bricks_of_two_fields_at_one_place_have_states_of_their_own() {
+        let mut t = table_in(K::InHost);
+        let (a, b) = (key(0), Field(1).brick(key(0).brick));
+        assert_eq!(t.state(b), BrickState::Unknown);
+        t.queue(b);
+        assert_eq!((t.state(a), t.state(b), t.len()), (BrickState::InHost, BrickState::Queued, 2));
+        t.start_reading(b);
+        t.start_decoding(b);
+        t.in_host(b);
+        // The second field's brick comes for the first time, and both are counted at their level.
+        assert_eq!((t.page_ins(Lod(0)), t.counters().repeated_page_ins), (2, 0));
+        assert_eq!((t.count(Lod(0), K::InHost), t.total(K::InHost)), (2, 2));
+        t.evict(a);
+        assert_eq!((t.state(a), t.state(b)), (BrickState::Evicted, BrickState::InHost));
+        // Both count towards the limit; what can be found out again goes, and the other stays.
+        assert_eq!((t.forget(2), t.forget(1), t.len()), (0, 1, 1));
+        assert_eq!((t.state(a), t.state(b)), (BrickState::Unknown, BrickState::InHost));
+        t.fail(a, 0, "broken".into());
+        t.evict(b);
+        t.queue(b);
+        t.start_reading(b);
+        t.fail(b, 0, "broken, too".into());
+        let failed: Vec<&str> = t.failures().iter().map(|failure| failure.brick.as_str()).collect();
+        assert_eq!(failed, ["brick (0, 0, 0) of LOD 0", "brick (0, 0, 0) of LOD 0 of field 1"]);
     }
 
     #[test]

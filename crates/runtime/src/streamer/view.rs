@@ -6,6 +6,7 @@ use super::classify::may_have_holes;
 use super::state::{BrickState, StateTable};
 use crate::cache::KeyMap;
 use crate::cache::host::HostCache;
+use crate::field::Field;
 use crate::raycast::volume::{BrickView, DecodedBrick, KnownEntry, Resident};
 
 /// What a ray caster is told about bricks that are not resident.
@@ -18,9 +19,10 @@ pub enum OnMissing {
     UseParent,
 }
 
-/// The bricks of the host cache, and what is known of all others.
+/// The bricks of one field that are in the host cache, and what is known of all its others.
 #[derive(Debug, Clone, Copy)]
 pub struct HostView<'a> {
+    field: Field,
     container: &'a Container,
     states: &'a StateTable,
     cache: &'a HostCache<DecodedBrick>,
@@ -29,15 +31,22 @@ pub struct HostView<'a> {
 }
 
 impl<'a> HostView<'a> {
-    /// A view of these, of which `stand_ins` are too coarse for the rays that want them.
+    /// A view of the field's bricks among these, of which `stand_ins` are too coarse for the rays that want them.
     pub(super) fn new(
+        field: Field,
         container: &'a Container,
         states: &'a StateTable,
         cache: &'a HostCache<DecodedBrick>,
         stand_ins: &'a KeyMap<()>,
         on_missing: OnMissing,
     ) -> Self {
-        Self { container, states, cache, stand_ins, on_missing }
+        Self { field, container, states, cache, stand_ins, on_missing }
+    }
+
+    /// The field whose bricks these are.
+    #[must_use]
+    pub fn field(&self) -> Field {
+        self.field
     }
 
     /// What rays are told about bricks that are not resident.
@@ -60,7 +69,8 @@ impl<'a> HostView<'a> {
 
 impl BrickView for HostView<'_> {
     #[inline]
-    fn lookup(&self, key: BrickKey) -> Resident<'_> {
+    fn lookup(&self, brick: BrickKey) -> Resident<'_> {
+        let key = self.field.brick(brick);
         if !self.stand_ins.is_empty() && self.stand_ins.contains_key(&key) {
             return Resident::TooCoarse;
         }
@@ -74,7 +84,8 @@ impl BrickView for HostView<'_> {
     }
 
     #[inline]
-    fn stand_in(&self, key: BrickKey) -> Resident<'_> {
+    fn stand_in(&self, brick: BrickKey) -> Resident<'_> {
+        let key = self.field.brick(brick);
         self.cache.get(key).map_or_else(|| self.answer(self.states.state(key)), Resident::Brick)
     }
 

@@ -199,7 +199,7 @@ fn a_table_of_contents_that_times_out_costs_a_deadline_no_brick() {
     let plan = plan_host(&volume.container, &scene, &options).expect("two gigabytes are enough");
     let mut streamer = streamer_for(&volume.container, &scene, &options, plan);
     source.is_open.store(true, Ordering::Relaxed);
-    let wanted = [key(0, [0; 3]), key(0, [24; 3])];
+    let wanted = [[0; 3], [24; 3]].map(|place| supervol_runtime::field::Field::FIRST.brick(key(0, place)));
     let room = |deadline| Room { bricks: usize::MAX, stop: Stop::at(deadline), patience: None };
 
     let late = streamer.fetch(&wanted, room(Some(Instant::now()))).expect("there is room");

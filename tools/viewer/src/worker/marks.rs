@@ -1,6 +1,7 @@
 //! What can be seen of the renderer's work beside its picture: bricks that are in memory, by level, and bricks that failed.
 
 use supervol_format::{BrickKey, Lod};
+use supervol_runtime::field::Field;
 use supervol_runtime::renderer::Renderer;
 use supervol_runtime::streamer::state::StateKind;
 
@@ -9,6 +10,8 @@ use super::Inspect;
 /// Most bricks that are marked, and most of a level that are looked at for failures.
 pub const MARK_LIMIT: usize = 1000;
 const LOOK_LIMIT: usize = 1 << 18;
+/// The field whose bricks are marked: the one that is drawn.
+const FIELD: Field = Field::FIRST;
 
 /// A brick in the picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,11 +38,12 @@ pub(super) fn marks(renderer: &Renderer, inspect: Inspect) -> Vec<Mark> {
     let has_failed = |lod: &Lod| streamer.states().count(*lod, StateKind::Failed) > 0;
     let failed = (0..=pyramid.coarsest().0).map(Lod).filter(has_failed).flat_map(|lod| {
         let keys = pyramid.keys_of(lod).take(LOOK_LIMIT);
-        keys.filter(|key| streamer.states().state(*key).kind() == StateKind::Failed)
+        keys.filter(|key| streamer.states().state(FIELD.brick(*key)).kind() == StateKind::Failed)
     });
     let mut marks: Vec<Mark> = failed.map(|key| mark(key, true)).take(MARK_LIMIT).collect();
     if inspect == Inspect::Bricks {
-        let mut there: Vec<BrickKey> = streamer.cache().keys().collect();
+        let keys = streamer.cache().keys().filter(|key| key.field == FIELD);
+        let mut there: Vec<BrickKey> = keys.map(|key| key.brick).collect();
         there.sort_unstable();
         marks.extend(there.into_iter().map(|key| mark(key, false)).take(MARK_LIMIT - marks.len()));
     }

@@ -91,7 +91,7 @@ impl CastTile<'_> {
 
     fn deviation(&self, deviations: &Deviations, key: BrickKey) -> Arc<Deviation> {
         self.tables.of_levels.of(
-            key,
+            self.frame.field.brick(key),
             |deviation| size_of_val(deviation) as u64,
             || {
                 let known = self.view.entry(key);

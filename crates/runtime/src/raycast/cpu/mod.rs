@@ -73,6 +73,7 @@ use super::volume::{BrickView, KnownEntry, Resident, ValueMap};
 use crate::camera::{Camera, Ray};
 use crate::clip::{Clip, IndexRay, Segment, clip_parts};
 pub use crate::counters::RayCounters;
+use crate::field::Field;
 use crate::frame::engine::EngineErrors;
 use crate::image::Image;
 use crate::lod::deviation::Deviations;
@@ -119,6 +120,8 @@ pub struct IsoSurface {
 /// Everything about a picture that is the same for all its rays.
 #[derive(Debug, Clone)]
 pub struct CpuFrame {
+    /// The field that is drawn: what is kept of its bricks is not another's.
+    pub(crate) field: Field,
     pub(crate) pyramid: Pyramid,
     pub(crate) geometry: Geometry,
     pub(crate) camera: Camera,
@@ -366,6 +369,7 @@ impl CpuFrame {
             LodChoice::Auto { .. } => coarsest,
         };
         let mut frame = Self {
+            field: Field::FIRST,
             pyramid: pyramid.clone(),
             geometry: *geometry,
             camera: scene.camera,

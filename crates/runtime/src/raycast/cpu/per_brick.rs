@@ -1,10 +1,9 @@
-//! What is made once of each brick, and kept while it fits.
+//! What is made once of each brick of each field, and kept while it fits.
 
 use std::sync::{Arc, RwLock};
 
-use supervol_format::BrickKey;
-
 use crate::cache::KeyMap;
+use crate::field::FieldBrick;
 
 /// Bytes that anything kept costs beside its own: its place in the table, and allocations.
 const OVERHEAD_BYTES: u64 = 128;
@@ -44,14 +43,14 @@ impl<T> PerBrick<T> {
     }
 
     /// What was made of a brick, or is made now; `bytes` says how much it holds.
-    pub fn of(&self, key: BrickKey, bytes: impl Fn(&T) -> u64, make: impl FnOnce() -> T) -> Arc<T> {
+    pub fn of(&self, key: FieldBrick, bytes: impl Fn(&T) -> u64, make: impl FnOnce() -> T) -> Arc<T> {
         self.of_which(key, |_| true, bytes, make)
     }
 
     /// The same, made anew where what was made is not true any more.
     pub fn of_which(
         &self,
-        key: BrickKey,
+        key: FieldBrick,
         is_true: impl Fn(&T) -> bool,
         bytes: impl Fn(&T) -> u64,
         make: impl FnOnce() -> T,
@@ -64,7 +63,7 @@ impl<T> PerBrick<T> {
         })
     }
 
-    fn keep(&self, key: BrickKey, bytes: u64, made: Arc<T>) {
+    fn keep(&self, key: FieldBrick, bytes: u64, made: Arc<T>) {
         if bytes > self.bytes_limit {
             return;
         }
@@ -81,10 +80,15 @@ impl<T> PerBrick<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use supervol_format::{BrickIndex, Lod};
+    use crate::field::Field;
+    use supervol_format::{BrickIndex, BrickKey, Lod};
 
-    fn key(x: u32) -> BrickKey {
-        BrickKey::new(Lod::FINEST, BrickIndex([x, 0, 0]))
+    fn key(x: u32) -> FieldBrick {
+        key_of(Field::FIRST, x)
+    }
+
+    fn key_of(field: Field, x: u32) -> FieldBrick {
+        field.brick(BrickKey::new(Lod::FINEST, BrickIndex([x, 0, 0])))
     }
 
     /// Asks for ten bricks three times; how often something was made.
@@ -101,6 +105,18 @@ mod tests {
             assert!(kept.bytes <= limit, "{} of {limit} bytes", kept.bytes);
         }
         made
+    }
+
+    /// As of two time steps, seen the same way.
+    #[test]
+    fn what_was_made_of_one_field_is_not_taken_for_another_s() {
+        let of = |per_brick: &PerBrick<u16>, field| *per_brick.of(key_of(Field(field), 1), |_| 8, || field);
+        let per_brick = PerBrick::new(2 * bytes_kept(8));
+        assert_eq!([0, 1, 0, 1].map(|field| of(&per_brick, field)), [0, 1, 0, 1]);
+        assert_eq!(per_brick.kept.read().unwrap().bytes, 2 * bytes_kept(8));
+        let narrow = PerBrick::new(2 * bytes_kept(8) - 1);
+        assert_eq!([0, 1].map(|field| of(&narrow, field)), [0, 1]);
+        assert_eq!(narrow.kept.read().unwrap().of_bricks.len(), 1, "there is room for one of them");
     }
 
     #[test]

@@ -103,7 +103,7 @@ impl BrickPlans {
             plan.ahead == ahead && plan.span_along.is_none_or(|along| along == direction())
         };
         let make = || self.make(frame, tables, (key, ahead), brick);
-        self.of_bricks.of_which(key, is_true, BrickPlan::bytes, make)
+        self.of_bricks.of_which(frame.field.brick(key), is_true, BrickPlan::bytes, make)
     }
 
     fn make(

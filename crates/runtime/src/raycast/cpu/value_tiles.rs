@@ -238,7 +238,7 @@ impl CastTile<'_> {
         let (frame, tables) = (self.frame, self.tables);
         let (packet_brick, grid) = packet_brick(frame, key, brick);
         let make = || BrickSummary::new(frame, brick, packet_brick.stored, tables.origin, tables.ahead(frame, key));
-        let summary = tables.summaries.of(key, BrickSummary::bytes, make);
+        let summary = tables.summaries.of(frame.field.brick(key), BrickSummary::bytes, make);
         if frame.skipping == Skipping::On && !self.may_change(&summary) {
             self.feedback.counters.macro_cells_skipped += self.rays.hits().len() as u64;
             return;

@@ -33,6 +33,7 @@ pub use crate::gpu::scene_tables::GpuVolume;
 use super::cpu::{FIT_SHARE, MAX_ERROR_LIMITS, PacketRule, Skipping};
 use super::volume::{DecodedBrick, Voxels};
 use crate::counters::{DeviceCounters, milliseconds};
+use crate::field::{Field, FieldBrick};
 use crate::gpu::cache::{CacheShape, EMPTY_RANGE, GpuCache};
 use crate::gpu::layout::{
     DEVIATION_NONE, DEVIATION_UNKNOWN, Dispatch, PAGE_DEVIATION_SHIFT, PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING,
@@ -40,6 +41,7 @@ use crate::gpu::layout::{
 };
 use crate::gpu::light_table::LightTable;
 use crate::gpu::memory::{MemoryPlan, MemoryRequest, SLOT_LIMIT};
+use crate::gpu::page_table::PageTable;
 use crate::gpu::ray_parts::RayParts;
 use crate::gpu::rays::{RayGrid, ViewLines};
 use crate::gpu::scene_tables::{self, Exactness, FeedbackPlaces};
@@ -127,6 +129,8 @@ pub struct GpuStats {
 /// See the module.
 pub struct GpuRenderer {
     gpu: GpuDevice,
+    /// The field that is drawn. Its bricks go by their keys here, and by the pair in the slots and the page table.
+    field: Field,
     pyramid: Pyramid,
     storage: VoxelStorage,
     options: GpuOptions,
@@ -248,21 +252,22 @@ impl GpuRenderer {
         let deviation_of = deviation_of.filter(|_| options.sums_errors);
         let traffic_before = device.traffic();
         let pyramid = volume.pyramid;
+        let pages = PageTable::new([pyramid.clone()]);
         let picture = Picture::new(volume, scene, lod, (&options, deviation_of.is_some()));
-        let capacity = picture.capacity_with_room(pyramid.brick_count(), &options);
-        let plan = plan_memory(device, volume, &capacity, options)?;
+        let capacity = picture.capacity_with_room(pages.count(), &options);
+        let plan = plan_memory(device, (volume, pages.count()), &capacity, options)?;
         let shape = CacheShape {
             plan: &plan,
             storage: volume.storage,
             edge: scene_tables::slot_edge(pyramid),
             cells: (pyramid.layout().core() / MACRO_CELL).pow(3),
-            entries: pyramid.brick_count(),
             sums_errors: options.sums_errors,
         };
-        let cache = GpuCache::new(device, &shape)?;
+        let cache = GpuCache::new(device, &shape, pages)?;
         let slots = usize::try_from(plan.slots).expect("slots are below 2^24");
         let mut renderer = Self {
             gpu: device.clone(),
+            field: Field::FIRST,
             pyramid: pyramid.clone(),
             storage: volume.storage,
             options,
@@ -314,7 +319,7 @@ impl GpuRenderer {
     ) -> Result<bool, GpuError> {
         let sums_errors = self.deviation_of.is_some();
         let mut picture = Picture::new(volume, scene, lod, (&self.options, sums_errors));
-        if !self.capacity.holds(&picture.capacity(self.pyramid.brick_count(), sums_errors)) {
+        if !self.capacity.holds(&picture.capacity(self.cache.pages.count(), sums_errors)) {
             return Ok(false);
         }
         if keeps_answers {
@@ -362,7 +367,7 @@ impl GpuRenderer {
             self.set_page(entry, PAGE_MISSING, 0);
         }
         for (key, slot) in self.slots.iter().collect::<Vec<_>>() {
-            self.set_page(entry_u32(self.pyramid.entry(key)), PAGE_RESIDENT, slot.0);
+            self.set_page(self.cache.pages.entry(key), PAGE_RESIDENT, slot.0);
         }
     }
 
@@ -407,14 +412,14 @@ impl GpuRenderer {
     }
 
     fn first_coarse_entry(&self) -> u32 {
-        entry_u32(self.pyramid.level_at(Lod::FINEST).brick_count())
+        self.cache.pages.first_coarse_entry(self.field)
     }
 
     fn set_page(&mut self, entry: u32, state: u32, payload: u32) {
         let coarse = entry.checked_sub(self.first_coarse_entry());
         let refine = coarse.is_some_and(|i| self.picture.refine[i as usize]);
         let deviation = self.deviation_number(entry, state) << PAGE_DEVIATION_SHIFT;
-        self.cache.set_page(entry, [state | deviation | if refine { PAGE_REFINE } else { 0 }, payload]);
+        self.cache.pages.set(entry, [state | deviation | if refine { PAGE_REFINE } else { 0 }, payload]);
     }
 
     /// Number of what may be off where a page in this state is drawn.
@@ -423,8 +428,8 @@ impl GpuRenderer {
             (None, _) | (_, PAGE_MISSING) => DEVIATION_NONE,
             (_, PAGE_FAILED) => DEVIATION_UNKNOWN,
             (Some(deviation_of), _) => {
-                let key = self.pyramid.key(u64::from(entry)).expect("entries below the count have keys");
-                self.cache.deviations.number_of(&deviation_of(key), self.picture.shift)
+                let key = self.cache.pages.brick(entry).expect("entries below the count have keys");
+                self.cache.deviations.number_of(&deviation_of(key.brick), self.picture.shift)
             }
         }
     }
@@ -438,11 +443,11 @@ impl GpuRenderer {
     /// Whether the brick's voxels are resident.
     #[must_use]
     pub fn is_resident(&self, key: BrickKey) -> bool {
-        self.slots.place(key).is_some()
+        self.slots.place(self.field.brick(key)).is_some()
     }
 
     /// All resident bricks.
-    pub fn resident(&self) -> impl Iterator<Item = BrickKey> + '_ {
+    pub fn resident(&self) -> impl Iterator<Item = FieldBrick> + '_ {
         self.slots.iter().map(|(key, _)| key)
     }
 
@@ -452,14 +457,16 @@ impl GpuRenderer {
     /// [`GpuError::Brick`] where the brick is not what the pyramid says, or a lost device.
     pub fn insert(&mut self, brick: &DecodedBrick) -> Result<Insertion, GpuError> {
         let voxels = self.checked_voxels(brick)?;
-        if let Some(slot) = self.slots.place(brick.key) {
-            self.set_page(entry_u32(self.pyramid.entry(brick.key)), PAGE_RESIDENT, slot.0);
+        let key = self.field.brick(brick.key);
+        let entry = self.cache.pages.entry(key);
+        if let Some(slot) = self.slots.place(key) {
+            self.set_page(entry, PAGE_RESIDENT, slot.0);
             return Ok(Insertion::Placed { evicted: None });
         }
         let ranges = self.slot_ranges(brick);
-        let Some((slot, evicted)) = self.slots.insert(brick.key) else { return Ok(Insertion::NoRoom) };
+        let Some((slot, evicted)) = self.slots.insert(key) else { return Ok(Insertion::NoRoom) };
         if let Some(old) = evicted {
-            self.set_page(entry_u32(self.pyramid.entry(old)), PAGE_MISSING, 0);
+            self.set_page(self.cache.pages.entry(old), PAGE_MISSING, 0);
             self.stats.counters.evictions += 1;
         }
         let begin = Instant::now();
@@ -468,8 +475,8 @@ impl GpuRenderer {
         self.stats.counters.upload_ms += milliseconds(begin.elapsed());
         self.stats.counters.page_ins += 1;
         self.unclassified.push(slot);
-        self.set_page(entry_u32(self.pyramid.entry(brick.key)), PAGE_RESIDENT, slot.0);
-        Ok(Insertion::Placed { evicted })
+        self.set_page(entry, PAGE_RESIDENT, slot.0);
+        Ok(Insertion::Placed { evicted: evicted.map(|old| old.brick) })
     }
 
     /// Says what a brick is; if it was resident, its slot is free, unless it is too coarse: it may stand in for its children.
@@ -477,7 +484,8 @@ impl GpuRenderer {
     /// # Panics
     /// If the key names no brick of the pyramid.
     pub fn set_state(&mut self, key: BrickKey, state: PageEntry) {
-        let entry = entry_u32(self.pyramid.entry(key));
+        let key = self.field.brick(key);
+        let entry = self.cache.pages.entry(key);
         if let (PageEntry::TooCoarse, Some(i)) = (state, entry.checked_sub(self.first_coarse_entry())) {
             self.picture.refine[i as usize] = true;
             if let Some(slot) = self.slots.place(key) {
@@ -533,12 +541,12 @@ impl GpuRenderer {
             feedback.counters.rays_finished = if is_finished { std::mem::take(&mut self.parts.rays) } else { 0 };
         }
         self.slots.end_pass(raw.uses.iter().copied());
-        feedback.uses = raw.uses.iter().filter_map(|&slot| self.slots.key(slot)).collect();
+        feedback.uses = raw.uses.iter().filter_map(|&slot| self.slots.key(slot)).map(|key| key.brick).collect();
         feedback.misses = raw
             .misses
             .iter()
             .map(|&(entry, rays)| {
-                let key = self.pyramid.key(u64::from(entry)).expect("the shader names entries of the page table");
+                let key = self.cache.pages.brick(entry).expect("the shader names entries of the page table").brick;
                 super::cpu::Miss { key, rays: u64::from(rays), nearest: self.picture.lod.distance(&self.pyramid, key) }
             })
             .collect();
@@ -554,7 +562,7 @@ impl GpuRenderer {
     /// kept for what those ask for.
     fn has_room_for_scouts(&self) -> bool {
         let slots = self.slots.capacity();
-        slots as u64 >= self.pyramid.brick_count() || 2 * self.slots.used_since(self.first_pass) < slots
+        slots as u64 >= self.cache.pages.count() || 2 * self.slots.used_since(self.first_pass) < slots
     }
 
     /// The picture of what the rays of the band have gathered, sub-grid averaged.
@@ -645,10 +653,6 @@ fn pixel(mode: Mode, tf: &RenderTransferFunction, state: &RayState) -> [f32; 4] 
     [r * alpha, g * alpha, b * alpha, alpha]
 }
 
-fn entry_u32(entry: u64) -> u32 {
-    u32::try_from(entry).expect("the renderer refuses pyramids with more bricks than 32 bits count")
-}
-
 /// For each entry from level 1 on: whether the brick is too coarse. `f64` and in one place: both backends agree.
 fn bricks_to_refine(pyramid: &Pyramid, lod: &LodRule) -> Vec<bool> {
     let first = pyramid.level_at(Lod::FINEST).brick_count();
@@ -660,11 +664,10 @@ fn bricks_to_refine(pyramid: &Pyramid, lod: &LodRule) -> Vec<bool> {
 
 fn plan_memory(
     device: &GpuDevice,
-    volume: &GpuVolume<'_>,
+    (volume, entries): (&GpuVolume<'_>, u64),
     capacity: &Capacity,
     options: GpuOptions,
 ) -> Result<MemoryPlan, GpuError> {
-    let entries = volume.pyramid.brick_count();
     let limits = device.limits();
     let binding = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
     if entries * 8 > binding || u32::try_from(entries).is_err() {
