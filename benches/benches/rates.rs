@@ -17,12 +17,12 @@
 
 use std::path::{Path, PathBuf};
 
-use rustix::time::{ClockId, clock_gettime};
 use serde_json::{Value, json};
+use supervol_chart::storage::codecs::{Brick, Figures, bricks_of, bytes_of, figures, moved};
+use supervol_format::Container;
 use supervol_format::codec::quantize::Quantizer;
-use supervol_format::codec::{Codec, CodecChoice, Coding, decode_into, encode};
+use supervol_format::codec::{Codec, CodecChoice, Coding};
 use supervol_format::voxel_type::voxels_as_f64;
-use supervol_format::{BrickKey, Container, Lod, ValueRange};
 
 const BRICKS: usize = 64;
 const ROUNDS: usize = 5;
@@ -34,41 +34,6 @@ const CODECS: [CodecChoice; 4] = [
     CodecChoice::Only(Codec::Wavelet),
     CodecChoice::Smallest,
 ];
-
-/// A brick as it is in the source.
-struct Brick {
-    key: BrickKey,
-    voxels: Vec<u8>,
-}
-
-fn cpu_seconds() -> f64 {
-    let now = clock_gettime(ClockId::ThreadCPUTime);
-    now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
-}
-
-/// The least time that a round over all bricks takes.
-fn best_of_rounds(mut round: impl FnMut()) -> f64 {
-    let times = (0..ROUNDS).map(|_| {
-        let begun = cpu_seconds();
-        round();
-        cpu_seconds() - begun
-    });
-    times.fold(f64::INFINITY, f64::min)
-}
-
-fn bricks_of(container: &Container) -> Vec<Brick> {
-    let entry = |key| container.entry(key).expect("a whole container");
-    let of_more_than_one_value = |key: &BrickKey| entry(*key).codec != Codec::Uniform;
-    let keys: Vec<_> = container.pyramid().keys_of(Lod::FINEST).filter(of_more_than_one_value).collect();
-    let read =
-        |&key: &BrickKey| Brick { key, voxels: container.read_brick(key, &entry(key)).expect("a whole container") };
-    keys.iter().step_by(keys.len().div_ceil(BRICKS).max(1)).map(read).collect()
-}
-
-fn range_of(container: &Container, bricks: &[Brick]) -> ValueRange {
-    let entries = bricks.iter().map(|brick| container.entry(brick.key).expect("a whole container").range);
-    entries.fold(ValueRange::EMPTY, ValueRange::union)
-}
 
 /// Greatest error and mean square error of moved voxels.
 fn distortion(container: &Container, exact: &[Brick], moved: &[Brick]) -> (f64, f64) {
@@ -85,50 +50,6 @@ fn distortion(container: &Container, exact: &[Brick], moved: &[Brick]) -> (f64, 
     (greatest, squares / count.max(1.0))
 }
 
-/// Moves voxels as `build --max-error` does.
-fn moved(container: &Container, exact: &[Brick], quantizer: Option<Quantizer>) -> Vec<Brick> {
-    let descriptor = container.descriptor();
-    let moved_one = |brick: &Brick| {
-        let mut voxels = brick.voxels.clone();
-        let _ = quantizer.map(|q| q.snap(descriptor.voxel_type, descriptor.absence, &mut voxels));
-        Brick { key: brick.key, voxels }
-    };
-    exact.iter().map(moved_one).collect()
-}
-
-/// What a codec makes of bricks.
-struct Figures {
-    codec: &'static str,
-    bytes: usize,
-    decode_mb_s: f64,
-    encode_mb_s: f64,
-}
-
-fn figures(container: &Container, bricks: &[Brick], choice: CodecChoice, quantizer: Option<Quantizer>) -> Figures {
-    let coding = Coding { choice, absence: container.descriptor().absence, quantizer };
-    let code = |brick: &Brick| encode(coding, container.shape(brick.key), &brick.voxels).expect("there is memory");
-    let payloads: Vec<(Codec, Vec<u8>)> = bricks.iter().map(code).collect();
-    let encode_s = best_of_rounds(|| bricks.iter().for_each(|brick| drop(std::hint::black_box(code(brick)))));
-    let mut out = Vec::new();
-    let decode_s = best_of_rounds(|| {
-        for (brick, (codec, payload)) in bricks.iter().zip(&payloads) {
-            out.resize(brick.voxels.len(), 0);
-            decode_into(*codec, container.shape(brick.key), payload, &mut out).expect("what was encoded decodes");
-        }
-    });
-    let megabytes = bytes_of(bricks) as f64 / 1e6;
-    let codec = match choice {
-        CodecChoice::Only(codec) => codec.name(),
-        CodecChoice::Smallest => "auto",
-    };
-    let bytes = payloads.iter().map(|(_, payload)| payload.len()).sum();
-    Figures { codec, bytes, decode_mb_s: megabytes / decode_s, encode_mb_s: megabytes / encode_s }
-}
-
-fn bytes_of(bricks: &[Brick]) -> usize {
-    bricks.iter().map(|brick| brick.voxels.len()).sum()
-}
-
 /// Writes bricks one behind the other.
 fn write_bricks(path: &Path, bricks: &[Brick]) {
     let voxels: Vec<&[u8]> = bricks.iter().map(|brick| brick.voxels.as_slice()).collect();
@@ -139,8 +60,7 @@ fn measure(path: &Path, folder: Option<&Path>) {
     let container = Container::open(path).expect("a container");
     let descriptor = container.descriptor();
     assert!(descriptor.quantizer.is_none(), "{}: its voxels have been moved already", path.display());
-    let exact = bricks_of(&container);
-    let range = range_of(&container, &exact);
+    let (exact, range) = bricks_of(&container, BRICKS).expect("a whole container");
     let width = range.width();
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let voxels = bytes_of(&exact) / descriptor.voxel_type.bytes();
@@ -150,10 +70,11 @@ fn measure(path: &Path, folder: Option<&Path>) {
         if share > 0.0 && quantizer.is_none() {
             continue;
         }
-        let moved = moved(&container, &exact, quantizer);
+        let moved = moved(&exact, descriptor.absence, quantizer);
         let (greatest, mean_square) = distortion(&container, &exact, &moved);
         let psnr = (mean_square > 0.0).then(|| 10.0 * (width * width / mean_square).log10());
-        let codecs: Vec<Figures> = CODECS.map(|choice| figures(&container, &moved, choice, quantizer)).into();
+        let coding = |choice| Coding { choice, absence: descriptor.absence, quantizer };
+        let codecs: Vec<Figures> = CODECS.map(|choice| figures(&moved, coding(choice), ROUNDS)).into();
         for Figures { codec, bytes, decode_mb_s, encode_mb_s } in &codecs {
             let bits = *bytes as f64 * 8.0 / voxels as f64;
             let psnr = psnr.map_or("-".into(), |psnr| format!("{psnr:.1}"));
@@ -170,7 +91,7 @@ fn measure(path: &Path, folder: Option<&Path>) {
         errors.push(json!({ "share": share, "asked": share * width, "step": quantizer.map(Quantizer::step), "found": greatest, "psnr": psnr, "file": file, "codecs": codecs }));
     }
     if let Some(folder) = folder {
-        let extents: Vec<[usize; 3]> = exact.iter().map(|brick| container.shape(brick.key).extent).collect();
+        let extents: Vec<[usize; 3]> = exact.iter().map(|brick| brick.shape.extent).collect();
         let about = json!({
             "name": name, "type": descriptor.voxel_type.to_string(), "extents": extents, "range": [range.min, range.max],
             "nodata": descriptor.absence.nodata, "errors": errors,

@@ -229,7 +229,7 @@ fn f3(_: &Context<'_>, edge: u64) -> Result<Loaded, ChartError> {
 }
 
 /// A file of the developers' data folder: `$SUPERVOL_DATA`, or `shared/data` beside the working folder or the workspace.
-fn data_file(name: &str) -> Option<PathBuf> {
+pub(crate) fn data_file(name: &str) -> Option<PathBuf> {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
     let beside = ["../../shared/data", "../../../shared/data", "../../../../shared/data"].map(|p| manifest.join(p));
     let here = ["shared/data", "../shared/data"].map(PathBuf::from);

@@ -8,7 +8,7 @@ use supervol_chart::record::{self, RegimeRecord};
 use supervol_chart::report::{Circumstances, Extent, Report, chart_page, stability_page};
 use supervol_chart::scenes::{self, SceneSpec};
 use supervol_chart::stability::{self, Regime};
-use supervol_chart::{Context, Scale, chart, convergence, leaping, points};
+use supervol_chart::{Context, Scale, chart, convergence, leaping, points, storage};
 use supervol_preprocess::output::unfinished::UnfinishedFolder;
 
 use crate::failure::{Failure, with_output};
@@ -73,12 +73,14 @@ fn run_chart(
     extent: Extent,
 ) -> Result<(), Failure> {
     let folder = reports.folder;
+    // First of all: it says how much memory builds take beside what is there.
+    let storage = &storage::for_report(context)?;
     let chart = chart::run(context, scenes)?;
     let stability = recorded_stability(folder)?;
     let convergence = convergence::table(context)?;
     let leaping = leaping::for_report(context)?;
     let (convergence, leaping, stability) = (&convergence, &leaping, stability.as_deref());
-    let page = chart_page(&Report { chart: &chart, convergence, leaping, stability, here, extent });
+    let page = chart_page(&Report { chart: &chart, convergence, leaping, storage, stability, here, extent });
     let mut files = vec![("report.html".into(), page.into_bytes())];
     if extent == Extent::Whole {
         files.push(("points.json".into(), points::to_json(&chart.points).into_bytes()));
@@ -99,7 +101,7 @@ fn run_chart(
         worst * 255.0
     )
     .map_err(with_output)?;
-    chart.notes.iter().try_for_each(|note| writeln!(out, "note: {note}")).map_err(with_output)
+    chart.notes.iter().chain(&storage.notes).try_for_each(|note| writeln!(out, "note: {note}")).map_err(with_output)
 }
 
 /// What an earlier `--stability` left in this folder.

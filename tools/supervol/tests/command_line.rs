@@ -540,6 +540,10 @@ fn a_chart_is_written_as_a_page_and_as_points() {
     assert!(stated.matches(">0</td></tr>").count() == 2 && !page.contains("further off than is stated"), "{stated}");
     let leaping = section("leaping").expect("a section on leaping");
     assert!(leaping.matches("<tr>").count() == 8 && leaping.contains("blocks, nearest ahead"), "{leaping}");
+    // Two sizes by five codecs; two volumes without loss and within an error; three figures of this run and one of a record.
+    let stored = section("stored").expect("a section on what is stored");
+    assert_eq!(stored.matches("<tr>").count(), 1 + 10 + 1 + 4, "{stored}");
+    assert!(stored.matches("<figure>").count() == 4 && stored.contains("goal, 2 cores, lossless"), "{stored}");
     let files = std::fs::read_dir(folder.path("report")).expect("the folder can be listed").count();
     assert_eq!(files, 3, "containers and unfinished files are removed");
     assert!(folder.expect(2, &["chart", "--scene", "no-such", "-o", "report"]).contains("marschner-lobb"));

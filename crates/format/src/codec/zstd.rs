@@ -12,7 +12,7 @@
 
 use std::borrow::Cow;
 
-use super::compressor::append_frame;
+use super::compressor::{append_frame, read_frame};
 use super::{BrickShape, CodecError};
 use crate::vectors::{Vectorized, vectorized};
 
@@ -126,7 +126,7 @@ pub fn decode_into(shape: BrickShape, payload: &[u8], out: &mut [u8]) -> Result<
         .find(|p| *p as u8 == tag)
         .ok_or_else(|| fail(format!("predictor {tag}; expected 0 or 1")))?;
     let mut planes = vec![0; out.len()];
-    let length = ::zstd::bulk::decompress_to_buffer(frame, &mut planes).map_err(|e| fail(e.to_string()))?;
+    let length = read_frame(frame, &mut planes).map_err(|e| fail(e.to_string()))?;
     if length != out.len() {
         return Err(fail(format!("frame holds {length} bytes; expected {}", out.len())));
     }

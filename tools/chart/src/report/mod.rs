@@ -13,6 +13,7 @@ pub mod palette;
 pub mod pictures;
 pub mod plots;
 pub mod stability;
+pub mod storage;
 
 pub use html::figure;
 pub use machine::Circumstances;
@@ -26,6 +27,7 @@ use crate::methods::DEFAULT;
 use crate::points::Point;
 use crate::record::RegimeRecord;
 use crate::scenes::{SceneSpec, scene};
+use crate::storage::Storage;
 use html::{Section, escape, paragraph};
 use palette::FAMILIES;
 use plots::{Named, Plot, Scaling, Series, Side};
@@ -48,6 +50,8 @@ pub struct Report<'a> {
     pub convergence: &'a [OrderRow],
     /// What leaping over nothing costs and saves; may be empty.
     pub leaping: &'a [Measured],
+    /// What volumes cost to build and to store; may be empty.
+    pub storage: &'a Storage,
     /// The stability suite, where it has been run.
     pub stability: Option<&'a [RegimeRecord]>,
     /// Where and when.
@@ -69,10 +73,15 @@ pub fn chart_page(report: &Report<'_>) -> String {
         Section::new("stated", "What is stated of each pixel", findings::stated(&chart.stated)),
         Section::new("pictures", "Pictures and their errors", shown_pictures(report)),
         Section::new("storage", "What is read: codecs and storage", findings::storage(&chart.points)),
+        Section::new(
+            "stored",
+            "What is stored: building, bits and decoding",
+            storage::section(report.storage, report.extent),
+        ),
         Section::new("leaping", "Leaping over what shows nothing", leaping::section(report.leaping)),
         Section::new("stability", "Where methods fail", stability::section(report.stability, report.extent)),
         Section::new("points", "All points", all_points(report)),
-        Section::new("notes", "What was not measured", notes(chart)),
+        Section::new("notes", "What was not measured", notes(report)),
     ];
     sections.push(html::circumstances(report.here));
     let summary = paragraph(
@@ -147,13 +156,13 @@ fn all_points(report: &Report<'_>) -> String {
     }
 }
 
-fn notes(chart: &Chart) -> String {
+fn notes(report: &Report<'_>) -> String {
     let standing = [
-        "Bits of voxels against their error, beside other codecs, are charted in docs/measurements.md, \"Beside other codecs\".",
         "A GPU's processor time is that of starting it and of waiting for it, so GPU points are never on a Pareto front; \
          an adapter whose name holds \"llvmpipe\" is the processor itself.",
     ];
-    let all = standing.iter().map(ToString::to_string).chain(chart.notes.iter().cloned());
+    let measured = report.chart.notes.iter().chain(&report.storage.notes).cloned();
+    let all = standing.iter().map(ToString::to_string).chain(measured);
     format!("<ul class=\"notes\">{}</ul>", all.map(|n| format!("<li>{}</li>", escape(&n))).collect::<String>())
 }
 
@@ -265,7 +274,16 @@ mod tests {
         };
         let here = Circumstances::now("supervol chart --quick");
         let of = |extent| {
-            chart_page(&Report { chart: &chart, convergence: &[], leaping: &[], stability: None, here: &here, extent })
+            let storage = &Storage::default();
+            chart_page(&Report {
+                chart: &chart,
+                convergence: &[],
+                leaping: &[],
+                storage,
+                stability: None,
+                here: &here,
+                extent,
+            })
         };
         let page = of(Extent::Whole);
         // The default is a curve, with its ends named and the default error ringed.

@@ -29,11 +29,10 @@ mod transform;
 
 use std::borrow::Cow;
 
-use ::zstd::bulk::Decompressor;
 use tokens::{BITS_PADDING, Decoding, Encoding, Tokens};
 use transform::{Band, Sample, bands};
 
-use super::compressor::append_frame;
+use super::compressor::{append_frame, read_frame};
 use super::quantize::{Quantizer, common_step};
 use super::repeats::{Places, Repeats};
 use super::{BrickShape, CodecError};
@@ -394,7 +393,7 @@ fn decode_typed<V: Voxel, S: Sample>(shape: BrickShape, payload: &[u8], out: &mu
     let repeats = Repeats::from_bits(flags & !FLAG_HOLES, shape.extent)
         .ok_or_else(|| wrong(format!("flags {flags:#010b}; expected those of {:?} voxels", shape.extent)))?;
     let (from, coded) = repeats.coded(shape.extent);
-    let mut scratch = Scratch::new()?;
+    let mut scratch = Scratch::default();
     let holes = if flags & FLAG_HOLES == 0 {
         None
     } else {
@@ -423,19 +422,14 @@ fn zstd_failed(e: std::io::Error) -> CodecError {
     CodecError::Zstd { reason: e.to_string() }
 }
 
-/// What is kept from chunk to chunk: buffers, and Zstandard's tables, which take longer to prepare than a small chunk to decode.
+/// Buffers that are kept from chunk to chunk.
+#[derive(Default)]
 struct Scratch {
-    decompressor: Decompressor<'static>,
     tokens: Vec<u8>,
     bits: Vec<u8>,
 }
 
 impl Scratch {
-    fn new() -> Result<Self, CodecError> {
-        let decompressor = Decompressor::new().map_err(zstd_failed)?;
-        Ok(Self { decompressor, tokens: Vec::new(), bits: Vec::new() })
-    }
-
     /// Reads and undoes a transform; moves `payload` behind it.
     fn take_all<S: Sample>(
         &mut self,
@@ -479,10 +473,8 @@ impl Scratch {
         let (frame, rest) = rest.split_at_checked(frame_bytes).ok_or_else(cut_short)?;
         let (bits, rest) = rest.split_at_checked(bits_bytes).ok_or_else(cut_short)?;
         *payload = rest;
-        self.tokens.clear();
         self.tokens.resize(tokens, 0);
-        let found =
-            self.decompressor.decompress_to_buffer(frame, &mut self.tokens[..]).map_err(|e| wrong(e.to_string()))?;
+        let found = read_frame(frame, &mut self.tokens).map_err(|e| wrong(e.to_string()))?;
         self.bits.clear();
         self.bits.extend_from_slice(bits);
         self.bits.extend([0; BITS_PADDING]);

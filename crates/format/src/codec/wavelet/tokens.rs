@@ -100,6 +100,8 @@ pub struct Tokens {
 
 /// Most groups that are encoded one by one before the next one is tried at once.
 const MOST_PASSED_OVER: u32 = 31;
+/// The same of groups that are decoded.
+const MOST_PASSED_OVER_DECODING: u32 = 7;
 
 /// Makes [`Tokens`] of coefficients.
 pub struct Encoding<'a, S> {
@@ -294,9 +296,17 @@ impl<S: Sample> Vectorized for Decoding<'_, S> {
         let Some(bits_bytes) = bits.len().checked_sub(BITS_PADDING) else { return false };
         let mut reader = Reader { bits, bit: 0, out, place: 0 };
         let (groups, rest) = tokens.as_chunks::<GROUP>();
+        // Groups that are not tried: more and more where trying is in vain.
+        let (mut passed_over, mut left) = (0, 0);
         for group in groups {
-            if reader.take_singles(group) {
+            if left > 0 {
+                left -= 1;
+            } else if reader.take_singles(group) || reader.take_direct(group) {
+                passed_over = 0;
                 continue;
+            } else {
+                passed_over = (2 * passed_over + 1).min(MOST_PASSED_OVER_DECODING);
+                left = passed_over;
             }
             for half in group.as_chunks::<HALF>().0 {
                 if !reader.take_half(half) {
@@ -360,6 +370,28 @@ impl<S: Sample> Reader<'_, S> {
         true
     }
 
+    /// Decodes tokens if none of them has bits; else nothing happens. Where each goes is known from the lengths of those before it, which
+    /// are added up apart from everything else.
+    #[inline(always)]
+    fn take_direct(&mut self, group: &[u8; GROUP]) -> bool {
+        const MOST: usize = GROUP * LONGEST_DIRECT_RUN;
+        if !are_all(group, |token| {
+            (token < 1 << RUNS.direct_bits) | (token.wrapping_sub(VALUES.first) < 1 << VALUES.direct_bits)
+        }) {
+            return false;
+        }
+        let Some(room) = self.room::<MOST>() else { return false };
+        let numbers = group.map(|token| token.saturating_sub(VALUES.first - 1));
+        let lengths = group.map(|token| if token < VALUES.first { token + 1 } else { 1 });
+        let mut at = 0;
+        for (number, length) in numbers.into_iter().zip(lengths) {
+            room[at % MOST] = S::wrap(i32::from(number));
+            at += usize::from(length);
+        }
+        self.place += at;
+        true
+    }
+
     /// Decodes tokens whose bits stand in one word, or one by one where they do not; false where they do not fit.
     #[inline(always)]
     fn take_half(&mut self, tokens: &[u8; HALF]) -> bool {
@@ -420,6 +452,7 @@ impl<S: Sample> Reader<'_, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
     use crate::vectors::vectorized;
     use proptest::prelude::*;
 
@@ -464,6 +497,24 @@ mod tests {
             let mut coefficients = vec![0; run];
             coefficients.push(-5);
             round_trip(&coefficients);
+        }
+    }
+
+    #[test]
+    fn short_runs_of_small_numbers_survive_wherever_they_end() {
+        let mut random = Random::new(16);
+        // Of eight coefficients, so many are zero; now and then one has a token with bits.
+        for zeros in 0..8 {
+            for length in (0..200).chain([1000, 5000]) {
+                let coefficients: Vec<i32> = (0..length)
+                    .map(|_| match random.below(8) {
+                        n if n < zeros => 0,
+                        _ if random.below(300) == 0 => 1000,
+                        _ => random.below(64) as i32 - 32,
+                    })
+                    .collect();
+                round_trip(&coefficients);
+            }
         }
     }
 
