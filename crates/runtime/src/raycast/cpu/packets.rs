@@ -619,7 +619,7 @@ impl CastTile<'_> {
             dispatch(tables.set, MakeSilhouette { projector, grid, cloud: &plan.cloud })
         };
         let bytes = |made: &Option<Silhouette>| made.as_ref().map_or(0, Silhouette::bytes);
-        let made = tables.silhouettes.of(key, bytes, make);
+        let made = tables.silhouettes.of(frame.field.brick(key), bytes, make);
         let Some(silhouette) = made.as_ref() else { return };
         let corner = [self.corner[0], frame.rows.start + self.corner[1]];
         let before = self.rays.hits().len();
