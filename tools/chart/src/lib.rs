@@ -33,6 +33,7 @@ pub mod paths;
 pub mod peers;
 pub mod points;
 pub mod random_scenes;
+pub mod reading;
 pub mod record;
 pub mod report;
 pub mod resident;

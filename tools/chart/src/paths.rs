@@ -31,6 +31,16 @@ pub const BUILT_IN: [(&str, &str); 3] = [
     ("dolly", include_str!("../../../benches/paths/dolly.json")),
     ("drag", include_str!("../../../benches/paths/drag.json")),
 ];
+/// The path of this name that comes with the program.
+///
+/// # Errors
+/// If there is none.
+pub fn built_in(name: &str) -> Result<CameraPath, ChartError> {
+    let found = BUILT_IN.iter().find(|(known, _)| *known == name);
+    let (_, text) = found.ok_or_else(|| ChartError::Command(format!("no path '{name}' comes with the program")))?;
+    CameraPath::from_json(text)
+}
+
 /// Most frames of a path.
 const FRAME_LIMIT: usize = 100_000;
 
@@ -368,8 +378,7 @@ mod tests {
     use supervol_runtime::lod::by_error::ANY_ERROR;
 
     fn built_in(name: &str) -> CameraPath {
-        let text = BUILT_IN.iter().find(|(known, _)| *known == name).expect("it comes with the program").1;
-        CameraPath::from_json(text).expect("a path")
+        super::built_in(name).expect("it comes with the program")
     }
 
     #[test]

@@ -8,7 +8,7 @@ use supervol_chart::record::{self, RegimeRecord};
 use supervol_chart::report::{Circumstances, Extent, Report, chart_page, stability_page};
 use supervol_chart::scenes::{self, SceneSpec};
 use supervol_chart::stability::{self, Regime};
-use supervol_chart::{Context, Scale, chart, convergence, leaping, points, storage};
+use supervol_chart::{Context, Scale, chart, convergence, leaping, points, reading, storage};
 use supervol_preprocess::output::unfinished::UnfinishedFolder;
 
 use crate::failure::{Failure, with_output};
@@ -79,8 +79,9 @@ fn run_chart(
     let stability = recorded_stability(folder)?;
     let convergence = convergence::table(context)?;
     let leaping = leaping::for_report(context)?;
+    let reading = &reading::for_report(context)?;
     let (convergence, leaping, stability) = (&convergence, &leaping, stability.as_deref());
-    let page = chart_page(&Report { chart: &chart, convergence, leaping, storage, stability, here, extent });
+    let page = chart_page(&Report { chart: &chart, convergence, leaping, reading, storage, stability, here, extent });
     let mut files = vec![("report.html".into(), page.into_bytes())];
     if extent == Extent::Whole {
         files.push(("points.json".into(), points::to_json(&chart.points).into_bytes()));

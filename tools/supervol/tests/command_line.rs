@@ -544,6 +544,8 @@ fn a_chart_is_written_as_a_page_and_as_points() {
     let stored = section("stored").expect("a section on what is stored");
     assert_eq!(stored.matches("<tr>").count(), 1 + 10 + 1 + 4, "{stored}");
     assert!(stored.matches("<figure>").count() == 4 && stored.contains("goal, 2 cores, lossless"), "{stored}");
+    let read = section("read").expect("a section on what is read for an error");
+    assert!(read.matches("<tr>").count() == 1 + 4 && read.contains("4/255") && read.contains("2/255"), "{read}");
     let files = std::fs::read_dir(folder.path("report")).expect("the folder can be listed").count();
     assert_eq!(files, 3, "containers and unfinished files are removed");
     assert!(folder.expect(2, &["chart", "--scene", "no-such", "-o", "report"]).contains("marschner-lobb"));

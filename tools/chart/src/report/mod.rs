@@ -12,6 +12,7 @@ pub mod machine;
 pub mod palette;
 pub mod pictures;
 pub mod plots;
+mod reading;
 pub mod stability;
 pub mod storage;
 
@@ -25,6 +26,7 @@ use crate::leaping::Measured;
 use crate::measure::{GREY_LEVELS, INVISIBLE};
 use crate::methods::DEFAULT;
 use crate::points::Point;
+use crate::reading::Read;
 use crate::record::RegimeRecord;
 use crate::scenes::{SceneSpec, scene};
 use crate::storage::Storage;
@@ -50,6 +52,8 @@ pub struct Report<'a> {
     pub convergence: &'a [OrderRow],
     /// What leaping over nothing costs and saves; may be empty.
     pub leaping: &'a [Measured],
+    /// What is read for the error that is asked for; may be empty.
+    pub reading: &'a [Read],
     /// What volumes cost to build and to store; may be empty.
     pub storage: &'a Storage,
     /// The stability suite, where it has been run.
@@ -65,7 +69,7 @@ pub struct Report<'a> {
 pub fn chart_page(report: &Report<'_>) -> String {
     let chart = report.chart;
     let mut sections = vec![
-        Section::new("reading", "How to read this report", reading(chart)),
+        Section::new("reading", "How to read this report", how_to_read(chart)),
         Section::new("findings", "What was found", findings::findings(&chart.points)),
         Section::new("speed", "Speed against accuracy", speed_against_accuracy(&chart.points)),
         Section::new("convergence", "Convergence", convergence::section(report.convergence)),
@@ -73,6 +77,7 @@ pub fn chart_page(report: &Report<'_>) -> String {
         Section::new("stated", "What is stated of each pixel", findings::stated(&chart.stated)),
         Section::new("pictures", "Pictures and their errors", shown_pictures(report)),
         Section::new("storage", "What is read: codecs and storage", findings::storage(&chart.points)),
+        Section::new("read", "What is read for the error asked for", reading::section(report.reading)),
         Section::new(
             "stored",
             "What is stored: building, bits and decoding",
@@ -91,7 +96,7 @@ pub fn chart_page(report: &Report<'_>) -> String {
     html::page("Supervol: speed against accuracy", &summary, &sections)
 }
 
-fn reading(chart: &Chart) -> String {
+fn how_to_read(chart: &Chart) -> String {
     let [width, height] = chart.image_size;
     let mut names: Vec<&str> = chart.points.iter().map(|p| p.scene.as_str()).collect();
     names.dedup();
@@ -279,6 +284,7 @@ mod tests {
                 chart: &chart,
                 convergence: &[],
                 leaping: &[],
+                reading: &[],
                 storage,
                 stability: None,
                 here: &here,
