@@ -318,7 +318,7 @@ fn precision_of(max_error: f64, has_steps: bool, sums_errors: bool) -> Precision
 /// What packets hold in host memory beside their tables; `core`: voxels along an edge of a full brick's core.
 #[must_use]
 pub fn bytes_held(core: usize, rule: PacketRule) -> CasterBytes {
-    let made = (BrickPlan::most_bytes(core) + Silhouette::most_bytes()).max(BrickSummary::most_bytes(core));
+    let made = (BrickPlan::most_bytes(core) + Silhouette::most_bytes(core)).max(BrickSummary::most_bytes(core));
     let made_of_brick = bytes_kept(made);
     let gathered = size_of::<Gathered>()
         + if rule.sums_errors { size_of::<LevelErrors>() } else { 0 }
@@ -606,7 +606,7 @@ impl CastTile<'_> {
         self.feedback.counters.cells += self.rays.hits().len() as u64;
     }
 
-    /// Leaves out the rays that miss all that shows of a brick.
+    /// Leaves out the rays that miss all that shows of a brick: each has leapt over it.
     fn leave_out_unseen(&mut self, key: BrickKey, brick: &DecodedBrick) {
         let (frame, tables) = (self.frame, self.tables);
         let plan = tables.plans.of(frame, tables, key, brick);
@@ -623,8 +623,12 @@ impl CastTile<'_> {
         let Some(silhouette) = made.as_ref() else { return };
         let corner = [self.corner[0], frame.rows.start + self.corner[1]];
         let before = self.rays.hits().len();
+        let entered = tables.counts_work.then(|| self.rays.hits().to_vec());
         dispatch(tables.set, MeetSilhouette { silhouette, projector, corner, rays: self.rays });
         self.feedback.counters.macro_cells_skipped += (before - self.rays.hits().len()) as u64;
+        if let Some(entered) = entered {
+            self.note_leapt_over(&entered);
+        }
     }
 
     fn cast_brick(&mut self, key: BrickKey, brick: &DecodedBrick) {

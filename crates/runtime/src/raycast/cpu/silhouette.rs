@@ -1,4 +1,4 @@
-//! Where that what shows of a brick lies in the picture: rays beside it do not enter the brick, and those that meet it begin just before.
+//! Where in the picture a brick shows something: rays beside that do not enter the brick, the others begin just before it.
 //!
 //! After polygon-assisted ray casting (Avila, Sobierajski, Kaufman 1992): blocks of cells that may show something are projected, by a
 //! rectangle of pixels and a range of depths each, and what a tile's rays meet is looked up pixel by pixel. That is done once for a brick and
@@ -88,10 +88,11 @@ impl Silhouette {
         (size_of::<Self>() + size_of::<Boxes>() * self.boxes.capacity()) as u64
     }
 
-    /// Bytes held at most.
+    /// Bytes held at most of a brick with so many core voxels along each axis.
     #[must_use]
-    pub const fn most_bytes() -> u64 {
-        (size_of::<Self>() + size_of::<Boxes>() * MOST_BOXES / SIDE_BY_SIDE) as u64
+    pub fn most_bytes(core: usize) -> u64 {
+        let most_boxes = (core.div_ceil(BLOCK).pow(3) / SPARSE).min(MOST_BOXES);
+        (size_of::<Self>() + size_of::<Boxes>() * most_boxes.div_ceil(SIDE_BY_SIDE)) as u64
     }
 
     /// With room for so many boxes.
@@ -281,16 +282,16 @@ impl TileRays {
     #[inline(always)]
     fn keep_between(&mut self, forward: [f64; 3], depth: f64, depths: &[[f32; TILE_RAYS]; 2]) {
         let mut from: PerRay = [0.0; TILE_RAYS];
-        for ray in 0..TILE_RAYS {
+        for (ray, from) in from.iter_mut().enumerate() {
             let along = |of: &[PerRay; 3]| forward[0] * of[0][ray] + forward[1] * of[1][ray] + forward[2] * of[2][ray];
             let (begin, per_depth) = (along(&self.origin), along(&self.direction).recip());
             let to = |behind: f32| (depth - begin + f64::from(behind)) * per_depth;
             let (near, far) = (to(depths[0][ray]), to(depths[1][ray]));
-            from[ray] = if near > self.entry[ray] { near } else { self.entry[ray] };
+            *from = if near > self.entry[ray] { near } else { self.entry[ray] };
             self.exit[ray] = if far < self.exit[ray] { far } else { self.exit[ray] };
         }
-        for ray in 0..TILE_RAYS {
-            self.start[ray] = (from[ray] - self.entry[ray]) as f32;
+        for (start, (from, entry)) in self.start.iter_mut().zip(from.iter().zip(&self.entry)) {
+            *start = (from - entry) as f32;
         }
         let mut count = 0;
         for i in 0..self.hit_count {
@@ -421,6 +422,10 @@ mod tests {
         let (side, cubes) = cubes_that_show(&cloud(|i| i == 17)).expect("one block shows");
         assert_eq!((side, cubes), (BLOCK as f64, vec![[1, 1, 0]]));
         let full = Silhouette::new(MOST_BOXES, 0.0);
-        assert_eq!(full.bytes(), Silhouette::most_bytes());
+        assert_eq!(full.bytes(), Silhouette::most_bytes(64));
+        let (_, cubes) =
+            cubes_that_show(&ProximityCloud::<BLOCK>::of_shown([4; 3], [Ahead::Both; 3], (0..64).map(|i| i % 3 == 1)))
+                .expect("a third shows");
+        assert_eq!(Silhouette::new(cubes.len(), 0.0).bytes(), Silhouette::most_bytes(4 * BLOCK));
     }
 }
