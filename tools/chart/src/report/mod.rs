@@ -77,7 +77,7 @@ pub fn chart_page(report: &Report<'_>) -> String {
         Section::new("stated", "What is stated of each pixel", findings::stated(&chart.stated)),
         Section::new("pictures", "Pictures and their errors", shown_pictures(report)),
         Section::new("storage", "What is read: codecs and storage", findings::storage(&chart.points)),
-        Section::new("read", "What is read for the error asked for", reading::section(report.reading)),
+        Section::new("read", "What is read for the error asked for", reading::section(report.reading, report.extent)),
         Section::new(
             "stored",
             "What is stored: building, bits and decoding",

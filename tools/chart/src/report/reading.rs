@@ -1,5 +1,6 @@
-//! What is read for the error that is asked for: a figure and a table.
+//! What is read for the error that is asked for: a table, and a figure of it that summaries leave out.
 
+use super::Extent;
 use super::html::{bytes, escape, figure, number, paragraph, table};
 use super::palette;
 use super::plots::{Plot, Scaling, Series};
@@ -7,7 +8,7 @@ use crate::measure::GREY_LEVELS;
 use crate::reading::{HOST_MEMORY_BYTES, Read};
 
 /// The section of the report.
-pub(super) fn section(reads: &[Read]) -> String {
+pub(super) fn section(reads: &[Read], extent: Extent) -> String {
     if reads.is_empty() {
         return paragraph("Reading was not measured in this run.");
     }
@@ -36,13 +37,14 @@ pub(super) fn section(reads: &[Read]) -> String {
         "bricks, frame after it",
         "ms, frame after it",
     ];
-    paragraph(&format!(
+    let about = paragraph(&format!(
         "A frame is drawn until it has converged, from an empty cache and with {} of memory; then the camera moves on by six degrees. How \
          fine bricks have to be follows from the error that is asked for (--max-error) and from what coarser levels are off by, as the \
          container says; voxels finer than pixels are not read for any error. The larger volume is computed when it is read.",
         bytes(HOST_MEMORY_BYTES).replace(".0 ", " ")
-    )) + &bricks_against_error(reads)
-        + &table(&headings, &reads.iter().map(row).collect::<Vec<_>>())
+    ));
+    let figure = if extent == Extent::Whole { bricks_against_error(reads) } else { String::new() };
+    about + &figure + &table(&headings, &reads.iter().map(row).collect::<Vec<_>>())
 }
 
 /// An error in grey levels; all of them ask for nothing but the size of voxels.
@@ -92,11 +94,13 @@ mod tests {
             later_bricks: 4,
             bytes: 5 << 20,
         };
-        let html = section(&[read("<waves>", 255.0), read("<waves>", 4.0), read("seismic", 4.0)]);
-        assert_eq!(html.matches("<tr>").count(), 1 + 3, "{html}");
+        let reads = [read("<waves>", 255.0), read("<waves>", 4.0), read("seismic", 4.0)];
+        let html = section(&reads, Extent::Whole);
+        assert_eq!((html.matches("<tr>").count(), html.matches("<figure>").count()), (1 + 3, 1), "{html}");
+        assert!(!section(&reads, Extent::Summary).contains("<figure>"));
         for part in ["&lt;waves&gt;", "40 × 30 × 20", "none", "4/255", "5.0 MiB", "1024 MiB of memory"] {
             assert!(html.contains(part), "no {part}: {html}");
         }
-        assert!(!html.contains("<waves>") && !section(&[]).contains("<table"));
+        assert!(!html.contains("<waves>") && !section(&[], Extent::Whole).contains("<table"));
     }
 }
