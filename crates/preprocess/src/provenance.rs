@@ -8,7 +8,6 @@ use std::path::Path;
 
 use supervol_format::VoxelType;
 use supervol_format::canceller::Canceller;
-use supervol_format::codec::CodecChoice;
 use supervol_format::container::header::Descriptor;
 use supervol_format::container::manifest::{AxisName, Json, Manifest, Source};
 
@@ -85,10 +84,7 @@ pub(crate) fn manifest(
 ) -> Manifest {
     let info = source.info();
     let values = Values::of(descriptor, statistics);
-    let codec = match options.codec {
-        CodecChoice::Smallest => "auto",
-        CodecChoice::Only(codec) => codec.name(),
-    };
+    let codec = options.codec.name();
     // Where nothing is moved, manifests are what they were before anything could be.
     let max_error = (options.max_error != MaxError::Exact).then(|| ("max_error", options.max_error.describe()));
     let rms_kept = plan.describe().map(|kept| (RMS_KEPT, kept));

@@ -14,7 +14,7 @@
 //! - [`volume`]: a volume built into a container, its scenes and its pictures;
 //! - [`comparison`]: the methods that the renderer's own is compared with; they plug into its scalar caster;
 //! - [`measure`]: the distance between two pictures; [`convergence`]: how fast rules come to the exact one;
-//! - [`chart`], [`storage`], [`stability`], [`peers`], [`paths`], [`leaping`], [`random_scenes`]: what is run;
+//! - [`chart`], [`storage`], [`reading`], [`stability`], [`peers`], [`paths`], [`leaping`], [`random_scenes`]: what is run;
 //! - [`report`]: what is written; [`ledger`]: records kept by machine and date.
 //!
 //! Nothing here is needed to build or to render: it calls the crates as any other program does. Everything random is

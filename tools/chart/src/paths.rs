@@ -31,18 +31,17 @@ pub const BUILT_IN: [(&str, &str); 3] = [
     ("dolly", include_str!("../../../benches/paths/dolly.json")),
     ("drag", include_str!("../../../benches/paths/drag.json")),
 ];
-/// The path of this name that comes with the program.
-///
-/// # Errors
-/// If there is none.
-pub fn built_in(name: &str) -> Result<CameraPath, ChartError> {
-    let found = BUILT_IN.iter().find(|(known, _)| *known == name);
-    let (_, text) = found.ok_or_else(|| ChartError::Command(format!("no path '{name}' comes with the program")))?;
-    CameraPath::from_json(text)
-}
-
 /// Most frames of a path.
 const FRAME_LIMIT: usize = 100_000;
+
+/// The path of this name that comes with the program; `None` where there is none.
+///
+/// # Errors
+/// If its text is no path.
+pub fn built_in(name: &str) -> Option<Result<CameraPath, ChartError>> {
+    let found = BUILT_IN.iter().find(|(known, _)| *known == name);
+    found.map(|(_, text)| CameraPath::from_json(text))
+}
 
 /// A camera path.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -378,7 +377,7 @@ mod tests {
     use supervol_runtime::lod::by_error::ANY_ERROR;
 
     fn built_in(name: &str) -> CameraPath {
-        super::built_in(name).expect("it comes with the program")
+        super::built_in(name).expect("it comes with the program").expect("a path")
     }
 
     #[test]

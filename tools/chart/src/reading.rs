@@ -59,7 +59,7 @@ pub fn for_report(context: &Context<'_>) -> Result<Vec<Read>, ChartError> {
     };
     let subjects =
         [("waves", Subject::Virtual(Field::Waves, edges[0])), ("seismic", Subject::Scenes(vec!["seismic".into()]))];
-    let orbit = built_in("orbit")?;
+    let orbit = built_in("orbit").expect("it comes with the program")?;
     let path = CameraPath { frames: orbit.frames[..FRAMES].to_vec(), ..orbit };
     let mut all = Vec::new();
     for (name, subject) in subjects {

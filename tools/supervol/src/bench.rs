@@ -376,8 +376,8 @@ fn keep(ledger: Option<&Ledger>, entries: &[ledger::Entry]) -> Result<(), ChartE
 
 /// A path that comes with the program, or one from a file.
 fn camera_path(name: &str) -> Result<CameraPath, Failure> {
-    if let Some((_, text)) = paths::BUILT_IN.iter().find(|(known, _)| *known == name) {
-        return Ok(CameraPath::from_json(text)?);
+    if let Some(path) = paths::built_in(name) {
+        return Ok(path?);
     }
     let known = paths::BUILT_IN.map(|(known, _)| known).join(", ");
     let text = crate::input::read_text(Path::new(name), &format!("{known} or a camera path, --path"))?;

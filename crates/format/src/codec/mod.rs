@@ -123,6 +123,17 @@ pub enum CodecChoice {
     Only(Codec),
 }
 
+impl CodecChoice {
+    /// Name as `--codec` has it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Smallest => "auto",
+            Self::Only(codec) => codec.name(),
+        }
+    }
+}
+
 /// What an encoder may do, and what it knows of the voxels beside their bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Coding {

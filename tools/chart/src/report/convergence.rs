@@ -2,7 +2,7 @@
 
 use super::html::{escape, figure, grid, number, number_or_dash, paragraph, table};
 use super::palette;
-use super::plots::{Plot, Scaling, Series};
+use super::plots::{Plot, Series};
 use crate::convergence::OrderRow;
 use crate::measure::INVISIBLE;
 
@@ -55,17 +55,11 @@ fn convergence_figure(rows: &[OrderRow]) -> String {
         look: palette::look(row.rule, i),
         points: row.curve.clone(),
     });
+    let labels = ["samples per voxel", "largest error, share of full scale"];
     let plot = Plot {
-        x_label: "samples per voxel".into(),
-        y_label: "largest error, share of full scale".into(),
-        scaling: [Scaling::Logarithmic; 2],
-        series: series.collect(),
         guides: rows.iter().filter_map(guide).collect(),
-        front: Vec::new(),
         limit: Some((INVISIBLE, "half a grey level".into())),
-        ringed: None,
-        named: Vec::new(),
-        has_legend: true,
+        ..Plot::of_lines(labels, series.collect())
     };
     figure(
         &format!("{}, {}: error against samples", rows[0].field, rows[0].transfer_function),

@@ -2,7 +2,7 @@
 
 use super::html::{escape, figure, number, paragraph, table};
 use super::palette;
-use super::plots::{Plot, Scaling, Series};
+use super::plots::{Plot, Series};
 use crate::leaping::{Measured, Ways};
 
 /// Processor time that the clouds of 16.8 million macro cells may take, milliseconds.
@@ -40,18 +40,9 @@ fn rebuilding(scenes: &[Measured]) -> String {
         look: palette::look(&scene.scene, i),
         points: scene.rebuilding.iter().map(|&(count, ms)| (count as f64, ms)).collect(),
     });
-    let plot = Plot {
-        x_label: "macro cells".into(),
-        y_label: "clouds of all of them, CPU ms".into(),
-        scaling: [Scaling::Logarithmic; 2],
-        series: series.collect(),
-        guides: Vec::new(),
-        front: Vec::new(),
-        limit: Some((REBUILDING_GOAL_MS, "goal for 16.8 million".into())),
-        ringed: None,
-        named: Vec::new(),
-        has_legend: true,
-    };
+    let labels = ["macro cells", "clouds of all of them, CPU ms"];
+    let limit = Some((REBUILDING_GOAL_MS, "goal for 16.8 million".into()));
+    let plot = Plot { limit, ..Plot::of_lines(labels, series.collect()) };
     let reading = "What a new transfer function costs before the first ray: proportional to the number of macro cells.";
     figure("Making proximity clouds anew", &plot.html(), reading)
 }

@@ -175,6 +175,23 @@ fn extremes(values: &[f64]) -> Option<[f64; 2]> {
 }
 
 impl Plot {
+    /// These lines on logarithmic axes, named below; nothing else.
+    #[must_use]
+    pub fn of_lines([x_label, y_label]: [&str; 2], series: Vec<Series>) -> Self {
+        Self {
+            x_label: x_label.into(),
+            y_label: y_label.into(),
+            scaling: [Scaling::Logarithmic; 2],
+            series,
+            guides: Vec::new(),
+            front: Vec::new(),
+            limit: None,
+            ringed: None,
+            named: Vec::new(),
+            has_legend: true,
+        }
+    }
+
     /// The plot with the label of its vertical axis above it, where long ones have room, and its legend below it where it
     /// has one.
     #[must_use]

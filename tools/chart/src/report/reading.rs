@@ -3,7 +3,7 @@
 use super::Extent;
 use super::html::{bytes, escape, figure, number, paragraph, table};
 use super::palette;
-use super::plots::{Plot, Scaling, Series};
+use super::plots::{Plot, Series};
 use crate::measure::GREY_LEVELS;
 use crate::reading::{HOST_MEMORY_BYTES, Read};
 
@@ -58,18 +58,8 @@ fn bricks_against_error(reads: &[Read]) -> String {
         look: palette::look(&reads[0].scene, i),
         points: reads.iter().map(|read| (read.max_error, read.bricks as f64)).collect(),
     };
-    let plot = Plot {
-        x_label: "error asked for, grey levels of 255".into(),
-        y_label: "bricks read".into(),
-        scaling: [Scaling::Logarithmic; 2],
-        series: reads.chunk_by(|a, b| a.scene == b.scene).enumerate().map(of_scene).collect(),
-        guides: Vec::new(),
-        front: Vec::new(),
-        limit: None,
-        ringed: None,
-        named: Vec::new(),
-        has_legend: true,
-    };
+    let series = reads.chunk_by(|a, b| a.scene == b.scene).enumerate().map(of_scene).collect();
+    let plot = Plot::of_lines(["error asked for, grey levels of 255", "bricks read"], series);
     figure(
         "Bricks of a frame against the error asked for",
         &plot.html(),

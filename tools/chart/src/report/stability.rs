@@ -109,17 +109,11 @@ fn plot(record: &RegimeRecord) -> Plot {
         look: palette::look(name, place),
         points: points(name, false),
     };
+    let series = names.iter().enumerate().map(line).collect();
     Plot {
-        x_label: record.x_label.clone(),
-        y_label: record.y_label.clone(),
         scaling: [Scaling::Automatic; 2],
-        series: names.iter().enumerate().map(line).collect(),
         guides: names.iter().map(|name| points(name, true)).collect(),
-        front: Vec::new(),
-        limit: None,
-        ringed: None,
-        named: Vec::new(),
-        has_legend: true,
+        ..Plot::of_lines([&record.x_label, &record.y_label], series)
     }
 }
 

@@ -5,11 +5,12 @@
 use super::Extent;
 use super::html::{bytes, escape, figure, grid, number, paragraph, table};
 use super::palette::{self, Look};
-use super::plots::{Plot, Scaling, Series};
+use super::plots::{Plot, Series};
 use crate::measure::Spread;
 use crate::storage::builds::{Built, MEMORY_BYTES};
 use crate::storage::codecs::Rates;
-use crate::storage::{CHOICES, Storage, name_of};
+use crate::storage::{CHOICES, Storage};
+use supervol_format::codec::CodecChoice;
 
 /// What building is to reach without loss on two cores to itself, MB/s.
 const BUILD_GOAL_MB_S: f64 = 150.0;
@@ -40,22 +41,7 @@ fn series_of<'a, T>(
         look: Look { joined: is_joined, ..palette::look(name, place) },
         points: measured.iter().filter_map(|m| points(m, name)).collect(),
     };
-    CHOICES.map(name_of).into_iter().enumerate().map(of_codec).filter(|s| !s.points.is_empty()).collect()
-}
-
-fn plot([x_label, y_label]: [&str; 2], series: Vec<Series>) -> Plot {
-    Plot {
-        x_label: x_label.into(),
-        y_label: y_label.into(),
-        scaling: [Scaling::Logarithmic; 2],
-        series,
-        guides: Vec::new(),
-        front: Vec::new(),
-        limit: None,
-        ringed: None,
-        named: Vec::new(),
-        has_legend: true,
-    }
+    CHOICES.map(CodecChoice::name).into_iter().enumerate().map(of_codec).filter(|s| !s.points.is_empty()).collect()
 }
 
 /// Throughput and memory by size.
@@ -63,7 +49,7 @@ fn builds(builds: &[Built], extent: Extent) -> String {
     let against_size = |y_label, time: fn(&Built) -> Spread| {
         let at = |b: &Built| (b.volume_bytes() as f64 / 1e6, b.megabytes_per_second(time(b)));
         let series = series_of(builds, true, |b, codec| (b.codec == codec).then(|| at(b)));
-        plot(["volume, MB", y_label], series)
+        Plot::of_lines(["volume, MB", y_label], series)
     };
     let by_clock = Plot {
         limit: Some((BUILD_GOAL_MB_S, "goal, 2 cores, lossless".into())),
@@ -117,7 +103,7 @@ fn rates(rates: &[Rates], extent: Extent) -> String {
         let found = r.codecs.iter().find(|f| f.codec == codec)?;
         Some((r.bits(found) / (8 * r.voxel_type.bytes()) as f64, found.decode_mb_s))
     };
-    let plot = plot(
+    let plot = Plot::of_lines(
         ["bits that are left, share", "decoded voxels, MB a second of processor time"],
         series_of(rates, false, at),
     );
@@ -129,7 +115,7 @@ fn rates(rates: &[Rates], extent: Extent) -> String {
         about.into_iter().chain(r.codecs.iter().filter(|f| f.codec != "raw").map(of_codec)).collect()
     };
     let headings: Vec<&str> =
-        ["volume", "error"].into_iter().chain(CHOICES.map(name_of)).filter(|h| *h != "raw").collect();
+        ["volume", "error"].into_iter().chain(CHOICES.map(CodecChoice::name)).filter(|h| *h != "raw").collect();
     let is_shown = |r: &&Rates| extent == Extent::Whole || r.share == 0.0;
     let figure = figure(
         "Decoding against bits",
@@ -182,7 +168,7 @@ fn beside_others() -> String {
     );
     let plot = Plot {
         guides: vec![vec![(low, low), (high, high)]],
-        ..plot(["bits per voxel of the other codec", "bits per voxel of ours (auto)"], series)
+        ..Plot::of_lines(["bits per voxel of the other codec", "bits per voxel of ours (auto)"], series)
     };
     figure("Beside codecs that bound the error, too", &plot.html(), &reading)
 }

@@ -16,7 +16,7 @@ use supervol_preprocess::source::{Endian, VolumeSource};
 use supervol_preprocess::{BuildOptions, Existing, build, identify};
 use supervol_runtime::process;
 
-use super::{CHOICES, name_of};
+use super::CHOICES;
 use crate::context::{ChartError, Context};
 use crate::measure::Spread;
 
@@ -78,7 +78,7 @@ pub fn measure(context: &Context<'_>) -> Result<Vec<Built>, ChartError> {
             all.push(measure_one(&file, choice, resident_before)?);
         }
     }
-    all.sort_by_key(|built| CHOICES.iter().position(|choice| name_of(*choice) == built.codec));
+    all.sort_by_key(|built| CHOICES.iter().position(|choice| choice.name() == built.codec));
     Ok(all)
 }
 
@@ -136,7 +136,7 @@ fn measure_one(file: &RawFile, choice: CodecChoice, resident_before: u64) -> Res
     let peak = process::peak_resident_bytes().saturating_sub(resident_before);
     std::fs::remove_file(&output).map_err(|source| ChartError::Write { path: output, source })?;
     Ok(Built {
-        codec: name_of(choice),
+        codec: choice.name(),
         edge: file.edge,
         wall: Spread::of(&wall),
         cpu: Spread::of(&cpu),

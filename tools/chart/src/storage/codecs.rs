@@ -19,7 +19,7 @@ use supervol_preprocess::source::spool::SpoolFolder;
 use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_runtime::process;
 
-use super::{CHOICES, name_of};
+use super::CHOICES;
 use crate::context::{ChartError, Context};
 use crate::scenes::{CARP, data_file};
 use crate::volume::{Volume, build_options};
@@ -149,7 +149,7 @@ pub fn figures(bricks: &[Brick], coding: Coding, rounds: usize) -> Figures {
     });
     let megabytes = bytes_of(bricks) as f64 / 1e6;
     let bytes = payloads.iter().map(|(_, payload)| payload.len()).sum();
-    let codec = name_of(coding.choice);
+    let codec = coding.choice.name();
     Figures { codec, bytes, decode_mb_s: megabytes / decode_s, encode_mb_s: megabytes / encode_s }
 }
 

@@ -18,15 +18,6 @@ pub const CHOICES: [CodecChoice; 5] = [
     CodecChoice::Smallest,
 ];
 
-/// A choice of codecs as `--codec` names it.
-#[must_use]
-pub const fn name_of(choice: CodecChoice) -> &'static str {
-    match choice {
-        CodecChoice::Only(codec) => codec.name(),
-        CodecChoice::Smallest => "auto",
-    }
-}
-
 /// What was measured.
 #[derive(Debug, Clone, Default)]
 pub struct Storage {

@@ -16,7 +16,7 @@ use supervol_format::{BrickKey, Lod};
 
 use super::begin::MakeRays;
 use super::fetch::Stored;
-use super::leap::Ahead;
+use super::leap::{Ahead, BLOCK, ProximityCloud};
 use super::levels::{LevelErrors, TileErrors, errors_of};
 use super::lookup::{FewPieces, Lookup, ManyPieces};
 use super::order::{View, push_children, region_of, ways_through};
@@ -68,7 +68,7 @@ pub struct PacketTables {
     pub(super) to_index: ToIndex,
     /// Of bricks, in mode `dvr`.
     pub(super) plans: Arc<BrickPlans>,
-    pub(super) projector: Projector,
+    projector: Projector,
     /// Of bricks, in mode `dvr`, where they are worth it.
     silhouettes: PerBrick<Option<Silhouette>>,
     /// Of bricks, in all modes but `dvr`.
@@ -540,9 +540,6 @@ impl CastTile<'_> {
         }
         self.feedback.uses.insert(key);
         let crossing = self.crossing(key, resident);
-        if let (Resident::Brick(brick), Mode::Dvr, None) = (resident, self.frame.mode, &self.frame.inner) {
-            self.leave_out_unseen(key, brick);
-        }
         match self.tables.counts_work {
             true => self.go_through_one_by_one(key, resident),
             false => self.go_through(key, resident),
@@ -607,34 +604,20 @@ impl CastTile<'_> {
     }
 
     /// Leaves out the rays that miss all that shows of a brick: each has leapt over it.
-    fn leave_out_unseen(&mut self, key: BrickKey, brick: &DecodedBrick) {
+    fn leave_out_unseen(&mut self, key: BrickKey, cloud: &ProximityCloud<BLOCK>, grid: &BrickGrid) {
         let (frame, tables) = (self.frame, self.tables);
-        let plan = tables.plans.of(frame, tables, key, brick);
-        if !plan.leaps || plan.cloud.is_empty() {
-            return;
-        }
         let projector = &tables.projector;
-        let make = || {
-            let grid = &grid_of(frame, key);
-            dispatch(tables.set, MakeSilhouette { projector, grid, cloud: &plan.cloud })
-        };
+        let make = || dispatch(tables.set, MakeSilhouette { projector, grid, cloud });
         let bytes = |made: &Option<Silhouette>| made.as_ref().map_or(0, Silhouette::bytes);
         let made = tables.silhouettes.of(frame.field.brick(key), bytes, make);
         let Some(silhouette) = made.as_ref() else { return };
         let corner = [self.corner[0], frame.rows.start + self.corner[1]];
         let before = self.rays.hits().len();
-        let entered = tables.counts_work.then(|| self.rays.hits().to_vec());
         dispatch(tables.set, MeetSilhouette { silhouette, projector, corner, rays: self.rays });
         self.feedback.counters.macro_cells_skipped += (before - self.rays.hits().len()) as u64;
-        if let Some(entered) = entered {
-            self.note_leapt_over(&entered);
-        }
     }
 
     fn cast_brick(&mut self, key: BrickKey, brick: &DecodedBrick) {
-        if self.rays.hits().is_empty() {
-            return;
-        }
         let (frame, tables) = (self.frame, self.tables);
         let plan = tables.plans.of(frame, tables, key, brick);
         if plan.cloud.is_empty() && frame.skipping == Skipping::On {
@@ -642,6 +625,13 @@ impl CastTile<'_> {
             return;
         }
         let (packet_brick, grid) = tables.packet_brick(frame, key, brick);
+        // Between surfaces rays go piece by piece: what they meet would be looked up for each.
+        if plan.leaps && frame.inner.is_none() {
+            self.leave_out_unseen(key, &plan.cloud, &grid);
+            if self.rays.hits().is_empty() {
+                return;
+            }
+        }
         let lighting = frame.lighting.as_ref().map(|lighting| {
             let level_scale = frame.pyramid.level_at(key.lod()).scale;
             PacketLighting::new(lighting, &frame.geometry, level_scale, packet_brick.scale)
@@ -691,6 +681,8 @@ pub(super) fn packet_brick<'a>(
         Voxels::F32(v) => (v.as_ptr().cast(), Stored::F32, v.len()),
     };
     assert_eq!(count, extent.iter().product::<usize>(), "voxels of {key}");
+    let level = frame.pyramid.level_at(key.lod());
+    let grid = BrickGrid { inverse_scale: level.scale.map(|s| 1.0 / s as f64), start: core.start.map(|s| s as f64) };
     let packet_brick = PacketBrick {
         voxels,
         stored,
@@ -704,13 +696,7 @@ pub(super) fn packet_brick<'a>(
         cloud: None,
         lighting: None,
     };
-    (packet_brick, grid_of(frame, key))
-}
-
-/// The grid of a brick's voxels.
-fn grid_of(frame: &CpuFrame, key: BrickKey) -> BrickGrid {
-    let (level, core) = (frame.pyramid.level_at(key.lod()), frame.pyramid.core_box(key));
-    BrickGrid { inverse_scale: level.scale.map(|s| 1.0 / s as f64), start: core.start.map(|s| s as f64) }
+    (packet_brick, grid)
 }
 
 /// Which rays of a tile meet a region.

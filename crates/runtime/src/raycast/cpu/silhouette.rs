@@ -10,7 +10,7 @@ use glam::{DMat3, DVec3};
 
 use super::leap::{BLOCK, ProximityCloud};
 use super::simd::{Simd, Task};
-use super::tile::{BrickGrid, PerRay, TILE_RAYS, TILE_SIDE, TileRays, place_of};
+use super::tile::{BrickGrid, TILE_RAYS, TILE_SIDE, TileRays, place_of};
 use super::walk::BLOCK_SIDE;
 use crate::camera::{Camera, PixelRays, Projection};
 use supervol_format::Geometry;
@@ -273,33 +273,6 @@ impl DepthsOfPixels {
             out[1][first..first + BLOCK_ROW].copy_from_slice(&self.far[y][x..x + BLOCK_ROW]);
         }
         out
-    }
-}
-
-impl TileRays {
-    /// Of the rays found by [`TileRays::enter`], keeps those that have something between two depths behind `depth`, counted along
-    /// `forward` from the index space's origin; they begin at the first and end at the second.
-    #[inline(always)]
-    fn keep_between(&mut self, forward: [f64; 3], depth: f64, depths: &[[f32; TILE_RAYS]; 2]) {
-        let mut from: PerRay = [0.0; TILE_RAYS];
-        for (ray, from) in from.iter_mut().enumerate() {
-            let along = |of: &[PerRay; 3]| forward[0] * of[0][ray] + forward[1] * of[1][ray] + forward[2] * of[2][ray];
-            let (begin, per_depth) = (along(&self.origin), along(&self.direction).recip());
-            let to = |behind: f32| (depth - begin + f64::from(behind)) * per_depth;
-            let (near, far) = (to(depths[0][ray]), to(depths[1][ray]));
-            *from = if near > self.entry[ray] { near } else { self.entry[ray] };
-            self.exit[ray] = if far < self.exit[ray] { far } else { self.exit[ray] };
-        }
-        for (start, (from, entry)) in self.start.iter_mut().zip(from.iter().zip(&self.entry)) {
-            *start = (from - entry) as f32;
-        }
-        let mut count = 0;
-        for i in 0..self.hit_count {
-            let ray = self.hits[i];
-            self.hits[count] = ray;
-            count += usize::from(from[usize::from(ray)] < self.exit[usize::from(ray)]);
-        }
-        (self.hit_count, self.has_starts) = (count, true);
     }
 }
 

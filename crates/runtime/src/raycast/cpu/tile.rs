@@ -113,16 +113,16 @@ pub struct TileRays {
     /// Surfaces that rays meet in the present brick, in order along each ray, of frames that list them.
     pub crossings: Vec<(u16, SurfaceCrossing)>,
     /// Entry into and exit from the present brick.
-    pub(super) entry: PerRay,
-    pub(super) exit: PerRay,
+    entry: PerRay,
+    exit: PerRay,
     /// How far behind its entry a ray begins, where `has_starts`.
     pub(super) start: [f32; TILE_RAYS],
-    pub(super) has_starts: bool,
+    has_starts: bool,
     /// What solids leave of the rays.
     pub(super) ahead: PartsAhead,
     /// Rays that meet the present brick.
-    pub(super) hits: [u16; TILE_RAYS],
-    pub(super) hit_count: usize,
+    hits: [u16; TILE_RAYS],
+    hit_count: usize,
     /// Rays that go on in this pass.
     going: usize,
     has_parallel: bool,
@@ -362,6 +362,31 @@ impl TileRays {
             self.entry[ray] = near;
             self.exit[ray] = far;
         }
+    }
+
+    /// Of the rays found by [`TileRays::enter`], keeps those that have something between two depths behind `depth`, counted along
+    /// `forward` from the index space's origin; they begin at the first and end at the second.
+    #[inline(always)]
+    pub(super) fn keep_between(&mut self, forward: [f64; 3], depth: f64, depths: &[[f32; TILE_RAYS]; 2]) {
+        let mut from: PerRay = [0.0; TILE_RAYS];
+        for (ray, from) in from.iter_mut().enumerate() {
+            let along = |of: &[PerRay; 3]| forward[0] * of[0][ray] + forward[1] * of[1][ray] + forward[2] * of[2][ray];
+            let (begin, per_depth) = (along(&self.origin), along(&self.direction).recip());
+            let to = |behind: f32| (depth - begin + f64::from(behind)) * per_depth;
+            let (near, far) = (to(depths[0][ray]), to(depths[1][ray]));
+            *from = if near > self.entry[ray] { near } else { self.entry[ray] };
+            self.exit[ray] = if far < self.exit[ray] { far } else { self.exit[ray] };
+        }
+        for (start, (from, entry)) in self.start.iter_mut().zip(from.iter().zip(&self.entry)) {
+            *start = (from - entry) as f32;
+        }
+        let mut count = 0;
+        for i in 0..self.hit_count {
+            let ray = self.hits[i];
+            self.hits[count] = ray;
+            count += usize::from(from[usize::from(ray)] < self.exit[usize::from(ray)]);
+        }
+        (self.hit_count, self.has_starts) = (count, true);
     }
 
     /// The rays found by [`TileRays::enter`].

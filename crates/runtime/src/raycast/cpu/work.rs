@@ -34,18 +34,6 @@ impl CastTile<'_> {
             }
         }
     }
-
-    /// Of rays that have entered a brick, notes one leap for each that does not go through it.
-    pub(super) fn note_leapt_over(&mut self, entered: &[u16]) {
-        let kept = self.rays.hits().to_vec();
-        let mut kept = kept.iter().peekable();
-        let Some(work) = &mut self.rays.gathered.work else { return };
-        for ray in entered {
-            if kept.next_if_eq(&ray).is_none() {
-                work[usize::from(*ray)][1] += 1;
-            }
-        }
-    }
 }
 
 /// What a ray's work is counted by.
