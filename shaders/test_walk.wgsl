@@ -43,7 +43,7 @@ fn ray_of_case(c: WalkCase) -> LocalRay {
     let level = LevelRay(vec3<i32>(0), vec3<f32>(0.0), c.b_u.xyz - 0.5, vec3<f32>(0.0), 1.0 + c.b_u.w);
     // Three of four rays run along a plane.
     let direction = select(level.direction, vec3<f32>(0.0), vec3<u32>(0u, 1u, 2u) == vec3<u32>(c.ray % 4u));
-    return LocalRay(30.0 * c.a_value.xyz - 1.0, direction, level, vec3<i32>(0), normalize(c.b_u.xyz), c.low.xyz);
+    return LocalRay(32.0 * c.a_value.xyz - 1.0, direction, level, vec3<i32>(0), normalize(c.b_u.xyz), c.low.xyz);
 }
 
 @compute @workgroup_size(64)

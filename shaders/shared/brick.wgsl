@@ -47,13 +47,7 @@ fn texel_step() -> u32 {
 
 // A texel of a slot: 16 bytes of voxels of a layer (gpu/cache.rs).
 fn texel_of(slot: Slot, place: vec3<u32>) -> vec4<u32> {
-    let texel = slot.first + vec3<i32>(place);
-    switch min(slot.texture, TEXTURE_COUNT - 1u) {
-        case 0u: { return textureLoad(cache_0, texel); }
-        case 1u: { return textureLoad(cache_1, texel); }
-        case 2u: { return textureLoad(cache_2, texel); }
-        default: { return textureLoad(cache_3, texel); }
-    }
+    return cache_texel(slot.texture, slot.first + vec3<i32>(place));
 }
 
 // The stored bits of a voxel and its neighbours in its layer, as (x, y) = 00, 10, 01, 11.
@@ -68,23 +62,30 @@ fn stored_square(slot: Slot, voxel: vec3<i32>) -> vec4<u32> {
     let near = texel_of(slot, vec3<u32>(texel, place.yz));
     let far = texel_of(slot, vec3<u32>(texel, place.y + 1u, place.z));
     if (has_flag(FLAG_FLOAT)) {
-        return vec4<u32>(near[rest], near[rest + 1u], far[rest], far[rest + 1u]);
+        return vec4<u32>(pair_at(near, rest), pair_at(far, rest));
     }
     return vec4<u32>(halves_of_pair(near, rest), halves_of_pair(far, rest));
 }
 
+// A word of four, but the last, and the next one. By choice among all: on graphics hardware an index that is not known
+// when the shader is compiled costs a fifth of a picture's time.
+fn pair_at(words: vec4<u32>, first: u32) -> vec2<u32> {
+    return select(select(words.zw, words.yz, first == 1u), words.xy, first == 0u);
+}
+
 // A byte of four rows of four, and its neighbours along the row, in the next row, and along that.
 fn bytes_of_square(rows: vec4<u32>, place: vec2<u32>) -> vec4<u32> {
-    let shift = 8u * place.x;
-    let near = rows[place.y] >> shift;
-    let far = rows[place.y + 1u] >> shift;
-    return vec4<u32>(near, near >> 8u, far, far >> 8u) & vec4<u32>(0xffu);
+    let pair = pair_at(rows, place.y) >> vec2<u32>(8u * place.x);
+    return vec4<u32>(pair.x, pair.x >> 8u, pair.y, pair.y >> 8u) & vec4<u32>(0xffu);
 }
 
 // A number of eight of 16 bits, and the next one.
 fn halves_of_pair(row: vec4<u32>, place: u32) -> vec2<u32> {
-    let next = place + 1u;
-    return vec2<u32>(row[place / 2u] >> (16u * (place % 2u)), row[next / 2u] >> (16u * (next % 2u))) & vec2<u32>(0xffffu);
+    // From an odd one on they lie in two words.
+    let pair = pair_at(row, min(place / 2u, 2u));
+    let words = select(pair, pair.yy, place / 2u == 3u);
+    let both = select(vec2<u32>(words.x, words.x >> 16u), vec2<u32>(words.x >> 16u, words.y), place % 2u == 1u);
+    return both & vec2<u32>(0xffffu);
 }
 
 // Macro cells along each axis of a full brick.

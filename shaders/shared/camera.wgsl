@@ -115,6 +115,15 @@ fn pixel_of(place: u32) -> vec2<u32> {
     return first + vec2<u32>(block % 2u * 4u, block / 2u * 2u) + in_block + vec2<u32>(0u, scene.view.first_row);
 }
 
+// Where the ray of a pixel of the band is stored.
+fn place_of(pixel: vec2<u32>) -> u32 {
+    let in_band = pixel - vec2<u32>(0u, scene.view.first_row);
+    let tile = in_band / 8u;
+    let block = in_band / vec2<u32>(4u, 2u) % vec2<u32>(2u, 4u);
+    let lane = 8u * (block.x + 2u * block.y) + 4u * (in_band.y % 2u) + in_band.x % 4u;
+    return (tile.x + scene.view.tiles_x * tile.y) * WORKGROUP_RAYS + lane;
+}
+
 // The ray from its base point so many strides after its first point.
 fn ray_from(ray: PixelRay, strides: u32) -> LevelRay {
     let base = add_multiple(ray.origin, ray.stride, strides);

@@ -14,9 +14,7 @@
 @group(0) @binding(2) var points: texture_2d<u32>;
 // `config.bin_count` bins, then the bits of the knots' values.
 @group(0) @binding(3) var transfer_index: texture_2d<u32>;
-// Extinction and emission by bins (light.wgsl). What is fetched for every part of a ray is a storage texture: it has no levels of
-// detail, for which software adapters compute an address at every fetch.
-@group(0) @binding(4) var light_table: texture_storage_2d<rgba32uint, read>;
+// 4 and 8 to 11 are textures: texels_stored.wgsl, texels_sampled.wgsl.
 
 // For each slot the (least, greatest) render value of each macro cell, x fastest; least > greatest: nothing is there.
 @group(0) @binding(5) var<storage, read> macro_ranges: array<vec2<f32>>;
@@ -31,17 +29,11 @@ struct Feedback {
     padding_0: u32,
     padding_1: u32,
     padding_2: u32,
-    // `config.miss_limit` pairs (entry, waiting rays); from `config.use_words` on one bit for each slot that was used; from
+    // One bit for each slot that was used; from `config.miss_words` on `config.miss_limit` pairs (entry, waiting rays); from
     // `config.wait_words` on the rays waiting for each entry.
     words: array<atomic<u32>>,
 }
 @group(0) @binding(7) var<storage, read_write> feedback: Feedback;
-
-// Slots of stored voxels: integers biased to unsigned, floats as their bits. Unused ones hold one texel.
-@group(0) @binding(8) var cache_0: texture_storage_3d<rgba32uint, read>;
-@group(0) @binding(9) var cache_1: texture_storage_3d<rgba32uint, read>;
-@group(0) @binding(10) var cache_2: texture_storage_3d<rgba32uint, read>;
-@group(0) @binding(11) var cache_3: texture_storage_3d<rgba32uint, read>;
 
 // What bricks may be off by; pages say which is theirs. Read where `FLAG_ERRORS` is set.
 @group(0) @binding(12) var<storage, read> deviations: array<GpuDeviation>;

@@ -29,13 +29,13 @@ fn note_miss(entry: u32) {
     }
     let place = atomicAdd(&feedback.miss_count, 1u);
     if (place < config.miss_limit) {
-        atomicStore(&feedback.words[2u * place], entry);
+        atomicStore(&feedback.words[config.miss_words + 2u * place], entry);
     }
 }
 
 // Notes that the ray sampled a slot; the plain read spares most atomic writes.
 fn note_use(slot: u32) {
-    let word = config.use_words + slot / 32u;
+    let word = slot / 32u;
     let bit = 1u << (slot % 32u);
     if ((atomicLoad(&feedback.words[word]) & bit) == 0u) {
         atomicOr(&feedback.words[word], bit);

@@ -241,8 +241,8 @@ struct Config {
     visible_points: u32,
     // Loop iterations after which a ray stops at the next cell.
     work_limit: u32,
-    // First word of the feedback that holds bits of slots used.
-    use_words: u32,
+    // First word of the list of misses, behind the bits of slots used.
+    miss_words: u32,
     // First word of the feedback that counts rays waiting for a brick.
     wait_words: u32,
     // Stored number from which bins of the transfer function are counted, before it is scaled.
@@ -354,7 +354,7 @@ struct View {
 
 // One dispatch: a run of rays.
 struct Dispatch {
-    // Place of the first ray.
+    // Place of the first ray; of pixels the first one's number in its band, row by row.
     first_ray: u32,
     // 0 in a pass's first round, in which waiting rays look again whether their brick has come; then 1.
     later_round: u32,

@@ -37,8 +37,8 @@ fn light_at(value: f32) -> LightAt {
     let bin = light_bin(value);
     let texel = light_texel(bin);
     let y = value - max(bin, 0.0);
-    let start = textureLoad(light_table, texel);
-    let ends = textureLoad(light_table, texel + vec2<u32>(1u, 0u));
+    let start = light_texel_at(texel);
+    let ends = light_texel_at(texel + vec2<u32>(1u, 0u));
     let left_root = halves_of(ends.xy);
     let right_root = halves_of(ends.zw);
     let share = config.light_most * PER_SQUARE;
@@ -50,7 +50,7 @@ fn light_at(value: f32) -> LightAt {
 // Bends and variation of colour below a value's bin, or below the bin behind it; variation of colour in that bin, and in the one before it.
 fn light_sums(value: f32, behind: f32) -> vec4<f32> {
     let texel = light_texel(min(light_bin(value) + behind, f32(LIGHT_BINS)));
-    return bitcast<vec4<f32>>(textureLoad(light_table, texel + vec2<u32>(2u, 0u)));
+    return bitcast<vec4<f32>>(light_texel_at(texel + vec2<u32>(2u, 0u)));
 }
 
 // The field along a part of a ray: at its beginning, middle and end, and the coefficient of the third power.

@@ -361,7 +361,7 @@ fn sixteen_slots_on_the_gpu_draw_what_all_do() {
     let subject = waves_of([97, 80, 90], VoxelType::U8, 16);
     for (mode, scene) in scenes(&subject).into_iter().filter(|(mode, _)| is_for_gpu(mode)) {
         let expected = subject.finest(&scene, Backend::Cpu);
-        let tiny = RenderOptions { gpu_memory_bytes: 1, ..finest(Backend::Gpu) };
+        let tiny = RenderOptions { gpu_memory_bytes: Some(1), ..finest(Backend::Gpu) };
         let (slot_bytes, min_slots, needed) = match render(&subject.container, &scene, &tiny) {
             Err(RenderError::Gpu(GpuError::Budget { slot_bytes, min_slots, needed, .. })) => {
                 (slot_bytes, min_slots, needed)
@@ -371,7 +371,7 @@ fn sixteen_slots_on_the_gpu_draw_what_all_do() {
         // A sixteenth of what is spare becomes staging.
         let few = needed + (16 - min_slots) * slot_bytes * 16 / 15;
         for gpu_memory_bytes in [few, 256 << 20] {
-            let options = RenderOptions { gpu_memory_bytes, ..finest(Backend::Gpu) };
+            let options = RenderOptions { gpu_memory_bytes: Some(gpu_memory_bytes), ..finest(Backend::Gpu) };
             let (image, stats) = subject.render(&scene, &options);
             let name = format!("{mode}, {gpu_memory_bytes} bytes on the GPU, {} passes", stats.passes);
             assert!(stats.gpu_bytes <= gpu_memory_bytes, "{stats:#?}");

@@ -6,6 +6,8 @@
 use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
+
 /// Grey levels of full scale: those of an 8-bit channel.
 pub const GREY_LEVELS: f64 = 255.0;
 
@@ -121,38 +123,58 @@ impl Image {
         if factor == 1 && [self.width, self.height] == size {
             return self;
         }
-        let mut large = Self::unknown(size);
-        large.fill_unknown(&self, factor);
+        self.enlarged_over(Vec::new(), factor, size)
+    }
+
+    /// The same, written over pixels that nobody looks at any more, whatever their number.
+    #[must_use]
+    pub fn enlarged_over(&self, mut pixels: Vec<[f32; 4]>, factor: u32, size: [u32; 2]) -> Self {
+        let [width, height] = size;
+        let count = width as usize * height as usize;
+        if pixels.len() != count {
+            pixels = vec![[0.0; 4]; count];
+        }
+        let mut large = Self { width, height, pixels };
+        large.fill_from(self, factor, |_| true);
         large
     }
 
     /// Pixels that are NaN become those of `small`, whose pixels are `factor` times as large, enlarged.
     pub fn fill_unknown(&mut self, small: &Self, factor: u32) {
+        self.fill_from(small, factor, |pixel| pixel[0].is_nan());
+    }
+
+    /// The same of pixels that are to be filled.
+    fn fill_from(&mut self, small: &Self, factor: u32, is_filled: impl Fn(&[f32; 4]) -> bool + Sync) {
         let columns: Vec<Beside> = (0..self.width).map(|x| Beside::new(x, factor, small.width)).collect();
-        // Rows of `small` above and below a line, as wide as this picture: the next lines lie between the same ones.
-        let mut wide = [(usize::MAX, Vec::new()), (usize::MAX, Vec::new())];
-        for (y, line) in (0..).zip(self.pixels.chunks_exact_mut(self.width as usize)) {
-            if !line.iter().any(|pixel| pixel[0].is_nan()) {
-                continue;
-            }
-            let Beside { first, second, weight } = Beside::new(y, factor, small.height);
-            if wide[0].0 != first {
-                wide.swap(0, 1);
-            }
-            for (number, (held, row)) in [first, second].into_iter().zip(&mut wide) {
-                if *held != number {
-                    *held = number;
-                    row.clear();
-                    let pixels = &small.pixels[number * small.width as usize..][..small.width as usize];
-                    row.extend(columns.iter().map(|at| mixed(&pixels[at.first], &pixels[at.second], at.weight)));
+        let width = self.width as usize;
+        let fill_lines = |(number, lines): (usize, &mut [[f32; 4]])| {
+            // Rows of `small` above and below a line, as wide as this picture: the next lines lie between the same ones.
+            let mut wide = [(usize::MAX, Vec::new()), (usize::MAX, Vec::new())];
+            for (y, line) in (number * LINES_TOGETHER..).zip(lines.chunks_exact_mut(width)) {
+                if !line.iter().any(&is_filled) {
+                    continue;
+                }
+                let Beside { first, second, weight } = Beside::new(y as u32, factor, small.height);
+                if wide[0].0 != first {
+                    wide.swap(0, 1);
+                }
+                for (number, (held, row)) in [first, second].into_iter().zip(&mut wide) {
+                    if *held != number {
+                        *held = number;
+                        row.clear();
+                        let pixels = &small.pixels[number * small.width as usize..][..small.width as usize];
+                        row.extend(columns.iter().map(|at| mixed(&pixels[at.first], &pixels[at.second], at.weight)));
+                    }
+                }
+                for ((pixel, above), below) in line.iter_mut().zip(&wide[0].1).zip(&wide[1].1) {
+                    if is_filled(pixel) {
+                        *pixel = mixed(above, below, weight);
+                    }
                 }
             }
-            for ((pixel, above), below) in line.iter_mut().zip(&wide[0].1).zip(&wide[1].1) {
-                if pixel[0].is_nan() {
-                    *pixel = mixed(above, below, weight);
-                }
-            }
-        }
+        };
+        self.pixels.par_chunks_mut(width * LINES_TOGETHER).enumerate().for_each(fill_lines);
     }
 
     /// Writes the pixels of a band that are numbers over those from row `first_row` on; how many there were.
@@ -322,6 +344,9 @@ impl From<png::EncodingError> for EncodeError {
         }
     }
 }
+
+/// Lines that one thread fills.
+const LINES_TOGETHER: usize = 64;
 
 /// The two pixels of a row or column beside a place, and the weight of the second; clamped at the ends.
 struct Beside {

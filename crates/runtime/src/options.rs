@@ -65,8 +65,10 @@ pub struct RenderOptions {
     pub process_bytes: u64,
     /// Most bytes of decoded bricks among these; `None`: all that is left of them.
     pub cache_bytes: Option<u64>,
-    /// Bytes that the frame may hold on a graphics device.
-    pub gpu_memory_bytes: u64,
+    /// Bytes that the frame may hold on a graphics device; `None`: what [`GpuDevice::default_memory`] says of it.
+    ///
+    /// [`GpuDevice::default_memory`]: crate::raycast::gpu::GpuDevice::default_memory
+    pub gpu_memory_bytes: Option<u64>,
     /// Threads that cast and decode; `None`: one per processor.
     pub threads: Option<usize>,
     /// Whether what cannot be seen is left out; the picture is the same.
@@ -99,7 +101,7 @@ impl Default for RenderOptions {
             host_memory_bytes: 512 << 20,
             process_bytes: 0,
             cache_bytes: None,
-            gpu_memory_bytes: 256 << 20,
+            gpu_memory_bytes: None,
             threads: None,
             skipping: Skipping::On,
             caster: Caster::DEFAULT,

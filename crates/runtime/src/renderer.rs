@@ -30,12 +30,11 @@ use supervol_format::Container;
 
 use crate::camera::Camera;
 use crate::counters::milliseconds;
-use crate::frame::gpu::GpuBackend;
 use crate::frame::maps::Maps;
 use crate::frame::{Backend, LevelChoice, RenderError, RenderOptions, render_cpu, render_from_reference};
 use crate::image::Image;
 use crate::process;
-use crate::raycast::gpu::{GpuDevice, may_have_hardware};
+use crate::raycast::gpu::{GpuDevice, SHARED_MEMORY, may_have_hardware};
 use crate::scene::{Mode, ResolvedScene};
 use crate::stats::{FrameStats, mode_name};
 use crate::stop::{Canceller, Stop};
@@ -43,12 +42,13 @@ use crate::streamer::Streamer;
 use crate::streamer::budget::CasterBytes;
 use crate::units::Units;
 use crate::volume::Volume;
+
 pub use ahead::Ahead;
 use drawing::Drawing;
 use layers::Layers;
 pub use pick::{Picked, PickedOn};
 use resident::Resident;
-use stages::Best;
+use stages::{Best, Device};
 
 /// Why the processor casts the rays on most machines ([`FrameStats::no_gpu_because`]): what nobody who did not ask needs to hear.
 pub const NO_DEVICE: &str = "no graphics device is there";
@@ -77,7 +77,7 @@ pub struct Renderer {
 enum Drawer {
     Undecided,
     Cpu { no_gpu_because: Option<String> },
-    Gpu { backend: Box<GpuBackend>, or_cpu: bool },
+    Gpu { device: Box<Device>, or_cpu: bool },
     Reference,
 }
 
@@ -235,7 +235,10 @@ impl Renderer {
 
     /// The picture is drawn anew from what is loaded; bricks that failed long enough ago are tried again.
     pub fn begin_anew(&mut self) {
-        self.work = Work::Nothing;
+        let before = std::mem::replace(&mut self.work, Work::Nothing);
+        if let (Work::InStages(best), Drawer::Gpu { device, .. }) = (before, &mut self.drawer) {
+            device.backend.take_back(best.image);
+        }
         self.before = FrameStats::default();
         if let Some(resident) = &self.resident {
             self.before.gather_streamer(resident.as_streamer());
@@ -312,7 +315,7 @@ impl Renderer {
     /// A hardware GPU where the backend may be chosen, or the CPU and the reason why not the GPU.
     fn choose_drawer(&self) -> Result<Drawer, RenderError> {
         let no_gpu = |why: String| Drawer::Cpu { no_gpu_because: Some(why) };
-        let gpu = |device, or_cpu| Drawer::Gpu { backend: Box::new(GpuBackend::new(device)), or_cpu };
+        let gpu = |device, or_cpu| Drawer::Gpu { device: Box::new(Device::new(device)), or_cpu };
         Ok(match self.options.backend {
             Backend::Cpu => Drawer::Cpu { no_gpu_because: None },
             Backend::Gpu => gpu(self.pool.install(GpuDevice::open)?, false),
@@ -335,7 +338,7 @@ impl Renderer {
         let container = volume.container();
         let device = match drawer {
             // A sheet of sections alone has no volume between them.
-            Drawer::Gpu { backend, .. } if scene.mode != Mode::Slice => Some(&mut **backend),
+            Drawer::Gpu { device, .. } if scene.mode != Mode::Slice => Some(&mut **device),
             _ => None,
         };
         pool.install(|| {
@@ -367,7 +370,7 @@ impl Renderer {
                 return Ok(());
             }
             let resident = fitting(resident, container, (scene, options), caster_bytes, *has_deadline)?;
-            if let Drawer::Gpu { backend, .. } = drawer {
+            if let Drawer::Gpu { device, .. } = drawer {
                 let best = match std::mem::replace(work, Work::Nothing) {
                     Work::InStages(best) if best.stats.converged => {
                         *work = Work::InStages(best);
@@ -376,7 +379,7 @@ impl Renderer {
                     Work::InStages(best) => Some(*best),
                     _ => None,
                 };
-                *work = Work::InStages(Box::new(stages::draw(backend, resident, scene, options, stop, best)?));
+                *work = Work::InStages(Box::new(stages::draw(device, resident, scene, options, stop, best)?));
                 return Ok(());
             }
             if options.caster.is_default() {
@@ -477,11 +480,11 @@ impl Renderer {
         if let Drawer::Cpu { no_gpu_because } = &self.drawer {
             stats.no_gpu_because.clone_from(no_gpu_because);
         }
-        if let Drawer::Gpu { backend, .. } = &self.drawer {
+        if let Drawer::Gpu { device, .. } = &self.drawer {
             if stats.backend == "cpu" {
                 stats.no_gpu_because = Some("sections (mode slice) are drawn by the processor".to_owned());
             } else {
-                stats.adapter_is_software = backend.is_software();
+                stats.adapter_is_software = device.backend.is_software();
             }
         }
         stats.threads = self.pool.current_num_threads();
@@ -490,7 +493,11 @@ impl Renderer {
             LevelChoice::Fixed(lod) => Some(lod.min(self.volume.container().pyramid().coarsest()).0),
         };
         stats.host_budget_bytes = self.options.host_memory_bytes;
-        stats.gpu_budget_bytes = self.options.gpu_memory_bytes;
+        let default = match &self.drawer {
+            Drawer::Gpu { device, .. } => device.backend.default_memory(),
+            Drawer::Undecided | Drawer::Cpu { .. } | Drawer::Reference => SHARED_MEMORY,
+        };
+        stats.gpu_budget_bytes = self.options.gpu_memory_bytes.unwrap_or(default);
         stats.max_error_requested = self.options.max_error;
         stats.total_ms = milliseconds(self.spent);
         stats.cpu_ms = milliseconds(self.cpu);

@@ -5,6 +5,7 @@ mod gpu_support;
 
 use gpu_support::{F32, I16, Storage, TestVolume, U8, gpu, greatest_difference, marschner_lobb, noise};
 use supervol_format::{BrickIndex, BrickKey, Geometry, Lod};
+use supervol_runtime::gpu::shaders::TexelAccess;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::raycast::cpu::Skipping;
 use supervol_runtime::raycast::gpu::{GpuDevice, GpuOptions, GpuRenderer, Insertion, PageEntry};
@@ -103,6 +104,43 @@ fn noise_of_every_storage_and_brick_size() {
         for (mode, rest) in MODES {
             check(&gpu, &format!("noise, core {core}, {mode}"), &volume, &scene(CAMERA, rest), FINEST, 64);
         }
+    }
+}
+
+/// Software adapters read storage textures, others sampled ones: texel by texel the same.
+#[test]
+fn textures_are_read_alike_either_way() {
+    let Some(gpu) = gpu() else { return };
+    for (core, storage) in [(16, U8), (32, I16), (64, F32)] {
+        let volume = TestVolume::new([37, 35, 33], core, Geometry::IDENTITY, storage, noise);
+        for (mode, rest) in MODES.into_iter().filter(|(mode, _)| mode.starts_with("dvr") || *mode == "mip") {
+            let scene = volume.scene(&scene(CAMERA, rest));
+            let [stored, sampled] = [TexelAccess::Stored, TexelAccess::Sampled].map(|texels| {
+                let gpu = gpu.clone().with_texels(texels);
+                volume.gpu_image(&gpu, &scene, FINEST, 64, Skipping::On).0
+            });
+            assert!(stored == sampled, "core {core}, {mode}: {:.1e}", greatest_difference(&stored, &sampled));
+            assert!(stored.pixels.iter().any(|pixel| pixel[3] > 0.1), "core {core}, {mode}: nothing shows");
+        }
+    }
+}
+
+/// A card gets all rays at once and has no scouts, and its shaders read other textures: the picture is the same.
+#[test]
+fn work_for_a_card_makes_the_same_picture() {
+    let Some(gpu) = gpu() else { return };
+    let card = gpu.clone().dealt_as_card();
+    let volume = ml(16, U8);
+    for (mode, rest) in MODES {
+        // High enough that some rows of tiles go ahead on software adapters.
+        let json = scene(CAMERA, rest).replace(r#""height": 48"#, r#""height": 136"#);
+        let [own, as_card] = [&gpu, &card].map(|gpu| {
+            let (image, stats) = volume.gpu_image(gpu, &volume.scene(&json), FINEST, 20, Skipping::On);
+            (image, stats.counters)
+        });
+        let [many, few] = [own.1.dispatches, as_card.1.dispatches];
+        assert!(!gpu.is_software() || few < many, "{mode}: {few} dispatches for a card, {many} for a software adapter");
+        assert!(own.0 == as_card.0, "{mode}: {:.1e} apart", greatest_difference(&own.0, &as_card.0));
     }
 }
 

@@ -18,10 +18,10 @@ use supervol_runtime::clip::{IndexRay, Segment, clip_ray};
 use supervol_runtime::facts::VolumeFacts;
 use supervol_runtime::gpu::layout::{
     Dispatch, PAGE_FAILED, PAGE_MISSING, PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, STATUS_ACTIVE, Scene as GpuScene,
-    SlotGrid,
+    SlotGrid, View,
 };
 use supervol_runtime::gpu::light_table::LightTable;
-use supervol_runtime::gpu::rays::ViewLines;
+use supervol_runtime::gpu::rays::{RayGrid, ViewLines};
 use supervol_runtime::gpu::scene_tables::{self, Exactness, FeedbackPlaces};
 use supervol_runtime::gpu::shaders;
 use supervol_runtime::image::greatest;
@@ -78,7 +78,8 @@ struct Found {
     segment_strides: [u32; 2],
     length: f32,
     status: u32,
-    padding: [u32; 2],
+    place: u32,
+    padding: u32,
 }
 
 /// A volume without voxels, and a camera.
@@ -286,7 +287,9 @@ fn gpu_results(
     let tables = scene_tables::tables(&volume, &setting.scene).expect("tables");
     let (camera, dims) = (&setting.scene.camera, setting.pyramid.level_at(Lod::FINEST).dims);
     let lines = ViewLines::new(camera, &setting.geometry, dims);
+    let grid = RayGrid { width: camera.width, height: camera.height };
     let view = lines.view(camera, &setting.geometry, dims, &setting.scene.clip).expect("a view");
+    let view = View { tiles_x: grid.tiles()[0], ..view };
     config.stride = lines.stride() as f32;
     let scene = GpuScene { config, tables, view, job: Dispatch::zeroed() };
     let group_0 = [
@@ -326,6 +329,9 @@ fn check_segments(setting: &Setting, places: &[Place], found: &[Found]) {
     };
     for (place, found) in places.iter().zip(found) {
         assert_eq!(found.status, STATUS_ACTIVE, "a ray that meets the volume begins");
+        let camera = &setting.scene.camera;
+        let grid = RayGrid { width: camera.width, height: camera.height };
+        assert_eq!(u64::from(found.place), grid.place_of(place.case.pixel), "a place of the pixel");
         assert!((f64::from(found.length) / place.unit - 1.0).abs() < 1e-6, "{} is not {}", found.length, place.unit);
         for (i, exact) in [place.segment.t0, place.segment.t1].into_iter().enumerate() {
             let t = f64::from(found.segment_strides[i]) * stride + f64::from(found.segment[i]);

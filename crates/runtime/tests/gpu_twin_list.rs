@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use naga::{Block, Function, Module, Statement};
-use supervol_runtime::gpu::shaders::{DRAWING, ShaderModule, TESTING};
+use supervol_runtime::gpu::shaders::{DRAWING, ShaderModule, TESTING, TexelAccess};
 
 /// Functions that nothing but pictures tests, by reason.
 const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
@@ -101,7 +101,7 @@ const OTHER_NAMES: [(&str, &[&str]); 3] = [
 
 /// The functions of a module, by name, with the names of those that they call; `""` is its entry point.
 fn calls(module: &ShaderModule) -> BTreeMap<String, BTreeSet<String>> {
-    let parsed = naga::front::wgsl::parse_str(&module.source()).expect("the shader is valid");
+    let parsed = naga::front::wgsl::parse_str(&module.source(TexelAccess::Sampled)).expect("the shader is valid");
     let named = parsed.functions.iter().map(|(_, function)| (name_of(function), called_by(&parsed, function)));
     let entries = parsed.entry_points.iter().map(|entry| (String::new(), called_by(&parsed, &entry.function)));
     named.chain(entries).collect()

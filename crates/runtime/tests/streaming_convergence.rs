@@ -30,7 +30,7 @@ const FINEST: RenderOptions = RenderOptions {
     host_memory_bytes: 512 << 20,
     process_bytes: 0,
     cache_bytes: None,
-    gpu_memory_bytes: 0,
+    gpu_memory_bytes: Some(0),
     threads: None,
     skipping: Skipping::On,
     caster: Caster::DEFAULT,
@@ -143,7 +143,7 @@ fn what_vanishes_in_coarser_levels_is_drawn_from_finer_ones() {
     let asked = 0.1;
     let on_gpu = RenderOptions {
         backend: Backend::Gpu,
-        gpu_memory_bytes: 64 << 20,
+        gpu_memory_bytes: Some(64 << 20),
         max_error: asked / 255.0,
         ..automatic.clone()
     };

@@ -54,7 +54,7 @@ fn options(backend: Backend) -> RenderOptions {
 
 /// The least GPU memory with which this renders.
 fn least_gpu_memory(container: &Arc<Container>, scene: &ResolvedScene) -> u64 {
-    match render(container, scene, &RenderOptions { gpu_memory_bytes: 1, ..options(Backend::Gpu) }) {
+    match render(container, scene, &RenderOptions { gpu_memory_bytes: Some(1), ..options(Backend::Gpu) }) {
         Err(RenderError::Gpu(GpuError::Budget { needed, .. })) => needed,
         other => panic!("one byte of GPU memory suffices, or another error: {:?}", other.err()),
     }
@@ -74,7 +74,7 @@ fn the_picture_is_the_cpu_s_for_every_budget() {
         let (expected, cpu) = render(&container, &scene, &options(Backend::Cpu)).unwrap();
         let least = least_gpu_memory(&container, &scene);
         for gpu_memory_bytes in [least, least + 100_000, 256 << 20] {
-            let options = RenderOptions { gpu_memory_bytes, ..options(Backend::Gpu) };
+            let options = RenderOptions { gpu_memory_bytes: Some(gpu_memory_bytes), ..options(Backend::Gpu) };
             let (image, stats) = render(&container, &scene, &options).unwrap();
             let error = difference(&image, &expected);
             eprintln!(
@@ -101,12 +101,17 @@ fn a_host_cache_of_about_one_brick_feeds_the_gpu_too() {
     let scene = the_scene(&volume, r#""dvr""#);
     let (expected, _) = render(&container, &scene, &options(Backend::Cpu)).unwrap();
     let least_gpu = least_gpu_memory(&container, &scene);
-    let small = |host_memory_bytes, gpu_memory_bytes| {
+    let small = |host_memory_bytes, gpu_memory_bytes: u64| {
         let threads = Some(1);
         render(
             &container,
             &scene,
-            &RenderOptions { host_memory_bytes, gpu_memory_bytes, threads, ..options(Backend::Gpu) },
+            &RenderOptions {
+                host_memory_bytes,
+                gpu_memory_bytes: Some(gpu_memory_bytes),
+                threads,
+                ..options(Backend::Gpu)
+            },
         )
     };
     let Err(RenderError::Budget(budget)) = small(1, least_gpu) else { panic!("one byte of host memory suffices") };

@@ -93,7 +93,7 @@ pub struct Arguments {
     /// picture converges
     #[arg(long, value_name = "MS", value_parser = quantity::milliseconds)]
     time_budget: Option<u64>,
-    /// Most graphics memory to use [default: 256MiB]
+    /// Most graphics memory to use [default: 1GiB of cards with their own memory, 256MiB of others]
     #[arg(long, value_name = "BYTES", value_parser = quantity::bytes)]
     gpu_memory: Option<u64>,
     /// Most host memory to use for bricks, rays and the picture
@@ -237,7 +237,7 @@ impl Arguments {
             host_memory_bytes: self.host_memory,
             process_bytes: process_bytes(self.threads),
             cache_bytes: None,
-            gpu_memory_bytes: self.gpu_memory.unwrap_or(RenderOptions::default().gpu_memory_bytes),
+            gpu_memory_bytes: self.gpu_memory,
             threads: self.threads.map(NonZero::get),
             skipping: match self.skipping {
                 SkippingName::On => Skipping::On,

@@ -3,6 +3,7 @@
 //! Its page table is its own memory of what bricks are: a brick that the host cache dropped may still be resident there,
 //! and one that is in the host cache may have to be copied again.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -22,8 +23,7 @@ use crate::lod::LodChoice;
 use crate::lod::deviation::{Deviation, Deviations};
 use crate::raycast::cpu::levels::ErrorsByReason;
 use crate::raycast::gpu::{
-    BandErrors, DeviationOf, GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, Insertion, PageEntry,
-    VoxelStorage,
+    BandErrors, DeviationOf, GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, PageEntry, VoxelStorage,
 };
 use crate::raycast::volume::{BrickView, Resident};
 use crate::scene::ResolvedScene;
@@ -42,6 +42,8 @@ pub(crate) struct GpuBackend {
     answers: Option<Answers>,
     /// The picture whose rays stopped where they were.
     paused: Option<Paused>,
+    /// Pixels that nobody looks at any more: the next picture is written over them.
+    spare: Vec<[f32; 4]>,
 }
 
 /// A picture that goes on: how it is made, and what of it is finished.
@@ -70,6 +72,8 @@ pub(crate) struct GpuDrawn {
     pub(crate) maps: Maps,
     /// What its rays may be off by at most, where that was asked for.
     pub(crate) errors: ErrorsByReason,
+    /// Time that went into fetching bricks.
+    pub(crate) fetching: Duration,
 }
 
 /// The ray caster in WGSL.
@@ -87,7 +91,12 @@ struct GpuCaster {
     deviations: Option<Arc<Deviations>>,
     errors: ErrorsByReason,
     error_pixels: Option<Image>,
+    /// Bricks that it was told have no voxels to draw, of this picture and those before it: the next camera asks for most of them again.
+    answered: BTreeSet<FieldBrick>,
 }
+
+/// Most bricks of which is remembered that they were asked for, with some 40 bytes each.
+const ANSWERED_LIMIT: usize = 1 << 15;
 
 /// What a picture is made from.
 pub(crate) struct GpuPicture<'a> {
@@ -107,12 +116,32 @@ pub(crate) struct GpuPicture<'a> {
 impl GpuBackend {
     /// Nothing is there yet.
     pub(crate) fn new(device: GpuDevice) -> Self {
-        Self { device, caster: None, answers: None, paused: None }
+        Self { device, caster: None, answers: None, paused: None, spare: Vec::new() }
     }
 
     /// Whether the device is a processor in disguise.
     pub(crate) fn is_software(&self) -> bool {
         self.device.is_software()
+    }
+
+    /// [`GpuDevice::deals_as_software`]
+    pub(crate) fn deals_as_software(&self) -> bool {
+        self.device.deals_as_software()
+    }
+
+    /// [`GpuDevice::default_memory`]
+    pub(crate) fn default_memory(&self) -> u64 {
+        self.device.default_memory()
+    }
+
+    /// Takes a picture that nobody looks at any more; its memory is used for the next one.
+    pub(crate) fn take_back(&mut self, picture: Image) {
+        self.spare = picture.pixels;
+    }
+
+    /// A picture of large pixels as one of so many small ones.
+    pub(crate) fn enlarged(&mut self, picture: Image, factor: u32, size: [u32; 2]) -> Image {
+        picture.enlarged_over(std::mem::take(&mut self.spare), factor, size)
     }
 
     /// Makes a picture from what the device holds, and what the streamer has and fetches. Should the device be lost, once more
@@ -152,16 +181,21 @@ impl GpuBackend {
                 let answers = Some(Answers { number, lod, states_errors: options.predict_error });
                 let keeps_answers = self.answers == answers;
                 self.answers = answers;
-                (self.begin(caster, streamer, picture, keeps_answers)?, FinishedBands::default())
+                let [width, height] = scene.image_size;
+                // Pictures of larger pixels leave it for the next one as large as it is.
+                let is_as_large = self.spare.len() == width as usize * height as usize;
+                let spare = FinishedBands::over(if is_as_large { std::mem::take(&mut self.spare) } else { Vec::new() });
+                (self.begin(caster, streamer, picture, keeps_answers)?, spare)
             }
         };
         let mut walk =
             FrameWalk::new(streamer, plan, options, Instant::now()).until(stop.clone()).after(picture.before.clone());
         match walk.run_on(&mut caster, scene.image_size, &mut bands) {
             Ok(image) => {
+                let fetching = walk.fetching();
                 let (stats, errors) = (FrameStats { backend: "gpu", ..walk.into_stats() }, caster.errors);
                 self.caster = Some(caster);
-                Ok(GpuDrawn { image, stats, maps: bands.into_maps(), errors })
+                Ok(GpuDrawn { image, stats, maps: bands.into_maps(), errors, fetching })
             }
             Err(RenderError::Cancelled) => {
                 self.paused = Some(Paused { scene: scene.clone(), lod, bands });
@@ -176,7 +210,7 @@ impl GpuBackend {
     fn begin(
         &self,
         caster: Option<GpuCaster>,
-        streamer: &Streamer,
+        streamer: &mut Streamer,
         picture: &GpuPicture<'_>,
         keeps_answers: bool,
     ) -> Result<GpuCaster, RenderError> {
@@ -201,22 +235,23 @@ impl GpuBackend {
                 let before = kept.renderer.stats().counters;
                 kept.renderer.set_max_error(options.max_error);
                 kept.renderer.set_deviations(deviation_of());
-                kept.renderer.set_scene(&volume, scene, lod, keeps_answers)?.then_some((kept.renderer, before))
+                let has_room = kept.renderer.set_scene(&volume, scene, lod, keeps_answers)?;
+                has_room.then_some((kept.renderer, before, kept.answered))
             }
             None => None,
         };
         let gpu_options = GpuOptions {
-            memory_bytes: options.gpu_memory_bytes,
+            memory_bytes: options.gpu_memory_bytes.unwrap_or_else(|| self.device.default_memory()),
             skipping: options.skipping,
             max_error: options.max_error,
             sums_errors: picture.room.1,
             room: Some(picture.room.0),
         };
-        let (mut renderer, before) = match kept {
+        let (mut renderer, before, answered) = match kept {
             Some(kept) => kept,
             None => {
                 let renderer = GpuRenderer::new(&self.device, &volume, scene, lod, gpu_options, deviation_of())?;
-                (renderer, DeviceCounters::default())
+                (renderer, DeviceCounters::default(), BTreeSet::new())
             }
         };
         if !keeps_answers {
@@ -224,7 +259,7 @@ impl GpuBackend {
             let keys: Vec<FieldBrick> = renderer.resident().filter(is_too_coarse).collect();
             keys.into_iter().for_each(|key| renderer.set_state(key.brick, PageEntry::TooCoarse));
         }
-        Ok(GpuCaster {
+        let mut caster = GpuCaster {
             before,
             renderer,
             pyramid: descriptor.pyramid.clone(),
@@ -235,7 +270,16 @@ impl GpuBackend {
             deviations,
             errors: ErrorsByReason::default(),
             error_pixels: None,
-        })
+            answered: BTreeSet::new(),
+        };
+        if keeps_answers {
+            caster.answered = answered;
+        } else {
+            let again = streamer.answer_again(answered);
+            let view = streamer.view(OnMissing::Wait);
+            again.into_iter().for_each(|key| caster.answer(&view, key.brick));
+        }
+        Ok(caster)
     }
 }
 
@@ -289,16 +333,18 @@ impl GpuCaster {
         Self { stop: picture.stop.clone(), is_paused_when_due: picture.is_paused_when_due, ..self }
     }
 
-    /// Copies a brick of the host cache to a slot, if there is one for it.
-    fn insert(&mut self, view: &HostView<'_>, key: BrickKey) -> Result<(), RenderError> {
-        if let (Resident::Brick(brick), false) = (view.stand_in(key), self.renderer.is_resident(key)) {
-            if matches!(view.lookup(key), Resident::TooCoarse) {
-                self.renderer.set_state(key, PageEntry::TooCoarse);
+    /// Copies bricks of the host cache to slots, as far as there are some for them.
+    fn insert(&mut self, view: &HostView<'_>, keys: impl IntoIterator<Item = BrickKey>) -> Result<(), RenderError> {
+        let mut bricks = Vec::new();
+        for key in keys {
+            if let (Resident::Brick(brick), false) = (view.stand_in(key), self.renderer.is_resident(key)) {
+                if matches!(view.lookup(key), Resident::TooCoarse) {
+                    self.renderer.set_state(key, PageEntry::TooCoarse);
+                }
+                bricks.push(brick);
             }
-            // A brick for which there is no slot is missed again in the next pass.
-            let (Insertion::Placed { .. } | Insertion::NoRoom) = self.renderer.insert(brick)?;
         }
-        Ok(())
+        Ok(self.renderer.insert_all(&bricks)?)
     }
 
     /// Says what a brick is that has no voxels to copy.
@@ -306,6 +352,10 @@ impl GpuCaster {
         if matches!(view.lookup(key), Resident::TooCoarse) {
             self.renderer.set_state(key, PageEntry::TooCoarse);
         }
+        if self.answered.len() >= ANSWERED_LIMIT {
+            self.answered.clear();
+        }
+        self.answered.insert(view.field().brick(key));
         match view.stand_in(key) {
             Resident::Nothing => self.renderer.set_state(key, PageEntry::Nothing),
             Resident::Uniform(value) => self.renderer.set_state(key, PageEntry::Uniform(value)),
@@ -318,7 +368,7 @@ impl GpuCaster {
     fn stop_waiting(&mut self, view: &HostView<'_>) -> Result<(), RenderError> {
         let coarsest = self.pyramid.coarsest();
         let keys: Vec<BrickKey> = self.pyramid.keys_of(coarsest).collect();
-        keys.into_iter().try_for_each(|key| self.insert(view, key))?;
+        self.insert(view, keys)?;
         for entry in 0..self.pyramid.brick_count() {
             let key = self.pyramid.key(entry).expect("entries below the count have keys");
             if self.renderer.is_resident(key) {
@@ -375,18 +425,26 @@ impl Engine for GpuCaster {
 
     fn update(&mut self, view: &HostView<'_>, fetched: &Fetched) -> Result<(), RenderError> {
         fetched.answered.iter().chain(&fetched.neighbours).for_each(|key| self.answer(view, key.brick));
-        fetched.bricks.iter().try_for_each(|key| self.insert(view, key.brick))
+        self.insert(view, fetched.bricks.iter().map(|key| key.brick))
     }
 
     fn image(&mut self) -> Result<Image, RenderError> {
-        let Some(deviations) = &self.deviations else { return Ok(self.renderer.image()?) };
-        let (image, errors) = self.renderer.image_with_errors(deviations)?;
-        if let Some(BandErrors { pixels, greatest, ended_early }) = errors {
+        let [width, height] = self.renderer.band_size();
+        let mut image = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
+        self.write_image(&mut image.pixels)?;
+        Ok(image)
+    }
+
+    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError> {
+        let Some(deviations) = &self.deviations else { return Ok(self.renderer.write_image(to)?) };
+        if let Some(BandErrors { pixels, greatest, ended_early }) =
+            self.renderer.write_image_with_errors(deviations, to)?
+        {
             self.errors = self.errors.or(greatest);
             self.counters.rays_terminated_early += ended_early;
             self.error_pixels = Some(pixels);
         }
-        Ok(image)
+        Ok(())
     }
 
     fn pixel_maps(&mut self) -> Maps {

@@ -36,6 +36,8 @@ pub struct FrameWalk<'a> {
     start: Instant,
     stop: Stop,
     stats: FrameStats,
+    /// Time that went into fetching bricks.
+    fetching: Duration,
     rows: u32,
     rows_finished: u32,
 }
@@ -52,6 +54,7 @@ pub struct Bands {
 /// The bands of a picture that were finished before its walk was cancelled.
 #[derive(Debug, Default)]
 pub struct FinishedBands {
+    /// Of the whole picture, from the first band on.
     pixels: Vec<[f32; 4]>,
     /// What else is asked for of them.
     maps: Maps,
@@ -62,6 +65,12 @@ pub struct FinishedBands {
 }
 
 impl FinishedBands {
+    /// None yet, of a picture that is written over this one: new memory costs a picture's time on fast devices.
+    #[must_use]
+    pub fn over(pixels: Vec<[f32; 4]>) -> Self {
+        Self { pixels, ..Self::default() }
+    }
+
     /// What is known of the pixels of the picture besides; unknown of those of other bands.
     #[must_use]
     pub fn into_maps(self) -> Maps {
@@ -75,7 +84,17 @@ impl<'a> FrameWalk<'a> {
     pub fn new(streamer: &'a mut Streamer, plan: HostPlan, options: &'a RenderOptions, start: Instant) -> Self {
         let deadline = options.time_budget_ms.map(|ms| start + Duration::from_millis(ms));
         let stats = FrameStats { converged: true, ..FrameStats::default() };
-        Self { streamer, plan, options, start, stop: Stop::at(deadline), stats, rows: 0, rows_finished: 0 }
+        Self {
+            streamer,
+            plan,
+            options,
+            start,
+            stop: Stop::at(deadline),
+            stats,
+            fetching: Duration::ZERO,
+            rows: 0,
+            rows_finished: 0,
+        }
     }
 
     /// The same walk that stops then, whatever the options say.
@@ -94,6 +113,12 @@ impl<'a> FrameWalk<'a> {
     #[must_use]
     pub fn into_stats(self) -> FrameStats {
         self.stats
+    }
+
+    /// Time that went into fetching bricks, and waiting for them.
+    #[must_use]
+    pub fn fetching(&self) -> Duration {
+        self.fetching
     }
 
     /// Casts until the picture is complete. When the time is up, rays that wait take coarser bricks.
@@ -122,7 +147,10 @@ impl<'a> FrameWalk<'a> {
         if self.stop.deadline().is_some() {
             self.keep_coarse_levels(engine)?;
         }
-        bands.pixels.reserve_exact(width as usize * height as usize - bands.pixels.len());
+        let count = width as usize * height as usize;
+        if bands.pixels.len() != count {
+            bands.pixels = vec![[0.0; 4]; count];
+        }
         bands.maps.begin(self.options, image_size);
         let rows = self.plan.band_rows.min(engine.band_rows());
         for first in (bands.rows..height).step_by(rows as usize) {
@@ -130,10 +158,11 @@ impl<'a> FrameWalk<'a> {
             self.streamer.begin_band();
             engine.begin(first..first.saturating_add(rows).min(height))?;
             self.complete_band(engine, &mut bands.wanted)?;
-            bands.pixels.extend(engine.image()?.pixels);
+            bands.rows = first.saturating_add(rows).min(height);
+            let [begin, end] = [first, bands.rows].map(|row| row as usize * width as usize);
+            engine.write_image(&mut bands.pixels[begin..end])?;
             bands.maps.write_over(first, engine.pixel_maps());
             bands.count += 1;
-            bands.rows = first.saturating_add(rows).min(height);
             self.stats.bands += 1;
         }
         self.rows_finished = height;
@@ -205,7 +234,14 @@ impl<'a> FrameWalk<'a> {
             }
             let is_late = self.stop.is_late();
             let on_missing = if is_late { OnMissing::UseParent } else { OnMissing::Wait };
-            let report = self.pass(engine, on_missing)?;
+            let report = match self.pass(engine, on_missing) {
+                Err(RenderError::Cancelled) if !wanted.is_empty() => {
+                    // Asked for, not waited for: the next picture wants most of it, too.
+                    self.fetch(pass, (wanted, remaining), engine, None)?;
+                    return Err(RenderError::Cancelled);
+                }
+                report => report?,
+            };
             if is_late {
                 self.stats.converged &= report.stood_in == 0;
                 self.stats.bricks_missing_at_deadline += wanted.len() as u64;
@@ -278,7 +314,9 @@ impl<'a> FrameWalk<'a> {
         patience: Option<Duration>,
     ) -> Result<(), RenderError> {
         let room = Room { bricks: engine.room(), stop: self.stop.clone(), patience };
+        let start = Instant::now();
         let fetched = self.streamer.fetch(wanted, room)?;
+        self.fetching += start.elapsed();
         if !fetched.is_progress() && !self.stop.is_due() {
             return Err(no_progress(pass, wanted, remaining));
         }

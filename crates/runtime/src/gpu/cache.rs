@@ -60,6 +60,20 @@ impl VoxelStorage {
         [shared(nx), if rows > 1 { shared(ny) } else { ny }, nz]
     }
 
+    /// Voxels (x fastest) as a slot holds them.
+    ///
+    /// # Panics
+    /// If there are not exactly as many as the extent says.
+    #[must_use]
+    pub fn texels_of(self, extent: [u32; 3], voxels: &[u8]) -> Texels {
+        assert_eq!(
+            voxels.len(),
+            (extent.iter().product::<u32>() * self.bytes()) as usize,
+            "voxels of extent {extent:?}"
+        );
+        Texels { size: self.texels(extent), bytes: self.packed(extent, voxels) }
+    }
+
     /// Voxels (x fastest) as texels; what lies beyond them is zero.
     #[must_use]
     pub fn packed(self, extent: [u32; 3], voxels: &[u8]) -> Vec<u8> {
@@ -94,6 +108,13 @@ impl VoxelStorage {
     }
 }
 
+/// A brick's voxels as texels of a slot, x fastest.
+pub struct Texels {
+    /// Texels along x, y and z.
+    size: [u32; 3],
+    bytes: Vec<u8>,
+}
+
 /// Bytes of a texel of the cache textures.
 pub const TEXEL_BYTES: usize = 16;
 
@@ -119,7 +140,6 @@ pub struct GpuCache {
     pub slot_list: wgpu::Buffer,
     /// What bricks may be off by.
     pub deviations: DeviationTable,
-    storage: VoxelStorage,
     /// Texels of a slot along x, y and z.
     slot: [u32; 3],
     /// Macro cells of a slot.
@@ -181,7 +201,6 @@ impl GpuCache {
             proximity,
             slot_list,
             deviations: DeviationTable::new(gpu, sums_errors)?,
-            storage,
             slot,
             cells,
             staging_bytes: plan.staging_bytes,
@@ -207,31 +226,27 @@ impl GpuCache {
         self.grids
     }
 
-    /// Writes a brick's voxels (x fastest, apron included) into a slot; returns the bytes written.
+    /// Writes a brick's texels into a slot; returns the bytes written.
     ///
     /// # Errors
     /// A lost device.
     ///
     /// # Panics
-    /// If the extent exceeds the slot, or `voxels` is not exactly that many.
-    pub fn write_voxels(&mut self, slot: SlotIndex, extent: [usize; 3], voxels: &[u8]) -> Result<u64, GpuError> {
-        let extent = extent.map(|n| u32::try_from(n).expect("an extent is not larger than a slot"));
-        assert_eq!(
-            voxels.len(),
-            (extent.iter().product::<u32>() * self.storage.bytes()) as usize,
-            "voxels of extent {extent:?}"
+    /// If they exceed the slot.
+    pub fn write_texels(&mut self, slot: SlotIndex, texels: &Texels) -> Result<u64, GpuError> {
+        let Texels { size: size @ [width, height, depth], bytes } = texels;
+        assert!(
+            size.iter().zip(self.slot).all(|(n, most)| *n <= most),
+            "{size:?} texels exceed a slot of {:?}",
+            self.slot
         );
-        let [width, height, depth] = self.storage.texels(extent);
-        let fits = width <= self.slot[0] && height <= self.slot[1] && depth <= self.slot[2];
-        assert!(fits, "extent {extent:?} exceeds a slot of {:?} texels", self.slot);
         let (texture, [x, y, z]) = slot_at(&self.grids, self.slot, slot.0);
-        let texels = self.storage.packed(extent, voxels);
-        self.make_room(texels.len() as u64)?;
+        self.make_room(bytes.len() as u64)?;
         let place =
             wgpu::TexelCopyTextureInfo { origin: wgpu::Origin3d { x, y, z }, ..self.textures[texture].as_image_copy() };
-        let size = wgpu::Extent3d { width, height, depth_or_array_layers: depth };
-        self.gpu.write_texture(place, &texels, size);
-        Ok(texels.len() as u64)
+        let size = wgpu::Extent3d { width: *width, height: *height, depth_or_array_layers: *depth };
+        self.gpu.write_texture(place, bytes, size);
+        Ok(bytes.len() as u64)
     }
 
     /// Writes the macro ranges of a slot.
@@ -308,7 +323,7 @@ fn texture(gpu: &GpuDevice, size: [u32; 3]) -> wgpu::Texture {
         sample_count: 1,
         dimension: wgpu::TextureDimension::D3,
         format: wgpu::TextureFormat::Rgba32Uint,
-        usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST,
+        usage: gpu.texels().usage() | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     })
 }

@@ -1,8 +1,8 @@
 //! The GPU: which adapter, with which limits, and wgpu's errors turned into [`GpuError`].
 //!
 //! Adapters are preferred in the order discrete, integrated, virtual, software; `SUPERVOL_ADAPTER` names another by a
-//! part of its name (any case). Core WebGPU suffices but for one storage texture more, so that no feature is requested; limits are
-//! requested as far as the adapter has them, but never beyond what this backend can use.
+//! part of its name (any case). Core WebGPU suffices, on software adapters but for one storage texture more, so that no feature is requested;
+//! limits are requested as far as the adapter has them, but never beyond what this backend can use.
 //! Every allocation runs inside error scopes ([`GpuDevice::checked`]); a lost device is remembered and every later call
 //! answers [`GpuError::DeviceLost`], whereupon the caller builds a new device and a new renderer.
 
@@ -16,6 +16,7 @@ use crate::counters::DeviceCounters;
 
 use super::memory::TEXTURE_LIMIT;
 use super::pipelines::{Pipelines, Variant};
+use super::shaders::TexelAccess;
 
 /// Environment variable that names the adapter: any part of its name, in any case.
 pub const ADAPTER_VARIABLE: &str = "SUPERVOL_ADAPTER";
@@ -23,11 +24,16 @@ pub const ADAPTER_VARIABLE: &str = "SUPERVOL_ADAPTER";
 /// Polls of a future before it counts as stuck: natively wgpu's futures are ready at once or after one poll.
 const FUTURE_POLL_LIMIT: usize = 1 << 20;
 
+/// Bytes that are used of a card where nobody says how many.
+const CARD_MEMORY: u64 = 1 << 30;
+
+/// The same of all other adapters.
+pub const SHARED_MEMORY: u64 = 256 << 20;
+
 /// Most variants of the pipelines that are kept: modes, with and without shading.
 const VARIANT_LIMIT: usize = 10;
 
-/// Textures that a shader reads as storage: the cache's, and the transfer function's light. WebGPU guarantees one less: adapters that
-/// have no more are refused.
+/// Textures that a shader reads as storage where it reads them so: the cache's, and the transfer function's light. WebGPU guarantees one less.
 const STORAGE_TEXTURES: u32 = TEXTURE_LIMIT as u32 + 1;
 
 /// What the GPU could not do, with advice where there is any.
@@ -73,6 +79,8 @@ pub struct GpuDevice {
     traffic: Arc<Mutex<DeviceCounters>>,
     info: wgpu::AdapterInfo,
     limits: wgpu::Limits,
+    texels: TexelAccess,
+    deals_as: wgpu::DeviceType,
     lost: Arc<OnceLock<String>>,
     uncaptured: Arc<Mutex<Vec<GpuError>>>,
     pipelines: Arc<Mutex<Vec<KeptPipelines>>>,
@@ -148,7 +156,21 @@ impl GpuDevice {
                 keep_first_of_kind(&mut errors, from_wgpu(error, "a pass"));
             }
         }));
-        Ok(Self { device, queue, traffic: Arc::default(), info, limits, lost, uncaptured, pipelines: Arc::default() })
+        let is_software = info.device_type == wgpu::DeviceType::Cpu;
+        let has_stored = limits.max_storage_textures_per_shader_stage >= STORAGE_TEXTURES;
+        let texels = if is_software && has_stored { TexelAccess::Stored } else { TexelAccess::Sampled };
+        Ok(Self {
+            device,
+            queue,
+            traffic: Arc::default(),
+            deals_as: info.device_type,
+            info,
+            limits,
+            texels,
+            lost,
+            uncaptured,
+            pipelines: Arc::default(),
+        })
     }
 
     /// The adapter's name and kind, for statistics and messages.
@@ -163,10 +185,41 @@ impl GpuDevice {
         self.info.device_type == wgpu::DeviceType::Cpu
     }
 
-    /// The adapter's kind.
+    /// How its shaders read textures.
     #[must_use]
-    pub fn kind(&self) -> wgpu::DeviceType {
-        self.info.device_type
+    pub fn texels(&self) -> TexelAccess {
+        self.texels
+    }
+
+    /// The same device whose shaders read textures so; of storage textures it must have enough.
+    #[must_use]
+    pub fn with_texels(self, texels: TexelAccess) -> Self {
+        Self { texels, pipelines: Arc::default(), ..self }
+    }
+
+    /// Bytes that are used of it where nobody says how many: cards have memory of their own, and a survey of 512^3 voxels fits; the
+    /// others' is the processor's.
+    #[must_use]
+    pub fn default_memory(&self) -> u64 {
+        if self.info.device_type == wgpu::DeviceType::DiscreteGpu { CARD_MEMORY } else { SHARED_MEMORY }
+    }
+
+    /// The kind of adapter that work is dealt out for: its own.
+    #[must_use]
+    pub fn deals_as(&self) -> wgpu::DeviceType {
+        self.deals_as
+    }
+
+    /// Whether work is dealt out for a software adapter.
+    #[must_use]
+    pub fn deals_as_software(&self) -> bool {
+        self.deals_as == wgpu::DeviceType::Cpu
+    }
+
+    /// The same device to which work is dealt out as to a card: for tests of that where there is none. It takes longer.
+    #[must_use]
+    pub fn dealt_as_card(self) -> Self {
+        Self { deals_as: wgpu::DeviceType::DiscreteGpu, ..self.with_texels(TexelAccess::Sampled) }
     }
 
     /// The compute pipelines of a variant: compiled once for each device, the last ten are kept.
@@ -373,10 +426,13 @@ fn preference(kind: wgpu::DeviceType) -> u32 {
 }
 
 /// WebGPU's guaranteed limits, raised to the adapter's in the four sizes that decide how much fits, and by the textures that are
-/// read most.
+/// read most, as far as it has them.
 fn wanted_limits(adapter: &wgpu::Limits) -> wgpu::Limits {
     let mut limits = wgpu::Limits::defaults();
-    limits.max_storage_textures_per_shader_stage = STORAGE_TEXTURES;
+    limits.max_storage_textures_per_shader_stage = adapter
+        .max_storage_textures_per_shader_stage
+        .min(STORAGE_TEXTURES)
+        .max(limits.max_storage_textures_per_shader_stage);
     limits.max_texture_dimension_3d = adapter.max_texture_dimension_3d;
     limits.max_buffer_size = adapter.max_buffer_size;
     limits.max_storage_buffer_binding_size = adapter.max_storage_buffer_binding_size;

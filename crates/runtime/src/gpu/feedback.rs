@@ -1,9 +1,9 @@
 //! What the rays of a pass say: bricks they wait for, bricks they used, and what it cost.
 //!
-//! Layout of the buffer, in words: [`GpuCounters`]; the number of misses; three zeros; [`MISS_LIMIT`] pairs (entry, waiting
-//! rays); one bit for each slot; for each entry of the page table the rays that wait for it. All but the last is read back
-//! after every pass, so that it is bounded: at most [`MISS_LIMIT`] misses are listed, the rest is counted and asked for again
-//! in the next pass.
+//! Layout of the buffer, in words: [`GpuCounters`]; the number of misses; three zeros; one bit for each slot; [`MISS_LIMIT`] pairs
+//! (entry, waiting rays); for each entry of the page table the rays that wait for it. All but the last is read back
+//! after every pass, as far as it says anything, so that it is bounded: at most [`MISS_LIMIT`] misses are listed, the rest is counted
+//! and asked for again in the next pass.
 
 use supervol_format::BrickKey;
 
@@ -14,6 +14,9 @@ use crate::raycast::cpu::Miss;
 
 /// Most misses listed in one pass.
 pub const MISS_LIMIT: u32 = 1 << 16;
+
+/// Misses that are read back with all else; where there are more, the others are read after them.
+pub const FIRST_MISSES: u32 = 1 << 10;
 
 /// Words before the miss list.
 pub const HEADER_WORDS: usize = size_of::<GpuCounters>() / 4 + 4;
@@ -63,44 +66,49 @@ impl PassFeedback {
     }
 }
 
-/// Where the bits of the slots begin, words after the header.
+/// Where the list of misses begins, words after the header: behind the bits of the slots.
 #[must_use]
-pub const fn use_words() -> u32 {
-    2 * MISS_LIMIT
+pub const fn miss_words(slots: u64) -> u64 {
+    slots.div_ceil(32)
 }
 
 /// Where the counts of waiting rays begin, words after the header.
 #[must_use]
 pub const fn wait_words(slots: u64) -> u64 {
-    use_words() as u64 + slots.div_ceil(32)
-}
-
-/// Words that are read back after a pass.
-#[must_use]
-pub const fn read_words(slots: u64) -> u64 {
-    HEADER_WORDS as u64 + wait_words(slots)
+    miss_words(slots) + 2 * MISS_LIMIT as u64
 }
 
 /// Words of the whole buffer.
 #[must_use]
 pub const fn buffer_words(slots: u64, entries: u64) -> u64 {
-    read_words(slots) + entries
+    HEADER_WORDS as u64 + wait_words(slots) + entries
 }
 
-/// The listed misses (entry, rays), by entry, and how many found no place.
+/// Words with so many of the listed misses.
 #[must_use]
-pub fn read_misses(words: &[u32]) -> (Vec<(u32, u32)>, u64) {
-    let found = words[MISS_COUNT_WORD];
-    let listed = found.min(MISS_LIMIT) as usize;
-    let list = &words[HEADER_WORDS..HEADER_WORDS + 2 * listed];
+pub const fn words_with(slots: u64, misses: u32) -> u64 {
+    HEADER_WORDS as u64 + miss_words(slots) + 2 * misses as u64
+}
+
+/// Listed misses.
+#[must_use]
+pub fn listed_misses(words: &[u32]) -> u32 {
+    words[MISS_COUNT_WORD].min(MISS_LIMIT)
+}
+
+/// The listed misses (entry, rays), by entry, and how many found no place; of [`words_with`] all of them.
+#[must_use]
+pub fn read_misses(words: &[u32], slots: u64) -> (Vec<(u32, u32)>, u64) {
+    let listed = listed_misses(words);
+    let list = &words[words_with(slots, 0) as usize..words_with(slots, listed) as usize];
     let mut misses: Vec<(u32, u32)> = list.chunks_exact(2).map(|pair| (pair[0], pair[1])).collect();
     misses.sort_unstable();
-    (misses, u64::from(found) - listed as u64)
+    (misses, u64::from(words[MISS_COUNT_WORD] - listed))
 }
 
 /// The slots whose bit is set.
-pub fn read_uses(words: &[u32]) -> impl Iterator<Item = SlotIndex> + '_ {
-    let bits = &words[HEADER_WORDS + use_words() as usize..];
+pub fn read_uses(words: &[u32], slots: u64) -> impl Iterator<Item = SlotIndex> + '_ {
+    let bits = &words[HEADER_WORDS..words_with(slots, 0) as usize];
     (0u32..).zip(bits).flat_map(|(word, &bits)| {
         (0..32).filter(move |bit| bits >> bit & 1 != 0).map(move |bit| SlotIndex(word * 32 + bit))
     })

@@ -323,8 +323,8 @@ shared_struct! {
         visible_points: u32,
         /// Loop iterations after which a ray stops at the next cell.
         work_limit: u32,
-        /// First word of the feedback that holds bits of slots used.
-        use_words: u32,
+        /// First word of the list of misses, behind the bits of slots used.
+        miss_words: u32,
         /// First word of the feedback that counts rays waiting for a brick.
         wait_words: u32,
         /// Stored number from which bins of the transfer function are counted, before it is scaled.
@@ -448,7 +448,7 @@ shared_struct! {
 shared_struct! {
     /// One dispatch: a run of rays.
     Dispatch {
-        /// Place of the first ray.
+        /// Place of the first ray; of pixels the first one's number in its band, row by row.
         first_ray: u32,
         /// 0 in a pass's first round, in which waiting rays look again whether their brick has come; then 1.
         later_round: u32,
@@ -672,7 +672,7 @@ pub fn wgsl() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::shaders;
+    use crate::gpu::shaders::{self, TexelAccess};
 
     const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shaders/shared/layout.wgsl");
 
@@ -685,8 +685,8 @@ mod tests {
         assert!(file == wgsl(), "shaders/shared/layout.wgsl is out of date: run this test with UPDATE_LAYOUT=1");
     }
 
-    fn parsed(module: &shaders::ShaderModule) -> naga::Module {
-        let source = module.source();
+    fn parsed(module: &shaders::ShaderModule, texels: TexelAccess) -> naga::Module {
+        let source = module.source(texels);
         let parsed = naga::front::wgsl::parse_str(&source)
             .unwrap_or_else(|e| panic!("{}: {}", module.name, e.emit_to_string(&source)));
         let flags = naga::valid::ValidationFlags::all();
@@ -700,8 +700,10 @@ mod tests {
     #[test]
     fn every_shader_is_valid() {
         for module in shaders::DRAWING.into_iter().chain(shaders::TESTING) {
-            let parsed = parsed(&module);
-            assert!(parsed.entry_points.iter().any(|e| e.name == module.name), "no entry point {}", module.name);
+            for texels in [TexelAccess::Stored, TexelAccess::Sampled] {
+                let parsed = parsed(&module, texels);
+                assert!(parsed.entry_points.iter().any(|e| e.name == module.name), "no entry point {}", module.name);
+            }
         }
     }
 
@@ -709,7 +711,7 @@ mod tests {
     #[test]
     fn no_shader_of_a_picture_reads_a_uniform() {
         for module in shaders::DRAWING {
-            let parsed = parsed(&module);
+            let parsed = parsed(&module, TexelAccess::Sampled);
             let uniforms: Vec<_> =
                 parsed.global_variables.iter().filter(|(_, v)| v.space == naga::AddressSpace::Uniform).collect();
             assert!(uniforms.is_empty(), "{}: {uniforms:?}", module.name);
@@ -718,7 +720,7 @@ mod tests {
 
     #[test]
     fn fields_sit_where_the_compiled_shader_expects_them() {
-        let module = parsed(&shaders::RAYCAST);
+        let module = parsed(&shaders::RAYCAST, TexelAccess::Stored);
         for layout in structs() {
             let found = module.types.iter().find_map(|(_, ty)| match &ty.inner {
                 naga::TypeInner::Struct { members, span } if ty.name.as_deref() == Some(layout.name) => {

@@ -4,7 +4,9 @@ use std::sync::OnceLock;
 
 use super::device::{GpuDevice, GpuError};
 use super::memory::TEXTURE_LIMIT;
-use super::shaders::{BEGIN_PARTS, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, ShaderModule, raycast_for};
+use super::shaders::{
+    BEGIN_PARTS, BEGIN_RAYS, CLASSIFY_CELLS, GATHER_MISSES, GATHER_PIXELS, ShaderModule, TexelAccess, raycast_for,
+};
 
 /// What pipelines are compiled for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -21,6 +23,8 @@ pub struct Variant {
 pub struct Pipelines {
     variant: Variant,
     scene_layout: wgpu::BindGroupLayout,
+    /// Of `Scene` alone: a shader may bind so many buffers, and some need more of their own.
+    view_layout: wgpu::BindGroupLayout,
     /// `begin_rays.wgsl` where nothing cuts rays, and where planes do: made when they are first wanted.
     begin_rays: [OnceLock<Pipeline>; 2],
     /// `begin_parts.wgsl`, in the same way.
@@ -31,6 +35,8 @@ pub struct Pipelines {
     pub raycast: Pipeline,
     /// `gather_misses.wgsl`
     pub gather_misses: Pipeline,
+    /// `gather_pixels.wgsl`, with group 0 of [`Self::bind_view`].
+    pub gather_pixels: Pipeline,
 }
 
 /// A pipeline, and the layout of what it alone binds.
@@ -70,8 +76,8 @@ enum Access {
     ReadWrite,
     /// A sampled texture, of which texels are fetched.
     Table,
-    /// A storage texture that is read: it has no levels of detail, for which software adapters compute the address of every texel.
-    Storage(wgpu::TextureViewDimension),
+    /// A texture that is read as the device reads them best: [`TexelAccess`].
+    Texels(wgpu::TextureViewDimension),
 }
 
 /// Bindings of group 0 before the cache textures.
@@ -80,7 +86,7 @@ const SCENE_TABLES: [Access; 8] = [
     Access::Read,
     Access::Table,
     Access::Table,
-    Access::Storage(wgpu::TextureViewDimension::D2),
+    Access::Texels(wgpu::TextureViewDimension::D2),
     Access::Read,
     Access::ReadWrite,
     Access::ReadWrite,
@@ -92,22 +98,29 @@ impl Pipelines {
     /// # Errors
     /// If the driver refuses one.
     pub fn new(gpu: &GpuDevice, variant: Variant) -> Result<Self, GpuError> {
-        let mut scene_entries: Vec<_> = (0..).zip(SCENE_TABLES).map(|(i, access)| entry(i, access)).collect();
+        let texels = gpu.texels();
+        let mut scene_entries: Vec<_> = (0..).zip(SCENE_TABLES).map(|(i, access)| entry(texels, i, access)).collect();
         let cache = (SCENE_TABLES.len() as u32..).take(TEXTURE_LIMIT);
-        scene_entries.extend(cache.map(|i| entry(i, Access::Storage(wgpu::TextureViewDimension::D3))));
-        scene_entries.push(entry(scene_entries.len() as u32, Access::Read));
+        scene_entries.extend(cache.map(|i| entry(texels, i, Access::Texels(wgpu::TextureViewDimension::D3))));
+        scene_entries.push(entry(texels, scene_entries.len() as u32, Access::Read));
         gpu.checked("the compute pipelines", || {
             let scene_layout = layout(gpu, &scene_entries);
-            let make =
-                |shader: &ShaderModule, buffers: &[Access]| make(gpu, &scene_layout, shader, buffers, variant, false);
+            let view_layout = layout(gpu, &scene_entries[..1]);
+            let make_on = |group_0: &wgpu::BindGroupLayout, shader: &ShaderModule, buffers: &[Access]| {
+                make(gpu, group_0, shader, buffers, variant, false)
+            };
+            let make = |shader: &ShaderModule, buffers: &[Access]| make_on(&scene_layout, shader, buffers);
+            let [read, write] = [Access::Read, Access::ReadWrite];
             Self {
                 variant,
                 begin_rays: Default::default(),
                 begin_parts: OnceLock::new(),
-                classify_cells: make(&CLASSIFY_CELLS, &[Access::Read]),
-                raycast: make(&raycast_for(variant.flags), &[Access::ReadWrite, Access::ReadWrite]),
+                classify_cells: make(&CLASSIFY_CELLS, &[read]),
+                raycast: make(&raycast_for(variant.flags), &[write, write]),
                 gather_misses: make(&GATHER_MISSES, &[]),
+                gather_pixels: make_on(&view_layout, &GATHER_PIXELS, &[read, read, write, write]),
                 scene_layout,
+                view_layout,
             }
         })
     }
@@ -160,6 +173,14 @@ impl Pipelines {
         resources.push(b.deviations.as_entire_binding());
         bind(gpu, &self.scene_layout, resources)
     }
+
+    /// Group 0 with `Scene` alone.
+    ///
+    /// # Errors
+    /// If the device refuses it.
+    pub fn bind_view(&self, gpu: &GpuDevice, scene: &wgpu::Buffer) -> Result<wgpu::BindGroup, GpuError> {
+        bind(gpu, &self.view_layout, vec![scene.as_entire_binding()])
+    }
 }
 
 impl Pipeline {
@@ -181,7 +202,7 @@ fn make(
     variant: Variant,
     is_cut: bool,
 ) -> Pipeline {
-    let entries: Vec<_> = (0..).zip(buffers).map(|(i, access)| entry(i, *access)).collect();
+    let entries: Vec<_> = (0..).zip(buffers).map(|(i, access)| entry(gpu.texels(), i, *access)).collect();
     let layout = layout(gpu, &entries);
     Pipeline { pipeline: pipeline(gpu, [scene_layout, &layout], shader, variant, is_cut), layout }
 }
@@ -209,7 +230,7 @@ fn pipeline(
     variant: Variant,
     is_cut: bool,
 ) -> wgpu::ComputePipeline {
-    let source = wgpu::ShaderSource::Wgsl(shader.source().into());
+    let source = wgpu::ShaderSource::Wgsl(shader.source(gpu.texels()).into());
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(shader.name), source });
     let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
@@ -234,7 +255,12 @@ fn pipeline(
     })
 }
 
-fn entry(binding: u32, access: Access) -> wgpu::BindGroupLayoutEntry {
+fn entry(texels: TexelAccess, binding: u32, access: Access) -> wgpu::BindGroupLayoutEntry {
+    let sampled = |view_dimension| wgpu::BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Uint,
+        view_dimension,
+        multisampled: false,
+    };
     let buffer = |read_only| wgpu::BindingType::Buffer {
         ty: wgpu::BufferBindingType::Storage { read_only },
         has_dynamic_offset: false,
@@ -243,15 +269,14 @@ fn entry(binding: u32, access: Access) -> wgpu::BindGroupLayoutEntry {
     let ty = match access {
         Access::Read => buffer(true),
         Access::ReadWrite => buffer(false),
-        Access::Table => wgpu::BindingType::Texture {
-            sample_type: wgpu::TextureSampleType::Uint,
-            view_dimension: wgpu::TextureViewDimension::D2,
-            multisampled: false,
-        },
-        Access::Storage(view_dimension) => wgpu::BindingType::StorageTexture {
-            access: wgpu::StorageTextureAccess::ReadOnly,
-            format: wgpu::TextureFormat::Rgba32Uint,
-            view_dimension,
+        Access::Table => sampled(wgpu::TextureViewDimension::D2),
+        Access::Texels(view_dimension) => match texels {
+            TexelAccess::Stored => wgpu::BindingType::StorageTexture {
+                access: wgpu::StorageTextureAccess::ReadOnly,
+                format: wgpu::TextureFormat::Rgba32Uint,
+                view_dimension,
+            },
+            TexelAccess::Sampled => sampled(view_dimension),
         },
     };
     wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None }

@@ -63,6 +63,14 @@ impl RayGrid {
         let block = lane / 8;
         [tx * TILE + block % 2 * 4 + lane % 4, ty * TILE + block / 2 * 2 + lane / 4 % 2]
     }
+
+    /// The place of a pixel.
+    #[must_use]
+    pub fn place_of(self, [x, y]: [u32; 2]) -> u64 {
+        let block = x % TILE / 4 + y % TILE / 2 * 2;
+        let tile = u64::from(x / TILE) + u64::from(self.tiles()[0]) * u64::from(y / TILE);
+        tile * u64::from(WORKGROUP_RAYS) + u64::from(block * 8 + y % 2 * 4 + x % 4)
+    }
 }
 
 /// A number that changes by the same amount from pixel to pixel, as `f64`.
@@ -264,6 +272,14 @@ fn fixed(value: f64) -> Fixed {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_pixel_has_a_place_of_its_own() {
+        let grid = RayGrid { width: 21, height: 19 };
+        let tiles = grid.tiles();
+        assert_eq!(grid.places(), u64::from(tiles[0] * tiles[1] * WORKGROUP_RAYS));
+        (0..grid.places()).for_each(|place| assert_eq!(grid.place_of(grid.pixel(place)), place));
+    }
 
     #[test]
     fn fixed_numbers_are_what_they_were() {

@@ -6,7 +6,7 @@ use supervol_format::{Geometry, Pyramid, ValueRange};
 
 use super::cache::VoxelStorage;
 use super::device::GpuError;
-use super::feedback::{MISS_LIMIT, use_words, wait_words};
+use super::feedback::{MISS_LIMIT, miss_words, wait_words};
 use super::layout::{
     Config, FLAG_ABSENT, FLAG_BYTES, FLAG_ERRORS, FLAG_FLOAT, FLAG_HOLES, FLAG_LIGHT, FLAG_SHADED, FLAG_SKIPPING,
     FLAG_SURFACES, GpuIso, GpuLevel, GpuLight, GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid,
@@ -120,7 +120,7 @@ pub fn config(
         pair_share: (PAIR_ERROR / max_error).sqrt().sqrt() as f32,
         miss_limit: MISS_LIMIT,
         visible_points: tf.points.iter().filter(|p| p.rgba[3] > 0.0).count() as u32,
-        use_words: use_words(),
+        miss_words: miss_words(places.slots) as u32,
         wait_words: wait_words(places.slots) as u32,
         grids: places.grids,
         ..Config::zeroed()

@@ -108,6 +108,10 @@ pub const BEGIN_PARTS: ShaderModule =
 pub const CLASSIFY_CELLS: ShaderModule =
     ShaderModule { name: "classify_cells", shared: RAY, entry: file!("classify_cells.wgsl") };
 
+/// Puts what rays have gathered in the order of the pixels.
+pub const GATHER_PIXELS: ShaderModule =
+    ShaderModule { name: "gather_pixels", shared: RAY, entry: file!("gather_pixels.wgsl") };
+
 /// Completes the miss list with its counts.
 pub const GATHER_MISSES: ShaderModule = ShaderModule {
     name: "gather_misses",
@@ -139,7 +143,7 @@ pub const TEST_ERRORS: ShaderModule =
 pub const TESTING: [ShaderModule; 6] = [TEST_TWINS, TEST_LIGHT, TEST_PLACES, TEST_WALK, TEST_SLOTS, TEST_ERRORS];
 
 /// What pictures are made by.
-pub const DRAWING: [ShaderModule; 9] = [
+pub const DRAWING: [ShaderModule; 10] = [
     RAYCAST,
     RAYCAST_LIGHT,
     RAYCAST_LIGHT_SHADED,
@@ -149,12 +153,42 @@ pub const DRAWING: [ShaderModule; 9] = [
     BEGIN_PARTS,
     CLASSIFY_CELLS,
     GATHER_MISSES,
+    GATHER_PIXELS,
 ];
+
+/// How shaders read the textures that they read most: as storage textures, or as sampled ones. The pictures are the same.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TexelAccess {
+    /// For software adapters: fewer instructions for an address.
+    Stored,
+    /// For graphics hardware: larger caches.
+    Sampled,
+}
+
+impl TexelAccess {
+    /// Where they are declared.
+    fn file(self) -> ShaderFile {
+        match self {
+            Self::Stored => file!("shared/texels_stored.wgsl"),
+            Self::Sampled => file!("shared/texels_sampled.wgsl"),
+        }
+    }
+
+    /// What such textures are made for.
+    #[must_use]
+    pub fn usage(self) -> wgpu::TextureUsages {
+        match self {
+            Self::Stored => wgpu::TextureUsages::STORAGE_BINDING,
+            Self::Sampled => wgpu::TextureUsages::TEXTURE_BINDING,
+        }
+    }
+}
 
 impl ShaderModule {
     /// The files joined.
     #[must_use]
-    pub fn source(&self) -> String {
-        self.shared.iter().chain([&self.entry]).map(|(_, text)| *text).collect::<Vec<_>>().join("\n")
+    pub fn source(&self, texels: TexelAccess) -> String {
+        let files = self.shared.iter().copied().chain([texels.file(), self.entry]);
+        files.map(|(_, text)| text).collect::<Vec<_>>().join("\n")
     }
 }

@@ -36,7 +36,7 @@ const TIME_PER_HALVING: f64 = 8.0;
 /// The picture that is wanted takes so many times as long as one whose levels follow the size of its pixels alone.
 const TIME_PER_ERROR: f64 = 1.5;
 /// Share of the time left that a picture may be expected to take.
-const LEAST_SURE_SHARE: f64 = 0.6;
+pub(super) const LEAST_SURE_SHARE: f64 = 0.6;
 
 /// A picture of one scene in the making.
 pub struct Drawing {

@@ -16,9 +16,9 @@ use super::region::Region;
 use super::resident::{Resident, level_within};
 use super::sampling::Sampler;
 use super::sheet::Sheet;
+use super::stages::Device;
 use crate::camera::{PixelRays, Projection};
 use crate::clip::{ClipPlane, ToIndex, clip_ray};
-use crate::frame::gpu::GpuBackend;
 use crate::frame::stated::{ErrorStated, complete};
 use crate::frame::{LevelChoice, RenderError, RenderOptions};
 use crate::image::Image;
@@ -154,7 +154,7 @@ impl Layers {
     /// If memory does not suffice, there is no progress, or it is cancelled before there is a whole picture.
     pub fn advance(
         &mut self,
-        mut device: Option<&mut GpuBackend>,
+        mut device: Option<&mut Device>,
         resident: &mut Resident,
         options: &RenderOptions,
         stop: &Stop,

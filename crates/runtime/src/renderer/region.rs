@@ -4,8 +4,7 @@ use std::borrow::Cow;
 
 use super::drawing::Drawing;
 use super::resident::Resident;
-use super::stages::{self, Best};
-use crate::frame::gpu::GpuBackend;
+use super::stages::{self, Best, Device};
 use crate::frame::{RenderError, RenderOptions};
 use crate::image::Image;
 use crate::scene::ResolvedScene;
@@ -90,7 +89,7 @@ impl Region {
     /// As [`Drawing::advance`] and [`stages::draw`].
     pub fn advance(
         &mut self,
-        device: Option<&mut GpuBackend>,
+        device: Option<&mut Device>,
         resident: &mut Resident,
         options: &RenderOptions,
         stop: &Stop,

@@ -2,10 +2,14 @@
 //!
 //! A sketch is always finished, from the bricks that are there and the coarsest level. Pictures of smaller pixels follow while
 //! there is time; rays that stop when it is up go on when the same scene is drawn next.
+//!
+//! Graphics hardware may draw a whole picture in less time than there is. What pictures took is remembered from scene to scene there
+//! ([`Pace`]), and the first one has pixels as small as there was time for last time; bricks are waited for until it must be begun.
 
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use super::drawing::{next_pixel, options_for, sketch_pixel, with_pixels};
+use super::drawing::{LEAST_SURE_SHARE, next_pixel, options_for, sketch_pixel, with_pixels};
 use super::resident::Resident;
 use crate::frame::gpu::{GpuBackend, GpuDrawn, GpuPicture};
 use crate::frame::maps::Maps;
@@ -21,7 +25,7 @@ use crate::stop::{LEAST_STEP, Stop};
 /// The best picture of a scene so far.
 #[derive(Debug, Clone)]
 pub struct Best {
-    /// As large as it is wanted.
+    /// As large as it is wanted, once [`draw`] hands it over.
     pub image: Image,
     /// What it and those before it have cost.
     pub stats: FrameStats,
@@ -58,12 +62,64 @@ impl Best {
     }
 }
 
+/// What pictures took, but for fetching bricks, by the size of their pixels, when they were drawn last.
+#[derive(Debug, Default)]
+pub struct Pace {
+    /// Of the whole picture.
+    size: [u32; 2],
+    took: BTreeMap<u32, Duration>,
+}
+
+impl Pace {
+    fn note(&mut self, size: [u32; 2], pixel: u32, took: Duration) {
+        if self.size != size {
+            *self = Self { size, took: BTreeMap::new() };
+        }
+        self.took.insert(pixel, took);
+    }
+
+    /// The smallest pixels whose picture there is time for, and what it took, if any is known.
+    fn fitting(&self, size: [u32; 2], left: Duration) -> Option<(u32, Duration)> {
+        let took = self.took.iter().filter(|_| self.size == size);
+        let mut fitting = took.filter(|(_, took)| **took <= left.mul_f64(LEAST_SURE_SHARE));
+        fitting.next().map(|(pixel, took)| (*pixel, *took))
+    }
+}
+
+/// A device, and how fast it is.
+pub struct Device {
+    /// The device, and what it holds.
+    pub backend: GpuBackend,
+    pace: Pace,
+}
+
+impl Device {
+    /// Nothing is known of it yet.
+    #[must_use]
+    pub fn new(device: GpuDevice) -> Self {
+        Self { backend: GpuBackend::new(device), pace: Pace::default() }
+    }
+}
+
+/// The first picture of a scene that has a deadline: its pixels, and until when bricks are waited for.
+fn first_picture(Device { backend, pace }: &Device, scene: &ResolvedScene, deadline: Instant) -> (u32, Instant) {
+    let now = Instant::now();
+    // What software adapters take varies too much: nothing stops a picture that is to be completed.
+    let known = pace
+        .fitting(scene.image_size, deadline.saturating_duration_since(now))
+        .filter(|_| !backend.deals_as_software());
+    match known {
+        Some((pixel, took)) => (pixel, deadline.checked_sub(took.div_f64(LEAST_SURE_SHARE)).unwrap_or(now)),
+        None => (sketch_pixel(scene), now),
+    }
+}
+
 /// Makes the picture better while there is time; without a deadline, until it is finished.
 ///
 /// # Errors
 /// As any picture; [`RenderError::Cancelled`] where there is none yet.
 pub fn draw(
-    backend: &mut GpuBackend,
+    device: &mut Device,
     resident: &mut Resident,
     scene: &ResolvedScene,
     options: &RenderOptions,
@@ -73,15 +129,15 @@ pub fn draw(
     let (mut best, stop) = match (best, stop.deadline()) {
         // However short steps are, each comes some way.
         (Some(best), _) => (best, stop.not_before(Instant::now() + LEAST_STEP)),
-        (None, Some(_)) => {
-            let (began, pixel) = (Instant::now(), sketch_pixel(scene));
-            let at_once = stop.instead_at(Some(began));
+        (None, Some(deadline)) => {
+            let (pixel, latest) = first_picture(device, scene, deadline);
+            let in_time = stop.instead_at(Some(latest));
             let begun = Begun { pixel, is_paused_when_due: false, before: FrameStats::default() };
-            (stage(backend, resident, scene, options, &at_once, begun)?, stop.clone())
+            (stage(device, resident, scene, options, &in_time, begun)?, stop.clone())
         }
         (None, None) => {
             let begun = Begun { pixel: 1, is_paused_when_due: true, before: FrameStats::default() };
-            return stage(backend, resident, scene, options, stop, begun);
+            return stage(device, resident, scene, options, stop, begun);
         }
     };
     while !best.stats.converged && !stop.is_due() {
@@ -92,14 +148,23 @@ pub fn draw(
             (Some(left), None) => next_pixel(best.pixel, best.took, left),
         };
         let begun = Begun { pixel, is_paused_when_due: true, before: best.stats.clone() };
-        match stage(backend, resident, scene, options, &stop, begun) {
-            Ok(better) => best = better,
+        match stage(device, resident, scene, options, &stop, begun) {
+            Ok(better) => {
+                let before = std::mem::replace(&mut best, better).image;
+                if before.pixels.len() as u64 == scene.pixels() {
+                    device.backend.take_back(before);
+                }
+            }
             Err(RenderError::Cancelled) => best.begun = Some(pixel),
             Err(error) => return Err(error),
         }
         if best.pixel == 1 && best.begun.is_none() {
             break;
         }
+    }
+    let is_small = [best.image.width, best.image.height] != scene.image_size;
+    if is_small {
+        best.image = device.backend.enlarged(best.image, best.pixel, scene.image_size);
     }
     Ok(best)
 }
@@ -114,7 +179,7 @@ struct Begun {
 
 /// The picture of pixels of one size.
 fn stage(
-    backend: &mut GpuBackend,
+    device: &mut Device,
     resident: &mut Resident,
     scene: &ResolvedScene,
     options: &RenderOptions,
@@ -131,19 +196,41 @@ fn stage(
     resident.aim(&seen, &options);
     let plan = resident.plan();
     let picture = GpuPicture { scene: &seen, options: &options, plan, stop, is_paused_when_due, before, room };
-    let GpuDrawn { image, mut stats, maps, errors: by_reason } =
-        backend.draw(resident.streamer(), &picture, &GpuDevice::open)?;
+    let GpuDrawn { image, mut stats, maps, errors: by_reason, fetching } =
+        device.backend.draw(resident.streamer(), &picture, &GpuDevice::open)?;
     if pixel > 1 {
         stats.converged = false;
         (stats.pixels_unfinished, stats.coarsest_pixel) = (scene.pixels(), pixel);
     } else {
         (stats.pixels_unfinished, stats.coarsest_pixel) = (0, 0);
     }
-    let image = image.enlarged(pixel, scene.image_size);
+    let took = began.elapsed();
+    device.pace.note(scene.image_size, pixel, took.saturating_sub(fetching));
     // Of pixels that are taken from larger ones nothing is known.
     let (errors, by_reason) = match pixel {
         1 => (maps.errors, by_reason),
         _ => (maps.errors.map(|_| Image::unknown(scene.image_size)), ErrorsByReason::default()),
     };
-    Ok(Best { image, stats, pixel, begun: None, took: began.elapsed(), errors, by_reason })
+    Ok(Best { image, stats, pixel, begun: None, took, errors, by_reason })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_smallest_pixels_that_fit_are_taken_first() {
+        let ms = Duration::from_millis;
+        let (size, mut pace) = ([1920, 1080], Pace::default());
+        assert_eq!(pace.fitting(size, ms(1_000)), None);
+        [(16, 2), (8, 3), (4, 4), (1, 9)].into_iter().for_each(|(pixel, took)| pace.note(size, pixel, ms(took)));
+        assert_eq!(pace.fitting(size, ms(16)), Some((1, ms(9))));
+        assert_eq!(pace.fitting(size, ms(14)), Some((4, ms(4))), "9 of 14 ms are not sure enough");
+        assert_eq!(pace.fitting(size, ms(1)), None);
+        pace.note(size, 1, ms(30));
+        assert_eq!(pace.fitting(size, ms(16)), Some((4, ms(4))), "what it took last");
+        assert_eq!(pace.fitting([64, 64], ms(16)), None, "another picture");
+        pace.note([64, 64], 2, ms(1));
+        assert_eq!(pace.fitting(size, ms(1_000)), None, "one size is remembered");
+    }
 }

@@ -515,14 +515,33 @@ impl Streamer {
             let Some(brick) = self.container.pyramid().key(number) else { break };
             let neighbour = key.field.brick(brick);
             // An entry that cannot be read fails when a ray wants it.
-            if let (BrickState::Unknown, Ok(entry)) = (self.states.state(neighbour), self.container.entry(brick)) {
-                let class = self.class_of(neighbour, &entry);
-                self.enter_class(neighbour, class);
-                if class != Class::Load {
-                    neighbours.push(neighbour);
-                }
+            if self.is_answered_by_entry(neighbour) {
+                neighbours.push(neighbour);
             }
         }
+    }
+
+    /// Decides a brick of which nothing is known, if its entry is enough for that: whether it is.
+    fn is_answered_by_entry(&mut self, key: FieldBrick) -> bool {
+        let (BrickState::Unknown, Ok(entry)) = (self.states.state(key), self.container.entry(key.brick)) else {
+            return false;
+        };
+        let class = self.class_of(key, &entry);
+        self.enter_class(key, class);
+        class != Class::Load
+    }
+
+    /// Decides what bricks are, as far as their entries are enough for that and are in memory: which of them are decided by it. What was
+    /// answered under another look or camera is answered anew before rays ask.
+    pub fn answer_again(&mut self, keys: impl IntoIterator<Item = FieldBrick>) -> Vec<FieldBrick> {
+        let mut answered = Vec::new();
+        for key in keys {
+            let has_room = self.states.len() < self.plan.state_limit;
+            if has_room && self.container.has_entry(key.brick) && self.is_answered_by_entry(key) {
+                answered.push(key);
+            }
+        }
+        answered
     }
 
     /// Who may leave the cache. `stays` answers for wanted bricks whether they must stay, and nothing for all others.

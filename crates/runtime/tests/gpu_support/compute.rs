@@ -25,7 +25,7 @@ pub fn run<I: Pod, O: Pod>(
     inputs: &[I],
 ) -> Vec<O> {
     let device = &gpu.device;
-    let source = wgpu::ShaderSource::Wgsl(module.source().into());
+    let source = wgpu::ShaderSource::Wgsl(module.source(gpu.texels()).into());
     let shader = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: None, source });
     let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: None,
@@ -111,7 +111,7 @@ fn texture(gpu: &GpuDevice, texels: &[u8], [width, height, depth_or_array_layers
         sample_count: 1,
         dimension: wgpu::TextureDimension::D3,
         format: wgpu::TextureFormat::Rgba32Uint,
-        usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST,
+        usage: gpu.texels().usage() | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     });
     gpu.write_texture(texture.as_image_copy(), texels, size);

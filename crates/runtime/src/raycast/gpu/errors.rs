@@ -3,21 +3,22 @@
 
 use supervol_format::BrickKey;
 
-use super::{GpuError, GpuRenderer, Picture, pixel};
+use super::pixels::Gathered;
+use super::{GpuError, GpuRenderer, PIXELS_TOGETHER, Picture, over_rays, pixel};
 use crate::gpu::deviations;
-use crate::gpu::layout::{RayErrors, RayState};
-use crate::gpu::rays::RayGrid;
+use crate::gpu::layout::RayErrors;
 use crate::image::Image;
 use crate::lod::deviation::{Deviation, Deviations, FinishedRay};
 use crate::raycast::cpu::levels::ErrorsByReason;
 use crate::raycast::cpu::{END_SHARE, fit_error, own_error, rounding_error};
 use crate::scene::Mode;
+use rayon::prelude::*;
 
 /// Below this, tables and `f32` do not let roots and pairs of Gauss reach the error that is asked for.
 const LEAST_AIMED: f64 = 0.25 / 255.0;
 
 /// What a brick may be off by under a look, for pictures that say it.
-pub type DeviationOf = Box<dyn Fn(BrickKey) -> Deviation + Send>;
+pub type DeviationOf = Box<dyn Fn(BrickKey) -> Deviation + Send + Sync>;
 
 /// What the rays of a band may be off by.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,31 +32,43 @@ pub struct BandErrors {
 }
 
 impl GpuRenderer {
-    /// [`GpuRenderer::image`], and what it may be off by where that is summed up, by the same rule that said it of bricks.
+    /// [`GpuRenderer::write_image`], and what the picture may be off by where that is summed up, by the same rule that said it of bricks.
     ///
     /// # Errors
     /// A lost device.
-    pub fn image_with_errors(&mut self, deviations: &Deviations) -> Result<(Image, Option<BandErrors>), GpuError> {
+    ///
+    /// # Panics
+    /// If there are more or fewer pixels.
+    pub fn write_image_with_errors(
+        &mut self,
+        deviations: &Deviations,
+        to: &mut [[f32; 4]],
+    ) -> Result<Option<BandErrors>, GpuError> {
         if !self.sums_errors() {
-            return Ok((self.image()?, None));
+            return self.write_image(to).map(|()| None);
         }
-        let RayGrid { width, height } = self.caster.grid();
-        let mut pixels = vec![[0.0; 4]; width as usize * height as usize];
-        let mut off = pixels.clone();
+        let (grid, subgrid) = (self.caster.grid(), self.picture.subgrid);
+        let mut off = vec![[0.0; 4]; grid.width as usize * grid.height as usize];
         let (mut greatest, mut ended_early) = (ErrorsByReason::default(), 0);
-        let (picture, core) = (&self.picture, self.pyramid.layout().core());
-        self.caster.read_rays(true, |[x, y], state, errors| {
-            if x < width && y < height {
-                let ray = y as usize * width as usize + x as usize;
-                pixels[ray] = pixel(picture.mode, &picture.tf, state);
-                let (error, by_reason) = picture.error_of(deviations, state, errors, (pixels[ray], core));
-                off[ray] = [error, error, error, 1.0];
+        let (caster, picture, core) = (&mut self.caster, &self.picture, self.pyramid.layout().core());
+        over_rays(grid, subgrid, to, |rays| {
+            caster.read_pixels(true, |first, gathered, errors| {
+                let places = rays[first..].par_iter_mut().zip(&mut off[first..]);
+                let rays = places.zip(gathered.par_iter().zip(errors)).with_min_len(PIXELS_TOGETHER);
+                let of_all = rays.map(|((to, off), (gathered, errors))| {
+                    *to = pixel(picture.mode, &picture.tf, gathered);
+                    let (error, by_reason) = picture.error_of(deviations, gathered, errors, (*to, core));
+                    *off = [error, error, error, 1.0];
+                    (by_reason, u64::from(picture.has_ended(gathered)))
+                });
+                let (by_reason, ended) =
+                    of_all.reduce(Default::default, |(a, ended), (b, more)| (a.or(b), ended + more));
                 greatest = greatest.or(by_reason);
-                ended_early += u64::from(picture.has_ended(state));
-            }
+                ended_early += ended;
+            })
         })?;
-        let [image, off] = [pixels, off].map(|pixels| Image { width, height, pixels }.downsampled(picture.subgrid));
-        Ok((image, Some(BandErrors { pixels: off, greatest, ended_early })))
+        let pixels = Image { width: grid.width, height: grid.height, pixels: off }.downsampled(subgrid);
+        Ok(Some(BandErrors { pixels, greatest, ended_early }))
     }
 
     /// Whether what cells miss is part of what is summed up: in mode `dvr` without steps.
@@ -74,32 +87,31 @@ impl GpuRenderer {
 
 impl Picture {
     /// Whether a finished ray ended before it left the volume.
-    fn has_ended(&self, state: &RayState) -> bool {
-        self.mode == Mode::Dvr && state.transmittance <= (END_SHARE * self.exactness.max_error) as f32
+    fn has_ended(&self, [.., transmittance]: &Gathered) -> bool {
+        self.mode == Mode::Dvr && *transmittance <= (END_SHARE * self.exactness.max_error) as f32
     }
 
     /// What a finished ray may be off by, and for which reasons; `core`: voxels along an edge of a full brick's core.
     fn error_of(
         &self,
         deviations: &Deviations,
-        state: &RayState,
+        gathered: &Gathered,
         errors: &RayErrors,
         (pixel, core): ([f32; 4], usize),
     ) -> (f32, ErrorsByReason) {
         let max_error = self.exactness.max_error;
-        let transmittance = f64::from(state.transmittance);
+        let [first, length, _, transmittance] = gathered.map(f64::from);
         // Roots and pairs of Gauss, like surfaces, aim at the error that is asked for, and nobody sums up what they miss.
         let only_aims = self.has_surfaces || !self.light.is_resolved;
         let aimed = if self.light.is_resolved { max_error } else { max_error.max(LEAST_AIMED) };
-        let length = f64::from(state.present);
         let value = match self.mode {
             Mode::Mip | Mode::Minip | Mode::Mean if length <= 0.0 => f64::NAN,
-            Mode::Mean => f64::from(state.color[0]) / length,
-            _ => f64::from(state.color[0]),
+            Mode::Mean => first / length,
+            _ => first,
         };
         let cells = f64::from(errors.cells);
         let finished = FinishedRay {
-            behind: if self.has_ended(state) { transmittance } else { 0.0 },
+            behind: if self.has_ended(gathered) { transmittance } else { 0.0 },
             value: value + self.shift,
             length,
             own: cells + own_error(self.mode, 1.0 - transmittance, (aimed, only_aims), core),

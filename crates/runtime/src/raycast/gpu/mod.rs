@@ -15,6 +15,7 @@
 
 mod errors;
 mod pass;
+mod pixels;
 
 use std::ops::Range;
 use std::time::Instant;
@@ -26,7 +27,7 @@ use supervol_format::{BrickKey, Lod, Pyramid};
 
 pub use self::errors::{BandErrors, DeviationOf};
 pub use crate::gpu::cache::VoxelStorage;
-pub use crate::gpu::device::{GpuDevice, GpuError, may_have_hardware};
+pub use crate::gpu::device::{GpuDevice, GpuError, SHARED_MEMORY, may_have_hardware};
 pub use crate::gpu::feedback::PassFeedback;
 pub use crate::gpu::scene_tables::GpuVolume;
 
@@ -34,10 +35,10 @@ use super::cpu::{FIT_SHARE, MAX_ERROR_LIMITS, PacketRule, Skipping};
 use super::volume::{DecodedBrick, Voxels};
 use crate::counters::{DeviceCounters, milliseconds};
 use crate::field::{Field, FieldBrick};
-use crate::gpu::cache::{CacheShape, EMPTY_RANGE, GpuCache};
+use crate::gpu::cache::{CacheShape, EMPTY_RANGE, GpuCache, Texels};
 use crate::gpu::layout::{
     DEVIATION_NONE, DEVIATION_UNKNOWN, Dispatch, PAGE_DEVIATION_SHIFT, PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING,
-    PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, RayState, Scene,
+    PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, Scene,
 };
 use crate::gpu::light_table::LightTable;
 use crate::gpu::memory::{MemoryPlan, MemoryRequest, SLOT_LIMIT};
@@ -50,8 +51,12 @@ use crate::image::Image;
 use crate::lod::{LodChoice, LodRule};
 use crate::scene::{Mode, ResolvedScene};
 use crate::stop::Stop;
-use crate::transfer_function::RenderTransferFunction;
+use crate::transfer_function::{RenderTransferFunction, TransferFunction};
 use pass::{Capacity, Caster};
+use pixels::Gathered;
+
+/// Fewest pixels that are worth a thread.
+const PIXELS_TOGETHER: usize = 1 << 12;
 
 /// What a renderer may use, and how.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -156,6 +161,8 @@ struct Picture {
     mode: Mode,
     subgrid: u32,
     size: [u32; 2],
+    /// What the next two are made of, with `shift` and the error that is aimed at: another picture may have the same.
+    transfer_function: TransferFunction,
     tf: RenderTransferFunction,
     light: LightTable,
     exactness: Exactness,
@@ -191,18 +198,30 @@ impl Picture {
         scene: &ResolvedScene,
         lod: LodChoice,
         (options, sums_errors): (&GpuOptions, bool),
+        before: Option<&Self>,
     ) -> Self {
         let [least, most] = MAX_ERROR_LIMITS;
         let max_error = options.max_error.clamp(least, most);
         let shift = volume.value_map.shift;
         let lod = LodRule::new(lod, &scene.camera, volume.geometry);
         let transfer_function = scene.transfer_function.without_surfaces();
+        let is_the_same = |it: &&Self| {
+            it.transfer_function == transfer_function && it.exactness.max_error == max_error && it.shift == shift
+        };
+        let (tf, light) = match before.filter(is_the_same) {
+            Some(before) => (before.tf.clone(), before.light.clone()),
+            None => (
+                RenderTransferFunction::new(&transfer_function, shift),
+                LightTable::new(&transfer_function, shift, FIT_SHARE * max_error),
+            ),
+        };
         Self {
             mode: scene.mode,
             subgrid: scene.subgrid,
             size: [scene.camera.width, scene.camera.height],
-            tf: RenderTransferFunction::new(&transfer_function, shift),
-            light: LightTable::new(&transfer_function, shift, FIT_SHARE * max_error),
+            tf,
+            light,
+            transfer_function,
             exactness: Exactness { skipping: options.skipping, max_error, sums_errors },
             refine: bricks_to_refine(volume.pyramid, &lod),
             lod,
@@ -253,7 +272,7 @@ impl GpuRenderer {
         let traffic_before = device.traffic();
         let pyramid = volume.pyramid;
         let pages = PageTable::new([pyramid.clone()]);
-        let picture = Picture::new(volume, scene, lod, (&options, deviation_of.is_some()));
+        let picture = Picture::new(volume, scene, lod, (&options, deviation_of.is_some()), None);
         let capacity = picture.capacity_with_room(pages.count(), &options);
         let plan = plan_memory(device, (volume, pages.count()), &capacity, options)?;
         let shape = CacheShape {
@@ -318,7 +337,7 @@ impl GpuRenderer {
         keeps_answers: bool,
     ) -> Result<bool, GpuError> {
         let sums_errors = self.deviation_of.is_some();
-        let mut picture = Picture::new(volume, scene, lod, (&self.options, sums_errors));
+        let mut picture = Picture::new(volume, scene, lod, (&self.options, sums_errors), Some(&self.picture));
         if !self.capacity.holds(&picture.capacity(self.cache.pages.count(), sums_errors)) {
             return Ok(false);
         }
@@ -451,12 +470,40 @@ impl GpuRenderer {
         self.slots.iter().map(|(key, _)| key)
     }
 
+    /// Makes bricks resident, as far as there is room ([`Self::insert`]); their texels are made by all threads of the pool.
+    ///
+    /// # Errors
+    /// As [`Self::insert`].
+    pub fn insert_all(&mut self, bricks: &[&DecodedBrick]) -> Result<(), GpuError> {
+        // Texels of as many bricks as there are threads are held at once.
+        for bricks in bricks.chunks(rayon::current_num_threads()) {
+            let begin = Instant::now();
+            let texels = bricks.par_iter().map(|brick| self.texels_of(brick)).collect::<Result<Vec<_>, _>>()?;
+            self.stats.counters.upload_ms += milliseconds(begin.elapsed());
+            for (brick, texels) in bricks.iter().zip(texels) {
+                // A brick for which there is no slot is missed again in the next pass.
+                let (Insertion::Placed { .. } | Insertion::NoRoom) = self.insert_texels(brick, texels)?;
+            }
+        }
+        Ok(())
+    }
+
     /// Makes a brick resident; the least recently used brick leaves for it, never one inserted since the last pass.
     ///
     /// # Errors
     /// [`GpuError::Brick`] where the brick is not what the pyramid says, or a lost device.
     pub fn insert(&mut self, brick: &DecodedBrick) -> Result<Insertion, GpuError> {
+        let texels = self.texels_of(brick)?;
+        self.insert_texels(brick, texels)
+    }
+
+    /// A brick's voxels as the cache's textures hold them.
+    fn texels_of(&self, brick: &DecodedBrick) -> Result<Texels, GpuError> {
         let voxels = self.checked_voxels(brick)?;
+        Ok(self.storage.texels_of(brick.extent, voxels))
+    }
+
+    fn insert_texels(&mut self, brick: &DecodedBrick, texels: Texels) -> Result<Insertion, GpuError> {
         let key = self.field.brick(brick.key);
         let entry = self.cache.pages.entry(key);
         if let Some(slot) = self.slots.place(key) {
@@ -470,7 +517,7 @@ impl GpuRenderer {
             self.stats.counters.evictions += 1;
         }
         let begin = Instant::now();
-        self.stats.counters.upload_bytes += self.cache.write_voxels(slot, brick.extent.map(|n| n as usize), voxels)?;
+        self.stats.counters.upload_bytes += self.cache.write_texels(slot, &texels)?;
         self.cache.write_ranges(slot, &ranges)?;
         self.stats.counters.upload_ms += milliseconds(begin.elapsed());
         self.stats.counters.page_ins += 1;
@@ -565,20 +612,40 @@ impl GpuRenderer {
         slots as u64 >= self.cache.pages.count() || 2 * self.slots.used_since(self.first_pass) < slots
     }
 
+    /// Pixels of the band along x and y.
+    #[must_use]
+    pub fn band_size(&self) -> [u32; 2] {
+        let RayGrid { width, height } = self.caster.grid();
+        [width, height].map(|rays| rays / self.picture.subgrid)
+    }
+
     /// The picture of what the rays of the band have gathered, sub-grid averaged.
     ///
     /// # Errors
     /// A lost device.
     pub fn image(&mut self) -> Result<Image, GpuError> {
-        let RayGrid { width, height } = self.caster.grid();
+        let [width, height] = self.band_size();
         let mut pixels = vec![[0.0; 4]; width as usize * height as usize];
-        let Picture { mode, tf, subgrid, .. } = &self.picture;
-        self.caster.read_rays(false, |[x, y], state, _| {
-            if x < width && y < height {
-                pixels[y as usize * width as usize + x as usize] = pixel(*mode, tf, state);
-            }
-        })?;
-        Ok(Image { width, height, pixels }.downsampled(*subgrid))
+        self.write_image(&mut pixels)?;
+        Ok(Image { width, height, pixels })
+    }
+
+    /// The same, written over as many pixels, row by row.
+    ///
+    /// # Errors
+    /// A lost device.
+    ///
+    /// # Panics
+    /// If there are more or fewer.
+    pub fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), GpuError> {
+        let Picture { mode, tf, .. } = &self.picture;
+        let caster = &mut self.caster;
+        over_rays(caster.grid(), self.picture.subgrid, to, |rays| {
+            caster.read_pixels(false, |first, gathered, _| {
+                let rays = rays[first..].par_iter_mut().zip(gathered).with_min_len(PIXELS_TOGETHER);
+                rays.for_each(|(to, gathered)| *to = pixel(*mode, tf, gathered));
+            })
+        })
     }
 
     /// Statistics since the renderer was made.
@@ -638,16 +705,29 @@ impl GpuRenderer {
     }
 }
 
-/// The pixel of one ray's state; twin of the CPU frame's.
-fn pixel(mode: Mode, tf: &RenderTransferFunction, state: &RayState) -> [f32; 4] {
-    let value = match mode {
-        Mode::Dvr | Mode::Iso | Mode::Slice => {
-            let [r, g, b] = state.color;
-            return [r, g, b, 1.0 - state.transmittance];
-        }
-        _ if state.present <= 0.0 => return [0.0; 4],
-        Mode::Mip | Mode::Minip => state.color[0],
-        Mode::Mean => state.color[0] / state.present,
+/// Has the rays of a grid written, row by row, and over the pixels what they are on average: straight there where a pixel is a ray.
+fn over_rays<T>(
+    RayGrid { width, height }: RayGrid,
+    subgrid: u32,
+    to: &mut [[f32; 4]],
+    write: impl FnOnce(&mut [[f32; 4]]) -> Result<T, GpuError>,
+) -> Result<T, GpuError> {
+    if subgrid == 1 {
+        return write(to);
+    }
+    let mut rays = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
+    let result = write(&mut rays.pixels)?;
+    to.copy_from_slice(&rays.downsampled(subgrid).pixels);
+    Ok(result)
+}
+
+/// The pixel of what one ray has gathered; twin of the CPU frame's.
+fn pixel(mode: Mode, tf: &RenderTransferFunction, gathered: &Gathered) -> [f32; 4] {
+    let value = match (mode, *gathered) {
+        (Mode::Dvr | Mode::Iso | Mode::Slice, [r, g, b, transmittance]) => return [r, g, b, 1.0 - transmittance],
+        (_, [_, present, ..]) if present <= 0.0 => return [0.0; 4],
+        (Mode::Mip | Mode::Minip, [extreme, ..]) => extreme,
+        (Mode::Mean, [integral, present, ..]) => integral / present,
     };
     let [r, g, b, alpha] = tf.classify(value);
     [r * alpha, g * alpha, b * alpha, alpha]

@@ -12,11 +12,14 @@ use std::time::Instant;
 
 use bytemuck::Zeroable;
 
+use super::pixels::{BoundPixels, PixelBuffers};
 use crate::counters::milliseconds;
 use crate::gpu::cache::GpuCache;
 use crate::gpu::deviations::DeviationTable;
 use crate::gpu::device::{GpuDevice, GpuError};
-use crate::gpu::feedback::{MISS_LIMIT, PassFeedback, buffer_words, read_misses, read_uses, read_words};
+use crate::gpu::feedback::{
+    FIRST_MISSES, MISS_LIMIT, PassFeedback, buffer_words, listed_misses, read_misses, read_uses, words_with,
+};
 use crate::gpu::layout::{
     Dispatch, FLAG_LIGHT, GpuCounters, GpuPoint, RayErrors, RayPart, RayState, Scene, View, WORKGROUP_RAYS,
 };
@@ -33,8 +36,6 @@ use crate::transfer_function::RenderTransferFunction;
 const STATES_LIMIT: u64 = 64 << 20;
 /// Texels of a control point: of four words each.
 const POINT_TEXELS: usize = size_of::<GpuPoint>() / 16;
-/// Most bytes read back at once.
-const READ_BACK_LIMIT: u64 = 4 << 20;
 /// Most workgroups of a dispatch.
 const GROUPS_LIMIT: u32 = 65_535;
 /// Most rays of a dispatch.
@@ -137,24 +138,19 @@ impl Capacity {
         self.places * size_of::<RayState>() as u64
             + self.error_bytes()
             + DeviationTable::bytes(self.sums_errors)
-            + 4 * (buffer_words(slots, self.entries) + read_words(slots))
+            + 4 * (buffer_words(slots, self.entries) + words_with(slots, MISS_LIMIT))
             + Table::bytes(self.points * POINT_TEXELS, 4)
             + Table::bytes(self.index, 1)
             + Table::bytes(TEXELS, 4)
             + size_of::<Scene>() as u64
             + RUNS_IN_FLIGHT as u64 * COUNTERS_BYTES
             + PARTS_BYTES
-            + self.read_back_bytes()
+            + PixelBuffers::bytes(self)
     }
 
     /// Bytes of what rays may be off by; one place is there in any case.
     fn error_bytes(&self) -> u64 {
         size_of::<RayErrors>() as u64 * if self.sums_errors { self.places } else { 1 }
-    }
-
-    /// Bytes of the read-back buffer for rays.
-    fn read_back_bytes(&self) -> u64 {
-        (self.places * ray_bytes(self.sums_errors)).min(READ_BACK_LIMIT)
     }
 }
 
@@ -207,11 +203,11 @@ struct Run {
 }
 
 /// Pipelines, and what they bind.
-struct Bound {
+pub(super) struct Bound {
     variant: Variant,
     /// Whether planes cut rays.
     is_cut: bool,
-    pipelines: Arc<Pipelines>,
+    pub(super) pipelines: Arc<Pipelines>,
     scene: wgpu::BindGroup,
     classify: wgpu::BindGroup,
     begin: wgpu::BindGroup,
@@ -219,13 +215,14 @@ struct Bound {
     begin_parts: Option<wgpu::BindGroup>,
     cast: wgpu::BindGroup,
     gather: wgpu::BindGroup,
+    pub(super) pixels: BoundPixels,
     /// Whether a ray has been cast by them.
     is_compiled: bool,
 }
 
 /// Rays, pipelines, feedback.
 pub(super) struct Caster {
-    gpu: GpuDevice,
+    pub(super) gpu: GpuDevice,
     /// Pipelines of the picture, and what they bind; none before the first.
     bound: Option<Bound>,
     scene: wgpu::Buffer,
@@ -241,7 +238,10 @@ pub(super) struct Caster {
     counters: Vec<wgpu::Buffer>,
     next_read_back: usize,
     read_back: wgpu::Buffer,
-    read_bytes: u64,
+    /// The last submission, where it has copied the feedback there.
+    feedback_after: Option<wgpu::SubmissionIndex>,
+    slots: u64,
+    pub(super) pixels: PixelBuffers,
     /// Rays of the band in progress.
     grid: RayGrid,
     view: View,
@@ -257,7 +257,6 @@ impl Caster {
     pub(super) fn new(gpu: &GpuDevice, cache: &GpuCache, capacity: &Capacity) -> Result<Self, GpuError> {
         let slots = cache.slot_count();
         let storage = wgpu::BufferUsages::STORAGE;
-        let read_bytes = 4 * read_words(slots);
         let scene = gpu.buffer("the scene's tables", size_of::<Scene>() as u64, storage)?;
         let points = Table::new(gpu, "the transfer function", capacity.points * POINT_TEXELS, 4)?;
         let transfer_index = Table::new(gpu, "the transfer function's index", capacity.index, 1)?;
@@ -268,7 +267,7 @@ impl Caster {
         let parts = gpu.buffer("parts of rays", PARTS_BYTES, storage)?;
         let counters = (0..RUNS_IN_FLIGHT).map(|_| gpu.read_buffer("counters", COUNTERS_BYTES));
         let counters = counters.collect::<Result<_, _>>()?;
-        let read_back = gpu.read_buffer("read-back", read_bytes.max(capacity.read_back_bytes()))?;
+        let read_back = gpu.read_buffer("read-back", 4 * words_with(slots, MISS_LIMIT))?;
         Ok(Self {
             bound: None,
             gpu: gpu.clone(),
@@ -283,12 +282,14 @@ impl Caster {
             counters,
             next_read_back: 0,
             read_back,
-            read_bytes,
+            slots,
+            feedback_after: None,
+            pixels: PixelBuffers::new(gpu, capacity)?,
             grid: RayGrid { width: 0, height: 0 },
             view: View::zeroed(),
             unfinished: Vec::new(),
             held_back: Vec::new(),
-            run_rays: match gpu.kind() {
+            run_rays: match gpu.deals_as() {
                 wgpu::DeviceType::DiscreteGpu => MOST_RUN_RAYS,
                 wgpu::DeviceType::Cpu => FIRST_SOFTWARE_RUN_RAYS,
                 _ => FIRST_RUN_RAYS,
@@ -326,12 +327,13 @@ impl Caster {
             begin_parts: begin_parts.transpose()?,
             cast: pipelines.raycast.bind(gpu, &[&self.states, &self.errors])?,
             gather: pipelines.gather_misses.bind(gpu, &[])?,
+            pixels: self.pixels.bind(gpu, &pipelines, (&self.scene, &self.states, &self.errors))?,
             pipelines,
             is_compiled: false,
         })
     }
 
-    fn bound(&self) -> &Bound {
+    pub(super) fn bound(&self) -> &Bound {
         self.bound.as_ref().expect("a scene is set before anything is cast")
     }
 
@@ -393,8 +395,13 @@ impl Caster {
 
     /// No ray of the band is known to be finished. Scouts go ahead; where they stop for the bricks that they meet, all others would have
     /// stopped with them.
+    ///
+    /// Hardware has no scouts: a pass costs it little more than its rays, and one of an eighth of the rays leaves most of it idle.
     fn look_at_all(&mut self) {
-        [self.unfinished, self.held_back] = scouts_and_others(self.grid);
+        [self.unfinished, self.held_back] = match self.gpu.deals_as_software() {
+            true => scouts_and_others(self.grid),
+            false => [all_rays(self.grid), Vec::new()],
+        };
     }
 
     /// All rays go on with the scouts: what these would still ask for would have to leave before the others come.
@@ -426,7 +433,7 @@ impl Caster {
         self.grid
     }
 
-    fn encoder(&self) -> wgpu::CommandEncoder {
+    pub(super) fn encoder(&self) -> wgpu::CommandEncoder {
         self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
     }
 
@@ -437,10 +444,19 @@ impl Caster {
         bindings: &wgpu::BindGroup,
         groups: u32,
     ) {
+        self.dispatch_on(encoder, pipeline, [&self.bound().scene, bindings], groups);
+    }
+
+    pub(super) fn dispatch_on(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        pipeline: &Pipeline,
+        bindings: [&wgpu::BindGroup; 2],
+        groups: u32,
+    ) {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
         pass.set_pipeline(&pipeline.pipeline);
-        pass.set_bind_group(0, &self.bound().scene, &[]);
-        pass.set_bind_group(1, bindings, &[]);
+        (0..).zip(bindings).for_each(|(number, bindings)| pass.set_bind_group(number, bindings, &[]));
         // No more rows than needed: places are numbered row by row.
         let rows = groups.div_ceil(GROUPS_LIMIT).max(1);
         pass.dispatch_workgroups(groups.div_ceil(rows), rows, 1);
@@ -454,6 +470,7 @@ impl Caster {
     pub(super) fn cast_pass(&mut self, stop: &Stop) -> Result<RawFeedback, GpuError> {
         self.compile()?;
         let mut raw = RawFeedback::default();
+        self.feedback_after = None;
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.feedback, 0, None);
         self.gpu.submit(encoder);
@@ -492,7 +509,7 @@ impl Caster {
             return Ok(());
         }
         let beyond_all = u32::MAX - WORKGROUP_RAYS;
-        let Run { buffer, submission, .. } = self.submit(beyond_all..u32::MAX, 0);
+        let Run { buffer, submission, .. } = self.submit(beyond_all..u32::MAX, 0, false);
         self.gpu.read_after(Some(submission), &self.counters[buffer], COUNTERS_BYTES, |_| ())?;
         self.bound.iter_mut().for_each(|bound| bound.is_compiled = true);
         Ok(())
@@ -505,6 +522,7 @@ impl Caster {
         let mut flying: VecDeque<Run> = VecDeque::new();
         let mut last_end = Instant::now();
         let mut not_cast = Vec::new();
+        let last = round.rays.last().map_or(0, |rays| rays.end);
         for mut rays in round.rays {
             while !rays.is_empty() && !raw.is_stopped {
                 if flying.len() == RUNS_IN_FLIGHT {
@@ -513,7 +531,7 @@ impl Caster {
                     continue;
                 }
                 let end = rays.end.min(rays.start + self.run_rays);
-                let run = self.submit(rays.start..end, round.later);
+                let run = self.submit(rays.start..end, round.later, end == last);
                 flying.push_back(run);
                 rays.start = end;
             }
@@ -527,19 +545,29 @@ impl Caster {
         Ok(left)
     }
 
-    fn submit(&mut self, rays: Range<u32>, later_round: u32) -> Run {
-        let buffer = self.next_read_back;
-        self.next_read_back = (buffer + 1) % RUNS_IN_FLIGHT;
-        let job = Dispatch { first_ray: rays.start, later_round, ..Dispatch::zeroed() };
+    /// Says what the next dispatch is for.
+    pub(super) fn write_job(&self, first_ray: u32, later_round: u32) {
+        let job = Dispatch { first_ray, later_round, ..Dispatch::zeroed() };
         let offset = std::mem::offset_of!(Scene, job) as u64;
         self.gpu.write_buffer(&self.scene, offset, bytemuck::bytes_of(&job));
+    }
+
+    /// Submits a run; with the last one of a round goes what a pass reads at its end, since few have another round.
+    fn submit(&mut self, rays: Range<u32>, later_round: u32, is_last: bool) -> Run {
+        let buffer = self.next_read_back;
+        self.next_read_back = (buffer + 1) % RUNS_IN_FLIGHT;
+        self.write_job(rays.start, later_round);
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.feedback, 0, Some(COUNTERS_BYTES));
         let bound = self.bound();
         let groups = (rays.end - rays.start).div_ceil(WORKGROUP_RAYS);
         self.dispatch(&mut encoder, &bound.pipelines.raycast, &bound.cast, groups);
         encoder.copy_buffer_to_buffer(&self.feedback, 0, &self.counters[buffer], 0, COUNTERS_BYTES);
+        if is_last {
+            self.gather_feedback(&mut encoder);
+        }
         let submission = self.gpu.submit(encoder);
+        self.feedback_after = is_last.then(|| submission.clone());
         Run { rays, buffer, submission, begin: Instant::now() }
     }
 
@@ -575,67 +603,51 @@ impl Caster {
         if ms > SLOW_DISPATCH_MS {
             self.run_rays = (self.run_rays / 2).max(LEAST_RUN_RAYS);
         } else if ms < FAST_DISPATCH_MS {
-            let most = if self.gpu.is_software() { MOST_SOFTWARE_RUN_RAYS } else { MOST_RUN_RAYS };
+            let most = if self.gpu.deals_as_software() { MOST_SOFTWARE_RUN_RAYS } else { MOST_RUN_RAYS };
             self.run_rays = (self.run_rays * 2).min(most);
         }
     }
 
-    /// Counts the listed misses and reads the lists back.
-    fn read_feedback(&mut self, raw: &mut RawFeedback) -> Result<(), GpuError> {
-        let mut encoder = self.encoder();
-        let groups = MISS_LIMIT.div_ceil(WORKGROUP_RAYS);
+    /// Counts the listed misses, and copies what is read of them first.
+    fn gather_feedback(&self, encoder: &mut wgpu::CommandEncoder) {
         let bound = self.bound();
-        self.dispatch(&mut encoder, &bound.pipelines.gather_misses, &bound.gather, groups);
-        encoder.copy_buffer_to_buffer(&self.feedback, 0, &self.read_back, 0, self.read_bytes);
-        self.gpu.submit(encoder);
-        self.gpu.read(&self.read_back, self.read_bytes, |bytes| {
-            let words: Vec<u32> = bytemuck::pod_collect_to_vec(bytes);
-            let (misses, not_listed) = read_misses(&words);
-            raw.misses = misses;
-            raw.feedback.device.misses_not_listed = not_listed;
-            raw.uses = read_uses(&words).collect();
-        })
+        self.dispatch(encoder, &bound.pipelines.gather_misses, &bound.gather, FIRST_MISSES.div_ceil(WORKGROUP_RAYS));
+        let bytes = 4 * words_with(self.slots, FIRST_MISSES);
+        encoder.copy_buffer_to_buffer(&self.feedback, 0, &self.read_back, 0, bytes);
     }
 
-    /// Hands every ray's pixel and state to `visit`, and what it may be off by where that is summed up; pixels may lie beyond the grid's edge.
-    pub(super) fn read_rays(
-        &mut self,
-        sums_errors: bool,
-        mut visit: impl FnMut([u32; 2], &RayState, &RayErrors),
-    ) -> Result<(), GpuError> {
-        let (grid, places) = (self.grid, self.grid.places());
-        let [state_bytes, error_bytes] = [size_of::<RayState>() as u64, size_of::<RayErrors>() as u64];
-        let rays_at_once = READ_BACK_LIMIT / ray_bytes(sums_errors);
-        for first in (0..places).step_by(rays_at_once as usize) {
-            let rays = rays_at_once.min(places - first);
+    /// Reads the lists back: with the last run's counters, or after it.
+    fn read_feedback(&mut self, raw: &mut RawFeedback) -> Result<(), GpuError> {
+        let submission = self.feedback_after.take().unwrap_or_else(|| {
             let mut encoder = self.encoder();
-            let mut bytes = rays * state_bytes;
-            encoder.copy_buffer_to_buffer(&self.states, first * state_bytes, &self.read_back, 0, bytes);
-            if sums_errors {
-                let (from, size) = (first * error_bytes, rays * error_bytes);
-                encoder.copy_buffer_to_buffer(&self.errors, from, &self.read_back, bytes, size);
-                bytes += size;
-            }
+            self.gather_feedback(&mut encoder);
+            self.gpu.submit(encoder)
+        });
+        let words = |bytes: &[u8]| bytemuck::pod_collect_to_vec::<u8, u32>(bytes);
+        let first = 4 * words_with(self.slots, FIRST_MISSES);
+        let mut all = self.gpu.read_after(Some(submission), &self.read_back, first, words)?;
+        if listed_misses(&all) > FIRST_MISSES {
+            let rest = 4 * words_with(self.slots, listed_misses(&all)) - first;
+            let mut encoder = self.encoder();
+            encoder.copy_buffer_to_buffer(&self.feedback, first, &self.read_back, 0, rest);
             self.gpu.submit(encoder);
-            self.gpu.read(&self.read_back, bytes, |bytes| {
-                let (states, errors) = bytes.split_at((rays * state_bytes) as usize);
-                let states = states.chunks_exact(state_bytes as usize).map(bytemuck::pod_read_unaligned::<RayState>);
-                let errors = errors.chunks_exact(error_bytes as usize).map(bytemuck::pod_read_unaligned::<RayErrors>);
-                let errors = errors.chain(std::iter::repeat(RayErrors::zeroed()));
-                (first..).zip(states.zip(errors)).for_each(|(place, (state, errors))| {
-                    visit(grid.pixel(place), &state, &errors);
-                });
-            })?;
+            all.append(&mut self.gpu.read(&self.read_back, rest, words)?);
         }
+        (raw.misses, raw.feedback.device.misses_not_listed) = read_misses(&all, self.slots);
+        raw.uses = read_uses(&all, self.slots).collect();
         Ok(())
     }
+}
+
+fn all_rays(grid: RayGrid) -> Vec<Range<u32>> {
+    std::iter::once(0..grid.places() as u32).collect()
 }
 
 /// Places of the rays that go ahead, and of the others: whole rows of tiles, evenly spread.
 fn scouts_and_others(grid: RayGrid) -> [Vec<Range<u32>>; 2] {
     let [across, rows] = grid.tiles();
     if rows < 2 * SCOUTING_ROWS {
-        return [std::iter::once(0..grid.places() as u32).collect(), Vec::new()];
+        return [all_rays(grid), Vec::new()];
     }
     let row = across * WORKGROUP_RAYS;
     let places = |rows: Range<u32>| rows.start * row..rows.end * row;

@@ -115,9 +115,9 @@ fn determinism(context: &Context<'_>) -> Result<Outcome, ChartError> {
 fn gpu_differences(context: &Context<'_>, size: (u32, u32), curve: &mut Vec<CurvePoint>) -> Result<f64, ChartError> {
     let (volume, _) = VirtualVolume::open(Field::BrickId, [128; 3], 16)?;
     let view = scene(&volume, &[volume.outside(), image_size(size.0, size.1), translucent(volume.radius())])?;
-    let options = |threads, gpu_memory_bytes| RenderOptions {
+    let options = |threads, gpu_memory_bytes: u64| RenderOptions {
         threads: Some(threads),
-        gpu_memory_bytes,
+        gpu_memory_bytes: Some(gpu_memory_bytes),
         host_memory_bytes: HOST_MEMORY_BYTES,
         ..finest(Backend::Gpu)
     };

@@ -30,7 +30,7 @@ pub const DEVICE_LOSS: Regime = Regime {
 const DISPATCH_LIMIT_MS: f64 = 100.0;
 
 fn options() -> RenderOptions {
-    RenderOptions { host_memory_bytes: HOST_MEMORY_BYTES, gpu_memory_bytes: 128 << 20, ..finest(Backend::Gpu) }
+    RenderOptions { host_memory_bytes: HOST_MEMORY_BYTES, gpu_memory_bytes: Some(128 << 20), ..finest(Backend::Gpu) }
 }
 
 fn device_loss(context: &Context<'_>) -> Result<Outcome, ChartError> {

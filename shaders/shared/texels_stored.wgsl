@@ -1,0 +1,24 @@
+// What is fetched for every part of a ray, as storage textures: they have no levels of detail, for which software adapters
+// compute an address at every fetch. The alternative is texels_sampled.wgsl.
+
+// Extinction and emission by bins (light.wgsl).
+@group(0) @binding(4) var light_table: texture_storage_2d<rgba32uint, read>;
+
+// Slots of stored voxels: integers biased to unsigned, floats as their bits. Unused ones hold one texel.
+@group(0) @binding(8) var cache_0: texture_storage_3d<rgba32uint, read>;
+@group(0) @binding(9) var cache_1: texture_storage_3d<rgba32uint, read>;
+@group(0) @binding(10) var cache_2: texture_storage_3d<rgba32uint, read>;
+@group(0) @binding(11) var cache_3: texture_storage_3d<rgba32uint, read>;
+
+fn light_texel_at(texel: vec2<u32>) -> vec4<u32> {
+    return textureLoad(light_table, texel);
+}
+
+fn cache_texel(number: u32, texel: vec3<i32>) -> vec4<u32> {
+    switch min(number, TEXTURE_COUNT - 1u) {
+        case 0u: { return textureLoad(cache_0, texel); }
+        case 1u: { return textureLoad(cache_1, texel); }
+        case 2u: { return textureLoad(cache_2, texel); }
+        default: { return textureLoad(cache_3, texel); }
+    }
+}
