@@ -177,6 +177,34 @@ fn states_and_cache_agree_under_random_wishes_and_faults() {
     }
 }
 
+/// What the table of contents answers is answered again under another look or camera, without a read; what is to be drawn is left to rays.
+#[test]
+fn what_was_answered_is_answered_again() {
+    let volume = volume();
+    let container = open(&container_bytes(&volume, 16));
+    let options = RenderOptions { level: LevelChoice::Fixed(Lod(0)), ..RenderOptions::default() };
+    // Under the second look the constant part shows nothing.
+    let scenes = [30.0, 75.0].map(|visible| scene_from(&volume, visible));
+    let mut streamer = streamer_for(&container, &scenes[0], &options, plan(&container, &scenes[0], 100));
+    let keys: Vec<FieldBrick> = Field::FIRST.bricks(container.pyramid().keys_of(Lod(0)));
+    let room = Room { bricks: usize::MAX, stop: Stop::NEVER, patience: None };
+    let fetched = streamer.fetch(&keys, room).unwrap();
+    let answered: BTreeSet<FieldBrick> = fetched.answered.iter().copied().collect();
+    assert!(answered.len() > 3 && !fetched.bricks.is_empty(), "{fetched:?}");
+    assert!(streamer.answer_again(keys.clone()).is_empty(), "all is known");
+    for scene in &scenes {
+        streamer.set_classifier(classifier_for(&container, scene, &options));
+        let read = streamer.counters().bytes_read;
+        let again = streamer.answer_again(answered.iter().copied());
+        assert_eq!(again.iter().copied().collect::<BTreeSet<_>>(), answered);
+        let view = streamer.view(OnMissing::Wait);
+        let answers = again.iter().map(|key| view.lookup(key.brick));
+        let shows = answers.filter(|answer| matches!(answer, Resident::Uniform(_))).count();
+        assert_eq!(shows > 0, std::ptr::eq(scene, &scenes[0]), "the constant part");
+        assert_eq!(streamer.counters().bytes_read, read, "nothing is read for it");
+    }
+}
+
 /// Passes that begin when the time is up ask for a brick all the same, and take it when it has come.
 #[test]
 fn a_pass_that_begins_late_comes_some_way() {

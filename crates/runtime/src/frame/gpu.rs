@@ -277,7 +277,7 @@ impl GpuBackend {
         } else {
             let again = streamer.answer_again(answered);
             let view = streamer.view(OnMissing::Wait);
-            again.into_iter().for_each(|key| caster.answer(&view, key.brick));
+            again.into_iter().for_each(|key| caster.note_answer(&view, key));
         }
         Ok(caster)
     }
@@ -352,16 +352,21 @@ impl GpuCaster {
         if matches!(view.lookup(key), Resident::TooCoarse) {
             self.renderer.set_state(key, PageEntry::TooCoarse);
         }
-        if self.answered.len() >= ANSWERED_LIMIT {
-            self.answered.clear();
-        }
-        self.answered.insert(view.field().brick(key));
         match view.stand_in(key) {
             Resident::Nothing => self.renderer.set_state(key, PageEntry::Nothing),
             Resident::Uniform(value) => self.renderer.set_state(key, PageEntry::Uniform(value)),
             Resident::UseParent => self.renderer.set_state(key, PageEntry::Failed),
             Resident::Brick(_) | Resident::Missing | Resident::TooCoarse => {}
         }
+    }
+
+    /// The same, and remembers that it was asked for.
+    fn note_answer(&mut self, view: &HostView<'_>, key: FieldBrick) {
+        if self.answered.len() >= ANSWERED_LIMIT {
+            self.answered.clear();
+        }
+        self.answered.insert(key);
+        self.answer(view, key.brick);
     }
 
     /// Nothing is waited for any more: what is not resident is drawn from its parent, and the coarsest brick is there.
@@ -424,7 +429,7 @@ impl Engine for GpuCaster {
     }
 
     fn update(&mut self, view: &HostView<'_>, fetched: &Fetched) -> Result<(), RenderError> {
-        fetched.answered.iter().chain(&fetched.neighbours).for_each(|key| self.answer(view, key.brick));
+        fetched.answered.iter().chain(&fetched.neighbours).for_each(|key| self.note_answer(view, *key));
         self.insert(view, fetched.bricks.iter().map(|key| key.brick))
     }
 
