@@ -147,34 +147,10 @@ impl Image {
     /// The same of pixels that are to be filled.
     fn fill_from(&mut self, small: &Self, factor: u32, is_filled: impl Fn(&[f32; 4]) -> bool + Sync) {
         let columns: Vec<Beside> = (0..self.width).map(|x| Beside::new(x, factor, small.width)).collect();
-        let width = self.width as usize;
-        let fill_lines = |(number, lines): (usize, &mut [[f32; 4]])| {
-            // Rows of `small` above and below a line, as wide as this picture: the next lines lie between the same ones.
-            let mut wide = [(usize::MAX, Vec::new()), (usize::MAX, Vec::new())];
-            for (y, line) in (number * LINES_TOGETHER..).zip(lines.chunks_exact_mut(width)) {
-                if !line.iter().any(&is_filled) {
-                    continue;
-                }
-                let Beside { first, second, weight } = Beside::new(y as u32, factor, small.height);
-                if wide[0].0 != first {
-                    wide.swap(0, 1);
-                }
-                for (number, (held, row)) in [first, second].into_iter().zip(&mut wide) {
-                    if *held != number {
-                        *held = number;
-                        row.clear();
-                        let pixels = &small.pixels[number * small.width as usize..][..small.width as usize];
-                        row.extend(columns.iter().map(|at| mixed(&pixels[at.first], &pixels[at.second], at.weight)));
-                    }
-                }
-                for ((pixel, above), below) in line.iter_mut().zip(&wide[0].1).zip(&wide[1].1) {
-                    if is_filled(pixel) {
-                        *pixel = mixed(above, below, weight);
-                    }
-                }
-            }
-        };
-        self.pixels.par_chunks_mut(width * LINES_TOGETHER).enumerate().for_each(fill_lines);
+        let bands = self.pixels.par_chunks_mut(self.width as usize * LINES_TOGETHER).enumerate();
+        bands.for_each(|(number, band)| {
+            fill_lines(band, number * LINES_TOGETHER, (small, factor), &columns, &is_filled);
+        });
     }
 
     /// Writes the pixels of a band that are numbers over those from row `first_row` on; how many there were.
@@ -347,6 +323,41 @@ impl From<png::EncodingError> for EncodeError {
 
 /// Lines that one thread fills.
 const LINES_TOGETHER: usize = 64;
+
+/// Fills pixels of whole lines, numbered from `first`, from a picture whose pixels are `factor` times as large; `columns`: what they lie
+/// between.
+fn fill_lines(
+    lines: &mut [[f32; 4]],
+    first: usize,
+    (small, factor): (&Image, u32),
+    columns: &[Beside],
+    is_filled: &impl Fn(&[f32; 4]) -> bool,
+) {
+    // Rows of `small` above and below a line, as wide as the lines: the next lines lie between the same ones.
+    let mut wide = [(usize::MAX, Vec::new()), (usize::MAX, Vec::new())];
+    for (y, line) in (first..).zip(lines.chunks_exact_mut(columns.len())) {
+        if !line.iter().any(is_filled) {
+            continue;
+        }
+        let Beside { first, second, weight } = Beside::new(y as u32, factor, small.height);
+        if wide[0].0 != first {
+            wide.swap(0, 1);
+        }
+        for (number, (held, row)) in [first, second].into_iter().zip(&mut wide) {
+            if *held != number {
+                *held = number;
+                row.clear();
+                let pixels = &small.pixels[number * small.width as usize..][..small.width as usize];
+                row.extend(columns.iter().map(|at| mixed(&pixels[at.first], &pixels[at.second], at.weight)));
+            }
+        }
+        for ((pixel, above), below) in line.iter_mut().zip(&wide[0].1).zip(&wide[1].1) {
+            if is_filled(pixel) {
+                *pixel = mixed(above, below, weight);
+            }
+        }
+    }
+}
 
 /// The two pixels of a row or column beside a place, and the weight of the second; clamped at the ends.
 struct Beside {

@@ -42,7 +42,6 @@ use crate::streamer::Streamer;
 use crate::streamer::budget::CasterBytes;
 use crate::units::Units;
 use crate::volume::Volume;
-
 pub use ahead::Ahead;
 use drawing::Drawing;
 use layers::Layers;
@@ -484,7 +483,7 @@ impl Renderer {
             if stats.backend == "cpu" {
                 stats.no_gpu_because = Some("sections (mode slice) are drawn by the processor".to_owned());
             } else {
-                stats.adapter_is_software = device.backend.is_software();
+                stats.adapter_is_software = device.backend.device().is_software();
             }
         }
         stats.threads = self.pool.current_num_threads();
@@ -494,7 +493,7 @@ impl Renderer {
         };
         stats.host_budget_bytes = self.options.host_memory_bytes;
         let default = match &self.drawer {
-            Drawer::Gpu { device, .. } => device.backend.default_memory(),
+            Drawer::Gpu { device, .. } => device.backend.device().default_memory(),
             Drawer::Undecided | Drawer::Cpu { .. } | Drawer::Reference => SHARED_MEMORY,
         };
         stats.gpu_budget_bytes = self.options.gpu_memory_bytes.unwrap_or(default);

@@ -86,8 +86,9 @@ impl Engine for Slabs {
         Ok(Advance { remaining: wanted.len() as u64, wanted, used, ..Advance::default() })
     }
 
-    fn image(&mut self) -> Result<Image, RenderError> {
-        Ok(self.image.clone())
+    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError> {
+        to.copy_from_slice(&self.image.pixels);
+        Ok(())
     }
 
     fn totals(&self) -> EngineTotals {

@@ -132,9 +132,10 @@ impl Engine for CpuCaster {
         })
     }
 
-    fn image(&mut self) -> Result<Image, RenderError> {
+    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError> {
         self.note_band();
-        Ok(self.band.image(&self.states))
+        to.copy_from_slice(&self.band.image(&self.states).pixels);
+        Ok(())
     }
 
     fn pixel_maps(&mut self) -> Maps {

@@ -103,20 +103,11 @@ pub trait Engine {
         Ok(())
     }
 
-    /// The picture of the band.
-    ///
-    /// # Errors
-    /// If a device fails.
-    fn image(&mut self) -> Result<Image, RenderError>;
-
     /// Writes the picture of the band over as many pixels, row by row.
     ///
     /// # Errors
     /// If a device fails.
-    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError> {
-        to.copy_from_slice(&self.image()?.pixels);
-        Ok(())
-    }
+    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError>;
 
     /// What is known of the finished pixels of the band besides, where that was asked for and the engine can say it.
     fn pixel_maps(&mut self) -> Maps {

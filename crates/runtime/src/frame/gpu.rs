@@ -119,19 +119,9 @@ impl GpuBackend {
         Self { device, caster: None, answers: None, paused: None, spare: Vec::new() }
     }
 
-    /// Whether the device is a processor in disguise.
-    pub(crate) fn is_software(&self) -> bool {
-        self.device.is_software()
-    }
-
-    /// [`GpuDevice::deals_as_software`]
-    pub(crate) fn deals_as_software(&self) -> bool {
-        self.device.deals_as_software()
-    }
-
-    /// [`GpuDevice::default_memory`]
-    pub(crate) fn default_memory(&self) -> u64 {
-        self.device.default_memory()
+    /// The device.
+    pub(crate) fn device(&self) -> &GpuDevice {
+        &self.device
     }
 
     /// Takes a picture that nobody looks at any more; its memory is used for the next one.
@@ -431,13 +421,6 @@ impl Engine for GpuCaster {
     fn update(&mut self, view: &HostView<'_>, fetched: &Fetched) -> Result<(), RenderError> {
         fetched.answered.iter().chain(&fetched.neighbours).for_each(|key| self.note_answer(view, *key));
         self.insert(view, fetched.bricks.iter().map(|key| key.brick))
-    }
-
-    fn image(&mut self) -> Result<Image, RenderError> {
-        let [width, height] = self.renderer.band_size();
-        let mut image = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
-        self.write_image(&mut image.pixels)?;
-        Ok(image)
     }
 
     fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError> {

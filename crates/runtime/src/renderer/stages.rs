@@ -80,9 +80,9 @@ impl Pace {
 
     /// The smallest pixels whose picture there is time for, and what it took, if any is known.
     fn fitting(&self, size: [u32; 2], left: Duration) -> Option<(u32, Duration)> {
-        let took = self.took.iter().filter(|_| self.size == size);
-        let mut fitting = took.filter(|(_, took)| **took <= left.mul_f64(LEAST_SURE_SHARE));
-        fitting.next().map(|(pixel, took)| (*pixel, *took))
+        let sure = left.mul_f64(LEAST_SURE_SHARE);
+        let fitting = self.took.iter().find(|(_, took)| **took <= sure).filter(|_| self.size == size);
+        fitting.map(|(pixel, took)| (*pixel, *took))
     }
 }
 
@@ -107,7 +107,7 @@ fn first_picture(Device { backend, pace }: &Device, scene: &ResolvedScene, deadl
     // What software adapters take varies too much: nothing stops a picture that is to be completed.
     let known = pace
         .fitting(scene.image_size, deadline.saturating_duration_since(now))
-        .filter(|_| !backend.deals_as_software());
+        .filter(|_| !backend.device().deals_as_software());
     match known {
         Some((pixel, took)) => (pixel, deadline.checked_sub(took.div_f64(LEAST_SURE_SHARE)).unwrap_or(now)),
         None => (sketch_pixel(scene), now),

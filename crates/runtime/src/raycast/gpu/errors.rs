@@ -1,6 +1,7 @@
 //! What rays may be off by, as the shader has summed it up, made into what each pixel may be off by: see
 //! docs/decisions/013-stated-error.md.
 
+use rayon::prelude::*;
 use supervol_format::BrickKey;
 
 use super::pixels::Gathered;
@@ -12,7 +13,6 @@ use crate::lod::deviation::{Deviation, Deviations, FinishedRay};
 use crate::raycast::cpu::levels::ErrorsByReason;
 use crate::raycast::cpu::{END_SHARE, fit_error, own_error, rounding_error};
 use crate::scene::Mode;
-use rayon::prelude::*;
 
 /// Below this, tables and `f32` do not let roots and pairs of Gauss reach the error that is asked for.
 const LEAST_AIMED: f64 = 0.25 / 255.0;

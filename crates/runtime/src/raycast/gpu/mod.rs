@@ -481,8 +481,10 @@ impl GpuRenderer {
             let texels = bricks.par_iter().map(|brick| self.texels_of(brick)).collect::<Result<Vec<_>, _>>()?;
             self.stats.counters.upload_ms += milliseconds(begin.elapsed());
             for (brick, texels) in bricks.iter().zip(texels) {
-                // A brick for which there is no slot is missed again in the next pass.
-                let (Insertion::Placed { .. } | Insertion::NoRoom) = self.insert_texels(brick, texels)?;
+                // Bricks for which there is no slot are missed again in the next pass.
+                if self.insert_texels(brick, texels)? == Insertion::NoRoom {
+                    return Ok(());
+                }
             }
         }
         Ok(())
@@ -613,8 +615,7 @@ impl GpuRenderer {
     }
 
     /// Pixels of the band along x and y.
-    #[must_use]
-    pub fn band_size(&self) -> [u32; 2] {
+    fn band_size(&self) -> [u32; 2] {
         let RayGrid { width, height } = self.caster.grid();
         [width, height].map(|rays| rays / self.picture.subgrid)
     }

@@ -97,8 +97,10 @@ impl Caster {
         let pixels = u64::from(grid.width) * u64::from(grid.height);
         let mut flying: VecDeque<Piece> = VecDeque::new();
         for (number, first) in (0..pixels).step_by(self.pixels.rays as usize).enumerate() {
-            if flying.len() == PIECES_IN_FLIGHT {
-                self.land_piece(flying.pop_front(), sums_errors, &mut visit)?;
+            if flying.len() == PIECES_IN_FLIGHT
+                && let Some(piece) = flying.pop_front()
+            {
+                self.land_piece(piece, sums_errors, &mut visit)?;
             }
             let rays = self.pixels.rays.min(pixels - first);
             let buffer = number % PIECES_IN_FLIGHT;
@@ -109,10 +111,7 @@ impl Caster {
                 submission: self.submit_piece(first, rays, buffer, sums_errors),
             });
         }
-        while !flying.is_empty() {
-            self.land_piece(flying.pop_front(), sums_errors, &mut visit)?;
-        }
-        Ok(())
+        flying.into_iter().try_for_each(|piece| self.land_piece(piece, sums_errors, &mut visit))
     }
 
     fn submit_piece(&self, first: u64, rays: u64, buffer: usize, sums_errors: bool) -> wgpu::SubmissionIndex {
@@ -132,11 +131,10 @@ impl Caster {
 
     fn land_piece(
         &self,
-        piece: Option<Piece>,
+        Piece { first, rays, buffer, submission }: Piece,
         sums_errors: bool,
         visit: &mut impl FnMut(usize, &[Gathered], &[RayErrors]),
     ) -> Result<(), GpuError> {
-        let Some(Piece { first, rays, buffer, submission }) = piece else { return Ok(()) };
         let bytes = rays * (GATHERED_BYTES + if sums_errors { ERROR_BYTES } else { 0 });
         self.gpu.read_after(Some(submission), &self.pixels.read_back[buffer], bytes, |bytes| {
             let (gathered, errors) = bytes.split_at((rays * GATHERED_BYTES) as usize);
