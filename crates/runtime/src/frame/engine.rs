@@ -4,7 +4,7 @@
 //! 1. [`Engine::begin`].
 //! 2. [`Engine::advance`]: it goes as far as the bricks of the view allow, and says which it used, which it wants, and how much remains.
 //! 3. [`Engine::update`] with what was fetched for it; again from 2 until nothing remains.
-//! 4. [`Engine::image`].
+//! 4. [`Engine::write_image`].
 //!
 //! Nothing here knows rays. A ray caster wants the bricks that its rays have come to; an engine that goes through the volume slice by
 //! slice, or that knows its working set beforehand, wants these at once and gets as many as there is room for, in its own order
