@@ -190,26 +190,26 @@ fn unfinished_pictures_state_what_they_do_not_know() {
     assert!(whole.pixels_unknown == 0 && whole.largest_grey_levels < 4.0, "{whole:?}");
 }
 
-/// Voxels that were moved to make the container smaller count: what is stated is held against the source's own.
-#[test]
-fn moved_voxels_are_part_of_what_is_stated() {
+/// Pictures of moved voxels, `functions` for each mode: what is stated is held against the source's own.
+fn assert_moved_counts(backend: Backend, functions: usize) {
     let field = waves();
     let exact = Subject::new("waves", &field as &dyn VolumeSource, &options(16));
     let bounded = BuildOptions { max_error: MaxError::Percent(2.0), ..options(16) };
     let moved = Subject::new("moved", &field as &dyn VolumeSource, &bounded);
     let bound = moved.container.descriptor().voxel_error();
     assert!(bound > 0.0 && exact.container.descriptor().voxel_error() == 0.0);
+    let mut renderer = renderer(&moved, backend);
     let mut random = Random::new(11);
     let mut largest_of_all = 0.0f64;
     for mode in MODES {
-        for _ in 0..6 {
+        for _ in 0..functions {
             let function = random_function(&mut random, &exact);
             let scene = exact.scene(&[&exact.outside(), SIZE, &function, mode]);
             let reference = exact.finest(&scene, Backend::Reference);
             for level in [LevelChoice::Auto, LevelChoice::Fixed(Lod(0)), LevelChoice::Fixed(Lod(1))] {
-                let (picture, errors, stats) = stated(&mut renderer(&moved, Backend::Cpu), &scene, level, None);
+                let (picture, errors, stats) = stated(&mut renderer, &scene, level, None);
                 let (beyond, largest) = beyond(&picture, &reference, &errors);
-                let said = stats.error_stated.expect("packets state their error");
+                let said = stats.error_stated.expect("ray casters state their error");
                 assert!(beyond <= REFERENCE, "{mode}, {level:?}: {beyond} above, {said:?}; {function}");
                 assert!(!said.presence_may_change, "{said:?}");
                 if level == LevelChoice::Fixed(Lod(0)) {
@@ -220,4 +220,18 @@ fn moved_voxels_are_part_of_what_is_stated() {
         }
     }
     assert!(largest_of_all > 4.0, "pictures of moved voxels are off by at most {largest_of_all}: nothing is tested");
+}
+
+/// Voxels that were moved to make the container smaller count.
+#[test]
+fn moved_voxels_are_part_of_what_is_stated() {
+    assert_moved_counts(Backend::Cpu, 6);
+}
+
+/// The same by a graphics device.
+#[test]
+fn moved_voxels_are_part_of_what_a_device_states() {
+    if gpu_name().is_some() {
+        assert_moved_counts(Backend::Gpu, 3);
+    }
 }

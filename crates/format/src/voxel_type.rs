@@ -34,6 +34,8 @@ impl VoxelType {
     pub const ALL: [Self; 8] = [Self::U8, Self::I8, Self::U16, Self::I16, Self::U32, Self::I32, Self::F32, Self::F64];
 
     /// Bytes of one voxel: 1, 2, 4 or 8.
+    // Loops over voxels ask this of their type: called, not folded, it costs them their vectors.
+    #[inline]
     #[must_use]
     pub const fn bytes(self) -> usize {
         match self {
@@ -72,12 +74,14 @@ impl VoxelType {
     }
 
     /// Whether the type has NaNs and infinities.
+    #[inline]
     #[must_use]
     pub const fn is_float(self) -> bool {
         matches!(self, Self::F32 | Self::F64)
     }
 
     /// Least and greatest finite value.
+    #[inline]
     #[must_use]
     pub const fn limits(self) -> (f64, f64) {
         match self {

@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 
 use supervol_format::VoxelType;
 
-use crate::lod_axes::{Sample, sample_boxes};
-use crate::source::{SourceError, VolumeSource};
+use crate::lod_axes::Sample;
+use crate::source::SourceInfo;
 
 /// Fewest and most different values. Two are a mask, whose mean says how much of a voxel is in it.
 const VALUES: std::ops::RangeInclusive<usize> = 3..=256;
@@ -17,28 +17,16 @@ const EQUAL: f64 = 0.8;
 /// Fewest pairs that say anything.
 const PAIRS: u64 = 1000;
 
-/// Whether the voxels of a source are labels.
-///
-/// # Errors
-/// If samples cannot be read.
-pub fn are_labels(source: &dyn VolumeSource) -> Result<bool, SourceError> {
-    let info = source.info();
+/// Whether voxels of a source may be labels, whatever they are.
+pub(crate) fn may_be_labels(info: &SourceInfo) -> bool {
     let is_whole = !matches!(info.voxel_type, VoxelType::F32 | VoxelType::F64);
     let is_scaled = info.scale != 1.0 || info.offset != 0.0;
-    if !is_whole || is_scaled || info.survey.is_some() {
-        return Ok(false);
-    }
-    Ok(look_like_labels(&sample_boxes(source)?))
+    is_whole && !is_scaled && info.survey.is_none()
 }
 
-fn look_like_labels(samples: &[Sample]) -> bool {
-    let mut counts: BTreeMap<i64, u64> = BTreeMap::new();
-    for &value in samples.iter().flat_map(|sample| &sample.values).filter(|v| v.is_finite()) {
-        *counts.entry(value as i64).or_default() += 1;
-        if counts.len() > *VALUES.end() {
-            return false;
-        }
-    }
+/// Whether voxels that may be labels look like it.
+pub(crate) fn look_like_labels(samples: &[Sample]) -> bool {
+    let Some(counts) = counts_of(samples) else { return false };
     let Some((&background, _)) = counts.iter().max_by_key(|(_, count)| **count) else { return false };
     let (mut equal, mut pairs) = (0, 0);
     for sample in samples {
@@ -51,13 +39,34 @@ fn look_like_labels(samples: &[Sample]) -> bool {
     VALUES.contains(&counts.len()) && pairs >= PAIRS && equal as f64 >= EQUAL * pairs as f64
 }
 
+/// How often each value occurs; none where there are too many.
+fn counts_of(samples: &[Sample]) -> Option<BTreeMap<i64, u64>> {
+    // Most labels are small numbers, which need no search.
+    let mut small = [0; 1 << u8::BITS];
+    let mut counts = BTreeMap::new();
+    for &value in samples.iter().flat_map(|sample| &sample.values).filter(|v| v.is_finite()) {
+        match small.get_mut(value as usize) {
+            Some(count) if value >= 0.0 => *count += 1,
+            _ => *counts.entry(value as i64).or_default() += 1,
+        }
+        if counts.len() > *VALUES.end() {
+            return None;
+        }
+    }
+    counts.extend((0..).zip(small).filter(|(_, count)| *count > 0));
+    Some(counts)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lod_axes::sample_boxes;
+    use crate::source::VolumeSource;
     use crate::source::computed::Computed;
 
     fn are(voxel_type: VoxelType, value: fn([u64; 3]) -> f64) -> bool {
-        are_labels(&Computed::new([96, 96, 96], voxel_type, value)).unwrap()
+        let source = Computed::new([96, 96, 96], voxel_type, value);
+        may_be_labels(source.info()) && look_like_labels(&sample_boxes(&source).unwrap())
     }
 
     fn distance([x, y, z]: [u64; 3]) -> f64 {
@@ -68,6 +77,7 @@ mod tests {
     fn regions_of_few_whole_numbers_are_labels_and_nothing_else_is() {
         let regions = |p: [u64; 3]| if distance(p) < 20.0 { 7.0 } else { ((p[0] / 24) % 3) as f64 };
         assert!(are(VoxelType::U8, regions) && are(VoxelType::I16, regions));
+        assert!(are(VoxelType::I16, |p| [-5.0, 300.0, 7.0][(p[0] / 24 % 3) as usize]), "whatever their numbers");
         assert!(!are(VoxelType::F32, regions), "floating-point numbers are measured");
         assert!(!are(VoxelType::U8, |p| f64::from(distance(p) < 30.0)), "a mask has a mean");
         assert!(!are(VoxelType::U8, |p| (4.0 * distance(p)) % 256.0), "smooth");

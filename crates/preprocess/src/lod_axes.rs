@@ -93,16 +93,8 @@ impl Plan {
     }
 }
 
-/// The levels of this source.
-///
-/// # Errors
-/// If the sample boxes cannot be read.
-pub fn plan(source: &dyn VolumeSource, layout: BrickLayout, choice: LodAxes) -> Result<Plan, SourceError> {
-    let info = source.info();
-    let mut samples = match choice {
-        LodAxes::Auto => sample_boxes(source)?,
-        _ => Vec::new(),
-    };
+/// The levels of a source, of which `auto` wants the [`sample_boxes`].
+pub(crate) fn plan(info: &SourceInfo, mut samples: Vec<Sample>, layout: BrickLayout, choice: LodAxes) -> Plan {
     let mut dims = info.dims.0;
     let mut spacing = info.geometry.spacing;
     let mut out = Plan::default();
@@ -128,7 +120,7 @@ pub fn plan(source: &dyn VolumeSource, layout: BrickLayout, choice: LodAxes) -> 
         samples.iter_mut().for_each(|s| s.halve(halved));
         out.factors.push(factors);
     }
-    Ok(out)
+    out
 }
 
 fn z_last(open: [bool; 3]) -> [bool; 3] {
@@ -172,12 +164,9 @@ impl Sample {
     /// Neighbours (0, 1), (2, 3), ... along an axis, in memory order of the first.
     pub(crate) fn pairs(&self, axis: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
         let stride = [1, self.extent[0], self.extent[0] * self.extent[1]][axis];
-        let extent = self.extent;
-        (0..self.values.len()).filter_map(move |i| {
-            let position = i / stride % extent[axis];
-            let paired = position.is_multiple_of(2) && position + 1 < extent[axis];
-            paired.then(|| (self.values[i], self.values[i + stride]))
-        })
+        let lines = self.values.chunks_exact(stride * self.extent[axis]);
+        let halves = lines.flat_map(move |line| line.chunks_exact(2 * stride)).map(move |pair| pair.split_at(stride));
+        halves.flat_map(|(firsts, seconds)| firsts.iter().copied().zip(seconds.iter().copied()))
     }
 }
 
@@ -289,7 +278,9 @@ mod tests {
 
     fn plan_with(info: SourceInfo, choice: LodAxes, value: fn([u64; 3]) -> u8) -> Plan {
         let layout = BrickLayout::new(16).expect("16 is a core");
-        plan(&Field { info, value }, layout, choice).expect("the field is always readable")
+        let field = Field { info, value };
+        let samples = sample_boxes(&field).expect("the field is always readable");
+        plan(&field.info, samples, layout, choice)
     }
 
     fn factors_of(dims: [u64; 3], spacing: [f64; 3], value: fn([u64; 3]) -> u8) -> Vec<[u32; 3]> {

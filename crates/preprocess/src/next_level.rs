@@ -1,8 +1,14 @@
 //! The next coarser level, made tile by tile while the finer one is in memory anyway: its voxels, and how far each of its bricks is from
 //! the finer ones. Whoever writes it has it at once; otherwise every brick of the finer level is read back and decoded once more.
 //!
-//! It is kept in memory, where that suffices for the whole level, and makes the same bytes as reading back does.
+//! It is kept in memory, where that suffices for the whole level, else in a file without a name beside the container, which vanishes with the
+//! process, however that ends; if the disk has room for that and for any container. Either makes the same bytes as reading back does.
 
+use std::fs::File;
+use std::io::{self, Seek, SeekFrom, Write};
+use std::path::Path;
+
+use supervol_format::byte_source::ByteSource;
 use supervol_format::container::header::Descriptor;
 use supervol_format::{BrickIndex, BrickKey, Lod, VoxelBox};
 
@@ -19,9 +25,37 @@ pub(crate) struct NextLevel {
     bricks: [u32; 3],
     /// All voxels of the level, x fastest.
     whole: VoxelBox,
-    voxels: Vec<u8>,
+    voxel_bytes: usize,
+    voxels: Kept,
     /// Of each brick, x fastest.
     steps: Vec<f64>,
+}
+
+/// Bytes by their places.
+enum Kept {
+    Memory(Vec<u8>),
+    File(File),
+}
+
+impl Kept {
+    fn write(&mut self, at: usize, bytes: &[u8]) -> io::Result<()> {
+        match self {
+            Self::Memory(all) => all[at..][..bytes.len()].copy_from_slice(bytes),
+            Self::File(file) => {
+                file.seek(SeekFrom::Start(at as u64))?;
+                file.write_all(bytes)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn read(&self, at: usize, out: &mut [u8]) -> io::Result<()> {
+        match self {
+            Self::Memory(all) => out.copy_from_slice(&all[at..][..out.len()]),
+            Self::File(file) => file.read_exact_at(at as u64, out)?,
+        }
+        Ok(())
+    }
 }
 
 /// What a tile of the finer level is in the next one.
@@ -36,8 +70,14 @@ pub(crate) struct Part {
 
 impl NextLevel {
     /// None where there is no such level, where tiles of the finer one cut its bricks to pieces, or where it takes more than
-    /// `most_bytes`.
-    pub fn begin(descriptor: &Descriptor, lod: usize, finer_tiles: &[Tile], most_bytes: u64) -> Option<Self> {
+    /// `most_bytes` of memory and there is no room for a file in `folder`.
+    pub fn begin(
+        descriptor: &Descriptor,
+        lod: usize,
+        finer_tiles: &[Tile],
+        most_bytes: u64,
+        folder: &Path,
+    ) -> Option<Self> {
         let level = *descriptor.pyramid.levels().get(lod)?;
         let finer = descriptor.pyramid.level_at(Lod(lod as u8 - 1));
         let whole_bricks = |tile: &Tile| {
@@ -46,24 +86,39 @@ impl NextLevel {
                 is_whole(tile.start[a]) && is_whole(tile.end[a])
             })
         };
-        let voxel_bytes = level.dims.bytes(descriptor.voxel_type)?;
-        let bytes = voxel_bytes.checked_add(level.brick_count() * size_of::<f64>() as u64)?;
-        if bytes > most_bytes || !finer_tiles.iter().all(whole_bricks) {
+        let bytes = level.dims.bytes(descriptor.voxel_type)?;
+        let steps_bytes = level.brick_count() * size_of::<f64>() as u64;
+        if steps_bytes > most_bytes || !finer_tiles.iter().all(whole_bricks) {
             return None;
         }
+        let voxels = if bytes <= most_bytes - steps_bytes {
+            Kept::Memory(vec![0; usize::try_from(bytes).ok()?])
+        } else {
+            let largest = descriptor.pyramid.largest_brick_bytes(descriptor.voxel_type);
+            let container = descriptor.pyramid.brick_count().saturating_mul(largest);
+            if free_bytes(folder)? < container.saturating_add(bytes) {
+                return None;
+            }
+            Kept::File(tempfile::tempfile_in(folder).ok()?)
+        };
         Some(Self {
             lod,
             factors: level.factors,
             bricks: level.bricks,
             whole: level.dims.full_box(),
-            voxels: vec![0; usize::try_from(voxel_bytes).ok()?],
+            voxel_bytes: descriptor.voxel_type.bytes(),
+            voxels,
             steps: vec![0.0; usize::try_from(level.brick_count()).ok()?],
         })
     }
 
     /// What it takes in memory.
     pub fn bytes(&self) -> u64 {
-        (self.voxels.len() + size_of_val(&self.steps[..])) as u64
+        let voxels = match &self.voxels {
+            Kept::Memory(all) => all.len(),
+            Kept::File(_) => 0,
+        };
+        (voxels + size_of_val(&self.steps[..])) as u64
     }
 
     /// What its axes halve of the finer level's.
@@ -82,24 +137,40 @@ impl NextLevel {
     }
 
     /// Keeps a part: its voxels, and how far each of its bricks is from the finer level.
-    pub fn put(&mut self, part: &Part, voxels: VoxelBlock<'_>, steps: Vec<f64>) {
-        let size = self.voxel_bytes();
-        for (from, to) in rows(part.core, voxels.voxels).zip(rows(part.core, self.whole)) {
-            let bytes = part.core.extent()[0] * size;
-            self.voxels[to * size..][..bytes].copy_from_slice(&voxels.bytes[from * size..][..bytes]);
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn put(&mut self, part: &Part, voxels: VoxelBlock<'_>, steps: Vec<f64>) -> io::Result<()> {
+        let size = self.voxel_bytes;
+        let row_bytes = part.core.extent()[0] * size;
+        let places: Vec<_> = rows(part.core, voxels.voxels).zip(rows(part.core, self.whole)).collect();
+        let mut bytes = Vec::new();
+        for run in places.chunks(self.rows_at_once(part.core)) {
+            bytes.clear();
+            run.iter().for_each(|(from, _)| bytes.extend_from_slice(&voxels.bytes[from * size..][..row_bytes]));
+            self.voxels.write(run[0].1 * size, &bytes)?;
         }
         for (key, step) in part.bricks.iter().zip(steps) {
             let at = self.number(key.brick());
             self.steps[at] = step;
         }
+        Ok(())
     }
 
     /// Fills `out` with the voxels of a box.
-    pub fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) {
-        let (size, bytes) = (self.voxel_bytes(), voxels.extent()[0] * self.voxel_bytes());
-        for (from, to) in rows(voxels, self.whole).zip(out.chunks_exact_mut(bytes)) {
-            to.copy_from_slice(&self.voxels[from * size..][..bytes]);
-        }
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> io::Result<()> {
+        let rows_at_once = self.rows_at_once(voxels);
+        let bytes = rows_at_once * voxels.extent()[0] * self.voxel_bytes;
+        let mut runs = rows(voxels, self.whole).step_by(rows_at_once).zip(out.chunks_exact_mut(bytes));
+        runs.try_for_each(|(from, to)| self.voxels.read(from * self.voxel_bytes, to))
+    }
+
+    /// Rows of a box that lie one behind the other: those of a slice, where they are whole.
+    fn rows_at_once(&self, part: VoxelBox) -> usize {
+        if part.extent()[0] == self.whole.extent()[0] { part.extent()[1] } else { 1 }
     }
 
     /// How far a brick is from the finer level.
@@ -107,15 +178,19 @@ impl NextLevel {
         self.steps[self.number(key.brick())]
     }
 
-    fn voxel_bytes(&self) -> usize {
-        self.voxels.len() / self.whole.voxels()
-    }
-
     fn number(&self, BrickIndex(brick): BrickIndex) -> usize {
         let [x, y, z] = brick.map(|i| i as usize);
         let [nx, ny, _] = self.bricks.map(|n| n as usize);
         (z * ny + y) * nx + x
     }
+}
+
+/// Bytes that are free on the disk of a folder; none where the system does not say.
+fn free_bytes(folder: &Path) -> Option<u64> {
+    #[cfg(unix)]
+    return rustix::fs::statvfs(folder).ok().map(|disk| disk.f_bavail.saturating_mul(disk.f_frsize));
+    #[cfg(not(unix))]
+    None
 }
 
 /// Where the rows of a box begin in one around it, voxels.
@@ -167,18 +242,25 @@ mod tests {
             };
             for most_bricks in [8, 16, 1000] {
                 let finer = tiles_of(&descriptor, most_bricks);
-                let mut next = NextLevel::begin(&descriptor, 1, &finer, u64::MAX).expect("bricks are whole");
+                let folder = tempfile::tempdir().expect("a folder");
+                // In memory, and in a file.
+                let memory = if most_bricks == 16 { level.brick_count() * 8 } else { u64::MAX };
+                let mut next = NextLevel::begin(&descriptor, 1, &finer, memory, folder.path()).expect("whole bricks");
+                assert_eq!(matches!(next.voxels, Kept::File(_)), most_bricks == 16);
                 for &tile in &finer {
                     let part = next.part_of(&descriptor, tile);
                     let bytes = of(part.around);
                     let steps = part.bricks.iter().map(|key| f64::from(key.brick().0[0])).collect();
-                    next.put(&part, VoxelBlock { voxels: part.around, bytes: &bytes }, steps);
+                    next.put(&part, VoxelBlock { voxels: part.around, bytes: &bytes }, steps).expect("room for it");
                 }
-                for tile in tiles(&level, AccessOrder::X_FASTEST, &|size| size.iter().product::<u32>() <= 3) {
-                    let part = tile.voxels(descriptor.pyramid.layout().core(), level.dims, 2);
-                    let mut read = vec![0; of(part).len()];
-                    next.read_box(part, &mut read);
-                    assert_eq!(read, of(part), "{part:?} of {factors:?}");
+                for most_bricks in [3, 1000] {
+                    let fits = |size: [u32; 3]| size.iter().product::<u32>() <= most_bricks;
+                    for tile in tiles(&level, AccessOrder::X_FASTEST, &fits) {
+                        let part = tile.voxels(descriptor.pyramid.layout().core(), level.dims, 2);
+                        let mut read = vec![0; of(part).len()];
+                        next.read_box(part, &mut read).expect("it is there");
+                        assert_eq!(read, of(part), "{part:?} of {factors:?}");
+                    }
                 }
                 let all = Tile { start: [0; 3], end: level.bricks };
                 for key in all.bricks().into_iter().map(|brick| key_of(1, brick)) {
@@ -189,13 +271,29 @@ mod tests {
     }
 
     #[test]
-    fn it_is_not_kept_where_tiles_cut_bricks_or_the_memory_does_not_suffice() {
+    fn it_is_kept_where_there_is_room_unless_tiles_cut_bricks() {
         let descriptor = descriptor([2; 3]);
-        assert!(NextLevel::begin(&descriptor, 1, &tiles_of(&descriptor, 4), u64::MAX).is_none(), "one brick along z");
+        let folder = tempfile::tempdir().expect("a folder");
+        let begin = |lod, tiles: &[Tile], memory, folder: &Path| {
+            NextLevel::begin(&descriptor, lod, tiles, memory, folder).map(|next| next.bytes())
+        };
+        assert_eq!(begin(1, &tiles_of(&descriptor, 4), u64::MAX, folder.path()), None, "one brick along z");
         let tiles = tiles_of(&descriptor, 8);
-        let bytes = NextLevel::begin(&descriptor, 1, &tiles, u64::MAX).expect("bricks are whole").bytes();
-        assert!(NextLevel::begin(&descriptor, 1, &tiles, bytes).is_some());
-        assert!(NextLevel::begin(&descriptor, 1, &tiles, bytes - 1).is_none());
-        assert!(NextLevel::begin(&descriptor, 4, &tiles, u64::MAX).is_none(), "there is no such level");
+        let steps = descriptor.pyramid.level_at(Lod(1)).brick_count() * 8;
+        let bytes = begin(1, &tiles, u64::MAX, folder.path()).expect("bricks are whole");
+        assert_eq!(begin(1, &tiles, bytes, Path::new("/nowhere")), Some(bytes));
+        assert_eq!(begin(1, &tiles, bytes - 1, folder.path()), Some(steps), "in a file");
+        assert_eq!(begin(1, &tiles, bytes - 1, Path::new("/nowhere")), None);
+        assert_eq!(begin(1, &tiles, steps - 1, folder.path()), None);
+        assert_eq!(begin(4, &tiles, u64::MAX, folder.path()), None, "there is no such level");
+        // More than any disk has.
+        let dims = Dims([1 << 20; 3]);
+        let layout = BrickLayout::LARGEST;
+        let pyramid = Pyramid::new(dims, layout, &[[2; 3]; 13]).expect("a valid pyramid");
+        let all = Tile { start: [0; 3], end: pyramid.level_at(Lod(0)).bricks };
+        let descriptor = Descriptor { pyramid, ..descriptor };
+        assert!(NextLevel::begin(&descriptor, 2, &[all], 1 << 40, folder.path()).is_none());
+        let left = folder.path().read_dir().expect("a folder").count();
+        assert_eq!(left, 0, "files have no names");
     }
 }

@@ -36,18 +36,18 @@ use crate::downsample::{Reduce, VoxelBlock, downsample, finer_box};
 use crate::error::BuildError;
 use crate::error_bound::{brick_error, step_error};
 use crate::journal::{self, Frame, Journal};
-use crate::labels::are_labels;
+use crate::labels::{look_like_labels, may_be_labels};
 use crate::level_reader::by_all_threads;
 use crate::lod_axes::{self, LodAxes};
 use crate::memory::{MemoryPlan, Spares, tile_bytes};
 use crate::next_level::NextLevel;
 use crate::ordered::in_order;
-use crate::output::{Existing, OutputFile, check_distinct, check_free};
+use crate::output::{Existing, OutputFile, check_distinct, check_free, folder_of};
 use crate::provenance::{ChecksumAlong, Chosen, bounded_notes, check_unchanged, manifest};
 use crate::report::{BuildReport, LevelReport, Progress};
 use crate::restore::{Begun, Plan, Restored};
 use crate::source::file::SourceFile;
-use crate::source::{AccessOrder, VolumeSource};
+use crate::source::{AccessOrder, SourceError, VolumeSource};
 use crate::statistics::Statistics;
 use crate::stop::{Stoppable, check};
 
@@ -123,16 +123,14 @@ pub fn build(
     // Before the source is sampled; the file itself is begun only once the memory is known to suffice.
     check_free(output, options.existing)?;
     check_distinct(output, source.info().files.iter().map(SourceFile::path))?;
-    let (mut descriptor, mut levels_plan) = describe(source, options)?;
-    let by_kind = || Ok::<_, BuildError>(if are_labels(source)? { Reduce::Majority } else { Reduce::Mean });
-    let reduce = options.reduce.map_or_else(by_kind, Ok)?;
+    let (mut descriptor, mut levels_plan, reduce) = describe(source, options)?;
     let source_bytes = source.info().memory_bytes;
     let voxel_type = descriptor.voxel_type;
     let plan = MemoryPlan::new(options.memory_bytes, options.threads, source_bytes, &descriptor.pyramid, voxel_type)?;
     let pool = thread_pool(plan.threads)?;
     let order = source.info().access_order;
     let tiles = tiles_of(&descriptor, plan, order, 0);
-    let read = |voxels, bytes: &mut [u8]| read_source(source, plan, &pool, voxels, bytes);
+    let read = |voxels, bytes: &mut [u8]| read_source(source, plan, voxels, bytes);
     if reduce != Reduce::Majority {
         descriptor.quantizer = options.max_error.quantizer(&descriptor, || range_of(&descriptor, &tiles, read))?;
     }
@@ -300,11 +298,11 @@ fn identity_of(
     Some(journal::identity(&[env!("CARGO_PKG_VERSION").as_bytes(), &page[..], choices.as_bytes()]))
 }
 
-/// Reads a tile from the source; in parallel slabs where slabs are what the file stores one behind the other.
+/// Reads a tile from the source; in parallel slabs where slabs are what the file stores one behind the other. Threads of their own read
+/// them: those of the pool would wait for the disk while there are bricks to encode.
 fn read_source(
     source: &dyn VolumeSource,
     plan: MemoryPlan,
-    pool: &rayon::ThreadPool,
     voxels: VoxelBox,
     bytes: &mut [u8],
 ) -> Result<(), BuildError> {
@@ -314,12 +312,18 @@ fn read_source(
     }
     let slab = nz.div_ceil(plan.threads);
     let slab_bytes = slab * nx * ny * source.info().voxel_type.bytes();
-    pool.install(|| {
-        bytes.par_chunks_mut(slab_bytes).enumerate().try_for_each(|(i, part)| {
+    std::thread::scope(|scope| {
+        let begin = |(i, part): (usize, _)| {
             let mut slab_box = voxels;
             slab_box.start[2] += (i * slab) as u64;
             slab_box.end[2] = (slab_box.start[2] + slab as u64).min(voxels.end[2]);
-            Ok(source.read_box(slab_box, part)?)
+            let read = move || source.read_box(slab_box, part);
+            std::thread::Builder::new().spawn_scoped(scope, read).map_err(BuildError::Thread)
+        };
+        let readers: Vec<_> = bytes.chunks_mut(slab_bytes).enumerate().map(begin).collect::<Result<_, _>>()?;
+        readers.into_iter().try_for_each(|reader| match reader.join() {
+            Ok(read) => Ok(read?),
+            Err(panic) => std::panic::resume_unwind(panic),
         })
     })
 }
@@ -334,13 +338,21 @@ fn tiles_of(descriptor: &Descriptor, plan: MemoryPlan, order: AccessOrder, lod: 
     tiles(level, order, &fits)
 }
 
-/// What the container will be, and how its levels were chosen.
-fn describe(source: &dyn VolumeSource, options: &BuildOptions) -> Result<(Descriptor, lod_axes::Plan), BuildError> {
+/// What the container will be, how its levels were chosen, and what stands there for several voxels.
+fn describe(
+    source: &dyn VolumeSource,
+    options: &BuildOptions,
+) -> Result<(Descriptor, lod_axes::Plan, Reduce), BuildError> {
     let info = source.info();
     if let Some(defect) = info.geometry.defect() {
         return Err(BuildError::Options(format!("the volume cannot be placed in the world: {defect}")));
     }
-    let plan = lod_axes::plan(source, options.layout, options.lod_axes)?;
+    let asks_for_kind = options.reduce.is_none() && may_be_labels(info);
+    let is_sampled = asks_for_kind || options.lod_axes == LodAxes::Auto;
+    let samples = if is_sampled { lod_axes::sample_boxes(source)? } else { Vec::new() };
+    let by_kind = || if asks_for_kind && look_like_labels(&samples) { Reduce::Majority } else { Reduce::Mean };
+    let reduce = options.reduce.unwrap_or_else(by_kind);
+    let plan = lod_axes::plan(info, samples, options.layout, options.lod_axes);
     let descriptor = Descriptor {
         voxel_type: info.voxel_type,
         pyramid: Pyramid::new(info.dims, options.layout, &plan.factors)?,
@@ -350,7 +362,7 @@ fn describe(source: &dyn VolumeSource, options: &BuildOptions) -> Result<(Descri
         absence: Absence::declared(info.nodata, info.voxel_type),
         quantizer: None,
     };
-    Ok((descriptor, plan))
+    Ok((descriptor, plan, reduce))
 }
 
 /// What voxels of a level are moved to, where its means are rounded to `steps`, from level 1 on.
@@ -465,7 +477,7 @@ impl Build<'_> {
     }
 
     /// What stands in for reading a finer level back while the next coarser one is written; none where not all of it is written now, the
-    /// tiles do not hold whole coarse bricks, or the memory does not suffice.
+    /// tiles do not hold whole coarse bricks, or there is no room for it.
     fn begin_next(&self, finer: usize, tiles: &[Tile], now: Option<&NextLevel>) -> Option<NextLevel> {
         if self.restored.get(finer).is_some_and(|level| level.tiles > 0) {
             return None;
@@ -478,12 +490,12 @@ impl Build<'_> {
         // Who reads back keeps decoded bricks.
         let read_back = if finer > 0 { self.plan.cache_bytes } else { 0 };
         let taken = now.map_or(read_back, NextLevel::bytes);
-        NextLevel::begin(self.descriptor, finer + 1, tiles, most.saturating_sub(taken))
+        NextLevel::begin(self.descriptor, finer + 1, tiles, most.saturating_sub(taken), folder_of(self.output))
     }
 
-    /// Makes a tile's part of the next coarser level, if that is kept.
-    fn go_on_with(&self, next: &mut Option<NextLevel>, lod: usize, tile: Tile, block: VoxelBlock<'_>) {
-        let Some(next) = next else { return };
+    /// Makes a tile's part of the next coarser level, if that is kept: no more where its file cannot be written.
+    fn go_on_with(&self, kept: &mut Option<NextLevel>, lod: usize, tile: Tile, block: VoxelBlock<'_>) {
+        let Some(next) = kept else { return };
         let Descriptor { voxel_type, absence, .. } = *self.descriptor;
         let part = next.part_of(self.descriptor, tile);
         let mut voxels = self.spares.take(part.around.voxels() * voxel_type.bytes());
@@ -492,8 +504,12 @@ impl Build<'_> {
         let step =
             |key| step_error(voxel_type, absence, next.factors(), block, coarse, self.descriptor.pyramid.core_box(key));
         let steps = self.pool.install(|| part.bricks.par_iter().map(|&key| step(key)).collect());
-        next.put(&part, coarse, steps);
+        let is_kept = next.put(&part, coarse, steps).is_ok();
         self.spares.give_back(voxels);
+        if !is_kept {
+            // Its room on the disk goes to the container; the finer level is read back.
+            *kept = None;
+        }
     }
 
     /// The voxels of a box of a coarser level, from those of the finer one.
@@ -519,7 +535,8 @@ impl Build<'_> {
             let read = |tile: &Tile| {
                 let voxels = coarse_box(tile);
                 let mut bytes = self.spares.take(voxels.voxels() * voxel_bytes);
-                kept.read_box(voxels, &mut bytes);
+                let read = kept.read_box(voxels, &mut bytes);
+                read.map_err(|e| SourceError::spool(folder_of(self.output), e))?;
                 Ok(bytes)
             };
             self.write_level(lod, &tiles, &read, &mut |tile, bytes, take| {

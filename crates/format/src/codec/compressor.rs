@@ -1,19 +1,46 @@
-//! Zstandard's compressor, its output, and its decompressor, kept by each thread from one call to the next: to prepare them takes longer
+//! Zstandard's compressors, their output, and its decompressor, kept by each thread from one call to the next: to prepare them takes longer
 //! than a small payload, and given back to the system their memory comes anew, page by page.
 
 use std::cell::RefCell;
 use std::io;
 
 use zstd::bulk::{Compressor, Decompressor};
-use zstd::zstd_safe::compress_bound;
+use zstd::zstd_safe::{CParameter, ParamSwitch, compress_bound};
 
-/// Level of compression: 1 compresses at some 400 MB/s per core; 3 saves 2 to 4 % more at half the speed. The tokens of wavelets are left
-/// to Zstandard's Huffman coder, where higher levels find little more.
+/// Level of compression: 1 compresses at some 400 MB/s per core; 3 saves 2 to 4 % more at half the speed.
 const LEVEL: i32 = 1;
+
+/// What a frame is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Frames {
+    /// Matches with what stands before, and Huffman codes of the rest.
+    Matches,
+    /// Huffman codes alone, as far as Zstandard can be kept from looking. A match of five tokens by chance takes more than their codes, and
+    /// longer to decode.
+    Codes,
+}
+
+impl Frames {
+    fn compressor(self) -> io::Result<Compressor<'static>> {
+        /// Bytes between two places where a match is looked for: as many as a block has.
+        const STRIDE: u32 = 128 << 10;
+        /// The smallest table of such places, 2 to the power of it.
+        const LEAST_TABLE: u32 = 6;
+        let mut compressor = Compressor::new(LEVEL)?;
+        if self == Self::Codes {
+            compressor.set_parameter(CParameter::TargetLength(STRIDE))?;
+            compressor.set_parameter(CParameter::HashLog(LEAST_TABLE))?;
+            // Who looks for no matches is taken to be in a hurry, and would get no codes either.
+            compressor.set_parameter(CParameter::LiteralCompressionMode(ParamSwitch::Enable))?;
+        }
+        Ok(compressor)
+    }
+}
 
 #[derive(Default)]
 struct Kept {
-    compressor: Option<Compressor<'static>>,
+    /// By [`Frames`].
+    compressors: [Option<Compressor<'static>>; 2],
     frame: Vec<u8>,
     decompressor: Option<Decompressor<'static>>,
 }
@@ -26,11 +53,11 @@ thread_local! {
 ///
 /// # Errors
 /// If Zstandard cannot get memory.
-pub(super) fn append_frame(bytes: &[u8], out: &mut Vec<u8>) -> io::Result<usize> {
-    KEPT.with_borrow_mut(|Kept { compressor, frame, .. }| {
-        let compressor = match compressor {
+pub(super) fn append_frame(frames: Frames, bytes: &[u8], out: &mut Vec<u8>) -> io::Result<usize> {
+    KEPT.with_borrow_mut(|Kept { compressors, frame, .. }| {
+        let compressor = match &mut compressors[frames as usize] {
             Some(compressor) => compressor,
-            None => compressor.insert(Compressor::new(LEVEL)?),
+            none => none.insert(frames.compressor()?),
         };
         frame.clear();
         frame.reserve(compress_bound(bytes.len()));

@@ -12,7 +12,7 @@
 
 use std::borrow::Cow;
 
-use super::compressor::{append_frame, read_frame};
+use super::compressor::{Frames, append_frame, read_frame};
 use super::{BrickShape, CodecError};
 use crate::vectors::{Vectorized, vectorized};
 
@@ -110,7 +110,7 @@ fn compress<W: Word>(predictor: Predictor, words: &[W]) -> Result<Vec<u8>, Codec
     // One byte each is one plane.
     let planes = if size_of::<W>() == 1 { Cow::Borrowed(bytemuck::cast_slice(words)) } else { to_planes(words).into() };
     let mut payload = vec![predictor as u8];
-    append_frame(&planes, &mut payload).map_err(|e| CodecError::Zstd { reason: e.to_string() })?;
+    append_frame(Frames::Matches, &planes, &mut payload).map_err(|e| CodecError::Zstd { reason: e.to_string() })?;
     Ok(payload)
 }
 

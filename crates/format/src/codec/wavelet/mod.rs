@@ -32,7 +32,7 @@ use std::borrow::Cow;
 use tokens::{BITS_PADDING, Decoding, Encoding, Tokens};
 use transform::{Band, Sample, bands};
 
-use super::compressor::{append_frame, read_frame};
+use super::compressor::{Frames, append_frame, read_frame};
 use super::quantize::{Quantizer, common_step};
 use super::repeats::{Places, Repeats};
 use super::{BrickShape, CodecError};
@@ -172,7 +172,7 @@ fn encode_typed<V: Voxel, S: Sample>(
 
     let mut payload = vec![transform as u8, repeats.bits()];
     payload.extend(quantizer.step().to_le_bytes());
-    let mut writer = ChunkWriter { payload, limit };
+    let mut writer = ChunkWriter { payload, limit, frames: None };
     if let Some((fill, mask)) = holes {
         writer.payload[1] |= FLAG_HOLES;
         writer.payload.extend(fill.to_le_bytes());
@@ -329,9 +329,16 @@ fn gather<'a, S: Sample>(samples: &[S], extent: [usize; 3], bands: &[Band], out:
     &out[..count]
 }
 
+/// Tokens that tell whether tokens repeat.
+const TRIED: usize = 8192;
+/// Matches must save one part in so many of them: else it may be chance.
+const LEAST_SAVED: usize = 16;
+
 struct ChunkWriter {
     payload: Vec<u8>,
     limit: usize,
+    /// What takes less for the tokens of this brick, once there have been enough of them.
+    frames: Option<Frames>,
 }
 
 impl ChunkWriter {
@@ -350,7 +357,8 @@ impl ChunkWriter {
             let Tokens { tokens, bits } = vectorized(Encoding { coefficients });
             let head = self.payload.len();
             self.payload.extend([0; CHUNK_HEAD_BYTES]);
-            let frame = append_frame(&tokens, &mut self.payload).map_err(zstd_failed)?;
+            let frames = self.frames_of(&tokens)?;
+            let frame = append_frame(frames, &tokens, &mut self.payload).map_err(zstd_failed)?;
             let lengths = [tokens.len(), frame, bits.len()];
             for (target, length) in self.payload[head..].as_chunks_mut::<4>().0.iter_mut().zip(lengths) {
                 *target = u32::try_from(length).expect("a brick has fewer than 2^32 voxels").to_le_bytes();
@@ -361,6 +369,22 @@ impl ChunkWriter {
             }
         }
         Ok(true)
+    }
+
+    /// What these tokens are coded by: noise by codes alone; what is periodic has matches, too.
+    fn frames_of(&mut self, tokens: &[u8]) -> Result<Frames, CodecError> {
+        let frames = match (self.frames, tokens.get(..TRIED)) {
+            (Some(frames), _) => frames,
+            (None, None) => return Ok(Frames::Codes),
+            (None, Some(tried)) => {
+                let length = |frames| append_frame(frames, tried, &mut Vec::new()).map_err(zstd_failed);
+                let codes = length(Frames::Codes)?;
+                let repeat = length(Frames::Matches)? < codes - codes / LEAST_SAVED;
+                if repeat { Frames::Matches } else { Frames::Codes }
+            }
+        };
+        self.frames = Some(frames);
+        Ok(frames)
     }
 }
 
@@ -528,6 +552,7 @@ fn fill_holes<S: Sample>(places: &Places, mask: &[S], fill: &[u8], out: &mut [u8
 mod tests {
     use super::*;
     use crate::VoxelType;
+    use crate::random::Random;
 
     const NODATA: Absence = Absence { nodata: Some(-999.0) };
 
@@ -611,6 +636,25 @@ mod tests {
         let tokens = ::zstd::bulk::decompress(&chunk[12..12 + frame_bytes], 3).expect("a frame");
         assert_eq!(tokens, [128 + 4 + 2, 1, 64]);
         assert_eq!(chunk[12 + frame_bytes..], [17]);
+    }
+
+    #[test]
+    fn tokens_that_repeat_have_matches_and_noise_has_none() {
+        let mut random = Random::new(5);
+        let noise: Vec<u8> = (0..2 * TRIED).map(|_| 64 + random.below(8) as u8).collect();
+        let periodic: Vec<u8> = noise[..500].iter().copied().cycle().take(2 * TRIED).collect();
+        let coded = |frames, tokens: &[u8]| append_frame(frames, tokens, &mut Vec::new()).expect("there is memory");
+        for (tokens, expected, other) in
+            [(&noise, Frames::Codes, Frames::Matches), (&periodic, Frames::Matches, Frames::Codes)]
+        {
+            let mut writer = ChunkWriter { payload: Vec::new(), limit: usize::MAX, frames: None };
+            let mut frames_of = |tokens: &[u8]| writer.frames_of(tokens).expect("there is memory");
+            assert_eq!(frames_of(&tokens[..TRIED - 1]), Frames::Codes, "too few to tell");
+            assert_eq!([frames_of(tokens), frames_of(&tokens[..10])], [expected; 2], "once and for all");
+            assert!(coded(expected, tokens) < coded(other, tokens));
+            // Three bits each, as far as codes alone go.
+            assert!(coded(Frames::Codes, tokens) < tokens.len() * 4 / 8);
+        }
     }
 
     #[test]

@@ -158,22 +158,18 @@ impl Writer {
         for number in numbers {
             others |= u8::from(number > 1 << VALUES.direct_bits);
         }
-        for run in numbers.windows(LONGEST_DIRECT_RUN + 1) {
-            others |= u8::from(run.iter().fold(0, |all, number| all | number) == 0);
-        }
-        if others != 0 {
+        // Where zeros are, and where as many follow as no token without bits stands for.
+        let zeros = mask_of(group.map(|coefficient| coefficient == S::default()));
+        let long_runs = (1..=LONGEST_DIRECT_RUN).fold(zeros, |runs, step| runs & (zeros >> step));
+        if others != 0 || long_runs != 0 {
             return false;
         }
         // Zeros at the beginning belong to the run before, if there is one.
-        let before = if self.zeros > 0 { numbers.iter().take_while(|number| **number == 0).count() as u32 } else { 0 };
+        let before = if self.zeros > 0 { zeros.trailing_ones() } else { 0 };
         self.zeros += before;
         self.push_zeros();
         let values = numbers.map(|number| (VALUES.first - 1).wrapping_add(number as u8));
-        let mut pairs = 0u8;
-        for i in 1..GROUP {
-            pairs |= u8::from(numbers[i - 1] | numbers[i] == 0);
-        }
-        if pairs == 0 && before == 0 {
+        if zeros & (zeros >> 1) == 0 && before == 0 {
             self.push_singles(numbers.map(|number| number == 0), values);
         } else {
             self.push_runs(values, before as u8);
@@ -245,6 +241,17 @@ impl Writer {
         self.end += 1;
         self.bits.push(bits, count);
     }
+}
+
+/// One bit each, the first one lowest.
+#[inline(always)]
+fn mask_of(are: [bool; GROUP]) -> u16 {
+    // Eight bytes of 0 or 1 times this: the highest byte has a bit of each, and nothing is carried.
+    const GATHER: u64 = 0x0102_0408_1020_4080;
+    let halves = are.map(u8::from);
+    let bits = |half: &[u8; HALF]| (u64::from_le_bytes(*half).wrapping_mul(GATHER) >> 56) as u16;
+    let (halves, _) = halves.as_chunks::<HALF>();
+    bits(&halves[0]) | bits(&halves[1]) << HALF
 }
 
 /// Bits on their way to bytes, lowest first.
