@@ -32,6 +32,7 @@ pub mod preview;
 pub mod provenance;
 pub mod report;
 mod restore;
+mod slabs;
 pub mod source;
 pub mod statistics;
 pub mod stop;

@@ -46,6 +46,7 @@ use crate::output::{Existing, OutputFile, check_distinct, check_free, folder_of}
 use crate::provenance::{ChecksumAlong, Chosen, bounded_notes, check_unchanged, manifest};
 use crate::report::{BuildReport, LevelReport, Progress};
 use crate::restore::{Begun, Plan, Restored};
+use crate::slabs::read_in_slabs;
 use crate::source::file::SourceFile;
 use crate::source::{AccessOrder, SourceError, VolumeSource};
 use crate::statistics::Statistics;
@@ -130,7 +131,7 @@ pub fn build(
     let pool = thread_pool(plan.threads)?;
     let order = source.info().access_order;
     let tiles = tiles_of(&descriptor, plan, order, 0);
-    let read = |voxels, bytes: &mut [u8]| read_source(source, plan, voxels, bytes);
+    let read = |voxels, bytes: &mut [u8]| read_in_slabs(source, plan.threads, voxels, bytes);
     if reduce != Reduce::Majority {
         descriptor.quantizer = options.max_error.quantizer(&descriptor, || range_of(&descriptor, &tiles, read))?;
     }
@@ -296,36 +297,6 @@ fn identity_of(
     let steps = &levels.steps;
     let choices = format!("{origin:?} {files:?} {reading:?} {codec:?} {error:?} {reduce:?} {steps:?} {memory} {tile}");
     Some(journal::identity(&[env!("CARGO_PKG_VERSION").as_bytes(), &page[..], choices.as_bytes()]))
-}
-
-/// Reads a tile from the source; in parallel slabs where slabs are what the file stores one behind the other. Threads of their own read
-/// them: those of the pool would wait for the disk while there are bricks to encode.
-fn read_source(
-    source: &dyn VolumeSource,
-    plan: MemoryPlan,
-    voxels: VoxelBox,
-    bytes: &mut [u8],
-) -> Result<(), BuildError> {
-    let [nx, ny, nz] = voxels.extent();
-    if source.info().access_order.0[0] != 2 {
-        return Ok(source.read_box(voxels, bytes)?);
-    }
-    let slab = nz.div_ceil(plan.threads);
-    let slab_bytes = slab * nx * ny * source.info().voxel_type.bytes();
-    std::thread::scope(|scope| {
-        let begin = |(i, part): (usize, _)| {
-            let mut slab_box = voxels;
-            slab_box.start[2] += (i * slab) as u64;
-            slab_box.end[2] = (slab_box.start[2] + slab as u64).min(voxels.end[2]);
-            let read = move || source.read_box(slab_box, part);
-            std::thread::Builder::new().spawn_scoped(scope, read).map_err(BuildError::Thread)
-        };
-        let readers: Vec<_> = bytes.chunks_mut(slab_bytes).enumerate().map(begin).collect::<Result<_, _>>()?;
-        readers.into_iter().try_for_each(|reader| match reader.join() {
-            Ok(read) => Ok(read?),
-            Err(panic) => std::panic::resume_unwind(panic),
-        })
-    })
 }
 
 /// The tiles of a level, in the order in which they are read and written.
@@ -504,12 +475,11 @@ impl Build<'_> {
         let step =
             |key| step_error(voxel_type, absence, next.factors(), block, coarse, self.descriptor.pyramid.core_box(key));
         let steps = self.pool.install(|| part.bricks.par_iter().map(|&key| step(key)).collect());
-        let is_kept = next.put(&part, coarse, steps).is_ok();
-        self.spares.give_back(voxels);
-        if !is_kept {
+        if next.put(&part, coarse, steps).is_err() {
             // Its room on the disk goes to the container; the finer level is read back.
             *kept = None;
         }
+        self.spares.give_back(voxels);
     }
 
     /// The voxels of a box of a coarser level, from those of the finer one.

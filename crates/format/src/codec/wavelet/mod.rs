@@ -172,7 +172,7 @@ fn encode_typed<V: Voxel, S: Sample>(
 
     let mut payload = vec![transform as u8, repeats.bits()];
     payload.extend(quantizer.step().to_le_bytes());
-    let mut writer = ChunkWriter { payload, limit, frames: None };
+    let mut writer = ChunkWriter { payload, limit };
     if let Some((fill, mask)) = holes {
         writer.payload[1] |= FLAG_HOLES;
         writer.payload.extend(fill.to_le_bytes());
@@ -337,8 +337,6 @@ const LEAST_SAVED: usize = 16;
 struct ChunkWriter {
     payload: Vec<u8>,
     limit: usize,
-    /// What takes less for the tokens of this brick, once there have been enough of them.
-    frames: Option<Frames>,
 }
 
 impl ChunkWriter {
@@ -350,6 +348,8 @@ impl ChunkWriter {
         extent: [usize; 3],
     ) -> Result<bool, CodecError> {
         let mut gathered = Vec::new();
+        // What takes less for these coefficients, once there have been enough tokens to tell.
+        let mut chosen = None;
         for chunk in transform.chunks(extent) {
             let is_whole_box = chunk.iter().any(|band| band.extent() == extent);
             let coefficients =
@@ -357,8 +357,11 @@ impl ChunkWriter {
             let Tokens { tokens, bits } = vectorized(Encoding { coefficients });
             let head = self.payload.len();
             self.payload.extend([0; CHUNK_HEAD_BYTES]);
-            let frames = self.frames_of(&tokens)?;
-            let frame = append_frame(frames, &tokens, &mut self.payload).map_err(zstd_failed)?;
+            if chosen.is_none() {
+                chosen = frames_of(&tokens)?;
+            }
+            let frame =
+                append_frame(chosen.unwrap_or(Frames::Codes), &tokens, &mut self.payload).map_err(zstd_failed)?;
             let lengths = [tokens.len(), frame, bits.len()];
             for (target, length) in self.payload[head..].as_chunks_mut::<4>().0.iter_mut().zip(lengths) {
                 *target = u32::try_from(length).expect("a brick has fewer than 2^32 voxels").to_le_bytes();
@@ -370,22 +373,15 @@ impl ChunkWriter {
         }
         Ok(true)
     }
+}
 
-    /// What these tokens are coded by: noise by codes alone; what is periodic has matches, too.
-    fn frames_of(&mut self, tokens: &[u8]) -> Result<Frames, CodecError> {
-        let frames = match (self.frames, tokens.get(..TRIED)) {
-            (Some(frames), _) => frames,
-            (None, None) => return Ok(Frames::Codes),
-            (None, Some(tried)) => {
-                let length = |frames| append_frame(frames, tried, &mut Vec::new()).map_err(zstd_failed);
-                let codes = length(Frames::Codes)?;
-                let repeat = length(Frames::Matches)? < codes - codes / LEAST_SAVED;
-                if repeat { Frames::Matches } else { Frames::Codes }
-            }
-        };
-        self.frames = Some(frames);
-        Ok(frames)
-    }
+/// What tokens are coded by, if there are enough to tell: noise by codes alone; what is periodic has matches, too.
+fn frames_of(tokens: &[u8]) -> Result<Option<Frames>, CodecError> {
+    let Some(tried) = tokens.get(..TRIED) else { return Ok(None) };
+    let length = |frames| append_frame(frames, tried, &mut Vec::new()).map_err(zstd_failed);
+    let codes = length(Frames::Codes)?;
+    let repeat = length(Frames::Matches)? < codes - codes / LEAST_SAVED;
+    Ok(Some(if repeat { Frames::Matches } else { Frames::Codes }))
 }
 
 /// Decodes into a buffer of exactly the brick's bytes.
@@ -647,10 +643,9 @@ mod tests {
         for (tokens, expected, other) in
             [(&noise, Frames::Codes, Frames::Matches), (&periodic, Frames::Matches, Frames::Codes)]
         {
-            let mut writer = ChunkWriter { payload: Vec::new(), limit: usize::MAX, frames: None };
-            let mut frames_of = |tokens: &[u8]| writer.frames_of(tokens).expect("there is memory");
-            assert_eq!(frames_of(&tokens[..TRIED - 1]), Frames::Codes, "too few to tell");
-            assert_eq!([frames_of(tokens), frames_of(&tokens[..10])], [expected; 2], "once and for all");
+            let frames_of = |tokens: &[u8]| frames_of(tokens).expect("there is memory");
+            assert_eq!(frames_of(&tokens[..TRIED - 1]), None, "too few to tell");
+            assert_eq!([frames_of(tokens), frames_of(&tokens[..TRIED])], [Some(expected); 2]);
             assert!(coded(expected, tokens) < coded(other, tokens));
             // Three bits each, as far as codes alone go.
             assert!(coded(Frames::Codes, tokens) < tokens.len() * 4 / 8);

@@ -159,7 +159,8 @@ impl Writer {
             others |= u8::from(number > 1 << VALUES.direct_bits);
         }
         // Where zeros are, and where as many follow as no token without bits stands for.
-        let zeros = mask_of(group.map(|coefficient| coefficient == S::default()));
+        let are_zeros = numbers.map(|number| number == 0);
+        let zeros = mask_of(are_zeros);
         let long_runs = (1..=LONGEST_DIRECT_RUN).fold(zeros, |runs, step| runs & (zeros >> step));
         if others != 0 || long_runs != 0 {
             return false;
@@ -170,7 +171,7 @@ impl Writer {
         self.push_zeros();
         let values = numbers.map(|number| (VALUES.first - 1).wrapping_add(number as u8));
         if zeros & (zeros >> 1) == 0 && before == 0 {
-            self.push_singles(numbers.map(|number| number == 0), values);
+            self.push_singles(are_zeros, values);
         } else {
             self.push_runs(values, before as u8);
         }
@@ -248,9 +249,9 @@ impl Writer {
 fn mask_of(are: [bool; GROUP]) -> u16 {
     // Eight bytes of 0 or 1 times this: the highest byte has a bit of each, and nothing is carried.
     const GATHER: u64 = 0x0102_0408_1020_4080;
-    let halves = are.map(u8::from);
+    let bytes = are.map(u8::from);
     let bits = |half: &[u8; HALF]| (u64::from_le_bytes(*half).wrapping_mul(GATHER) >> 56) as u16;
-    let (halves, _) = halves.as_chunks::<HALF>();
+    let (halves, _) = bytes.as_chunks::<HALF>();
     bits(&halves[0]) | bits(&halves[1]) << HALF
 }
 
