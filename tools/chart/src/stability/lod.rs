@@ -4,6 +4,8 @@
 //! with levels chosen automatically, from views in which one pixel covers several voxels, and hold it against level 0
 //! averaged over the pixel (16 rays). Their curves' x is voxels of level 0 per pixel.
 
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 use supervol_format::{BrickKey, Lod};
 use supervol_preprocess::BuildOptions;
@@ -199,14 +201,20 @@ struct FarView {
     coarsest_read: usize,
 }
 
-/// Orthographic pictures of `target` and about `window` voxels around it, one pixel covering 1, 2, 4, ... voxels. The
-/// number of pixels is odd: the ray of the middle one runs through the target.
-fn far_views(volume: &Volume, target: [f64; 3], window: u32, members: &[&str]) -> Result<Vec<FarView>, ChartError> {
+/// Orthographic pictures of about `window` voxels, one pixel covering 1, 2, 4, ... voxels. The number of pixels is odd: the ray of the
+/// middle one runs through what `target` says for pixels of that size.
+fn far_views(
+    volume: &Volume,
+    target: impl Fn(u32) -> [f64; 3],
+    window: u32,
+    members: &[&str],
+) -> Result<Vec<FarView>, ChartError> {
     let mut views = Vec::new();
     for voxels_per_pixel in [1, 2, 4, 8] {
         let pixels = window / voxels_per_pixel + 1;
         let height = f64::from(pixels * voxels_per_pixel);
-        let camera = orthographic(volume, target, DVec3::new(0.21, 1.0, -0.13), [0.0, 0.0, 1.0], height);
+        let camera =
+            orthographic(volume, target(voxels_per_pixel), DVec3::new(0.21, 1.0, -0.13), [0.0, 0.0, 1.0], height);
         let size = image_size(pixels, pixels);
         let mut all: Vec<&str> = vec![&camera, &size];
         all.extend(members);
@@ -234,7 +242,7 @@ fn mean_vanishes(context: &Context<'_>) -> Result<Outcome, ChartError> {
     for (name, alpha_of_mean) in [("clear at 0", 0.0), ("opacity 0.001 at 0", 0.001)] {
         let tf = transfer_function(1.0, &[(-1.0, GOLD, 0.3), (0.0, WHITE, alpha_of_mean), (1.0, BLUE, 0.3)]);
         let mut worst = 0.0f64;
-        for view in far_views(&volume, volume.middle(), 32, &[&tf])? {
+        for view in far_views(&volume, |_| volume.middle(), 32, &[&tf])? {
             let x = f64::from(view.voxels_per_pixel);
             let (coarse, fine) = (mean_opacity(&view.automatic), mean_opacity(&view.level_0));
             curve.push(CurvePoint::new(
@@ -314,15 +322,36 @@ fn seismic_opacity(context: &Context<'_>) -> Result<(Vec<CurvePoint>, f64, usize
     let members = [r#""transfer_function": "seismic""#, &slab];
     let (mut curve, mut change, mut coarsest) = (Vec::new(), 0.0f64, 0);
     let mut nearer: Option<f64> = None;
-    for view in far_views(&volume, volume.middle(), 40, &members)? {
-        let (opacity, fine) = (mean_opacity(&view.automatic), mean_opacity(&view.level_0));
-        let x = f64::from(view.voxels_per_pixel);
+    for (x, [opacity, fine]) in mean_opacities(&volume, &members, &mut coarsest)? {
         curve.push(CurvePoint::new("opacity, default: levels chosen automatically", x, opacity, Some(fine)));
         change = change.max(nearer.map_or(0.0, |nearer| (opacity / nearer - 1.0).abs()));
         nearer = Some(opacity);
-        coarsest = coarsest.max(view.coarsest_read);
     }
     Ok((curve, change, coarsest))
+}
+
+/// Mean opacities of far pictures by the size of a pixel: of automatic levels, and of level 0. The farthest has 36 pixels, whose rays alone
+/// move its mean by a tenth: each is the mean of pictures that are shifted against each other by parts of a pixel.
+fn mean_opacities(volume: &Volume, members: &[&str], coarsest: &mut usize) -> Result<Vec<(f64, [f64; 2])>, ChartError> {
+    /// Shifts along either side of a pixel.
+    const SHIFTS: u32 = 4;
+    let mut sums = BTreeMap::new();
+    for shift in 0..SHIFTS * SHIFTS {
+        let parts = [shift % SHIFTS, shift / SHIFTS].map(|i| (f64::from(i) + 0.5) / f64::from(SHIFTS) - 0.5);
+        // Pictures look along y.
+        let target_for = |pixel: u32| {
+            let [x, y, z] = volume.middle();
+            [x + parts[0] * f64::from(pixel), y, z + parts[1] * f64::from(pixel)]
+        };
+        for view in far_views(volume, target_for, 40, members)? {
+            let sum: &mut [f64; 2] = sums.entry(view.voxels_per_pixel).or_default();
+            for (sum, picture) in sum.iter_mut().zip([&view.automatic, &view.level_0]) {
+                *sum += mean_opacity(picture) / f64::from(SHIFTS * SHIFTS);
+            }
+            *coarsest = (*coarsest).max(view.coarsest_read);
+        }
+    }
+    Ok(sums.into_iter().map(|(pixel, means)| (f64::from(pixel), means)).collect())
 }
 
 fn thin_features(context: &Context<'_>) -> Result<Outcome, ChartError> {
@@ -348,7 +377,7 @@ fn thin_features(context: &Context<'_>) -> Result<Outcome, ChartError> {
         // Wherever the feature is, it is in the middle of the picture.
         let mut target = volume.middle();
         target[..thin.thin_axes()].fill((edge / 2 + 1) as f64);
-        for view in far_views(&volume, target, 32, &[&tf])? {
+        for view in far_views(&volume, |_| target, 32, &[&tf])? {
             let lost = pixels_lost(&view)?;
             let x = f64::from(view.voxels_per_pixel);
             let series = format!("{}, default: pixels lost", thin.name());

@@ -122,7 +122,7 @@ impl CastTile<'_> {
     }
 }
 
-fn has_transmittance(mode: Mode) -> bool {
+pub(super) fn has_transmittance(mode: Mode) -> bool {
     matches!(mode, Mode::Dvr | Mode::Iso | Mode::Slice)
 }
 
@@ -131,7 +131,7 @@ pub(super) fn errors_of(
     frame: &CpuFrame,
     tables: &PacketTables,
     gathered: &Gathered,
-    pixels: &[[f32; 4]; TILE_RAYS],
+    pixels: &[[f32; 4]],
 ) -> Option<Box<TileErrors>> {
     let (levels, deviations) = (gathered.levels.as_ref()?, frame.deviations.as_ref()?);
     let mut greatest = ErrorsByReason { presence_may_change: levels.presence_may_change, ..ErrorsByReason::default() };

@@ -566,14 +566,13 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         let (brick, h) = (self.brick, step.length);
         let (scale, offset) = (S::splat(brick.scale), S::splat(brick.offset));
         let travelled = [h * direction[0], h * direction[1], h * direction[2]];
-        let mut values = [h; 3];
-        for (value, share) in values.iter_mut().zip([0.0, 0.5, 1.0]) {
-            let mut at = step.fraction;
+        let mut places = [step.fraction; 3];
+        for (place, share) in places[1..].iter_mut().zip([0.5, 1.0]) {
             for a in 0..3 {
-                at[a] = S::mul_add(travelled[a], S::splat(share), at[a]);
+                place[a] = S::mul_add(travelled[a], S::splat(share), place[a]);
             }
-            *value = S::mul_add(cell.at(at), scale, offset);
         }
+        let values = for_three!(i => S::mul_add(cell.at(places[i]), scale, offset));
         let cubic = cell.twist() * scale * (travelled[0] * travelled[1] * travelled[2]);
         let mut noise = S::splat(0.0);
         if self.precision.has_steps {

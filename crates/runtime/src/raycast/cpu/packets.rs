@@ -23,7 +23,7 @@ use super::order::{View, push_children, region_of, ways_through};
 use super::packet::{Classifier, ClassifyTask, Host, Precision, Queues, cast};
 use super::parts::{PartsAhead, begin_next_part, has_ended, is_in_picture, part_of_ray, rays_in_picture};
 use super::per_brick::{PerBrick, bytes_kept};
-use super::pixels::{FinishedTile, Tile};
+use super::pixels::{FinishedTile, Tile, pixels_of_tile};
 use super::plans::{BrickPlan, BrickPlans};
 use super::shade::PacketLighting;
 use super::silhouette::{MakeSilhouette, MeetSilhouette, Projector, Silhouette};
@@ -323,7 +323,7 @@ pub fn bytes_held(core: usize, rule: PacketRule) -> CasterBytes {
     let gathered = size_of::<Gathered>()
         + if rule.sums_errors { size_of::<LevelErrors>() } else { 0 }
         + if rule.counts_work { size_of::<TileWork>() } else { 0 };
-    const { assert!(size_of::<FinishedTile>() <= size_of::<Gathered>()) };
+    const { assert!(FinishedTile::BYTES <= size_of::<Gathered>()) };
     const { assert!(size_of::<TileErrors>() <= size_of::<LevelErrors>()) };
     CasterBytes {
         bands: Bands::Allowed,
@@ -453,7 +453,7 @@ fn end_tile((frame, tables): (&CpuFrame, &PacketTables), rays: &TileRays) -> Til
         return Tile::Waiting(Box::new(gathered.clone()));
     }
     let terminated_early = (0..TILE_RAYS).filter(|&ray| has_ended((frame, tables), gathered, ray)).count() as u64;
-    let pixels = std::array::from_fn(|ray| frame.pixel(&gathered.state(ray)));
+    let pixels = pixels_of_tile(frame, gathered);
     let errors = errors_of(frame, tables, gathered, &pixels);
     let work = gathered.work.clone();
     Tile::Finished(Box::new(FinishedTile { pixels, terminated_early, errors, work }))

@@ -240,7 +240,8 @@ impl<S: Simd> Light<S> {
             transmittances[i + 1] = exp_minus::<S>(depths[i + 1]);
         }
         (self.depth, self.transmittance) = (depths[ROUND], transmittances[ROUND]);
-        for i in (0..ROUND).rev() {
+        // Where nothing is added, nothing changes from one cell to the next.
+        for i in (0..ROUND).rev().filter(|&i| parts.shows[i] | (left[i] != 0)) {
             let goes_on = S::lt(last, transmittances[i] * self.front);
             self.depth = S::select(goes_on, self.depth, depths[i]);
             self.transmittance = S::select(goes_on, self.transmittance, transmittances[i]);

@@ -1,6 +1,6 @@
 //! Tiles between passes, and back to pixels: row by row from the top.
 
-use super::levels::TileErrors;
+use super::levels::{TileErrors, has_transmittance};
 use super::packets::tiles_of;
 use super::tile::{Gathered, TILE_RAYS, TILE_SIDE, place_of};
 use super::work::TileWork;
@@ -22,13 +22,18 @@ pub enum Tile {
 #[derive(Debug, Clone)]
 pub struct FinishedTile {
     /// Premultiplied colour and opacity of each ray.
-    pub(super) pixels: [[f32; 4]; TILE_RAYS],
+    pub(super) pixels: Box<[[f32; 4]]>,
     /// Rays that ended before they left the volume.
     pub(super) terminated_early: u64,
     /// What its rays may be off by, where that was summed up.
     pub(super) errors: Option<Box<TileErrors>>,
     /// What its rays have cost, where that was counted.
     pub(super) work: Option<Box<TileWork>>,
+}
+
+impl FinishedTile {
+    /// Bytes held, but for errors and work.
+    pub(super) const BYTES: usize = size_of::<Self>() + TILE_RAYS * size_of::<[f32; 4]>();
 }
 
 impl Tile {
@@ -77,6 +82,15 @@ pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile], waiting: impl Fn(&RayState) -
         Tile::Finished(finished) => finished.pixels[ray],
         Tile::Waiting(gathered) => waiting(&gathered.state(ray)),
     })
+}
+
+/// The pixels of a tile whose rays are finished, in the rays' own order.
+pub(super) fn pixels_of_tile(frame: &CpuFrame, gathered: &Gathered) -> Box<[[f32; 4]]> {
+    if !has_transmittance(frame.mode) {
+        return (0..TILE_RAYS).map(|ray| frame.pixel(&gathered.state(ray))).collect();
+    }
+    let ([red, green, blue], transmittance) = (&gathered.color, &gathered.transmittance);
+    (0..TILE_RAYS).map(|i| [red[i], green[i], blue[i], 1.0 - transmittance[i]].map(|v| v as f32)).collect()
 }
 
 /// What the rays of all tiles may be off by, row by row from the top, grey; NaN of those that are not finished.

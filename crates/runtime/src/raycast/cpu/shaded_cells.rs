@@ -78,8 +78,11 @@ impl CellShader<'_> {
         let around = Around::<S> { stored: brick.stored, voxels: brick.voxels, base: cell.base, absent: brick.absent };
         // SAFETY: the bases are those of cells of the core.
         let slopes = unsafe { around.slopes(brick.strides, cell.rows.as_ref()) };
-        for (gradient, share) in along.gradients.iter_mut().zip([0.0, 0.5, 1.0]) {
-            let at = for_three!(a => S::mul_add(cell.travelled[a], S::splat(share), cell.fraction[a]));
+        let mut places = [cell.fraction; 3];
+        for (place, share) in places[1..].iter_mut().zip([0.5, 1.0]) {
+            *place = for_three!(a => S::mul_add(cell.travelled[a], S::splat(share), cell.fraction[a]));
+        }
+        for (gradient, at) in along.gradients.iter_mut().zip(places) {
             let differences = for_three!(a => slopes[a].at(at));
             *gradient = transform::<S>(&lighting.world_from_differences, differences);
         }

@@ -140,6 +140,8 @@ pub struct Walker<S: Simd> {
     offset: [S::F; 3],
     /// 1 where the ray ascends: the plane ahead is that much further than the cell.
     ahead: [S::F; 3],
+    /// `origin + ahead`: less the plane ahead, the position at entry from the corner of the cell.
+    origin_and_ahead: [S::F; 3],
     /// Plane ahead on each axis.
     plane: [S::F; 3],
     plane_step: [S::F; 3],
@@ -190,6 +192,7 @@ impl<S: Simd> Walker<S> {
             inverse: [zero; 3],
             offset: [zero; 3],
             ahead: [zero; 3],
+            origin_and_ahead: [zero; 3],
             plane: [zero; 3],
             plane_step: [zero; 3],
             base: zero_int,
@@ -209,6 +212,7 @@ impl<S: Simd> Walker<S> {
             walker.inverse[a] = inverse;
             walker.offset[a] = S::select(moves, zero - o * inverse, S::splat(FAR));
             walker.ahead[a] = S::select(ascends, one, zero);
+            walker.origin_and_ahead[a] = o + walker.ahead[a];
             walker.plane_step[a] = S::select(ascends, one, zero - one);
             walker.in_plane = walker.in_plane | (!moves & S::le(o, S::floor(o)));
             let stride = S::splat_int(strides[a]);
@@ -265,8 +269,7 @@ impl<S: Simd> Walker<S> {
         let mut step = Step { base: self.base, fraction: exits, length: leave - self.t };
         let goes_on = S::lt(leave, self.end);
         for a in 0..3 {
-            let position = S::mul_add(self.t, self.direction[a], self.origin[a]);
-            step.fraction[a] = position - (self.plane[a] - self.ahead[a]);
+            step.fraction[a] = S::mul_add(self.t, self.direction[a], self.origin_and_ahead[a] - self.plane[a]);
             let crosses = S::le(exits[a], leave) & goes_on;
             self.plane[a] = S::select(crosses, self.plane[a] + self.plane_step[a], self.plane[a]);
             self.base = S::select_int(crosses, self.base + self.base_step[a], self.base);
