@@ -561,8 +561,7 @@ impl CpuFrame {
     fn pixel(&self, state: &RayState) -> [f32; 4] {
         let value = match self.mode {
             Mode::Dvr | Mode::Iso | Mode::Slice => {
-                let [r, g, b] = state.color;
-                return [r, g, b, 1.0 - state.transmittance].map(|v| v as f32);
+                return pixel_of_light(state.color, state.transmittance);
             }
             Mode::Mip | Mode::Minip => state.value,
             Mode::Mean => state.value / state.length,
@@ -573,6 +572,12 @@ impl CpuFrame {
         let [r, g, b, alpha] = self.transfer_function.classify(value as f32);
         [r * alpha, g * alpha, b * alpha, alpha]
     }
+}
+
+/// The pixel of a ray that has gathered light: premultiplied colour and opacity.
+#[inline]
+fn pixel_of_light([r, g, b]: [f64; 3], transmittance: f64) -> [f32; 4] {
+    [r, g, b, 1.0 - transmittance].map(|v| v as f32)
 }
 
 impl CpuFrame {

@@ -19,7 +19,7 @@ use super::refine::Refine;
 use super::shade::PacketLighting;
 use super::shaded_cells::{AlongRay, CellShader, ShadeCells, ShadeQueue, ShadeRound};
 use super::simd::{LANES_LIMIT, Places, Simd, exp_minus, for_three};
-use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, VALUE_ERROR, Walker};
+use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, VALUE_ERROR, Walker, places_along};
 
 /// Share of the lanes that must show for a round's cells to be shaded where they lie: packing costs, too.
 const DENSE: usize = 5;
@@ -566,12 +566,7 @@ impl<S: Simd, L: Lookup> Round<'_, S, L> {
         let (brick, h) = (self.brick, step.length);
         let (scale, offset) = (S::splat(brick.scale), S::splat(brick.offset));
         let travelled = [h * direction[0], h * direction[1], h * direction[2]];
-        let mut places = [step.fraction; 3];
-        for (place, share) in places[1..].iter_mut().zip([0.5, 1.0]) {
-            for a in 0..3 {
-                place[a] = S::mul_add(travelled[a], S::splat(share), place[a]);
-            }
-        }
+        let places = places_along::<S>(&step.fraction, &travelled);
         let values = for_three!(i => S::mul_add(cell.at(places[i]), scale, offset));
         let cubic = cell.twist() * scale * (travelled[0] * travelled[1] * travelled[2]);
         let mut noise = S::splat(0.0);

@@ -4,7 +4,7 @@ use super::levels::{TileErrors, has_transmittance};
 use super::packets::tiles_of;
 use super::tile::{Gathered, TILE_RAYS, TILE_SIDE, place_of};
 use super::work::TileWork;
-use super::{CpuFrame, RayState};
+use super::{CpuFrame, RayState, pixel_of_light};
 
 /// One tile between passes.
 #[derive(Debug, Clone, Default)]
@@ -90,7 +90,7 @@ pub(super) fn pixels_of_tile(frame: &CpuFrame, gathered: &Gathered) -> Box<[[f32
         return (0..TILE_RAYS).map(|ray| frame.pixel(&gathered.state(ray))).collect();
     }
     let ([red, green, blue], transmittance) = (&gathered.color, &gathered.transmittance);
-    (0..TILE_RAYS).map(|i| [red[i], green[i], blue[i], 1.0 - transmittance[i]].map(|v| v as f32)).collect()
+    (0..TILE_RAYS).map(|i| pixel_of_light([red[i], green[i], blue[i]], transmittance[i])).collect()
 }
 
 /// What the rays of all tiles may be off by, row by row from the top, grey; NaN of those that are not finished.

@@ -12,7 +12,7 @@ use super::queue::{Queue, QueuedCell};
 use super::shade::{LightAt, PacketLighting, transform};
 use super::simd::{LANES_LIMIT, Simd, Task, TaskOf, exp_minus, for_three};
 use super::turning::{SettleLight, TurningCells};
-use super::walk::{PacketBrick, ROUND, Step, Walker};
+use super::walk::{PacketBrick, ROUND, Step, Walker, places_along};
 
 /// A gradient in world space at the beginning, the middle and the end of a part.
 pub type Gradients<S> = [[<S as Simd>::F; 3]; 3];
@@ -78,10 +78,7 @@ impl CellShader<'_> {
         let around = Around::<S> { stored: brick.stored, voxels: brick.voxels, base: cell.base, absent: brick.absent };
         // SAFETY: the bases are those of cells of the core.
         let slopes = unsafe { around.slopes(brick.strides, cell.rows.as_ref()) };
-        let mut places = [cell.fraction; 3];
-        for (place, share) in places[1..].iter_mut().zip([0.5, 1.0]) {
-            *place = for_three!(a => S::mul_add(cell.travelled[a], S::splat(share), cell.fraction[a]));
-        }
+        let places = places_along::<S>(&cell.fraction, &cell.travelled);
         for (gradient, at) in along.gradients.iter_mut().zip(places) {
             let differences = for_three!(a => slopes[a].at(at));
             *gradient = transform::<S>(&lighting.world_from_differences, differences);

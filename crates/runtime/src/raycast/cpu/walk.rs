@@ -131,6 +131,18 @@ impl PacketBrick<'_> {
     }
 }
 
+/// Beginning, middle and end of ways through cells, which begin at `fraction` and are `travelled` cells long.
+#[inline(always)]
+pub fn places_along<S: Simd>(fraction: &[S::F; 3], travelled: &[S::F; 3]) -> [[S::F; 3]; 3] {
+    let mut places = [*fraction; 3];
+    for (place, share) in places[1..].iter_mut().zip([0.5, 1.0]) {
+        for a in 0..3 {
+            place[a] = S::mul_add(travelled[a], S::splat(share), fraction[a]);
+        }
+    }
+    places
+}
+
 /// Rays on their way through a brick.
 pub struct Walker<S: Simd> {
     origin: [S::F; 3],
