@@ -2,21 +2,11 @@
 // for each slot that is listed. Chebyshev distances are found axis by axis.
 
 @group(1) @binding(0) var<storage, read> slots_to_classify: array<u32>;
+// For each macro cell the ranges of its eight blocks, two in a word: where each begins and ends in its own, in parts of it.
+@group(1) @binding(1) var<storage, read> block_ranges: array<vec4<u32>>;
 
-// Whether something of a macro cell can be seen at all.
-fn is_shown(range: vec2<f32>) -> bool {
-    if (!has_flag(FLAG_SKIPPING)) {
-        return true;
-    }
-    if (range.x > range.y || mode() != MODE_DVR) {
-        return range.x <= range.y;
-    }
-    if (has_flag(FLAG_SURFACES) && (has_flag(FLAG_HOLES) || sides_of(range.x) != sides_of(range.y))) {
-        // Where there are holes, none may be leapt over with what is clear: there, a ray forgets on which side it was.
-        return true;
-    }
-    return is_visible(range.x, range.y);
-}
+// Parts of a macro cell's range.
+const PARTS: u32 = 255u;
 
 // Most macro cells along an axis of a brick.
 const MOST_CELLS: u32 = 16u;
@@ -40,6 +30,21 @@ fn sweep(first: u32, step: u32, edge: u32) {
     }
 }
 
+// Proximity of a macro cell that shows something: one bit for each of its blocks that does.
+fn shown_blocks(cell: u32) -> u32 {
+    let range = macro_ranges[cell];
+    let blocks = block_ranges[cell];
+    var shown = 0u;
+    for (var i = 0u; i < 8u; i += 1u) {
+        let ends = vec2<u32>(blocks[i / 2u] >> (16u * (i % 2u))) >> vec2<u32>(0u, 8u) & vec2<u32>(PARTS);
+        let within = range.x + (range.y - range.x) * (vec2<f32>(ends) / f32(PARTS));
+        // The sum may be rounded.
+        let high = select(within.y, range.y, ends.y == PARTS);
+        shown |= select(0u, FIRST_BLOCK << i, is_shown(vec2<f32>(within.x, high)));
+    }
+    return shown;
+}
+
 @compute @workgroup_size(64)
 fn classify_cells(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     config = scene.config;
@@ -59,5 +64,10 @@ fn classify_cells(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invoca
         }
         storageBarrier();
         step *= edge;
+    }
+    for (var cell = first + lane; cell < first + cells; cell += 64u) {
+        if (proximity[cell] == 0u) {
+            proximity[cell] = shown_blocks(cell);
+        }
     }
 }

@@ -11,7 +11,7 @@
 fn gather_pixels(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     config = scene.config;
     let number = id.y * groups.x * WORKGROUP_RAYS + id.x;
-    let in_band = scene.job.first_ray + number;
+    let in_band = scene.job.first_pixel + number;
     let place = place_of(vec2<u32>(in_band % scene.view.width, in_band / scene.view.width + scene.view.first_row));
     if (number < arrayLength(&gathered) && place < scene.view.places) {
         let state = states[place];

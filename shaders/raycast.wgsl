@@ -1,13 +1,14 @@
-// Casts one ray per invocation: on from where it stopped, until it is finished, lacks a brick, or has done its share.
+// Casts one ray per invocation: on from where it stopped, until it is finished, lacks a brick, or has done its share. A workgroup
+// has the rays of a tile of the run.
 
 @group(1) @binding(0) var<storage, read_write> states: array<RayState>;
 @group(1) @binding(1) var<storage, read_write> errors: array<RayErrors>;
 
 @compute @workgroup_size(64)
-fn raycast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+fn raycast(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     config = scene.config;
     // A ray that has nothing to do adds nothing to the counters either.
-    let place = scene.job.first_ray + id.x;
+    let place = tile_of(group.x) * WORKGROUP_RAYS + lane;
     if (place < scene.view.places) {
         var state = states[place];
         let waits = state.status == STATUS_WAITING && scene.job.later_round != 0u;
@@ -24,5 +25,5 @@ fn raycast(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocati
         }
     }
     workgroupBarrier();
-    count_in_feedback(lane);
+    count_in_feedback(group.x, lane);
 }

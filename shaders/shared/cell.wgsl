@@ -25,15 +25,20 @@ fn value_at(view: CellView, u: f32) -> f32 {
     return clamp(view.pivot + cubic_at(view.cubic, u), view.range.x, view.range.y);
 }
 
+// A cell's corners, of which those are replaced that are absent, but have no weight on the chord.
+fn corners_along(own: Corners, chord: Chord) -> Corners {
+    if (has_flag(FLAG_HOLES) && has_holes(own)) {
+        return replace_unreached(own, chord.a, chord.b);
+    }
+    return own;
+}
+
 fn gather_cell(slot: Slot, cell: vec3<i32>, chord: Chord, ray: LocalRay, state: ptr<function, RayState>) {
-    var corners = corners_of(slot, cell);
-    let own = corners;
+    let own = corners_of(slot, cell);
+    let corners = corners_along(own, chord);
     if (has_flag(FLAG_HOLES) && has_holes(corners)) {
-        corners = replace_unreached(corners, chord.a, chord.b);
-        if (has_holes(corners)) {
-            gather_absent(state);
-            return;
-        }
+        gather_absent(state);
+        return;
     }
     let range = range_of_corners(corners);
     let is_clear = mode() == MODE_DVR && !has_flag(FLAG_SURFACES) && !is_visible(range.x, range.y);

@@ -51,6 +51,21 @@ fn gather_skipped(range: vec2<f32>, state: ptr<function, RayState>) {
     }
 }
 
+// Whether something with this range of values can be seen at all.
+fn is_shown(range: vec2<f32>) -> bool {
+    if (!has_flag(FLAG_SKIPPING)) {
+        return true;
+    }
+    if (range.x > range.y || mode() != MODE_DVR) {
+        return range.x <= range.y;
+    }
+    if (has_flag(FLAG_SURFACES) && (has_flag(FLAG_HOLES) || sides_of(range.x) != sides_of(range.y))) {
+        // Where there are holes, none may be leapt over with what is clear: there, a ray forgets on which side it was.
+        return true;
+    }
+    return is_visible(range.x, range.y);
+}
+
 // Whether a macro cell with this range can change the ray.
 fn is_worth_a_visit(range: vec2<f32>, state: ptr<function, RayState>) -> bool {
     if (!has_flag(FLAG_SKIPPING)) {

@@ -19,8 +19,13 @@
 // For each slot the (least, greatest) render value of each macro cell, x fastest; least > greatest: nothing is there.
 @group(0) @binding(5) var<storage, read> macro_ranges: array<vec2<f32>>;
 // For each of these how many macro cells away, along the axis on which it is furthest, the nearest one is that shows
-// something under this look, but no further than the brick's edge needs; 0: it does so itself.
+// something under this look, but no further than the brick's edge needs; 0: it does so itself, and from `FIRST_BLOCK` on
+// there is a bit for each of its blocks that does.
 @group(0) @binding(6) var<storage, read_write> proximity: array<u32>;
+
+// Bits of a proximity that are the distance, and the bit of the first block.
+const NEAREST: u32 = 0xffu;
+const FIRST_BLOCK: u32 = 0x100u;
 
 struct Feedback {
     counters: array<atomic<u32>, 12>,
@@ -30,7 +35,8 @@ struct Feedback {
     padding_1: u32,
     padding_2: u32,
     // One bit for each slot that was used; from `config.miss_words` on `config.miss_limit` pairs (entry, waiting rays); from
-    // `config.wait_words` on the rays waiting for each entry.
+    // `config.wait_words` on the rays waiting for each entry; from `config.tile_words` on the tiles of the run, each of which
+    // becomes what is left of it (`LEFT_...`).
     words: array<atomic<u32>>,
 }
 @group(0) @binding(7) var<storage, read_write> feedback: Feedback;

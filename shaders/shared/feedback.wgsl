@@ -67,8 +67,18 @@ fn count_in_group(status: u32) {
     add_to_group(10u, anomalies);
 }
 
-// Adds the workgroup's sums to the feedback buffer: one lane for each counter.
-fn count_in_feedback(lane: u32) {
+// The tile of a workgroup.
+fn tile_of(group: u32) -> u32 {
+    return atomicLoad(&feedback.words[config.tile_words + group]);
+}
+
+// Adds the workgroup's sums to the feedback buffer, one lane for each counter, and says in its tile's place what is left of it.
+fn count_in_feedback(group: u32, lane: u32) {
+    if (lane == 0u) {
+        let interrupted = select(0u, LEFT_INTERRUPTED, atomicLoad(&group_counters[0]) != 0u);
+        let waiting = select(0u, LEFT_WAITING, atomicLoad(&group_counters[1]) != 0u);
+        atomicStore(&feedback.words[config.tile_words + group], interrupted | waiting);
+    }
     if (lane < 12u) {
         let sum = atomicLoad(&group_counters[lane]);
         if (sum != 0u) {

@@ -18,6 +18,10 @@ const STATUS_WAITING: u32 = 1u;
 const STATUS_DONE: u32 = 2u;
 // The ray has more to do at once, in the brick where it stopped: its base point stays where it is.
 const STATUS_INSIDE: u32 = 3u;
+// Some ray of a tile stopped at the dispatch's limit.
+const LEFT_INTERRUPTED: u32 = 1u;
+// Some ray of a tile waits for a brick.
+const LEFT_WAITING: u32 = 2u;
 // Page table: the brick is not resident.
 const PAGE_MISSING: u32 = 0u;
 // Page table: nothing of the brick is visible.
@@ -75,6 +79,7 @@ const STEP_OF_FLOATS: u32 = 3u;
 // Explained where Rust defines them: format/src/brick.rs, lod/deviation.rs, raycast/scalar/quadrature.rs, raycast/cpu/mod.rs, raycast/cpu/refine.rs, raycast/cpu/shade.rs, raycast/cpu/walk.rs, scene.rs, gpu/twins.rs.
 const APRON: i32 = 2;
 const MACRO_CELL: i32 = 8;
+const BLOCK: i32 = 4;
 const KNOT_LIMIT: u32 = 8u;
 const PAIR_LIMIT: u32 = 64u;
 const POSITION_ERROR: f32 = 2e-5;
@@ -245,6 +250,8 @@ struct Config {
     miss_words: u32,
     // First word of the feedback that counts rays waiting for a brick.
     wait_words: u32,
+    // First word of the tiles of a run, behind these.
+    tile_words: u32,
     // Stored number from which bins of the transfer function are counted, before it is scaled.
     light_centre: f32,
     // Bins per stored step.
@@ -267,8 +274,6 @@ struct Config {
     padding_0: u32,
     // Zero.
     padding_1: u32,
-    // Zero.
-    padding_2: u32,
     // The cache textures.
     grids: array<SlotGrid, 4>,
 }
@@ -352,14 +357,16 @@ struct View {
     padding_1: vec2<u32>,
 }
 
-// One dispatch: a run of rays.
+// One dispatch: a run of tiles of rays, or of pixels.
 struct Dispatch {
-    // Place of the first ray; of pixels the first one's number in its band, row by row.
-    first_ray: u32,
+    // Of pixels the first one's number in its band, row by row.
+    first_pixel: u32,
     // 0 in a pass's first round, in which waiting rays look again whether their brick has come; then 1.
     later_round: u32,
+    // Coarsest levels all of whose bricks are too coarse: the search for a brick's level begins behind them.
+    refined_levels: u32,
     // Zero.
-    padding: vec2<u32>,
+    padding: u32,
 }
 
 // All tables of fixed size.

@@ -25,13 +25,10 @@ fn meet_surface(slot: Slot, local: LocalRay, s: Stretch, walk: ptr<function, Lig
 fn find_crossings(own: Corners, chord: Chord, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) {
     (*walk).has_crossings = true;
     (*walk).crossings = no_crossings();
-    var corners = own;
+    let corners = corners_along(own, chord);
     if (has_flag(FLAG_HOLES) && has_holes(corners)) {
-        corners = replace_unreached(corners, chord.a, chord.b);
-        if (has_holes(corners)) {
-            gather_absent(state);
-            return;
-        }
+        gather_absent(state);
+        return;
     }
     let range = range_of_corners(corners);
     if (meets_surfaces(range, state)) {

@@ -172,21 +172,30 @@ fn is_in_cell(walk: ptr<function, LightWalk>) -> bool {
 
 // Takes the ray out of what shows nothing, to where something near does, or the brick ends.
 fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr<function, RayState>) {
-    let last = vec3<i32>(macro_edge() - 1);
+    let last = vec3<i32>(2 * macro_edge() - 1);
     var is_near = is_in_cell(walk);
     loop {
         if (!is_near && (*walk).t < ray.leave) {
             work += 1u;
-            let place = (ray.origin + (*walk).t * ray.direction + 0.5) * (1.0 / f32(MACRO_CELL));
+            let place = (ray.origin + (*walk).t * ray.direction) * (1.0 / f32(BLOCK));
             let block = clamp(vec3<i32>(floor(place)), vec3<i32>(0), last);
-            let number = macro_place(slot, block);
-            let reach = f32(proximity[number]) - 1.0;
-            is_near = reach < 0.0;
+            let cell = block / 2;
+            let number = macro_place(slot, cell);
+            let near = proximity[number];
+            let reach = f32(near & NEAREST);
+            let half = vec3<u32>(block - 2 * cell);
+            is_near = (near & (FIRST_BLOCK << (half.x + 2u * half.y + 4u * half.z))) != 0u;
+            var is_block = reach == 0.0;
             if (has_flag(FLAG_SURFACES)) {
                 is_near = is_near_surfaces(number, state);
+                is_block = false;
             }
             if (!is_near) {
-                let face = (vec3<f32>(block) + ray.ahead + max(reach, 0.0) * ray.step) * f32(MACRO_CELL) - 0.5;
+                // Nothing less than the distance away shows anything: the ray leaps out of all of it.
+                let cells = (vec3<f32>(cell) + ray.ahead + max(reach - 1.0, 0.0) * ray.step) * f32(MACRO_CELL);
+                let ahead = select(cells, (vec3<f32>(block) + ray.ahead) * f32(BLOCK), is_block);
+                // The first cell of a brick begins one before its blocks.
+                let face = ahead - vec3<f32>(ahead <= vec3<f32>(0.0)) * (1.0 - ray.ahead);
                 let exit = first_crossing(face * ray.inverse + ray.offset);
                 // Rounding must not hold it.
                 (*walk).t = min(max(exit, (*walk).t) + ray.margin, ray.leave);

@@ -20,7 +20,7 @@ fn box_crossings(ray: LevelRay, first: vec3<i32>, edge: i32) -> vec3<f32> {
 
 // The level from which a brick of level 0 is drawn: the coarsest whose brick need not be refined.
 fn wanted_level(brick: vec3<i32>) -> u32 {
-    var level = config.level_count - 1u;
+    var level = config.level_count - 1u - scene.job.refined_levels;
     loop {
         let entry = entry_of(level, brick >> scene.tables.levels[level].scale_log2);
         let is_too_coarse = level > 0u && (page_table[entry].x & PAGE_REFINE) != 0u;

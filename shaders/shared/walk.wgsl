@@ -108,7 +108,7 @@ fn cast_brick(slot: Slot, ray: LocalRay, leave: f32, state: ptr<function, RaySta
         work += 1u;
         let place = macro_place(slot, cell);
         let range = macro_ranges[place];
-        let distance = i32(proximity[place]);
+        let distance = i32(proximity[place] & NEAREST);
         // What is skipped shows nothing; but values may jump where it begins, across a surface.
         let is_visited = (distance == 0 || has_flag(FLAG_SURFACES)) && is_worth_a_visit(range, state);
         // Nothing less than the distance away shows anything: the ray leaps out of all of it.

@@ -65,7 +65,8 @@ pub struct RenderOptions {
     pub process_bytes: u64,
     /// Most bytes of decoded bricks among these; `None`: all that is left of them.
     pub cache_bytes: Option<u64>,
-    /// Bytes that the frame may hold on a graphics device; `None`: what [`GpuDevice::default_memory`] says of it.
+    /// Bytes that the frame may hold on a graphics device; `None`: what [`GpuDevice::default_memory`] says of it,
+    /// or half of that, and so on, where it has no room for so much.
     ///
     /// [`GpuDevice::default_memory`]: crate::raycast::gpu::GpuDevice::default_memory
     pub gpu_memory_bytes: Option<u64>,

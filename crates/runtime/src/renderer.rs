@@ -493,7 +493,7 @@ impl Renderer {
         };
         stats.host_budget_bytes = self.options.host_memory_bytes;
         let default = match &self.drawer {
-            Drawer::Gpu { device, .. } => device.backend.device().default_memory(),
+            Drawer::Gpu { device, .. } => device.backend.default_memory(),
             Drawer::Undecided | Drawer::Cpu { .. } | Drawer::Reference => SHARED_MEMORY,
         };
         stats.gpu_budget_bytes = self.options.gpu_memory_bytes.unwrap_or(default);

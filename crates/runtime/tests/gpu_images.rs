@@ -107,6 +107,35 @@ fn noise_of_every_storage_and_brick_size() {
     }
 }
 
+/// Sheets two voxels thick, one in each macro cell: all of these show something, and half of their blocks.
+#[test]
+fn rays_leap_over_blocks_that_show_nothing() {
+    let Some(gpu) = gpu() else { return };
+    let sheets = |[_, _, z]: [usize; 3]| if (1..3).contains(&(z % 8)) { 0.9 } else { 0.1 };
+    let look = r#""transfer_function": {"unit_distance": 4.0, "points": [
+        {"value": 0.5, "color": [0.1, 0.2, 0.9], "alpha": 0.0}, {"value": 0.9, "color": [0.9, 0.9, 0.3], "alpha": 0.2}]}"#;
+    for (core, storage) in [(16, U8), (32, I16), (64, F32)] {
+        let volume = TestVolume::new([64; 3], core, Geometry::IDENTITY, storage, sheets);
+        let camera = CAMERA.replace("[20.0, 20.0, 20.0]", "[32.0, 32.0, 32.0]");
+        let json = format!(r#"{{{camera}, "image": {{"width": 64, "height": 48}}, {look}}}"#);
+        check(&gpu, &format!("sheets, core {core}"), &volume, &json, FINEST, 64);
+        let scene = volume.scene(&json);
+        let cells = [Skipping::On, Skipping::Off].map(|skipping| {
+            let memory_bytes = volume.memory_for(&gpu, &scene, FINEST, 64);
+            let options = GpuOptions { memory_bytes, skipping, ..GpuOptions::default() };
+            let mut renderer = GpuRenderer::new(&gpu, &volume.gpu_volume(), &scene, FINEST, options, None).unwrap();
+            for brick in volume.bricks.values().filter(|brick| brick.key.lod() == Lod::FINEST) {
+                assert_eq!(renderer.insert(brick).unwrap(), Insertion::Placed { evicted: None });
+            }
+            let feedback = renderer.cast_pass().unwrap();
+            assert!(feedback.is_converged());
+            feedback.counters.cells
+        });
+        println!("sheets, core {core}: {} of {} cells", cells[0], cells[1]);
+        assert!(4 * cells[0] < 3 * cells[1], "core {core}: {} of {} cells", cells[0], cells[1]);
+    }
+}
+
 /// Software adapters read storage textures, others sampled ones: texel by texel the same.
 #[test]
 fn textures_are_read_alike_either_way() {

@@ -279,7 +279,7 @@ fn gpu_results(
     let unused = SlotGrid { slots: [1; 3], first: u32::MAX };
     let grids = [SlotGrid { slots: [1; 3], first: 0 }, unused, unused, unused];
     let volume = setting.volume();
-    let places = FeedbackPlaces { grids, slots: 1 };
+    let places = FeedbackPlaces { grids, slots: 1, entries: 1 };
     let light = LightTable::new(&setting.scene.transfer_function, setting.map.shift, 1e-3);
     let exactness = Exactness { skipping: Skipping::On, max_error: 0.5 / 255.0, sums_errors: false };
     let mut config =

@@ -16,11 +16,11 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
     (
         "adds to counters and lists that the host reads: a wrong one is a picture that never ends, or one that counts \
          what it did not do (gpu_contracts, streaming_gpu)",
-        &["is_worked_off", "note_miss", "note_use", "add_to_group", "count_in_group", "count_in_feedback"],
+        &["is_worked_off", "note_miss", "note_use", "add_to_group", "count_in_group", "count_in_feedback", "tile_of"],
     ),
     (
         "decides what is leapt over: without leaps the picture is the same (gpu_images)",
-        &["is_shown", "sweep", "is_worth_a_visit", "is_near_surfaces", "leap_on"],
+        &["is_shown", "shown_blocks", "sweep", "is_worth_a_visit", "is_near_surfaces", "leap_on"],
     ),
     (
         "leads rays from brick to brick and from cell to cell by what is compared: pictures beside the reference's and the \
@@ -63,6 +63,7 @@ const WITHOUT_TWIN: [(&str, &[&str]); 6] = [
         "loads, stores, compares, or adds a product",
         &[
             "stored_cell",
+            "corners_along",
             "no_part",
             "no_errors",
             "shaded",

@@ -246,7 +246,7 @@ fn compare_with_twins(gpu: &GpuDevice, shininess: u32) {
     let shading = scene.shading.as_ref().expect("the scene is shaded");
     let lighting = Lighting::new(shading, &volume.geometry, volume.range.width());
     let grids = [SlotGrid { slots: [1; 3], first: 0 }; 4];
-    let places = FeedbackPlaces { grids, slots: 1 };
+    let places = FeedbackPlaces { grids, slots: 1, entries: 1 };
     let config =
         scene_tables::config(&volume.gpu_volume(), &scene, &tf, &light, EXACTNESS, places).expect("a configuration");
     let tables = scene_tables::tables(&volume.gpu_volume(), &scene).expect("tables");

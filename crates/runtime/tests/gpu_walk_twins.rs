@@ -218,7 +218,7 @@ fn setting() -> Setting {
     let shading = scene.shading.as_ref().expect("the scene is shaded");
     let lighting = Lighting::new(shading, &volume.geometry, volume.range.width());
     let exactness = Exactness { skipping: Skipping::On, max_error: 0.5 / 255.0, sums_errors: false };
-    let places = FeedbackPlaces { grids: GRIDS, slots: 42 };
+    let places = FeedbackPlaces { grids: GRIDS, slots: 42, entries: 1 };
     let mut config =
         scene_tables::config(&volume.gpu_volume(), &scene, &tf, &light, exactness, places).expect("a configuration");
     config.flags |= FLAG_ABSENT | FLAG_SURFACES;

@@ -93,7 +93,8 @@ pub struct Arguments {
     /// picture converges
     #[arg(long, value_name = "MS", value_parser = quantity::milliseconds)]
     time_budget: Option<u64>,
-    /// Most graphics memory to use [default: 1GiB of cards with their own memory, 256MiB of others]
+    /// Most graphics memory to use [default: 1GiB of cards with their own memory, or half or a quarter of that where they have no
+    /// room for it; 256MiB of others]
     #[arg(long, value_name = "BYTES", value_parser = quantity::bytes)]
     gpu_memory: Option<u64>,
     /// Most host memory to use for bricks, rays and the picture

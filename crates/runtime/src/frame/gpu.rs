@@ -23,7 +23,8 @@ use crate::lod::LodChoice;
 use crate::lod::deviation::{Deviation, Deviations};
 use crate::raycast::cpu::levels::ErrorsByReason;
 use crate::raycast::gpu::{
-    BandErrors, DeviationOf, GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, PageEntry, VoxelStorage,
+    BandErrors, DeviationOf, GpuDevice, GpuError, GpuOptions, GpuRenderer, GpuStats, GpuVolume, PageEntry,
+    SHARED_MEMORY, VoxelStorage,
 };
 use crate::raycast::volume::{BrickView, Resident};
 use crate::scene::ResolvedScene;
@@ -44,6 +45,8 @@ pub(crate) struct GpuBackend {
     paused: Option<Paused>,
     /// Pixels that nobody looks at any more: the next picture is written over them.
     spare: Vec<[f32; 4]>,
+    /// Bytes that it may hold where nobody says how many.
+    default_memory: u64,
 }
 
 /// A picture that goes on: how it is made, and what of it is finished.
@@ -116,7 +119,13 @@ pub(crate) struct GpuPicture<'a> {
 impl GpuBackend {
     /// Nothing is there yet.
     pub(crate) fn new(device: GpuDevice) -> Self {
-        Self { device, caster: None, answers: None, paused: None, spare: Vec::new() }
+        let default_memory = device.default_memory();
+        Self { device, caster: None, answers: None, paused: None, spare: Vec::new(), default_memory }
+    }
+
+    /// Bytes that it may hold where nobody says how many: [`GpuDevice::default_memory`], or as much of it as there is room for.
+    pub(crate) fn default_memory(&self) -> u64 {
+        self.default_memory
     }
 
     /// The device.
@@ -198,7 +207,7 @@ impl GpuBackend {
 
     /// The caster of the picture before where there is room in it, else a new one.
     fn begin(
-        &self,
+        &mut self,
         caster: Option<GpuCaster>,
         streamer: &mut Streamer,
         picture: &GpuPicture<'_>,
@@ -230,8 +239,8 @@ impl GpuBackend {
             }
             None => None,
         };
-        let gpu_options = GpuOptions {
-            memory_bytes: options.gpu_memory_bytes.unwrap_or_else(|| self.device.default_memory()),
+        let gpu_options = |memory_bytes| GpuOptions {
+            memory_bytes,
             skipping: options.skipping,
             max_error: options.max_error,
             sums_errors: picture.room.1,
@@ -240,7 +249,12 @@ impl GpuBackend {
         let (mut renderer, before, answered) = match kept {
             Some(kept) => kept,
             None => {
-                let renderer = GpuRenderer::new(&self.device, &volume, scene, lod, gpu_options, deviation_of())?;
+                let make =
+                    |bytes| GpuRenderer::new(&self.device, &volume, scene, lod, gpu_options(bytes), deviation_of());
+                let renderer = match options.gpu_memory_bytes {
+                    Some(bytes) => make(bytes)?,
+                    None => with_what_fits(&mut self.default_memory, make)?,
+                };
                 (renderer, DeviceCounters::default(), BTreeSet::new())
             }
         };
@@ -270,6 +284,16 @@ impl GpuBackend {
             again.into_iter().for_each(|key| caster.note_answer(&view, key));
         }
         Ok(caster)
+    }
+}
+
+/// What is made with so much memory; where the device has no room for it, with half of that, and so on down to [`SHARED_MEMORY`].
+fn with_what_fits<T>(memory: &mut u64, make: impl Fn(u64) -> Result<T, GpuError>) -> Result<T, GpuError> {
+    loop {
+        match make(*memory) {
+            Err(GpuError::OutOfMemory { .. }) if *memory / 2 >= SHARED_MEMORY => *memory /= 2,
+            made => return made,
+        }
     }
 }
 
@@ -451,5 +475,27 @@ impl Engine for GpuCaster {
             device: Some(GpuStats { counters, ..stats }),
             ..EngineTotals::default()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_card_without_room_gets_half_as_much_and_so_on() {
+        let full = |_| GpuError::OutOfMemory { doing: "a texture".to_owned(), message: "full".to_owned() };
+        let mut memory = 4 * SHARED_MEMORY;
+        let made =
+            with_what_fits(&mut memory, |bytes| if bytes > 2 * SHARED_MEMORY { Err(full(bytes)) } else { Ok(bytes) });
+        assert!(matches!(made, Ok(bytes) if bytes == 2 * SHARED_MEMORY), "{made:?}");
+        assert_eq!(memory, 2 * SHARED_MEMORY, "the next picture does not ask for more");
+        let none = with_what_fits::<()>(&mut memory, |bytes| Err(full(bytes)));
+        assert!(matches!(none, Err(GpuError::OutOfMemory { .. })), "{none:?}");
+        assert_eq!(memory, SHARED_MEMORY);
+        let mut memory = 4 * SHARED_MEMORY;
+        let lost = |_| Err(GpuError::DeviceLost { message: "gone".to_owned() });
+        assert!(matches!(with_what_fits::<()>(&mut memory, lost), Err(GpuError::DeviceLost { .. })));
+        assert_eq!(memory, 4 * SHARED_MEMORY, "only a lack of memory is mended by less of it");
     }
 }

@@ -121,6 +121,25 @@ pub const TEXEL_BYTES: usize = 16;
 /// Macro cell without any value: least value above greatest.
 pub const EMPTY_RANGE: [f32; 2] = [1.0, -1.0];
 
+/// Where the ranges of a macro cell's eight blocks, x fastest, begin and end in its own, which has 255 parts.
+pub type BlockRanges = [[u8; 2]; 8];
+
+/// Block without any value.
+pub const EMPTY_BLOCK: [u8; 2] = [u8::MAX, 0];
+
+/// Block that may have any value that its macro cell has.
+pub const WHOLE_BLOCK: [u8; 2] = [0, u8::MAX];
+
+/// What a slot is to hold of a brick.
+pub struct SlotContents {
+    /// The voxels.
+    pub texels: Texels,
+    /// Ranges of all macro cells of a full slot.
+    pub ranges: Vec<[f32; 2]>,
+    /// Those of their blocks.
+    pub blocks: Vec<BlockRanges>,
+}
+
 /// Textures and tables of resident bricks.
 pub struct GpuCache {
     gpu: GpuDevice,
@@ -134,6 +153,8 @@ pub struct GpuCache {
     pub pages: PageTable,
     /// Macro ranges of all slots, whatever the look.
     pub macro_ranges: wgpu::Buffer,
+    /// Those of their blocks.
+    pub block_ranges: wgpu::Buffer,
     /// How far each of these is from one that shows something under the look.
     pub proximity: wgpu::Buffer,
     /// Slots whose proximity is to be made.
@@ -188,6 +209,8 @@ impl GpuCache {
         let page_table = gpu.buffer("the page table", pages.count() * 8, wgpu::BufferUsages::STORAGE)?;
         let ranges = plan.slots * cells as u64 * 8;
         let macro_ranges = gpu.buffer("the macro ranges", ranges, wgpu::BufferUsages::STORAGE)?;
+        let blocks = plan.slots * (cells * size_of::<BlockRanges>()) as u64;
+        let block_ranges = gpu.buffer("the ranges of blocks", blocks, wgpu::BufferUsages::STORAGE)?;
         let proximity = gpu.buffer("proximity", ranges / 2, wgpu::BufferUsages::STORAGE)?;
         let slot_list = gpu.buffer("a list of slots", 4 * plan.slots, wgpu::BufferUsages::STORAGE)?;
         Ok(Self {
@@ -198,6 +221,7 @@ impl GpuCache {
             page_table,
             pages,
             macro_ranges,
+            block_ranges,
             proximity,
             slot_list,
             deviations: DeviationTable::new(gpu, sums_errors)?,
@@ -226,42 +250,32 @@ impl GpuCache {
         self.grids
     }
 
-    /// Writes a brick's texels into a slot; returns the bytes written.
+    /// Writes what a slot is to hold; returns the bytes of texels written.
     ///
     /// # Errors
     /// A lost device.
     ///
     /// # Panics
-    /// If they exceed the slot.
-    pub fn write_texels(&mut self, slot: SlotIndex, texels: &Texels) -> Result<u64, GpuError> {
-        let Texels { size: size @ [width, height, depth], bytes } = texels;
+    /// If the texels exceed the slot, or there are more or fewer ranges than it has macro cells.
+    pub fn write(&mut self, slot: SlotIndex, contents: &SlotContents) -> Result<u64, GpuError> {
+        let SlotContents { texels: Texels { size: size @ [width, height, depth], bytes }, ranges, blocks } = contents;
         assert!(
             size.iter().zip(self.slot).all(|(n, most)| *n <= most),
             "{size:?} texels exceed a slot of {:?}",
             self.slot
         );
+        assert_eq!([ranges.len(), blocks.len()], [self.cells; 2], "macro cells of a slot");
+        let (ranges, blocks): (&[u8], &[u8]) = (bytemuck::cast_slice(ranges), bytemuck::cast_slice(blocks));
         let (texture, [x, y, z]) = slot_at(&self.grids, self.slot, slot.0);
-        self.make_room(bytes.len() as u64)?;
+        self.make_room((bytes.len() + ranges.len() + blocks.len()) as u64)?;
         let place =
             wgpu::TexelCopyTextureInfo { origin: wgpu::Origin3d { x, y, z }, ..self.textures[texture].as_image_copy() };
         let size = wgpu::Extent3d { width: *width, height: *height, depth_or_array_layers: *depth };
         self.gpu.write_texture(place, bytes, size);
+        for (buffer, bytes) in [(&self.macro_ranges, ranges), (&self.block_ranges, blocks)] {
+            self.gpu.write_buffer(buffer, u64::from(slot.0) * bytes.len() as u64, bytes);
+        }
         Ok(bytes.len() as u64)
-    }
-
-    /// Writes the macro ranges of a slot.
-    ///
-    /// # Errors
-    /// A lost device.
-    ///
-    /// # Panics
-    /// If there are more or fewer than a slot has macro cells.
-    pub fn write_ranges(&mut self, slot: SlotIndex, ranges: &[[f32; 2]]) -> Result<(), GpuError> {
-        assert_eq!(ranges.len(), self.cells, "macro cells of a slot");
-        let bytes: &[u8] = bytemuck::cast_slice(ranges);
-        self.make_room(bytes.len() as u64)?;
-        self.gpu.write_buffer(&self.macro_ranges, u64::from(slot.0) * bytes.len() as u64, bytes);
-        Ok(())
     }
 
     /// Writes the noted entries, runs of neighbours at once, and the deviations that they number.

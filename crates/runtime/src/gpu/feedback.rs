@@ -1,9 +1,9 @@
-//! What the rays of a pass say: bricks they wait for, bricks they used, and what it cost.
+//! What the rays of a pass say: bricks they wait for, bricks they used, what is left of them, and what it cost.
 //!
 //! Layout of the buffer, in words: [`GpuCounters`]; the number of misses; three zeros; one bit for each slot; [`MISS_LIMIT`] pairs
-//! (entry, waiting rays); for each entry of the page table the rays that wait for it. All but the last is read back
+//! (entry, waiting rays); for each entry of the page table the rays that wait for it; the tiles of a run. Misses are read back
 //! after every pass, as far as it says anything, so that it is bounded: at most [`MISS_LIMIT`] misses are listed, the rest is counted
-//! and asked for again in the next pass.
+//! and asked for again in the next pass. Tiles are written before every run, and what is left of each is read after it.
 
 use supervol_format::BrickKey;
 
@@ -78,10 +78,16 @@ pub const fn wait_words(slots: u64) -> u64 {
     miss_words(slots) + 2 * MISS_LIMIT as u64
 }
 
-/// Words of the whole buffer.
+/// Where the tiles of a run begin, words after the header.
 #[must_use]
-pub const fn buffer_words(slots: u64, entries: u64) -> u64 {
-    HEADER_WORDS as u64 + wait_words(slots) + entries
+pub const fn tile_words(slots: u64, entries: u64) -> u64 {
+    wait_words(slots) + entries
+}
+
+/// Words of the whole buffer, for runs of so many tiles.
+#[must_use]
+pub const fn buffer_words(slots: u64, entries: u64, tiles: u64) -> u64 {
+    HEADER_WORDS as u64 + tile_words(slots, entries) + tiles
 }
 
 /// Words with so many of the listed misses.

@@ -126,6 +126,10 @@ shared_constants! {
     STATUS_DONE = 2;
     /// The ray has more to do at once, in the brick where it stopped: its base point stays where it is.
     STATUS_INSIDE = 3;
+    /// Some ray of a tile stopped at the dispatch's limit.
+    LEFT_INTERRUPTED = 1;
+    /// Some ray of a tile waits for a brick.
+    LEFT_WAITING = 2;
     /// Page table: the brick is not resident.
     PAGE_MISSING = 0;
     /// Page table: nothing of the brick is visible.
@@ -327,6 +331,8 @@ shared_struct! {
         miss_words: u32,
         /// First word of the feedback that counts rays waiting for a brick.
         wait_words: u32,
+        /// First word of the tiles of a run, behind these.
+        tile_words: u32,
         /// Stored number from which bins of the transfer function are counted, before it is scaled.
         light_centre: f32,
         /// Bins per stored step.
@@ -349,8 +355,6 @@ shared_struct! {
         padding_0: u32,
         /// Zero.
         padding_1: u32,
-        /// Zero.
-        padding_2: u32,
         /// The cache textures.
         grids: [SlotGrid; 4],
     }
@@ -446,14 +450,16 @@ shared_struct! {
 }
 
 shared_struct! {
-    /// One dispatch: a run of rays.
+    /// One dispatch: a run of tiles of rays, or of pixels.
     Dispatch {
-        /// Place of the first ray; of pixels the first one's number in its band, row by row.
-        first_ray: u32,
+        /// Of pixels the first one's number in its band, row by row.
+        first_pixel: u32,
         /// 0 in a pass's first round, in which waiting rays look again whether their brick has come; then 1.
         later_round: u32,
+        /// Coarsest levels all of whose bricks are too coarse: the search for a brick's level begins behind them.
+        refined_levels: u32,
         /// Zero.
-        padding: [u32; 2],
+        padding: u32,
     }
 }
 
@@ -581,11 +587,12 @@ shared_struct! {
 }
 
 /// Constants that stand beside the Rust code they belong to: name, WGSL type, value.
-fn borrowed_constants() -> [(&'static str, &'static str, String); 37] {
+fn borrowed_constants() -> [(&'static str, &'static str, String); 38] {
     let (apron, macro_cell) = (supervol_format::brick::APRON, supervol_format::brick::MACRO_CELL);
     [
         ("APRON", "i32", apron.to_string()),
         ("MACRO_CELL", "i32", macro_cell.to_string()),
+        ("BLOCK", "i32", crate::raycast::blocks::BLOCK.to_string()),
         ("KNOT_LIMIT", "u32", format!("{}u", quadrature::KNOT_LIMIT)),
         ("PAIR_LIMIT", "u32", format!("{}u", quadrature::PAIR_LIMIT)),
         ("POSITION_ERROR", "f32", format!("{:?}", walk::POSITION_ERROR)),

@@ -19,6 +19,9 @@ pub const MIN_SLOTS: u64 = 2;
 /// Most slots in all: a use bitmap of 2 MiB.
 pub const SLOT_LIMIT: u64 = 1 << 24;
 
+/// One in so many slots may be given up for a grid that lies better in memory.
+const GRID_SPARE: u64 = 64;
+
 /// Most bytes of voxels in flight between host and GPU.
 pub const STAGING_BYTES_LIMIT: u64 = 32 << 20;
 
@@ -113,20 +116,18 @@ fn slot_texels_bytes(texels: [u32; 3]) -> u64 {
     texels.iter().map(|&n| u64::from(n)).product::<u64>() * TEXEL_BYTES as u64
 }
 
-/// The box of at most `count` slots with the most slots, no axis longer than `longest` says; near a cube among equals.
+/// The box of at most `count` slots, no axis longer than `longest` says: nearly as many slots as there can be, along x as few as then can
+/// be, and along y. Where textures lie in memory row by row, and layer by layer, a brick's rows and layers are closer to each other.
 fn best_grid(count: u64, longest: [u64; 3]) -> [u32; 3] {
-    let mut best = [0; 3];
-    let mut most = 0;
-    for z in (1..=longest[2]).take_while(|z| z * z * z <= count) {
-        for y in (z..=longest[1]).take_while(|y| z * y * y <= count) {
-            let x = (count / (z * y)).min(longest[0]);
-            if x * y * z >= most {
-                most = x * y * z;
-                best = [x, y, z].map(|n| u32::try_from(n).expect("an axis is not longer than `longest`"));
-            }
-        }
-    }
-    best
+    let most_along = |rest: u64, axis: usize| rest.min(longest[axis]);
+    let grids = || {
+        (1..=most_along(count, 0))
+            .flat_map(move |x| (1..=most_along(count / x, 1)).map(move |y| [x, y, most_along(count / (x * y), 2)]))
+    };
+    let slots = |grid: &[u64; 3]| grid.iter().product::<u64>();
+    let most = grids().map(|grid| slots(&grid)).max().unwrap_or(0);
+    let best = grids().find(|grid| slots(grid) >= most - most / GRID_SPARE).unwrap_or([0; 3]);
+    best.map(|n| u32::try_from(n).expect("an axis is not longer than `longest`"))
 }
 
 #[cfg(test)]
@@ -162,10 +163,18 @@ mod tests {
     }
 
     #[test]
+    fn grids_lie_along_z_before_y_and_y_before_x() {
+        assert_eq!(best_grid(450, [89, 89, 30]), [1, 15, 30]);
+        assert_eq!(best_grid(7919, [89, 89, 30]), [3, 87, 30], "a prime, and one in 64 slots to spare");
+        assert_eq!(best_grid(1, [89, 89, 30]), [1; 3]);
+        assert_eq!(best_grid(1 << 20, [89, 89, 30]), [88, 89, 30]);
+    }
+
+    #[test]
     fn no_more_slots_than_bricks() {
         let plan = MemoryPlan::new(&MemoryRequest { useful_slots: 9, ..REQUEST }).expect("the budget is large enough");
         assert_eq!(plan.slots, 9);
-        assert_eq!(plan.textures, [[3, 3, 1]]);
+        assert_eq!(plan.textures, [[1, 1, 9]]);
         let one = MemoryPlan::new(&MemoryRequest { useful_slots: 1, ..REQUEST }).expect("the budget is large enough");
         assert_eq!(one.slots, 1);
     }

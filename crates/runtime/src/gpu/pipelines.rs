@@ -115,7 +115,7 @@ impl Pipelines {
                 variant,
                 begin_rays: Default::default(),
                 begin_parts: OnceLock::new(),
-                classify_cells: make(&CLASSIFY_CELLS, &[read]),
+                classify_cells: make(&CLASSIFY_CELLS, &[read, read]),
                 raycast: make(&raycast_for(variant.flags), &[write, write]),
                 gather_misses: make(&GATHER_MISSES, &[]),
                 gather_pixels: make_on(&view_layout, &GATHER_PIXELS, &[read, read, write, write]),

@@ -6,7 +6,7 @@ use supervol_format::{Geometry, Pyramid, ValueRange};
 
 use super::cache::VoxelStorage;
 use super::device::GpuError;
-use super::feedback::{MISS_LIMIT, miss_words, wait_words};
+use super::feedback::{MISS_LIMIT, miss_words, tile_words, wait_words};
 use super::layout::{
     Config, FLAG_ABSENT, FLAG_BYTES, FLAG_ERRORS, FLAG_FLOAT, FLAG_HOLES, FLAG_LIGHT, FLAG_SHADED, FLAG_SKIPPING,
     FLAG_SURFACES, GpuIso, GpuLevel, GpuLight, GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid,
@@ -53,6 +53,8 @@ pub struct FeedbackPlaces {
     pub grids: [SlotGrid; 4],
     /// How many there are.
     pub slots: u64,
+    /// Entries of the page table.
+    pub entries: u64,
 }
 
 /// The scene's and the volume's numbers; [`Config::stride`] is that of the view, [`Config::work_limit`] the
@@ -122,6 +124,7 @@ pub fn config(
         visible_points: tf.points.iter().filter(|p| p.rgba[3] > 0.0).count() as u32,
         miss_words: miss_words(places.slots) as u32,
         wait_words: wait_words(places.slots) as u32,
+        tile_words: tile_words(places.slots, places.entries) as u32,
         grids: places.grids,
         ..Config::zeroed()
     };

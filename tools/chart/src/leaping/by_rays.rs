@@ -4,7 +4,8 @@
 //! cells as a packet does before it looks again: the numbers of leaps and the ways walked can be compared with packets',
 //! processor times only among each other.
 
-use supervol_runtime::raycast::cpu::leap::{BLOCK, ProximityCloud};
+use supervol_runtime::raycast::blocks::BLOCK;
+use supervol_runtime::raycast::cpu::leap::ProximityCloud;
 use supervol_runtime::raycast::cpu::trace::{LocalRay, ROUND, Stretch};
 
 /// A box of cells that shows nothing: from one plane up to another, along each axis.

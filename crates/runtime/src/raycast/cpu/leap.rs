@@ -5,14 +5,11 @@
 //! show nothing, and a ray may leap to the far face of the last of them. Bricks end the cloud: what lies beyond is
 //! another brick's, and whole bricks without anything to show are never entered.
 //!
-//! Cubes are macro cells, or in mode `dvr` [`BLOCK`]s, half as wide: see [`super::blocks`].
+//! Cubes are macro cells, or in mode `dvr` [blocks](crate::raycast::blocks::BLOCK), half as wide: see [`super::blocks`].
 
 use super::simd::{Simd, hidden_in_memory};
 use crate::raycast::volume::DecodedBrick;
 use supervol_format::brick::MACRO_CELL;
-
-/// Edge of a block, in cells.
-pub const BLOCK: usize = MACRO_CELL / 2;
 
 /// Bytes after the last distance.
 const PADDING: usize = 3;

@@ -16,7 +16,7 @@ use supervol_format::{BrickKey, Lod};
 
 use super::begin::MakeRays;
 use super::fetch::Stored;
-use super::leap::{Ahead, BLOCK, ProximityCloud};
+use super::leap::{Ahead, ProximityCloud};
 use super::levels::{LevelErrors, TileErrors, errors_of};
 use super::lookup::{FewPieces, Lookup, ManyPieces};
 use super::order::{View, push_children, region_of, ways_through};
@@ -37,6 +37,7 @@ use super::{BlockFeedback, CpuFrame, MAX_ERROR_LIMITS, Made, PacketRule, RayCoun
 use crate::camera::{PixelRays, Projection};
 use crate::clip::{IndexRay, Segment, ToIndex};
 use crate::lod::deviation::Deviation;
+use crate::raycast::blocks::BLOCK;
 use crate::raycast::scalar::walk::AxisRay;
 use crate::raycast::scalar::{CastRay, LevelVisit, exact_cell};
 use crate::raycast::volume::{BrickView, DecodedBrick, Resident, Voxels};

@@ -10,10 +10,11 @@ use supervol_format::BrickKey;
 use supervol_format::brick::APRON;
 
 use super::blocks::cloud_of_blocks;
-use super::leap::{Ahead, BLOCK, ProximityCloud};
+use super::leap::{Ahead, ProximityCloud};
 use super::packets::PacketTables;
 use super::per_brick::PerBrick;
 use super::{CpuFrame, PacketRule, Skipping};
+use crate::raycast::blocks::BLOCK;
 use crate::raycast::volume::{DecodedBrick, ValueMap};
 use crate::transfer_function::TransferFunction;
 

@@ -8,11 +8,12 @@
 
 use glam::{DMat3, DVec3};
 
-use super::leap::{BLOCK, ProximityCloud};
+use super::leap::ProximityCloud;
 use super::simd::{Simd, Task};
 use super::tile::{BrickGrid, TILE_RAYS, TILE_SIDE, TileRays, place_of};
 use super::walk::BLOCK_SIDE;
 use crate::camera::{Camera, PixelRays, Projection};
+use crate::raycast::blocks::BLOCK;
 use supervol_format::Geometry;
 use supervol_format::space::HALF_VOXEL;
 

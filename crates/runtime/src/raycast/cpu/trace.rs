@@ -1,10 +1,11 @@
 //! The ways of rays through one brick, for whoever wants to check them: the walker of packets, and nothing else.
 
 use super::fetch::Stored;
-use super::leap::{BLOCK, ProximityCloud};
+use super::leap::ProximityCloud;
 use super::simd::{InstructionSet, LANES_LIMIT, Simd, Task, dispatch};
 pub use super::walk::ROUND;
 use super::walk::{Packet, PacketBrick, Walker};
+use crate::raycast::blocks::BLOCK;
 
 /// A ray in a brick's own coordinates: voxel (0, 0, 0) is the first of its core.
 #[derive(Debug, Clone, Copy, PartialEq)]

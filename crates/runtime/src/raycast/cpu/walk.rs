@@ -10,9 +10,10 @@
 use supervol_format::brick::{APRON, MACRO_CELL};
 
 use super::fetch::Stored;
-use super::leap::{BLOCK, ProximityCloud};
+use super::leap::ProximityCloud;
 use super::shade::PacketLighting;
 use super::simd::{LANES_LIMIT, Places, Simd, hidden_in_memory};
+use crate::raycast::blocks::BLOCK;
 
 /// Cells that are walked before anything is composited.
 pub const ROUND: usize = 6;

@@ -13,6 +13,7 @@
 //! Pictures that are too large to be cast at once are cast in bands of rows ([`GpuRenderer::begin`]).
 //! After [`GpuError::DeviceLost`] the renderer is of no more use: open a new device and make a new one.
 
+mod bricks;
 mod errors;
 mod pass;
 mod pixels;
@@ -32,10 +33,10 @@ pub use crate::gpu::feedback::PassFeedback;
 pub use crate::gpu::scene_tables::GpuVolume;
 
 use super::cpu::{FIT_SHARE, MAX_ERROR_LIMITS, PacketRule, Skipping};
-use super::volume::{DecodedBrick, Voxels};
+use super::volume::{DecodedBrick, ValueMap};
 use crate::counters::{DeviceCounters, milliseconds};
 use crate::field::{Field, FieldBrick};
-use crate::gpu::cache::{CacheShape, EMPTY_RANGE, GpuCache, Texels};
+use crate::gpu::cache::{BlockRanges, CacheShape, GpuCache, SlotContents};
 use crate::gpu::layout::{
     DEVIATION_NONE, DEVIATION_UNKNOWN, Dispatch, PAGE_DEVIATION_SHIFT, PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING,
     PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, Scene,
@@ -138,6 +139,7 @@ pub struct GpuRenderer {
     field: Field,
     pyramid: Pyramid,
     storage: VoxelStorage,
+    value_map: ValueMap,
     options: GpuOptions,
     capacity: Capacity,
     slots: Slots,
@@ -289,6 +291,7 @@ impl GpuRenderer {
             field: Field::FIRST,
             pyramid: pyramid.clone(),
             storage: volume.storage,
+            value_map: *volume.value_map,
             options,
             capacity,
             slots: Slots::new(slots),
@@ -360,7 +363,11 @@ impl GpuRenderer {
 
     /// Hands the tables of the picture over.
     fn write_tables(&mut self, volume: &GpuVolume<'_>, scene: &ResolvedScene) -> Result<(), GpuError> {
-        let places = FeedbackPlaces { grids: self.cache.grids(), slots: self.cache.slot_count() };
+        let places = FeedbackPlaces {
+            grids: self.cache.grids(),
+            slots: self.cache.slot_count(),
+            entries: self.cache.pages.count(),
+        };
         let Picture { tf, light, exactness, .. } = &self.picture;
         let mut config = scene_tables::config(volume, scene, tf, light, *exactness, places)?;
         config.work_limit = pass::work_limit(&self.gpu, config.flags);
@@ -376,6 +383,15 @@ impl GpuRenderer {
         };
         view.in_parts = u32::from(self.picture.parts.is_some());
         self.caster.set_scene(&self.cache, &Scene { config, tables, view, job: Dispatch::zeroed() }, tf, light)
+    }
+
+    /// Coarsest levels all of whose bricks are too coarse.
+    fn refined_levels(&self) -> u32 {
+        let coarsest = self.picture.refine.iter().rposition(|refine| !refine).map_or(0, |i| {
+            let entry = self.pyramid.level_at(Lod::FINEST).brick_count() + i as u64;
+            self.pyramid.key(entry).expect("entries below the count have keys").lod().0.into()
+        });
+        (self.pyramid.levels().len() - 1 - coarsest) as u32
     }
 
     /// Notes what is known of all bricks when a picture begins: which are resident, and which are too coarse.
@@ -478,11 +494,11 @@ impl GpuRenderer {
         // Texels of as many bricks as there are threads are held at once.
         for bricks in bricks.chunks(rayon::current_num_threads()) {
             let begin = Instant::now();
-            let texels = bricks.par_iter().map(|brick| self.texels_of(brick)).collect::<Result<Vec<_>, _>>()?;
+            let contents = bricks.par_iter().map(|brick| self.contents_of(brick)).collect::<Result<Vec<_>, _>>()?;
             self.stats.counters.upload_ms += milliseconds(begin.elapsed());
-            for (brick, texels) in bricks.iter().zip(texels) {
+            for (brick, contents) in bricks.iter().zip(&contents) {
                 // Bricks for which there is no slot are missed again in the next pass.
-                if self.insert_texels(brick, texels)? == Insertion::NoRoom {
+                if self.insert_contents(brick, contents)? == Insertion::NoRoom {
                     return Ok(());
                 }
             }
@@ -495,32 +511,24 @@ impl GpuRenderer {
     /// # Errors
     /// [`GpuError::Brick`] where the brick is not what the pyramid says, or a lost device.
     pub fn insert(&mut self, brick: &DecodedBrick) -> Result<Insertion, GpuError> {
-        let texels = self.texels_of(brick)?;
-        self.insert_texels(brick, texels)
+        let contents = self.contents_of(brick)?;
+        self.insert_contents(brick, &contents)
     }
 
-    /// A brick's voxels as the cache's textures hold them.
-    fn texels_of(&self, brick: &DecodedBrick) -> Result<Texels, GpuError> {
-        let voxels = self.checked_voxels(brick)?;
-        Ok(self.storage.texels_of(brick.extent, voxels))
-    }
-
-    fn insert_texels(&mut self, brick: &DecodedBrick, texels: Texels) -> Result<Insertion, GpuError> {
+    fn insert_contents(&mut self, brick: &DecodedBrick, contents: &SlotContents) -> Result<Insertion, GpuError> {
         let key = self.field.brick(brick.key);
         let entry = self.cache.pages.entry(key);
         if let Some(slot) = self.slots.place(key) {
             self.set_page(entry, PAGE_RESIDENT, slot.0);
             return Ok(Insertion::Placed { evicted: None });
         }
-        let ranges = self.slot_ranges(brick);
         let Some((slot, evicted)) = self.slots.insert(key) else { return Ok(Insertion::NoRoom) };
         if let Some(old) = evicted {
             self.set_page(self.cache.pages.entry(old), PAGE_MISSING, 0);
             self.stats.counters.evictions += 1;
         }
         let begin = Instant::now();
-        self.stats.counters.upload_bytes += self.cache.write_texels(slot, &texels)?;
-        self.cache.write_ranges(slot, &ranges)?;
+        self.stats.counters.upload_bytes += self.cache.write(slot, contents)?;
         self.stats.counters.upload_ms += milliseconds(begin.elapsed());
         self.stats.counters.page_ins += 1;
         self.unclassified.push(slot);
@@ -578,9 +586,10 @@ impl GpuRenderer {
         if !self.has_room_for_scouts() {
             self.caster.end_scouting();
         }
-        let mut raw = self.caster.cast_pass(stop)?;
+        let refined_levels = self.refined_levels();
+        let mut raw = self.caster.cast_pass(refined_levels, stop)?;
         while raw.is_finished() && self.begin_next_part() {
-            raw = raw.followed_by(self.caster.cast_pass(stop)?);
+            raw = raw.followed_by(self.caster.cast_pass(refined_levels, stop)?);
         }
         let is_finished = raw.is_finished();
         let mut feedback = raw.feedback;
@@ -657,48 +666,6 @@ impl GpuRenderer {
         GpuStats { slots_used: self.slots.occupied() as u64, counters, ..self.stats.clone() }
     }
 
-    fn checked_voxels<'b>(&self, brick: &'b DecodedBrick) -> Result<&'b [u8], GpuError> {
-        let wrong = |reason: String| Err(GpuError::Brick { key: brick.key, reason });
-        let (storage, voxels): (_, &[u8]) = match &brick.voxels {
-            Voxels::U8(v) => (VoxelStorage::U8, v),
-            Voxels::U16(v) => (VoxelStorage::U16, bytemuck::cast_slice(v)),
-            Voxels::F32(v) => (VoxelStorage::F32, bytemuck::cast_slice(v)),
-        };
-        if !self.pyramid.contains(brick.key) {
-            return wrong("the pyramid has no such brick".to_owned());
-        }
-        let expected = self.pyramid.stored_extent(brick.key);
-        if brick.extent.map(|n| n as usize) != expected {
-            return wrong(format!("its extent is {:?}, expected {expected:?}", brick.extent));
-        }
-        if storage != self.storage {
-            return wrong(format!("its voxels are {storage:?}, expected {:?}", self.storage));
-        }
-        let bytes = expected.iter().product::<usize>() * storage.bytes() as usize;
-        if voxels.len() != bytes {
-            return wrong(format!("it has {} bytes of voxels, expected {bytes}", voxels.len()));
-        }
-        let cells = self.pyramid.macro_cells(brick.key).iter().product::<usize>();
-        if brick.macro_ranges.len() != cells {
-            return wrong(format!("it has {} macro ranges, expected {cells}", brick.macro_ranges.len()));
-        }
-        Ok(voxels)
-    }
-
-    /// The ranges of a full slot's macro cells; those without a value are empty.
-    fn slot_ranges(&self, brick: &DecodedBrick) -> Vec<[f32; 2]> {
-        let edge = self.pyramid.layout().core() / MACRO_CELL;
-        let [nx, ny, _] = self.pyramid.macro_cells(brick.key);
-        let mut ranges = vec![EMPTY_RANGE; edge.pow(3)];
-        for (i, &[low, high]) in brick.macro_ranges.iter().enumerate() {
-            if low <= high && low.is_finite() && high.is_finite() {
-                let [x, y, z] = [i % nx, i / nx % ny, i / (nx * ny)];
-                ranges[x + edge * (y + edge * z)] = [low, high];
-            }
-        }
-        ranges
-    }
-
     /// Whether macro cells are skipped.
     #[must_use]
     pub fn skipping(&self) -> Skipping {
@@ -764,8 +731,8 @@ fn plan_memory(
         budget_bytes: options.memory_bytes,
         fixed_bytes: entries * 8 + capacity.bytes(entries.min(SLOT_LIMIT)),
         slot_texels: volume.storage.texels([scene_tables::slot_edge(volume.pyramid); 3]),
-        // Range and proximity of each macro cell, and the slot's place in a list.
-        ranges_bytes: macro_edge.pow(3) * 12 + 4,
+        // Of each macro cell its range, those of its blocks and its proximity; and the slot's place in a list.
+        ranges_bytes: macro_edge.pow(3) * (12 + size_of::<BlockRanges>() as u64) + 4,
         useful_slots: entries,
         max_dimension: limits.max_texture_dimension_3d,
         max_binding_bytes: binding,

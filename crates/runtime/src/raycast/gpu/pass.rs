@@ -1,9 +1,9 @@
 //! Rays on the GPU, and the dispatches that cast them.
 //!
 //! The rays of a band of rows are cast by as few dispatches as the adapter can bear: where it is fast enough one for all,
-//! else in runs of so many rays that one does not take long. A dispatch lets a ray do a limited amount of work, so that no
-//! submit blocks the GPU for ever; rays that reach the limit go on in the next one. That decides how the work is dealt out,
-//! never what comes of it.
+//! else in runs of so many tiles of them that one does not take long. Tiles whose rays are all finished are in no run. A
+//! dispatch lets a ray do a limited amount of work, so that no submit blocks the GPU for ever; rays that reach the limit go on
+//! in the next one. That decides how the work is dealt out, never what comes of it.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -18,10 +18,12 @@ use crate::gpu::cache::GpuCache;
 use crate::gpu::deviations::DeviationTable;
 use crate::gpu::device::{GpuDevice, GpuError};
 use crate::gpu::feedback::{
-    FIRST_MISSES, MISS_LIMIT, PassFeedback, buffer_words, listed_misses, read_misses, read_uses, words_with,
+    FIRST_MISSES, HEADER_WORDS, MISS_LIMIT, PassFeedback, buffer_words, listed_misses, read_misses, read_uses,
+    tile_words, words_with,
 };
 use crate::gpu::layout::{
-    Dispatch, FLAG_LIGHT, GpuCounters, GpuPoint, RayErrors, RayPart, RayState, Scene, View, WORKGROUP_RAYS,
+    Dispatch, FLAG_LIGHT, GpuCounters, GpuPoint, LEFT_INTERRUPTED, LEFT_WAITING, RayErrors, RayPart, RayState, Scene,
+    View, WORKGROUP_RAYS,
 };
 use crate::gpu::light_table::{LightTable, TEXELS};
 use crate::gpu::pipelines::{Pipeline, Pipelines, SceneBindings, Variant};
@@ -38,16 +40,16 @@ const STATES_LIMIT: u64 = 64 << 20;
 const POINT_TEXELS: usize = size_of::<GpuPoint>() / 16;
 /// Most workgroups of a dispatch.
 const GROUPS_LIMIT: u32 = 65_535;
-/// Most rays of a dispatch.
-const MOST_RUN_RAYS: u32 = 1 << 21;
+/// Most tiles of rays in a dispatch.
+const MOST_RUN_TILES: usize = 1 << 15;
 /// The same on software adapters: what comes after an empty corner of the picture may take a thousand times as long.
-const MOST_SOFTWARE_RUN_RAYS: u32 = 1 << 12;
-/// Rays of the first dispatch of an adapter that may be slow.
-const FIRST_RUN_RAYS: u32 = 1 << 16;
+const MOST_SOFTWARE_RUN_TILES: usize = 1 << 6;
+/// Tiles of the first dispatch of an adapter that may be slow.
+const FIRST_RUN_TILES: usize = 1 << 10;
 /// The same on software adapters.
-const FIRST_SOFTWARE_RUN_RAYS: u32 = 1 << 10;
-/// Fewest rays of a dispatch: 4 workgroups.
-const LEAST_RUN_RAYS: u32 = 1 << 8;
+const FIRST_SOFTWARE_RUN_TILES: usize = 1 << 4;
+/// Fewest tiles of a dispatch.
+const LEAST_RUN_TILES: usize = 1 << 2;
 /// Dispatches slower than this get fewer rays, milliseconds: half of what a display can wait, because the next one may be
 /// twice as slow.
 const SLOW_DISPATCH_MS: f64 = 50.0;
@@ -62,6 +64,8 @@ const SOFTWARE_WORK_LIMIT: u32 = 1 << 8;
 const SOFTWARE_LIGHT_WORK_LIMIT: u32 = 1 << 11;
 /// Of so many rows of tiles one goes ahead: bricks that its rays lack are mostly those that the others would lack, pass after pass.
 const SCOUTING_ROWS: u32 = 8;
+/// On software adapters tiles are cast in squares of so many along an edge: their threads have as much to do as each other.
+const SQUARE: u32 = 8;
 /// Runs that are submitted before the first of them is waited for: while one is cast, the next is there.
 const RUNS_IN_FLIGHT: usize = 2;
 /// Parts of rays that are handed over at once.
@@ -133,17 +137,22 @@ impl Capacity {
         has_room && (self.sums_errors || !other.sums_errors)
     }
 
+    /// Tiles of the longest run.
+    fn run_tiles(&self) -> u64 {
+        (self.places / u64::from(WORKGROUP_RAYS)).clamp(1, MOST_RUN_TILES as u64)
+    }
+
     /// Bytes of everything that is allocated for it; feedback counts twice, for it is read back.
     pub(super) fn bytes(&self, slots: u64) -> u64 {
         self.places * size_of::<RayState>() as u64
             + self.error_bytes()
             + DeviationTable::bytes(self.sums_errors)
-            + 4 * (buffer_words(slots, self.entries) + words_with(slots, MISS_LIMIT))
+            + 4 * (buffer_words(slots, self.entries, self.run_tiles()) + words_with(slots, MISS_LIMIT))
             + Table::bytes(self.points * POINT_TEXELS, 4)
             + Table::bytes(self.index, 1)
             + Table::bytes(TEXELS, 4)
             + size_of::<Scene>() as u64
-            + RUNS_IN_FLIGHT as u64 * COUNTERS_BYTES
+            + RUNS_IN_FLIGHT as u64 * (COUNTERS_BYTES + 4 * self.run_tiles())
             + PARTS_BYTES
             + PixelBuffers::bytes(self)
     }
@@ -186,16 +195,16 @@ impl RawFeedback {
     }
 }
 
-/// Rays that are cast one run after the other.
+/// Tiles of rays that are cast one run after the other.
 struct Round {
     /// See [`Dispatch::later_round`].
     later: u32,
-    rays: Vec<Range<u32>>,
+    tiles: Vec<u32>,
 }
 
 /// A dispatch that was submitted.
 struct Run {
-    rays: Range<u32>,
+    tiles: Vec<u32>,
     /// Which of the buffers for counters.
     buffer: usize,
     submission: wgpu::SubmissionIndex,
@@ -234,22 +243,27 @@ pub(super) struct Caster {
     /// What rays may be off by: one place where nobody asked.
     errors: wgpu::Buffer,
     parts: wgpu::Buffer,
-    /// Counters of the runs in flight, one after the other, and which is next.
+    /// Counters of the runs in flight and what is left of their tiles, and which buffer is next.
     counters: Vec<wgpu::Buffer>,
     next_read_back: usize,
     read_back: wgpu::Buffer,
     /// The last submission, where it has copied the feedback there.
     feedback_after: Option<wgpu::SubmissionIndex>,
     slots: u64,
+    /// Where the tiles of a run begin in the feedback, bytes.
+    first_tile: u64,
     pub(super) pixels: PixelBuffers,
     /// Rays of the band in progress.
     grid: RayGrid,
     view: View,
-    run_rays: u32,
-    /// Rays that a pass looks at: all others of the band are finished.
-    unfinished: Vec<Range<u32>>,
-    /// Rays that begin when the scouts' have all that they need.
-    held_back: Vec<Range<u32>>,
+    /// Tiles of the next run.
+    run_tiles: usize,
+    /// [`Dispatch::refined_levels`]
+    refined_levels: u32,
+    /// Tiles that a pass looks at: the rays of all others of the band are finished.
+    unfinished: Vec<u32>,
+    /// Tiles that begin when the scouts have all that they need.
+    held_back: Vec<u32>,
 }
 
 impl Caster {
@@ -261,11 +275,13 @@ impl Caster {
         let points = Table::new(gpu, "the transfer function", capacity.points * POINT_TEXELS, 4)?;
         let transfer_index = Table::new(gpu, "the transfer function's index", capacity.index, 1)?;
         let light = Table::new(gpu, "the transfer function's light", TEXELS, 4)?;
-        let feedback = gpu.buffer("feedback", 4 * buffer_words(slots, capacity.entries), storage)?;
+        let feedback =
+            gpu.buffer("feedback", 4 * buffer_words(slots, capacity.entries, capacity.run_tiles()), storage)?;
         let states = gpu.buffer("ray states", capacity.places * size_of::<RayState>() as u64, storage)?;
         let errors = gpu.buffer("what rays may be off by", capacity.error_bytes(), storage)?;
         let parts = gpu.buffer("parts of rays", PARTS_BYTES, storage)?;
-        let counters = (0..RUNS_IN_FLIGHT).map(|_| gpu.read_buffer("counters", COUNTERS_BYTES));
+        let of_a_run = COUNTERS_BYTES + 4 * capacity.run_tiles();
+        let counters = (0..RUNS_IN_FLIGHT).map(|_| gpu.read_buffer("counters", of_a_run));
         let counters = counters.collect::<Result<_, _>>()?;
         let read_back = gpu.read_buffer("read-back", 4 * words_with(slots, MISS_LIMIT))?;
         Ok(Self {
@@ -283,16 +299,18 @@ impl Caster {
             next_read_back: 0,
             read_back,
             slots,
+            first_tile: 4 * (HEADER_WORDS as u64 + tile_words(slots, capacity.entries)),
             feedback_after: None,
             pixels: PixelBuffers::new(gpu, capacity)?,
             grid: RayGrid { width: 0, height: 0 },
             view: View::zeroed(),
+            refined_levels: 0,
             unfinished: Vec::new(),
             held_back: Vec::new(),
-            run_rays: match gpu.deals_as() {
-                wgpu::DeviceType::DiscreteGpu => MOST_RUN_RAYS,
-                wgpu::DeviceType::Cpu => FIRST_SOFTWARE_RUN_RAYS,
-                _ => FIRST_RUN_RAYS,
+            run_tiles: match gpu.deals_as() {
+                wgpu::DeviceType::DiscreteGpu => MOST_RUN_TILES,
+                wgpu::DeviceType::Cpu => FIRST_SOFTWARE_RUN_TILES,
+                _ => FIRST_RUN_TILES,
             },
         })
     }
@@ -322,7 +340,7 @@ impl Caster {
             variant,
             is_cut,
             scene: pipelines.bind_scene(gpu, &bindings)?,
-            classify: pipelines.classify_cells.bind(gpu, &[&cache.slot_list])?,
+            classify: pipelines.classify_cells.bind(gpu, &[&cache.slot_list, &cache.block_ranges])?,
             begin: pipelines.begin_rays(gpu, is_cut)?.bind(gpu, &[&self.states, &self.errors])?,
             begin_parts: begin_parts.transpose()?,
             cast: pipelines.raycast.bind(gpu, &[&self.states, &self.errors])?,
@@ -400,14 +418,23 @@ impl Caster {
     fn look_at_all(&mut self) {
         [self.unfinished, self.held_back] = match self.gpu.deals_as_software() {
             true => scouts_and_others(self.grid),
-            false => [all_rays(self.grid), Vec::new()],
+            false => [all_tiles(self.grid).collect(), Vec::new()],
         };
     }
 
     /// All rays go on with the scouts: what these would still ask for would have to leave before the others come.
     pub(super) fn end_scouting(&mut self) {
         self.unfinished.append(&mut self.held_back);
-        join_ranges(&mut self.unfinished);
+        self.sort_unfinished();
+    }
+
+    /// Puts the tiles that a pass looks at in the order in which they are cast, each once.
+    fn sort_unfinished(&mut self) {
+        match self.gpu.deals_as_software() {
+            true => sort_by_squares(&mut self.unfinished, self.grid),
+            false => self.unfinished.sort_unstable(),
+        }
+        self.unfinished.dedup();
     }
 
     /// Sets rays of the band on their way through their next part.
@@ -462,12 +489,13 @@ impl Caster {
         pass.dispatch_workgroups(groups.div_ceil(rows), rows, 1);
     }
 
-    /// Casts every unfinished ray until it is finished or waits for a brick, or that is to stop. Runs whose rays are all finished are
+    /// Casts every unfinished ray until it is finished or waits for a brick, or that is to stop. Tiles whose rays are all finished are
     /// not looked at again: however early a pass is stopped, the next one begins further behind.
     ///
-    /// Runs of rays are submitted without waiting for those before them, [`RUNS_IN_FLIGHT`] at a time; what is read of one is
-    /// how many of its rays have to go on, in the next round.
-    pub(super) fn cast_pass(&mut self, stop: &Stop) -> Result<RawFeedback, GpuError> {
+    /// Runs of tiles are submitted without waiting for those before them, [`RUNS_IN_FLIGHT`] at a time; what is read of one is
+    /// which of its tiles have to go on, in the next round.
+    pub(super) fn cast_pass(&mut self, refined_levels: u32, stop: &Stop) -> Result<RawFeedback, GpuError> {
+        self.refined_levels = refined_levels;
         self.compile()?;
         let mut raw = RawFeedback::default();
         self.feedback_after = None;
@@ -481,8 +509,8 @@ impl Caster {
             }
             self.end_scouting();
         }
-        raw.feedback.unfinished_rays += self.held_back.iter().map(|rays| u64::from(rays.end - rays.start)).sum::<u64>();
-        join_ranges(&mut self.unfinished);
+        raw.feedback.unfinished_rays += self.held_back.len() as u64 * u64::from(WORKGROUP_RAYS);
+        self.sort_unfinished();
         raw.feedback.unfinished_rays += raw.interrupted;
         self.read_feedback(&mut raw)?;
         Ok(raw)
@@ -490,14 +518,14 @@ impl Caster {
 
     /// Casts the unfinished rays, round by round.
     fn cast_rounds(&mut self, raw: &mut RawFeedback, stop: &Stop) -> Result<(), GpuError> {
-        let mut round = Round { later: 0, rays: std::mem::take(&mut self.unfinished) };
+        let mut round = Round { later: 0, tiles: std::mem::take(&mut self.unfinished) };
         for _ in 0..ROUND_LIMIT {
             let left = self.cast_round(round, raw, stop)?;
             if left.is_empty() || raw.is_stopped {
                 self.unfinished.extend(left);
                 break;
             }
-            round = Round { later: 1, rays: left };
+            round = Round { later: 1, tiles: left };
         }
         Ok(())
     }
@@ -508,67 +536,65 @@ impl Caster {
         if self.bound().is_compiled {
             return Ok(());
         }
-        let beyond_all = u32::MAX - WORKGROUP_RAYS;
-        let Run { buffer, submission, .. } = self.submit(beyond_all..u32::MAX, 0, false);
+        let beyond_all = u32::MAX / WORKGROUP_RAYS;
+        let Run { buffer, submission, .. } = self.submit(vec![beyond_all], 0, false);
         self.gpu.read_after(Some(submission), &self.counters[buffer], COUNTERS_BYTES, |_| ())?;
         self.bound.iter_mut().for_each(|bound| bound.is_compiled = true);
         Ok(())
     }
 
-    /// Submits the rays of a round, run by run; returns the runs that have to go on.
-    fn cast_round(&mut self, round: Round, raw: &mut RawFeedback, stop: &Stop) -> Result<Vec<Range<u32>>, GpuError> {
+    /// Submits the tiles of a round, run by run; returns those that have to go on.
+    fn cast_round(&mut self, round: Round, raw: &mut RawFeedback, stop: &Stop) -> Result<Vec<u32>, GpuError> {
         raw.interrupted = 0;
-        let mut left: Vec<Range<u32>> = Vec::new();
+        let mut left = Vec::new();
         let mut flying: VecDeque<Run> = VecDeque::new();
         let mut last_end = Instant::now();
-        let mut not_cast = Vec::new();
-        let last = round.rays.last().map_or(0, |rays| rays.end);
-        for mut rays in round.rays {
-            while !rays.is_empty() && !raw.is_stopped {
-                if flying.len() == RUNS_IN_FLIGHT {
-                    self.land(&mut flying, &mut last_end, raw, &mut left)?;
-                    raw.is_stopped = stop.is_due();
-                    continue;
-                }
-                let end = rays.end.min(rays.start + self.run_rays);
-                let run = self.submit(rays.start..end, round.later, end == last);
-                flying.push_back(run);
-                rays.start = end;
+        let mut tiles = round.tiles.as_slice();
+        while !tiles.is_empty() && !raw.is_stopped {
+            if flying.len() == RUNS_IN_FLIGHT {
+                self.land(&mut flying, &mut last_end, raw, &mut left)?;
+                raw.is_stopped = stop.is_due();
+                continue;
             }
-            not_cast.extend(Some(rays).filter(|rays| !rays.is_empty()));
+            let (run, rest) = tiles.split_at(tiles.len().min(self.run_tiles));
+            let run = self.submit(run.to_vec(), round.later, rest.is_empty());
+            flying.push_back(run);
+            tiles = rest;
         }
         while !flying.is_empty() {
             self.land(&mut flying, &mut last_end, raw, &mut left)?;
         }
-        left.append(&mut not_cast);
+        left.extend_from_slice(tiles);
         raw.is_stopped |= !left.is_empty() && stop.is_due();
         Ok(left)
     }
 
     /// Says what the next dispatch is for.
-    pub(super) fn write_job(&self, first_ray: u32, later_round: u32) {
-        let job = Dispatch { first_ray, later_round, ..Dispatch::zeroed() };
+    pub(super) fn write_job(&self, first_pixel: u32, later_round: u32) {
+        let job = Dispatch { first_pixel, later_round, refined_levels: self.refined_levels, padding: 0 };
         let offset = std::mem::offset_of!(Scene, job) as u64;
         self.gpu.write_buffer(&self.scene, offset, bytemuck::bytes_of(&job));
     }
 
     /// Submits a run; with the last one of a round goes what a pass reads at its end, since few have another round.
-    fn submit(&mut self, rays: Range<u32>, later_round: u32, is_last: bool) -> Run {
+    fn submit(&mut self, tiles: Vec<u32>, later_round: u32, is_last: bool) -> Run {
         let buffer = self.next_read_back;
         self.next_read_back = (buffer + 1) % RUNS_IN_FLIGHT;
-        self.write_job(rays.start, later_round);
+        self.write_job(0, later_round);
+        self.gpu.write_buffer(&self.feedback, self.first_tile, bytemuck::cast_slice(&tiles));
         let mut encoder = self.encoder();
         encoder.clear_buffer(&self.feedback, 0, Some(COUNTERS_BYTES));
         let bound = self.bound();
-        let groups = (rays.end - rays.start).div_ceil(WORKGROUP_RAYS);
-        self.dispatch(&mut encoder, &bound.pipelines.raycast, &bound.cast, groups);
-        encoder.copy_buffer_to_buffer(&self.feedback, 0, &self.counters[buffer], 0, COUNTERS_BYTES);
+        self.dispatch(&mut encoder, &bound.pipelines.raycast, &bound.cast, tiles.len() as u32);
+        let (counters, tile_bytes) = (&self.counters[buffer], 4 * tiles.len() as u64);
+        encoder.copy_buffer_to_buffer(&self.feedback, 0, counters, 0, COUNTERS_BYTES);
+        encoder.copy_buffer_to_buffer(&self.feedback, self.first_tile, counters, COUNTERS_BYTES, tile_bytes);
         if is_last {
             self.gather_feedback(&mut encoder);
         }
         let submission = self.gpu.submit(encoder);
         self.feedback_after = is_last.then(|| submission.clone());
-        Run { rays, buffer, submission, begin: Instant::now() }
+        Run { tiles, buffer, submission, begin: Instant::now() }
     }
 
     /// Waits for the oldest run, and takes what it counted.
@@ -577,11 +603,15 @@ impl Caster {
         flying: &mut VecDeque<Run>,
         last_end: &mut Instant,
         raw: &mut RawFeedback,
-        left: &mut Vec<Range<u32>>,
+        left: &mut Vec<u32>,
     ) -> Result<(), GpuError> {
         let Some(run) = flying.pop_front() else { return Ok(()) };
-        let read = bytemuck::pod_read_unaligned::<GpuCounters>;
-        let counters = self.gpu.read_after(Some(run.submission), &self.counters[run.buffer], COUNTERS_BYTES, read)?;
+        let bytes = COUNTERS_BYTES + 4 * run.tiles.len() as u64;
+        let (counters, states) =
+            self.gpu.read_after(Some(run.submission), &self.counters[run.buffer], bytes, |bytes| {
+                let (counters, states) = bytes.split_at(COUNTERS_BYTES as usize);
+                (bytemuck::pod_read_unaligned::<GpuCounters>(counters), bytemuck::pod_collect_to_vec::<u8, u32>(states))
+            })?;
         raw.feedback.add(&counters);
         raw.feedback.unfinished_rays += u64::from(counters.waiting);
         // It began when it was submitted, or when the one before it had ended.
@@ -590,21 +620,20 @@ impl Caster {
         raw.dispatch_ms_max = raw.dispatch_ms_max.max(ms);
         self.adapt_run(ms);
         raw.interrupted += u64::from(counters.interrupted);
-        if counters.waiting > 0 {
-            self.unfinished.push(run.rays.clone());
-        }
-        if counters.interrupted > 0 {
-            left.push(run.rays);
-        }
+        let with = |what: u32| {
+            run.tiles.iter().zip(&states).filter(move |(_, state)| *state & what != 0).map(|(tile, _)| tile)
+        };
+        self.unfinished.extend(with(LEFT_WAITING));
+        left.extend(with(LEFT_INTERRUPTED));
         Ok(())
     }
 
     fn adapt_run(&mut self, ms: f64) {
         if ms > SLOW_DISPATCH_MS {
-            self.run_rays = (self.run_rays / 2).max(LEAST_RUN_RAYS);
+            self.run_tiles = (self.run_tiles / 2).max(LEAST_RUN_TILES);
         } else if ms < FAST_DISPATCH_MS {
-            let most = if self.gpu.deals_as_software() { MOST_SOFTWARE_RUN_RAYS } else { MOST_RUN_RAYS };
-            self.run_rays = (self.run_rays * 2).min(most);
+            let most = if self.gpu.deals_as_software() { MOST_SOFTWARE_RUN_TILES } else { MOST_RUN_TILES };
+            self.run_tiles = (self.run_tiles * 2).min(most);
         }
     }
 
@@ -639,35 +668,24 @@ impl Caster {
     }
 }
 
-fn all_rays(grid: RayGrid) -> Vec<Range<u32>> {
-    std::iter::once(0..grid.places() as u32).collect()
+/// Tiles of a grid of rays, by number.
+fn all_tiles(grid: RayGrid) -> Range<u32> {
+    0..(grid.places() / u64::from(WORKGROUP_RAYS)) as u32
 }
 
-/// Places of the rays that go ahead, and of the others: whole rows of tiles, evenly spread.
-fn scouts_and_others(grid: RayGrid) -> [Vec<Range<u32>>; 2] {
+/// Puts tiles in the order of squares of [`SQUARE`] tiles.
+fn sort_by_squares(tiles: &mut [u32], grid: RayGrid) {
+    let across = grid.tiles()[0];
+    tiles.sort_unstable_by_key(|&tile| (tile / across / SQUARE, tile % across / SQUARE, tile));
+}
+
+/// Tiles that go ahead, and the others: whole rows of them, evenly spread.
+fn scouts_and_others(grid: RayGrid) -> [Vec<u32>; 2] {
     let [across, rows] = grid.tiles();
-    if rows < 2 * SCOUTING_ROWS {
-        return [all_rays(grid), Vec::new()];
-    }
-    let row = across * WORKGROUP_RAYS;
-    let places = |rows: Range<u32>| rows.start * row..rows.end * row;
-    let scouts: Vec<u32> = (SCOUTING_ROWS / 2..rows).step_by(SCOUTING_ROWS as usize).collect();
-    let begins = std::iter::once(0).chain(scouts.iter().map(|scout| scout + 1));
-    let ends = scouts.iter().copied().chain([rows]);
-    let others = begins.zip(ends).map(|(begin, end)| places(begin..end)).filter(|places| !places.is_empty());
-    [scouts.iter().map(|&scout| places(scout..scout + 1)).collect(), others.collect()]
-}
-
-/// Sorts ranges, and makes one of those that touch.
-fn join_ranges(ranges: &mut Vec<Range<u32>>) {
-    ranges.sort_unstable_by_key(|range| range.start);
-    ranges.dedup_by(|next, joined| {
-        let touches = next.start <= joined.end;
-        if touches {
-            joined.end = joined.end.max(next.end);
-        }
-        touches
-    });
+    let goes_ahead = |tile: &u32| rows < 2 * SCOUTING_ROWS || tile / across % SCOUTING_ROWS == SCOUTING_ROWS / 2;
+    let (mut scouts, mut others): (Vec<_>, Vec<_>) = all_tiles(grid).partition(goes_ahead);
+    [&mut scouts, &mut others].into_iter().for_each(|tiles| sort_by_squares(tiles, grid));
+    [scouts, others]
 }
 
 #[cfg(test)]
@@ -675,25 +693,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranges_that_touch_are_one() {
-        let mut ranges = vec![8..12, 0..4, 20..24, 10..11, 4..6, 24..25];
-        join_ranges(&mut ranges);
-        assert_eq!(ranges, [0..6, 8..12, 20..25]);
-    }
-
-    #[test]
     fn scouts_and_others_are_all_rays() {
         for (width, height) in [(1, 1), (64, 127), (64, 128), (1024, 768), (3840, 256), (9, 2001)] {
             let grid = RayGrid { width, height };
             let [scouts, others] = scouts_and_others(grid);
-            let count =
-                |ranges: &[Range<u32>]| ranges.iter().map(|range| u64::from(range.end - range.start)).sum::<u64>();
-            let (ahead, all) = (count(&scouts), grid.places());
+            let (ahead, all) = (scouts.len() as u64 * u64::from(WORKGROUP_RAYS), grid.places());
             assert!(ahead == all || (ahead * 6 < all && ahead * 10 > all), "{width} x {height}: {ahead} of {all}");
-            assert_eq!(count(&scouts) + count(&others), all);
-            let mut joined = [scouts, others].concat();
-            join_ranges(&mut joined);
-            assert!(joined.len() == 1 && joined[0] == (0..all as u32), "{width} x {height}: {joined:?}");
+            let mut both = [scouts, others].concat();
+            both.sort_unstable();
+            assert!(both.iter().copied().eq(all_tiles(grid)), "{width} x {height}: {both:?}");
         }
     }
 
