@@ -8,8 +8,10 @@
 // What light and surfaces make of a part is in files of its own, each of which has an alternative without it: drivers compile all that a
 // shader calls, whatever its constants are.
 
-// Turns of the loop between two leaps.
+// Turns of the loop between two leaps. Two can be in vain, and the next round begins there again: a cell of no length, where rounding
+// puts the ray before the face that it has left, and a line over several cells that does not settle.
 const ROUND: u32 = 8u;
+const_assert ROUND > 2u;
 // Most cells that one line stands for.
 const LONGEST_SPAN: f32 = 4.0;
 // Error, in tolerances of a cell, up to which cells are followed by twice as many at once: of an even field it grows eightfold.
