@@ -181,12 +181,12 @@ fn leap_on(slot: Slot, ray: LightRay, walk: ptr<function, LightWalk>, state: ptr
             work += 1u;
             let place = (ray.origin + (*walk).t * ray.direction) * (1.0 / f32(BLOCK));
             let block = clamp(vec3<i32>(floor(place)), vec3<i32>(0), last);
-            let cell = block / 2;
+            let cell = block >> vec3<u32>(1u);
             let number = macro_place(slot, cell);
             let near = proximity[number];
             let reach = f32(near & NEAREST);
-            let half = vec3<u32>(block - 2 * cell);
-            is_near = (near & (FIRST_BLOCK << (half.x + 2u * half.y + 4u * half.z))) != 0u;
+            let half = block & vec3<i32>(1);
+            is_near = (near & (FIRST_BLOCK << u32(half.x + 2 * half.y + 4 * half.z))) != 0u;
             var is_block = reach == 0.0;
             if (has_flag(FLAG_SURFACES)) {
                 is_near = is_near_surfaces(number, state);

@@ -484,13 +484,12 @@ mod tests {
 
     #[test]
     fn a_card_without_room_gets_half_as_much_and_so_on() {
-        let full = |_| GpuError::OutOfMemory { doing: "a texture".to_owned(), message: "full".to_owned() };
+        let full = || GpuError::OutOfMemory { doing: "a texture".to_owned(), message: "full".to_owned() };
         let mut memory = 4 * SHARED_MEMORY;
-        let made =
-            with_what_fits(&mut memory, |bytes| if bytes > 2 * SHARED_MEMORY { Err(full(bytes)) } else { Ok(bytes) });
+        let made = with_what_fits(&mut memory, |bytes| if bytes > 2 * SHARED_MEMORY { Err(full()) } else { Ok(bytes) });
         assert!(matches!(made, Ok(bytes) if bytes == 2 * SHARED_MEMORY), "{made:?}");
         assert_eq!(memory, 2 * SHARED_MEMORY, "the next picture does not ask for more");
-        let none = with_what_fits::<()>(&mut memory, |bytes| Err(full(bytes)));
+        let none = with_what_fits::<()>(&mut memory, |_| Err(full()));
         assert!(matches!(none, Err(GpuError::OutOfMemory { .. })), "{none:?}");
         assert_eq!(memory, SHARED_MEMORY);
         let mut memory = 4 * SHARED_MEMORY;

@@ -1,9 +1,9 @@
 //! What the rays of a pass say: bricks they wait for, bricks they used, what is left of them, and what it cost.
 //!
 //! Layout of the buffer, in words: [`GpuCounters`]; the number of misses; three zeros; one bit for each slot; [`MISS_LIMIT`] pairs
-//! (entry, waiting rays); for each entry of the page table the rays that wait for it; the tiles of a run. Misses are read back
-//! after every pass, as far as it says anything, so that it is bounded: at most [`MISS_LIMIT`] misses are listed, the rest is counted
-//! and asked for again in the next pass. Tiles are written before every run, and what is left of each is read after it.
+//! (entry, waiting rays); for each entry of the page table the rays that wait for it; the tiles of a run. All up to the pairs is read
+//! back after every pass, as far as it says anything, so that it is bounded: at most [`MISS_LIMIT`] misses are listed, the rest is
+//! counted and asked for again in the next pass. Tiles are written before every run, and what is left of each is read after it.
 
 use supervol_format::BrickKey;
 
