@@ -213,10 +213,10 @@ window() {
     has_library libxkbcommon-x11.so || install "what windows need" libxkbcommon-x11-0 libxcursor1 libxi6 libxrandr2
     built
     tools/window.sh "$program" "$logs/window"
-    if cargo tree --locked -p supervol --no-default-features -e normal | grep -E "eframe|winit"; then
+    if cargo tree --locked -p supervol-cli --no-default-features -e normal | grep -E "eframe|winit"; then
         fail "the program without the viewer needs windowing libraries"
     fi
-    cargo check --quiet --locked -p supervol --no-default-features
+    cargo check --quiet --locked -p supervol-cli --no-default-features
 }
 
 soak() {

@@ -13,7 +13,7 @@ images=docs/images/gallery
 page=docs/gallery.md
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-[ -x "$program" ] || cargo build --release -p supervol
+[ -x "$program" ] || cargo build --release -p supervol-cli
 rm -rf "$images"
 mkdir -p "$images"
 

@@ -20,10 +20,10 @@ features=()
 # What is built for the machine itself lies where other builds lie, and is not built twice.
 host=$(rustc -vV | sed -n 's/^host: //p')
 if [ "$target" = "$host" ]; then
-    cargo build --release --locked -p supervol "${features[@]}"
+    cargo build --release --locked -p supervol-cli "${features[@]}"
     built=target/release/supervol
 else
-    cargo build --release --locked -p supervol --target "$target" "${features[@]}"
+    cargo build --release --locked -p supervol-cli --target "$target" "${features[@]}"
     built=target/$target/release/supervol
 fi
 version=$(cargo metadata --format-version 1 --no-deps --locked | python3 -c '

@@ -11,10 +11,10 @@ use supervol_format::canceller::Canceller;
 use supervol_format::container::manifest::Source;
 use supervol_format::{Dims, Geometry, VoxelType};
 use supervol_preprocess::preview::Preview;
-use supervol_preprocess::source::Endian;
-use supervol_preprocess::source::raw::{RawOptions, RawSource};
-use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_preprocess::{BuildOptions, Existing, build};
+use supervol_sources::Endian;
+use supervol_sources::formats::raw::{RawOptions, RawSource};
+use supervol_sources::synthetic::Synthetic;
 
 #[divan::bench(args = ["seismic", "vessels"], sample_count = 5, sample_size = 1)]
 fn build_256(bencher: Bencher<'_, '_>, name: &str) {

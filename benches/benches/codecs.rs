@@ -6,8 +6,8 @@ use divan::Bencher;
 use divan::counter::BytesCount;
 use supervol_format::codec::{BrickShape, Codec, CodecChoice, decode_into, decode_uniform, encode};
 use supervol_format::{Dims, VoxelType};
-use supervol_preprocess::source::VolumeSource;
-use supervol_preprocess::source::synthetic::Synthetic;
+use supervol_sources::VolumeSource;
+use supervol_sources::synthetic::Synthetic;
 
 const EXTENT: u64 = 68;
 const TYPES: [VoxelType; 3] = [VoxelType::U8, VoxelType::I16, VoxelType::F32];

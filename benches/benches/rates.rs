@@ -18,11 +18,11 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
-use supervol_chart::storage::codecs::{Brick, Figures, bricks_of, bytes_of, figures, moved};
 use supervol_format::Container;
 use supervol_format::codec::quantize::Quantizer;
 use supervol_format::codec::{Codec, CodecChoice, Coding};
 use supervol_format::voxel_type::voxels_as_f64;
+use supervol_measure::storage::codecs::{Brick, Figures, bricks_of, bytes_of, figures, moved};
 
 const BRICKS: usize = 64;
 const ROUNDS: usize = 5;

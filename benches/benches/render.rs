@@ -7,12 +7,12 @@ use std::sync::Arc;
 use divan::Bencher;
 use supervol_format::container::manifest::Source;
 use supervol_format::{Container, Dims, Lod, VoxelType};
-use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_preprocess::{BuildOptions, Existing, build};
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
-use supervol_runtime::renderer::render;
-use supervol_runtime::scene::Scene;
+use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
+use supervol_runtime::render::renderer::render;
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::scene::Scene;
+use supervol_sources::synthetic::Synthetic;
 
 #[divan::bench(args = ["seismic", "vessels", "marschner-lobb"], consts = [false, true], sample_count = 5, sample_size = 1)]
 fn picture<const SHADED: bool>(bencher: Bencher<'_, '_>, name: &str) {

@@ -4,7 +4,7 @@ use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use supervol_format::{ByteSource, VoxelBox};
-use supervol_preprocess::source::{SourceError, SourceInfo, VolumeSource};
+use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 
 /// A byte source whose `fail_at`-th read (counted from 0) fails with EIO; all others succeed.
 #[derive(Debug)]

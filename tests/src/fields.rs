@@ -4,15 +4,14 @@ use std::path::{Path, PathBuf};
 
 use supervol_format::codec::CodecChoice;
 use supervol_format::container::manifest::Source;
+use supervol_format::random::mix;
 use supervol_format::{BrickLayout, Container, VoxelBox, VoxelType};
 use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::report::BuildReport;
-use supervol_preprocess::source::computed::Computed;
-use supervol_preprocess::source::{SourceError, SourceInfo, VolumeSource};
 use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError, build};
-
-use supervol_format::random::mix;
+use supervol_sources::computed::Computed;
+use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 
 /// What a field holds; values are in stored units and rounded to the voxel type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 use supervol_format::container::manifest::Source;
 use supervol_format::level_reader::LevelReader;
 use supervol_format::{Dims, Geometry, Lod};
-use supervol_preprocess::source::open::{OpenOptions, open};
-use supervol_preprocess::source::raw::RawOptions;
-use supervol_preprocess::source::{Endian, VolumeSource};
 use supervol_preprocess::verify::verify;
 use supervol_preprocess::{BuildOptions, Existing, build, identify_source};
+use supervol_sources::formats::raw::RawOptions;
+use supervol_sources::open::{OpenOptions, open};
+use supervol_sources::{Endian, VolumeSource};
 
 /// Folders of the data folder that the table covers.
 const FOLDERS: [&str; 13] = [

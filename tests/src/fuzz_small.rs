@@ -92,8 +92,8 @@ pub fn viewer_xml(data: &[u8]) {
 /// What scenes name: meshes that clip, transfer functions and colour maps, of our own and of other programs.
 #[cfg(feature = "pictures")]
 pub fn scene_files(data: &[u8]) {
-    use supervol_runtime::clip::mesh_file;
-    use supervol_runtime::preset::transfer_file::TransferFile;
+    use supervol_scene::clip::mesh_file;
+    use supervol_scene::preset::transfer_file::TransferFile;
 
     let (name, bytes) = chosen(&SCENE_FILES, data);
     let is_mesh = ["ply", "stl", "obj"].iter().any(|end| name.ends_with(end));

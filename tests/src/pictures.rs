@@ -6,16 +6,16 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use supervol_chart::volume::Volume;
-use supervol_chart::{Context, Scale};
 use supervol_format::{Dims, Lod, VoxelBox};
+use supervol_measure::volume::Volume;
+use supervol_measure::{Context, Scale};
 use supervol_preprocess::BuildOptions;
-use supervol_preprocess::source::{SourceError, SourceInfo, VolumeSource};
-use supervol_runtime::frame::{Backend, LevelChoice, RenderOptions};
-use supervol_runtime::image::Image;
-use supervol_runtime::raycast::gpu::GpuDevice;
-use supervol_runtime::scene::ResolvedScene;
-use supervol_runtime::stats::FrameStats;
+use supervol_runtime::engines::gpu::caster::GpuDevice;
+use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
+use supervol_runtime::render::stats::FrameStats;
+use supervol_scene::image::Image;
+use supervol_scene::scene::ResolvedScene;
+use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 
 use crate::skipped;
 

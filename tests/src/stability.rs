@@ -1,8 +1,8 @@
 //! One regime of the stability suite, at its smallest size.
 
-use supervol_chart::stability::{Gate, GateKind, Outcome, regimes};
-use supervol_chart::{ChartError, Context, Scale};
-use supervol_runtime::frame::RenderError;
+use supervol_measure::stability::{Gate, GateKind, Outcome, regimes};
+use supervol_measure::{ChartError, Context, Scale};
+use supervol_runtime::render::error::RenderError;
 
 /// Measures a regime; `SKIPPED` is said, and nothing returned, where this machine cannot.
 ///

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
+use supervol_export::extract::{Extraction, extract};
 use supervol_format::random::Random;
 use supervol_format::{Lod, VoxelType};
-use supervol_preprocess::extract::{Extraction, extract};
-use supervol_preprocess::source::VolumeSource;
-use supervol_preprocess::source::segy::{SegyOptions, SegySource};
-use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_preprocess::verify::verify;
 use supervol_preprocess::{BuildOptions, Existing};
+use supervol_sources::VolumeSource;
+use supervol_sources::formats::segy::{SegyOptions, SegySource};
+use supervol_sources::synthetic::Synthetic;
 use supervol_tests::counting::{Counting, peak_of};
 use supervol_tests::fields::{options, try_build};
 

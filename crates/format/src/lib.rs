@@ -13,6 +13,7 @@
 //! - [`codec`]: brick voxels to bytes and back;
 //! - [`container`]: the `.svol` file, byte by byte;
 //! - [`level_reader`]: boxes of voxels of a level, out of its bricks;
+//! - [`file_order`]: a box of voxels in pieces that follow one another in a plain file;
 //! - [`byte_source`]: where a container's bytes are read from;
 //! - [`readable`]: numbers in messages and listings;
 //! - [`recent`]: things kept because they may be wanted again;
@@ -29,6 +30,7 @@ pub mod byte_source;
 pub mod canceller;
 pub mod codec;
 pub mod container;
+pub mod file_order;
 pub mod level_reader;
 pub mod macro_cells;
 pub mod pyramid;

@@ -6,9 +6,9 @@
 use supervol_format::brick::APRON;
 use supervol_format::brick_key::morton;
 use supervol_format::{BrickIndex, BrickKey, Dims, Level, Lod, Pyramid, VoxelBox};
+use supervol_sources::AccessOrder;
 
 use crate::downsample::VoxelBlock;
-use crate::source::AccessOrder;
 
 /// A box of bricks of one level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -133,8 +133,9 @@ pub fn key_of(lod: usize, brick: BrickIndex) -> BrickKey {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use supervol_format::BrickLayout;
+
+    use super::*;
 
     #[test]
     fn tiles_cover_every_brick_once_and_follow_the_source() {

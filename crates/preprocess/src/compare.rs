@@ -14,11 +14,11 @@ use supervol_format::container::header::Descriptor;
 use supervol_format::level_reader::BrickStore;
 use supervol_format::voxel_type::voxels_as_f64;
 use supervol_format::{BrickKey, Container, Lod, VoxelBox};
+use supervol_sources::VolumeSource;
 
 use crate::bricker::{key_of, tiles};
 use crate::error::BuildError;
 use crate::memory::{ALLOW_MORE, left_for_data, read_bytes};
-use crate::source::VolumeSource;
 
 /// Bricks that are held at once: a record and what it is decompressed into, and the voxels; a row as doubles is less.
 const BRICKS_AT_HAND: u64 = 3;

@@ -2,12 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use supervol_files::{OutputError, is_full_disk};
 use supervol_format::container::ContainerError;
 use supervol_format::pyramid::PyramidError;
 use supervol_format::readable::Mib;
-
-use crate::output::kind::FileKind;
-use crate::source::SourceError;
+use supervol_sources::SourceError;
 
 /// Why it failed. Each message says what was expected, what was found, and where.
 #[derive(Debug, thiserror::Error)]
@@ -17,22 +16,12 @@ pub enum BuildError {
     Source(#[from] SourceError),
     #[error("{path}: {source}")]
     Container { path: PathBuf, source: ContainerError },
-    #[error("cannot write {path}: {source}{}", advice(source))]
-    Write { path: PathBuf, source: std::io::Error },
+    #[error(transparent)]
+    Output(#[from] OutputError),
     #[error("{error}. {}", kept_advice(kept, *written_bytes, *missing_bytes))]
     Kept { error: Box<BuildError>, kept: [PathBuf; 2], written_bytes: u64, missing_bytes: u64 },
     #[error("the build was stopped. {}", stopped_advice(kept.as_ref()))]
     Stopped { kept: Option<[PathBuf; 2]> },
-    #[error("{path} exists; --force overwrites it")]
-    Exists { path: PathBuf },
-    #[error(
-        "{path} exists: expected {expected} to replace, found {found}. --force replaces it; or choose another name"
-    )]
-    OtherKind { path: PathBuf, expected: FileKind, found: FileKind },
-    #[error("cannot write {path}: it is {other}, which this command reads or writes, too. Choose another name")]
-    SameFile { path: PathBuf, other: PathBuf },
-    #[error("cannot write {path}: expected a file or the name of a new one, found {found}")]
-    NoFile { path: PathBuf, found: String },
     #[error("{path} is kept: {what}. --force builds it again")]
     Outdated { path: PathBuf, what: String },
     #[error("these levels make no pyramid: {0}")]
@@ -50,8 +39,10 @@ pub enum BuildError {
 }
 
 impl BuildError {
-    pub(crate) fn write(path: &Path, source: std::io::Error) -> Self {
-        Self::Write { path: path.into(), source }
+    /// The file at `path` cannot be written.
+    #[must_use]
+    pub fn write(path: &Path, source: std::io::Error) -> Self {
+        OutputError::write(path, source).into()
     }
 
     /// `--memory` does not suffice; `what` says what for.
@@ -61,7 +52,9 @@ impl BuildError {
         Self::Memory { needed, allowed: Mib(allowed).to_string(), what, advice: advice.into() }
     }
 
-    pub(crate) fn container(path: &Path, source: ContainerError) -> Self {
+    /// The container at `path` cannot be read.
+    #[must_use]
+    pub fn container(path: &Path, source: ContainerError) -> Self {
         Self::Container { path: path.into(), source }
     }
 
@@ -78,17 +71,15 @@ impl BuildError {
     /// Whether the disk, or what a person may use of it, is full; or files may not be so long.
     #[must_use]
     pub fn is_full_disk(&self) -> bool {
-        use std::io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
         match self {
             Self::Kept { error, .. } => error.is_full_disk(),
-            Self::Write { source, .. } | Self::Source(SourceError::Spool { source, .. }) => {
-                matches!(source.kind(), StorageFull | QuotaExceeded | FileTooLarge)
-            }
+            Self::Output(error) => error.is_full_disk(),
+            Self::Source(SourceError::Spool { source, .. }) => is_full_disk(source),
             _ => false,
         }
     }
 
-    /// Whether somebody wanted the build to stop ([`crate::stop`]).
+    /// Whether somebody wanted the build to stop ([`supervol_sources::stop`]).
     #[must_use]
     pub fn is_stopped(&self) -> bool {
         matches!(self, Self::Stopped { .. } | Self::Source(SourceError::Stopped))
@@ -108,7 +99,7 @@ impl BuildError {
         }
         matches!(
             self,
-            Self::Write { .. }
+            Self::Output(OutputError::Write { .. })
                 | Self::Threads { .. }
                 | Self::Thread(_)
                 | Self::Source(SourceError::Io { .. } | SourceError::Spool { .. })
@@ -121,11 +112,12 @@ impl BuildError {
     pub fn is_wrong_command(&self) -> bool {
         matches!(
             self,
-            Self::Exists { .. }
-                | Self::Outdated { .. }
-                | Self::OtherKind { .. }
-                | Self::SameFile { .. }
-                | Self::NoFile { .. }
+            Self::Output(
+                OutputError::Exists { .. }
+                    | OutputError::OtherKind { .. }
+                    | OutputError::SameFile { .. }
+                    | OutputError::NoFile { .. },
+            ) | Self::Outdated { .. }
                 | Self::Options(_)
                 | Self::Memory { .. }
                 | Self::Source(SourceError::Options(_))
@@ -154,19 +146,4 @@ fn stopped_advice(kept: Option<&[PathBuf; 2]>) -> String {
         container.display(),
         list.display()
     )
-}
-
-pub(crate) fn advice(error: &std::io::Error) -> &'static str {
-    match error.kind() {
-        std::io::ErrorKind::StorageFull => ". The disk is full: free space, or write to another one with -o",
-        std::io::ErrorKind::QuotaExceeded => {
-            ". Your share of the disk is full: free space, or write to another one with -o"
-        }
-        std::io::ErrorKind::FileTooLarge => {
-            ". Files may not be so long here: see `ulimit -f`, or write to another disk with -o"
-        }
-        std::io::ErrorKind::PermissionDenied => ". Choose a folder you may write to with -o",
-        std::io::ErrorKind::NotFound => ". The folder does not exist",
-        _ => "",
-    }
 }

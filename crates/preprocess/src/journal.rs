@@ -9,8 +9,8 @@
 //! ```
 //!
 //! 1. A build begins a journal beside its container, and writes a frame for each tile whose records have left the process.
-//! 2. Both are partials ([`crate::output::unfinished`]): gone when the data is wrong or a signal ends the build, left behind when
-//!    the process is killed, somebody stops the build ([`crate::stop`]), the machine stops, or fails the build: a full disk, a source
+//! 2. Both are partials ([`supervol_files::unfinished`]): gone when the data is wrong or a signal ends the build, left behind when
+//!    the process is killed, somebody stops the build ([`supervol_sources::stop`]), the machine stops, or fails the build: a full disk, a source
 //!    that cannot be read.
 //! 3. A build that would make the same bytes ([`identity`]) takes both over: frames are believed as far as their checksums
 //!    go, and records as far as the checksums in their entries do. All else is cut off and made anew.
@@ -19,10 +19,9 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use supervol_files::unfinished::{UnfinishedFile, Writer, is_name_of_build, list_builds};
 use supervol_format::container::toc::ENTRY_BYTES;
 use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
-
-use crate::output::unfinished::{UnfinishedFile, Writer, is_name_of_build, list_builds};
 
 const MAGIC: [u8; 8] = *b"SVJOURN1";
 /// Bytes of a journal's head before the container's name, the last two of which are the length of that.

@@ -12,22 +12,22 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
+use supervol_files::Existing;
 use supervol_format::Container;
 use supervol_format::canceller::Canceller;
 use supervol_format::container::header::MAGIC;
+use supervol_sources::grid::placed::{PlacedSource, Placing};
+use supervol_sources::input::folder::Listing;
+use supervol_sources::input::spool::SpoolFolder;
+use supervol_sources::open::{Found, OpenOptions, look_at, open, split_array};
+use supervol_sources::{SourceError, VolumeSource};
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::error::BuildError;
-use crate::output::Existing;
 use crate::pipeline::{BuildOptions, build};
 use crate::preview::Preview;
 use crate::provenance::identify_source_unless;
 use crate::report::Progress;
-use crate::source::folder::Listing;
-use crate::source::open::{Found, OpenOptions, look_at, open, split_array};
-use crate::source::placed::{PlacedSource, Placing};
-use crate::source::spool::SpoolFolder;
-use crate::source::{SourceError, VolumeSource};
 
 /// Most bytes of containers in a cache folder, unless somebody says otherwise.
 pub const CACHE_LIMIT_BYTES: u64 = 32 << 30;
@@ -226,7 +226,7 @@ impl Cache {
     /// Notes which files beside the one that was asked for a container was built from.
     fn list_files(&self, path: &Path, source: &Path, opened: &dyn VolumeSource) -> Result<(), BuildError> {
         let (asked, _) = split_array(source);
-        let files = opened.info().files.iter().map(crate::source::file::SourceFile::path);
+        let files = opened.info().files.iter().map(supervol_sources::input::file::SourceFile::path);
         let others: Vec<&Path> = files.filter(|file| !asked.is_dir() && *file != asked).collect();
         if others.is_empty() {
             return Ok(());
@@ -295,8 +295,9 @@ fn line_of(file: &Path) -> io::Result<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
 
     /// A NRRD file with its voxels beside it.
     fn source(folder: &Path, name: &str, voxel: u8) -> PathBuf {

@@ -6,9 +6,9 @@
 use std::collections::BTreeMap;
 
 use supervol_format::VoxelType;
+use supervol_sources::SourceInfo;
 
 use crate::lod_axes::Sample;
-use crate::source::SourceInfo;
 
 /// Fewest and most different values. Two are a mask, whose mean says how much of a voxel is in it.
 const VALUES: std::ops::RangeInclusive<usize> = 3..=256;
@@ -59,10 +59,11 @@ fn counts_of(samples: &[Sample]) -> Option<BTreeMap<i64, u64>> {
 
 #[cfg(test)]
 mod tests {
+    use supervol_sources::VolumeSource;
+    use supervol_sources::computed::Computed;
+
     use super::*;
     use crate::lod_axes::sample_boxes;
-    use crate::source::VolumeSource;
-    use crate::source::computed::Computed;
 
     fn are(voxel_type: VoxelType, value: fn([u64; 3]) -> f64) -> bool {
         let source = Computed::new([96, 96, 96], voxel_type, value);

@@ -1,8 +1,8 @@
 //! Offline half of Supervol: one volume file in, one `.svol` container out, in bounded memory.
 //!
-//! The data path, left to right: [`source`] (one reader per file format) -> [`bricker`] (tiles, bricks with apron) ->
+//! The data path, left to right: `supervol_sources` (one reader per file format) -> [`bricker`] (tiles, bricks with apron) ->
 //! [`downsample`] (coarser voxels) and [`error_bound`] (how far they are from the finer ones), kept in `next_level` where there is
-//! room -> encoding and ordered writing in [`pipeline`]. [`verify`] checks a container rule by rule; [`extract`] takes voxels out again.
+//! room -> encoding and ordered writing in [`pipeline`]. [`verify`] checks a container rule by rule.
 //!
 //! Nothing here touches a GPU. Memory is a number of bytes given by the caller ([`memory`]). The same input and options
 //! give the same bytes, whatever the number of threads.
@@ -14,32 +14,27 @@ pub mod compare;
 pub mod downsample;
 pub mod error;
 pub mod error_bound;
-pub mod extract;
-pub mod file_order;
 pub mod journal;
 pub mod kept;
 pub mod labels;
 pub mod level_reader;
 pub mod lod_axes;
 pub mod memory;
-pub mod mesh;
 pub mod naming;
 mod next_level;
 mod ordered;
-pub mod output;
 pub mod pipeline;
 pub mod preview;
 pub mod provenance;
 pub mod report;
 mod restore;
 mod slabs;
-pub mod source;
 pub mod statistics;
-pub mod stop;
 pub mod verify;
+
+pub use supervol_files::Existing;
 
 pub use bounded::MaxError;
 pub use error::BuildError;
-pub use output::Existing;
 pub use pipeline::{BuildOptions, build};
 pub use provenance::{identify, identify_source};

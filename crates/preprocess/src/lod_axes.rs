@@ -21,8 +21,7 @@
 use supervol_format::codec::quantize::Quantizer;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickLayout, Dims, VoxelBox, VoxelType};
-
-use crate::source::{SourceError, SourceInfo, VolumeSource};
+use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 
 /// How to choose the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -247,8 +246,9 @@ pub(crate) fn sample_boxes(source: &dyn VolumeSource) -> Result<Vec<Sample>, Sou
 
 #[cfg(test)]
 mod tests {
+    use supervol_sources::Survey;
+
     use super::*;
-    use crate::source::Survey;
 
     struct Field {
         info: SourceInfo,

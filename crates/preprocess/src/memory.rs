@@ -28,7 +28,7 @@ use crate::statistics::Statistics;
 /// pieces (measured: 24 to 36 MiB where little is planned).
 const PROGRAM_BYTES: u64 = 48 << 20;
 /// What helps where memory does not suffice.
-pub(crate) const ALLOW_MORE: &str = "Allow more with --memory";
+pub const ALLOW_MORE: &str = "Allow more with --memory";
 /// Stored bricks of scratch memory that one thread may need at once.
 const WORKSPACE_COPIES: u64 = 6;
 /// The same while wavelets are made: cut, as voxels, and two payloads.
@@ -43,7 +43,7 @@ const ENCODED_BRICK_BYTES: u64 = 256;
 ///
 /// # Errors
 /// If they do not fit, with what would do.
-pub(crate) fn left_for_data(
+pub fn left_for_data(
     memory_bytes: u64,
     needed: u64,
     what: impl FnOnce() -> String,

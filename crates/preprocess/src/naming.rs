@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use supervol_sources::open::split_array;
 use xxhash_rust::xxh3::xxh3_64;
 
 use crate::batch::results::Record;
-use crate::source::open::split_array;
 
 /// Endings that stand behind another ending.
 const COMPRESSIONS: [&str; 1] = ["gz"];

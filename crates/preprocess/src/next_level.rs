@@ -205,10 +205,10 @@ fn rows(part: VoxelBox, whole: VoxelBox) -> impl Iterator<Item = usize> {
 mod tests {
     use supervol_format::voxel_type::Absence;
     use supervol_format::{BrickLayout, Dims, Geometry, Pyramid, VoxelType};
+    use supervol_sources::AccessOrder;
 
     use super::*;
     use crate::bricker::tiles;
-    use crate::source::AccessOrder;
 
     /// Four levels, of which the first coarser one has these factors.
     fn descriptor(factors: [u32; 3]) -> Descriptor {

@@ -15,6 +15,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use rayon::prelude::*;
+use supervol_files::{Existing, OutputFile, check_distinct, check_free, folder_of};
 use supervol_format::brick::APRON;
 use supervol_format::canceller::Canceller;
 use supervol_format::codec::quantize::Quantizer;
@@ -29,6 +30,9 @@ use supervol_format::container::writer::{ContainerWriter, EncodedBrick};
 use supervol_format::level_reader::BrickStore;
 use supervol_format::voxel_type::Absence;
 use supervol_format::{BrickKey, BrickLayout, ByteSource, Level, Lod, Pyramid, ValueRange, VoxelBox};
+use supervol_sources::input::file::SourceFile;
+use supervol_sources::stop::{Stoppable, check};
+use supervol_sources::{AccessOrder, SourceError, VolumeSource};
 
 use crate::bounded::{MaxError, range_of};
 use crate::bricker::{Tile, cut_brick, key_of, tiles};
@@ -42,15 +46,11 @@ use crate::lod_axes::{self, LodAxes};
 use crate::memory::{MemoryPlan, Spares, tile_bytes};
 use crate::next_level::NextLevel;
 use crate::ordered::in_order;
-use crate::output::{Existing, OutputFile, check_distinct, check_free, folder_of};
 use crate::provenance::{ChecksumAlong, Chosen, bounded_notes, check_unchanged, manifest};
 use crate::report::{BuildReport, LevelReport, Progress};
 use crate::restore::{Begun, Plan, Restored};
 use crate::slabs::read_in_slabs;
-use crate::source::file::SourceFile;
-use crate::source::{AccessOrder, SourceError, VolumeSource};
 use crate::statistics::Statistics;
-use crate::stop::{Stoppable, check};
 
 /// Voxels of margin around a tile's core when it is read: the apron.
 const MARGIN: u64 = APRON as u64;

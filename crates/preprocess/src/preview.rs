@@ -8,17 +8,17 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use supervol_files::unfinished::UnfinishedFolder;
 use supervol_format::canceller::Canceller;
 use supervol_format::container::manifest::Source;
+use supervol_format::file_order::boxes;
 use supervol_format::{Container, Dims, VoxelBox};
+use supervol_sources::input::file::SourceFile;
+use supervol_sources::stop::check;
+use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 
 use crate::error::BuildError;
-use crate::file_order::boxes;
-use crate::output::unfinished::UnfinishedFolder;
 use crate::pipeline::{BuildOptions, build};
-use crate::source::file::SourceFile;
-use crate::source::{SourceError, SourceInfo, VolumeSource};
-use crate::stop::check;
 
 /// Most voxels of a preview: 4 Mi, drawn and built in a fraction of a second.
 const VOXELS_LIMIT: u64 = 1 << 22;
@@ -178,11 +178,12 @@ impl VolumeSource for Thinned {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::source::computed::Computed;
-    use crate::source::{AccessOrder, LineNumbers, Survey};
     use supervol_format::level_reader::LevelReader;
     use supervol_format::{Geometry, Lod, VoxelType};
+    use supervol_sources::computed::Computed;
+    use supervol_sources::{AccessOrder, LineNumbers, Survey};
+
+    use super::*;
 
     /// 512 x 320 x 260 voxels, each of which says where it is.
     fn volume(order: [usize; 3]) -> Computed {

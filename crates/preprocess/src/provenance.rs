@@ -10,6 +10,11 @@ use supervol_format::VoxelType;
 use supervol_format::canceller::Canceller;
 use supervol_format::container::header::Descriptor;
 use supervol_format::container::manifest::{AxisName, Json, Manifest, Source};
+use supervol_sources::input::file::SourceFile;
+use supervol_sources::input::selection::Selection;
+use supervol_sources::open::split_array;
+use supervol_sources::stop::check;
+use supervol_sources::{SourceError, SourceInfo, VolumeSource};
 
 use crate::bounded::MaxError;
 use crate::downsample::Reduce;
@@ -17,12 +22,7 @@ use crate::error::BuildError;
 use crate::lod_axes::Plan;
 use crate::pipeline::BuildOptions;
 use crate::report::LevelReport;
-use crate::source::file::SourceFile;
-use crate::source::open::split_array;
-use crate::source::selection::Selection;
-use crate::source::{SourceError, SourceInfo, VolumeSource};
 use crate::statistics::{self, Statistics, Values};
-use crate::stop::check;
 
 /// Longest name or unit, longest note, and most notes that the manifest keeps.
 const LABEL_CHARACTERS: usize = 256;

@@ -5,6 +5,8 @@ use std::io::{BufWriter, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
+use supervol_files::unfinished::{UnfinishedFile, sweep, sweep_builds};
+use supervol_files::{OutputFile, folder_of};
 use supervol_format::brick::APRON;
 use supervol_format::codec::{BrickShape, Codec};
 use supervol_format::container::checksum;
@@ -17,8 +19,6 @@ use supervol_format::{BrickKey, ByteSource, Lod};
 use crate::bricker::{Tile, key_of};
 use crate::error::BuildError;
 use crate::journal::{Frame, Journal, Unfinished};
-use crate::output::unfinished::{UnfinishedFile, sweep, sweep_builds};
-use crate::output::{OutputFile, folder_of};
 use crate::pipeline::{BuildOptions, WRITE_BUFFER_BYTES, tally};
 use crate::report::LevelReport;
 use crate::statistics::Statistics;

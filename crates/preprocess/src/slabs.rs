@@ -3,9 +3,9 @@
 //! The threads are their own: those that encode would wait for the disk while there are bricks to encode.
 
 use supervol_format::VoxelBox;
+use supervol_sources::VolumeSource;
 
 use crate::error::BuildError;
-use crate::source::VolumeSource;
 
 /// Fills `bytes` with the voxels of a box, as [`VolumeSource::read_box`] does.
 ///
@@ -41,9 +41,10 @@ pub(crate) fn read_in_slabs(
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::source::computed::Computed;
     use supervol_format::VoxelType;
+    use supervol_sources::computed::Computed;
+
+    use super::*;
 
     #[test]
     fn slabs_are_what_is_read_at_once() {

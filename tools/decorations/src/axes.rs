@@ -5,10 +5,10 @@
 
 use glam::DVec3;
 use supervol_format::Container;
-use supervol_preprocess::source::Survey;
-use supervol_runtime::camera::{Camera, Projection};
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::preset::domain_corners;
+use supervol_scene::camera::{Camera, Projection};
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::preset::domain_corners;
+use supervol_sources::Survey;
 
 use crate::canvas::{Anchor, Canvas, Layer};
 use crate::short;

@@ -11,7 +11,7 @@ use embedded_graphics::pixelcolor::BinaryColor;
 use embedded_graphics::prelude::{Drawable, Primitive};
 use embedded_graphics::primitives::{Line, PointsIter, PrimitiveStyle, Rectangle};
 use embedded_graphics::text::{Alignment, Baseline, Text, TextStyleBuilder};
-use supervol_runtime::image::Image;
+use supervol_scene::image::Image;
 
 /// Pixels of a letter, across and high.
 pub const LETTER: [i32; 2] = [6, 10];

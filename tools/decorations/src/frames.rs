@@ -8,12 +8,11 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
+use supervol_files::{Existing, OutputError, OutputFile, check_distinct};
 use supervol_format::Container;
-use supervol_preprocess::output::{OutputFile, check_distinct};
-use supervol_preprocess::{BuildError, Existing};
-use supervol_runtime::frame::RenderOptions;
-use supervol_runtime::image::ImageFormat;
-use supervol_runtime::scene::{CameraSpec, Scene};
+use supervol_runtime::render::options::RenderOptions;
+use supervol_scene::image::ImageFormat;
+use supervol_scene::scene::{CameraSpec, Scene};
 
 /// Name of the file that says what the pictures of a folder show.
 pub const PLAN: &str = "sequence.json";
@@ -31,7 +30,7 @@ pub enum FramesError {
     #[error("{folder} holds pictures of something else, as its {PLAN} says. Choose another folder, or {advice}")]
     SomethingElse { folder: String, advice: &'static str },
     #[error(transparent)]
-    Output(#[from] BuildError),
+    Output(#[from] OutputError),
 }
 
 /// Pictures by some cameras.
@@ -107,7 +106,7 @@ impl Frames<'_> {
         }
         let output = OutputFile::begin(&plan, Existing::Replace)?;
         let written = output.file().write_all(text.as_bytes());
-        written.map_err(|source| BuildError::Write { path: plan, source })?;
+        written.map_err(|source| OutputError::write(&plan, source))?;
         output.publish()?;
         Ok(false)
     }

@@ -12,12 +12,12 @@ pub mod frames;
 
 use glam::DVec3;
 use supervol_format::Container;
-use supervol_preprocess::source::Survey;
-use supervol_runtime::camera::{Camera, Projection};
-use supervol_runtime::facts::{Frame, VolumeFacts};
-use supervol_runtime::image::Image;
-use supervol_runtime::scene::{Mode, ResolvedScene};
-use supervol_runtime::units::Units;
+use supervol_scene::camera::{Camera, Projection};
+use supervol_scene::facts::{Frame, VolumeFacts};
+use supervol_scene::image::Image;
+use supervol_scene::scene::{Mode, ResolvedScene};
+use supervol_scene::units::Units;
+use supervol_sources::Survey;
 
 use self::canvas::{Anchor, Canvas, Layer};
 

@@ -41,7 +41,7 @@ fn or_end(block: *mut u8, bytes: usize) -> *mut u8 {
 /// Takes little memory itself: what was refused is nearly always a large buffer.
 #[cold]
 fn end(bytes: usize) -> ! {
-    let _none_begins = supervol_preprocess::output::unfinished::remove_all();
+    let _none_begins = supervol_files::unfinished::remove_all();
     // On the stack: nothing is to be allocated for it.
     let mut sentence = std::io::Cursor::new([0; SENTENCE_BYTES]);
     let _ = writeln!(

@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
+use supervol_files::OutputError;
 use supervol_format::readable::counted;
 use supervol_preprocess::batch::inputs::{Headerless, INPUTS_LIMIT, Inputs, of_folder, of_list};
 use supervol_preprocess::batch::results::{FILE_NAME, Record, Results, Status};
@@ -49,7 +50,7 @@ pub fn run(batch: &Path, output: &OutputArguments, source: &SourceArguments) -> 
         return Err(Failure::Command(message));
     }
     let made = std::fs::create_dir_all(folder);
-    made.map_err(|source| BuildError::Write { path: folder.into(), source })?;
+    made.map_err(|source| BuildError::write(folder, source))?;
     let mut results = Results::open(folder)?;
     let reading = source.reading(output.memory_bytes())?;
     let options = describe_options(&output.build_options(), &reading);
@@ -130,7 +131,7 @@ impl Batch<'_> {
             }
             Ok(Standing::New) => self.output.existing(),
             Ok(Standing::Interrupted) => Existing::Replace,
-            Err(BuildError::Exists { .. } | BuildError::Outdated { .. })
+            Err(BuildError::Output(OutputError::Exists { .. }) | BuildError::Outdated { .. })
                 if self.output.existing() == Existing::Replace =>
             {
                 Existing::Replace

@@ -6,19 +6,18 @@ use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use supervol_chart::leaping;
-use supervol_chart::ledger::{self, Ledger};
-use supervol_chart::paths::{self, CameraPath};
-use supervol_chart::peers::cases::{Looks, Subject};
-use supervol_chart::peers::{self, Options, PeerOptions, Run, SameSampling, Sizes, report, vtk};
-use supervol_chart::virtual_volume::Field;
-use supervol_chart::{ChartError, Context, Scale, random_scenes};
+use supervol_files::unfinished::UnfinishedFolder;
 use supervol_format::Container;
+use supervol_measure::ledger::Ledger;
+use supervol_measure::paths::CameraPath;
+use supervol_measure::peers::cases::{Looks, Subject};
+use supervol_measure::peers::{Options, PeerOptions, Run, SameSampling, Sizes, report, vtk};
+use supervol_measure::virtual_volume::Field;
+use supervol_measure::{ChartError, Context, Scale, leaping, ledger, paths, peers, random_scenes};
 use supervol_preprocess::kept::{Reading, is_container};
-use supervol_preprocess::output::unfinished::UnfinishedFolder;
 use supervol_preprocess::{BuildOptions, Existing};
-use supervol_runtime::frame::Backend;
 use supervol_runtime::lod::by_error::ANY_ERROR;
+use supervol_runtime::render::options::Backend;
 
 use crate::build::{SourceArguments, open, refuse_for_container, refuse_without_file};
 use crate::demo::CARP;

@@ -5,6 +5,7 @@ use std::num::NonZero;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use supervol_files::{check_distinct, folder_of};
 use supervol_format::codec::{Codec, CodecChoice};
 use supervol_format::container::manifest::Source;
 use supervol_format::readable::counted;
@@ -13,16 +14,15 @@ use supervol_preprocess::downsample::Reduce;
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::lod_axes::LodAxes;
 use supervol_preprocess::naming::container_beside;
-use supervol_preprocess::output::{check_distinct, folder_of};
 use supervol_preprocess::report::BuildReport;
-use supervol_preprocess::source::VolumeSource;
-use supervol_preprocess::source::nrrd::Outside;
-use supervol_preprocess::source::open::{OpenOptions, split_array};
-use supervol_preprocess::source::placed::{Domain, Placing};
-use supervol_preprocess::source::raw::RawOptions;
-use supervol_preprocess::source::segy::{Offsets, SegyOptions};
-use supervol_preprocess::source::selection::Selection;
 use supervol_preprocess::{BuildError, BuildOptions, Existing, MaxError};
+use supervol_sources::VolumeSource;
+use supervol_sources::formats::nrrd::Outside;
+use supervol_sources::formats::raw::RawOptions;
+use supervol_sources::formats::segy::{Offsets, SegyOptions};
+use supervol_sources::grid::placed::{Domain, Placing};
+use supervol_sources::input::selection::Selection;
+use supervol_sources::open::{OpenOptions, split_array};
 
 use crate::failure::{Failure, with_output};
 use crate::input::{Input, is_piped};
@@ -377,7 +377,7 @@ impl SourceArguments {
 
     /// How a volume file is read, within so many bytes.
     pub fn reading(&self, memory_bytes: u64) -> Result<Reading, Failure> {
-        use supervol_preprocess::source::Endian;
+        use supervol_sources::Endian;
         let raw = match (self.raw.dims, self.raw.dtype) {
             (Some(dims), Some(dtype)) => Some(RawOptions {
                 dims,

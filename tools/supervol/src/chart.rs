@@ -4,12 +4,14 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use supervol_chart::record::{self, RegimeRecord};
-use supervol_chart::report::{Circumstances, Extent, Report, chart_page, stability_page};
-use supervol_chart::scenes::{self, SceneSpec};
-use supervol_chart::stability::{self, Regime};
-use supervol_chart::{Context, Scale, chart, convergence, leaping, points, reading, storage};
-use supervol_preprocess::output::unfinished::UnfinishedFolder;
+use supervol_files::unfinished::UnfinishedFolder;
+use supervol_measure::record::RegimeRecord;
+use supervol_measure::report::{Circumstances, Extent, Report, chart_page, stability_page};
+use supervol_measure::scenes::SceneSpec;
+use supervol_measure::stability::Regime;
+use supervol_measure::{
+    Context, Scale, chart, convergence, leaping, points, reading, record, scenes, stability, storage,
+};
 
 use crate::failure::{Failure, with_output};
 use crate::output::{Force, ReportFolder};

@@ -37,7 +37,7 @@ pub fn run<C: CommandFactory>(arguments: &Arguments) -> Result<(), Failure> {
 
 /// Writes the JSON Schema of scene files to standard output.
 pub fn run_schema() -> Result<(), Failure> {
-    let schema = supervol_runtime::scene::Scene::schema();
+    let schema = supervol_scene::scene::Scene::schema();
     writeln!(crate::terminal::stdout(), "{schema:#}").map_err(with_output)
 }
 

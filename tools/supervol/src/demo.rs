@@ -6,17 +6,17 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args;
+use supervol_files::OutputFile;
 use supervol_format::container::manifest::Source;
 use supervol_format::{Container, Dims};
-use supervol_preprocess::output::OutputFile;
-use supervol_preprocess::source::VolumeSource;
-use supervol_preprocess::source::nifti::NiftiSource;
-use supervol_preprocess::source::spool::SpoolFolder;
-use supervol_preprocess::source::synthetic::Synthetic;
 use supervol_preprocess::{BuildError, BuildOptions, Existing};
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::frame::{Backend, RenderOptions};
-use supervol_runtime::scene::Scene;
+use supervol_runtime::render::options::{Backend, RenderOptions};
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::scene::Scene;
+use supervol_sources::VolumeSource;
+use supervol_sources::formats::nifti::NiftiSource;
+use supervol_sources::input::spool::SpoolFolder;
+use supervol_sources::synthetic::Synthetic;
 
 use crate::failure::{Failure, with_container, with_output};
 use crate::output::{Force, PictureFile};

@@ -4,10 +4,10 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use supervol_export::extract::{Extraction, extract};
+use supervol_files::check_distinct;
 use supervol_format::{Container, Lod, VoxelBox};
 use supervol_preprocess::Existing;
-use supervol_preprocess::extract::{Extraction, extract};
-use supervol_preprocess::output::check_distinct;
 
 use crate::failure::{Failure, with_container, with_output};
 use crate::quantity::{self, WrittenBox};

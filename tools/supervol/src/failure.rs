@@ -4,8 +4,9 @@ use std::fmt::Display;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
-use supervol_chart::ChartError;
+use supervol_files::OutputError;
 use supervol_format::container::ContainerError;
+use supervol_measure::ChartError;
 use supervol_preprocess::BuildError;
 
 use crate::terminal;
@@ -87,10 +88,17 @@ impl From<BuildError> for Failure {
     }
 }
 
+impl From<OutputError> for Failure {
+    fn from(error: OutputError) -> Self {
+        BuildError::from(error).into()
+    }
+}
+
 impl From<ChartError> for Failure {
     fn from(error: ChartError) -> Self {
         match error {
             ChartError::Build(error) => error.into(),
+            ChartError::Output(error) => error.into(),
             ChartError::Source(error) => BuildError::from(error).into(),
             ChartError::Command(message) => Self::Command(message),
             ChartError::Container(error) if !matches!(error, ContainerError::Io { .. }) => {

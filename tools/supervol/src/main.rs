@@ -37,7 +37,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::{Parser, Subcommand};
-use supervol_preprocess::output::unfinished::wait_for_end;
+use supervol_files::unfinished::wait_for_end;
 
 /// Turns volumes larger than the hardware into one bricked, multiresolution container, and renders them out of core.
 #[derive(Debug, Parser)]

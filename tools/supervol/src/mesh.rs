@@ -4,10 +4,10 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use supervol_export::mesh::{MeshOptions, MeshReport, mesh};
+use supervol_files::check_distinct;
 use supervol_format::Container;
 use supervol_preprocess::Existing;
-use supervol_preprocess::mesh::{MeshOptions, MeshReport, mesh};
-use supervol_preprocess::output::check_distinct;
 
 use crate::extract::Region;
 use crate::failure::{Failure, with_container, with_output};

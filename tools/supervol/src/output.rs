@@ -1,4 +1,4 @@
-//! What commands write, by the one rule of [`supervol_preprocess::output`]: pictures, statistics, and folders of reports.
+//! What commands write, by the one rule of [`supervol_files`]: pictures, statistics, and folders of reports.
 //!
 //! An output is begun before anything is computed, so that one that cannot be written costs no time.
 
@@ -6,11 +6,11 @@ use std::io::{self, Cursor, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use supervol_preprocess::output::kind::FileKind;
-use supervol_preprocess::output::unfinished::UnfinishedFolder;
-use supervol_preprocess::output::{OutputFile, check_distinct};
+use supervol_files::kind::FileKind;
+use supervol_files::unfinished::UnfinishedFolder;
+use supervol_files::{OutputError, OutputFile, check_distinct};
 use supervol_preprocess::{BuildError, Existing};
-use supervol_runtime::image::{EncodeError, Image, ImageFormat};
+use supervol_scene::image::{EncodeError, Image, ImageFormat};
 
 use crate::failure::{Failure, with_output};
 use crate::terminal;
@@ -96,7 +96,7 @@ impl PictureFile {
         };
         encoded.map_err(|error| match error {
             EncodeError::Io(source) if self.file.is_none() => with_output(source),
-            EncodeError::Io(source) => BuildError::Write { path: self.path, source }.into(),
+            EncodeError::Io(source) => BuildError::write(&self.path, source).into(),
             EncodeError::Encode(message) => Failure::Command(format!("{}: {message}", self.path.display())),
         })?;
         Ok(self.file.map_or(Ok(()), |file| file.publish().map(drop))?)
@@ -124,7 +124,7 @@ impl TextFile {
     /// Writes the text.
     pub fn write(self, text: &str) -> Result<(), Failure> {
         let written = self.file.file().write_all(text.as_bytes());
-        written.map_err(|source| BuildError::Write { path: self.path, source })?;
+        written.map_err(|source| BuildError::write(&self.path, source))?;
         Ok(self.file.publish().map(drop)?)
     }
 }
@@ -185,7 +185,7 @@ impl<'a> ReportFolder<'a> {
         };
         let Err(refused) = reports.iter().try_for_each(check) else { return write_into(self.folder, reports) };
         let aside = tempfile::Builder::new().prefix("reports-").tempdir_in(self.folder);
-        let aside = aside.map_err(|source| BuildError::Write { path: self.folder.into(), source })?.keep();
+        let aside = aside.map_err(|source| BuildError::write(self.folder, source))?.keep();
         write_into(&aside, reports)?;
         Err(Failure::Command(format!("{refused}. The reports are in {}", aside.display())))
     }
@@ -211,12 +211,12 @@ impl<'a> ReportFolder<'a> {
         if self.force.or(Existing::Keep) == Existing::Replace || !path.is_file() {
             return Ok(());
         }
-        let found = FileKind::of(path).map_err(|source| BuildError::Write { path: path.into(), source })?;
+        let found = FileKind::of(path).map_err(|source| BuildError::write(path, source))?;
         let expected = FileKind::of_bytes(bytes);
         if found == expected || found == FileKind::Empty {
             return Ok(());
         }
-        Err(BuildError::OtherKind { path: path.into(), expected, found })
+        Err(OutputError::OtherKind { path: path.into(), expected, found }.into())
     }
 }
 
@@ -225,7 +225,7 @@ fn write_into(folder: &Path, reports: &[(String, Vec<u8>)]) -> Result<(), Failur
         let path = folder.join(name);
         let file = OutputFile::begin(&path, Existing::Replace)?;
         let written = file.file().write_all(bytes);
-        written.map_err(|source| BuildError::Write { path, source })?;
+        written.map_err(|source| BuildError::write(&path, source))?;
         file.publish()?;
     }
     Ok(())

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use supervol_format::Container;
 use supervol_format::readable::counted;
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::frame::RenderOptions;
-use supervol_runtime::image::Image;
-use supervol_runtime::renderer::render;
-use supervol_runtime::scene::Scene;
+use supervol_runtime::render::options::RenderOptions;
+use supervol_runtime::render::renderer::render;
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::image::Image;
+use supervol_scene::scene::Scene;
 
 use crate::failure::Failure;
 use crate::output::PictureFile;

@@ -6,11 +6,11 @@ use std::sync::Arc;
 use serde_json::{Map, Value, json};
 use supervol_format::Container;
 use supervol_format::readable::Number;
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::frame::RenderOptions;
-use supervol_runtime::renderer::{Picked, PickedOn, Renderer};
-use supervol_runtime::scene::Scene;
-use supervol_runtime::volume::Volume;
+use supervol_runtime::render::options::RenderOptions;
+use supervol_runtime::render::renderer::{Picked, PickedOn, Renderer};
+use supervol_runtime::render::volume::Volume;
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::scene::Scene;
 
 use crate::failure::{Failure, with_output};
 use crate::look::places;

@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use supervol_preprocess::report::Progress;
-use supervol_runtime::frame::OnProgress;
-use supervol_runtime::scene::Scene;
+use supervol_runtime::render::options::OnProgress;
+use supervol_scene::scene::Scene;
 
 use crate::quantity::show_bytes;
 
@@ -135,12 +135,12 @@ impl RayBar {
         Some((end, thread))
     }
 
-    /// For [`RenderOptions::rays_finished`](supervol_runtime::frame::RenderOptions).
+    /// For [`RenderOptions::rays_finished`](supervol_runtime::render::options::RenderOptions).
     pub fn finished(&self) -> Arc<AtomicU64> {
         self.finished.clone()
     }
 
-    /// For [`RenderOptions::progress`](supervol_runtime::frame::RenderOptions).
+    /// For [`RenderOptions::progress`](supervol_runtime::render::options::RenderOptions).
     pub fn on_progress(&self) -> OnProgress {
         let (bar, of_rows, rays) = (self.bar.clone(), self.of_rows.clone(), self.rays);
         Arc::new(move |progress| {

@@ -4,12 +4,12 @@ use std::num::NonZero;
 use std::str::FromStr;
 
 use supervol_format::{Dims, VoxelBox, VoxelType};
-use supervol_preprocess::source::Endian;
-use supervol_preprocess::source::placed::TIMES;
-use supervol_preprocess::source::segy::Offsets;
-use supervol_runtime::image::GREY_LEVELS;
+use supervol_runtime::engines::packets::MAX_ERROR_LIMITS;
 use supervol_runtime::lod::by_error::ANY_ERROR;
-use supervol_runtime::raycast::cpu::MAX_ERROR_LIMITS;
+use supervol_scene::image::GREY_LEVELS;
+use supervol_sources::Endian;
+use supervol_sources::formats::segy::Offsets;
+use supervol_sources::grid::placed::TIMES;
 
 use crate::failure::Failure;
 

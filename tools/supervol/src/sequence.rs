@@ -8,13 +8,13 @@ use std::time::Instant;
 
 use serde_json::Value;
 use supervol_decorations::frames::{Frames, FramesError, Others};
+use supervol_files::check_distinct;
 use supervol_format::readable::counted;
-use supervol_preprocess::output::check_distinct;
-use supervol_runtime::frame::RenderOptions;
-use supervol_runtime::image::ImageFormat;
-use supervol_runtime::renderer::Renderer;
-use supervol_runtime::scene::CameraSpec;
-use supervol_runtime::volume::Volume;
+use supervol_runtime::render::options::RenderOptions;
+use supervol_runtime::render::renderer::Renderer;
+use supervol_runtime::render::volume::Volume;
+use supervol_scene::image::ImageFormat;
+use supervol_scene::scene::CameraSpec;
 
 use crate::failure::{Failure, with_output};
 use crate::output::{Force, PictureFile};

@@ -1,7 +1,7 @@
 //! Ctrl-C, SIGTERM and SIGHUP: the program removes what it has not finished, and ends with exit code 128 + signal.
 //!
 //! A thread of its own waits for them, so that no loop of the program need ask. What is half written is known by name
-//! ([`supervol_preprocess::output::unfinished`]); programs that were started are ended; everything else that is temporary has no name and goes with the process.
+//! ([`supervol_files::unfinished`]); programs that were started are ended; everything else that is temporary has no name and goes with the process.
 
 use crate::failure::Failure;
 
@@ -15,7 +15,7 @@ pub fn watch() -> Result<(), Failure> {
     let wait = move || {
         if let Some(signal) = signals.forever().next() {
             let _none_begins =
-                (supervol_chart::peers::environment::end_all(), supervol_preprocess::output::unfinished::remove_all());
+                (supervol_measure::peers::environment::end_all(), supervol_files::unfinished::remove_all());
             // At once: other threads are at work, and what they use must not be taken apart under them.
             signal_hook::low_level::exit(128 + signal);
         }

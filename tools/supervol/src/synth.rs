@@ -4,13 +4,13 @@ use std::io::Write;
 use std::path::Path;
 
 use clap::Args;
+use supervol_files::OutputFile;
 use supervol_format::container::manifest::Source;
+use supervol_format::file_order::boxes;
 use supervol_format::{Dims, VoxelBox};
 use supervol_preprocess::BuildError;
-use supervol_preprocess::file_order::boxes;
-use supervol_preprocess::output::OutputFile;
-use supervol_preprocess::source::VolumeSource;
-use supervol_preprocess::source::synthetic::{NAMES, Synthetic};
+use supervol_sources::VolumeSource;
+use supervol_sources::synthetic::{NAMES, Synthetic};
 
 use crate::build::OutputArguments;
 use crate::failure::Failure;
@@ -55,7 +55,7 @@ const BATCH_BYTES: [u64; 2] = [64 << 10, 64 << 20];
 /// Makes as many boxes at a time as there are threads, and writes them under a temporary name that the finished file loses.
 fn write_raw(arguments: &Arguments, output: &Path, source: &dyn VolumeSource) -> Result<(), Failure> {
     use rayon::prelude::*;
-    let write_error = |e| Failure::from(BuildError::Write { path: output.into(), source: e });
+    let write_error = |e| Failure::from(BuildError::write(output, e));
     let unfinished = OutputFile::begin(output, arguments.output.existing())?;
     let info = source.info();
     let voxel_bytes = info.voxel_type.bytes() as u64;

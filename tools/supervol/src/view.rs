@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use supervol_preprocess::BuildOptions;
 use supervol_preprocess::kept::is_container;
-use supervol_runtime::frame::Backend;
+use supervol_runtime::render::options::Backend;
 use supervol_viewer::folders::Folders;
 use supervol_viewer::worker::Settings;
 use supervol_viewer::{Launch, ViewerError};

@@ -12,7 +12,7 @@ use eframe::egui::accesskit::Role;
 use egui_kittest::kittest::{NodeT, Queryable};
 use egui_kittest::{Harness, Node};
 use supervol_preprocess::kept::Reading;
-use supervol_runtime::scene::Scene;
+use supervol_scene::scene::Scene;
 use supervol_viewer::Launch;
 use supervol_viewer::folders::Folders;
 use supervol_viewer::remembered::{Remembered, Theme};

@@ -11,11 +11,11 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use supervol_preprocess::kept::Reading;
-use supervol_runtime::frame::Backend;
-use supervol_runtime::preset::section::{face_on, plane_across};
-use supervol_runtime::process::cpu_time;
-use supervol_runtime::scene::Scene;
-use supervol_runtime::slices::{Interpolation, SliceSpec};
+use supervol_runtime::render::options::Backend;
+use supervol_runtime::render::process::cpu_time;
+use supervol_scene::preset::section::{face_on, plane_across};
+use supervol_scene::scene::Scene;
+use supervol_scene::slices::{Interpolation, SliceSpec};
 use supervol_viewer::folders::Folders;
 use supervol_viewer::worker::{Beside, Frame, Message, News, Open, Opened, Settings, View, Worker};
 use supervol_viewer::{edit, navigate};

@@ -1,7 +1,7 @@
 //! What a key does: the one list that keys are read from and that the window of keys shows.
 
 use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
-use supervol_runtime::preset::view::Direction;
+use supervol_scene::preset::view::Direction;
 
 /// Something that a key, a button or both do.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,18 +2,16 @@
 //! their middle and their size. World space; each result is the `clip` and the `slices` of a scene.
 
 use glam::DVec3;
-use supervol_runtime::camera::unit_vector;
-use supervol_runtime::clip::solids::{Keep, SOLID_LIMIT};
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::preset::{domain, domain_corners};
-use supervol_runtime::scene::{
+use supervol_scene::camera::unit_vector;
+use supervol_scene::clip::solids::{Keep, SOLID_LIMIT};
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::preset::{domain, domain_corners};
+use supervol_scene::scene::{
     BoxSpec, CameraSpec, ClipSpec, CylinderSpec, PLANE_LIMIT, PlaneSpec, Scene, SolidSpec, SphereSpec,
 };
-use supervol_runtime::slices::SliceSpec;
+use supervol_scene::slices::SliceSpec;
 
-use crate::edit;
-use crate::navigate;
-use crate::planes;
+use crate::{edit, navigate, planes};
 
 /// Length of the arrow by which a plane is turned, and first radius of a solid, in diagonals of the volume.
 const ARROW: f64 = 0.15;
@@ -286,7 +284,7 @@ fn resize(solid: &mut SolidSpec, by: f64, least: f64) {
 #[cfg(test)]
 mod tests {
     use supervol_format::{Dims, Geometry, ValueRange};
-    use supervol_runtime::scene::Mode;
+    use supervol_scene::scene::Mode;
 
     use super::*;
 

@@ -1,11 +1,11 @@
 //! What the panels do to a scene: each edit is one that a person could write into the scene file.
 
 use glam::DVec3;
-use supervol_runtime::facts::{DataKind, VolumeFacts};
-use supervol_runtime::preset::section::Slice;
-use supervol_runtime::preset::view::{Direction, View};
-use supervol_runtime::preset::{colormap, domain, domain_corners, looks, ramps};
-use supervol_runtime::scene::{CameraSpec, Mode, PointSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec};
+use supervol_scene::facts::{DataKind, VolumeFacts};
+use supervol_scene::preset::section::Slice;
+use supervol_scene::preset::view::{Direction, View};
+use supervol_scene::preset::{colormap, domain, domain_corners, looks, ramps};
+use supervol_scene::scene::{CameraSpec, Mode, PointSpec, PointsSpec, Scene, ShadingSpec, TransferFunctionSpec};
 
 use crate::navigate::Stage;
 use crate::worker::Opened;
@@ -52,7 +52,7 @@ pub fn points_mut(scene: &mut Scene) -> Option<&mut PointsSpec> {
 /// Writes the points of a named preset out, so that they can be edited.
 pub fn write_out(scene: &mut Scene, facts: &VolumeFacts) {
     if let Some(TransferFunctionSpec::Preset(name)) = &scene.transfer_function
-        && let Ok(function) = supervol_runtime::preset::transfer_function(name, facts)
+        && let Ok(function) = supervol_scene::preset::transfer_function(name, facts)
     {
         let spec = PointsSpec::of(function.points(), function.unit_distance());
         scene.transfer_function = Some(TransferFunctionSpec::Points(spec));

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use supervol_runtime::scene::Scene;
+use supervol_scene::scene::Scene;
 
 /// Most edits that can be undone.
 const LIMIT: usize = 200;
@@ -77,7 +77,7 @@ impl History {
 
 #[cfg(test)]
 mod tests {
-    use supervol_runtime::scene::Mode;
+    use supervol_scene::scene::Mode;
 
     use super::*;
 

@@ -1,7 +1,7 @@
 //! The desktop application behind `supervol view`: a volume is turned, cut, coloured and exported by hand.
 //!
 //! It owns no algorithm. What it shows is a [`Scene`] that it edits, drawn by the runtime's
-//! [`Renderer`](supervol_runtime::renderer::Renderer); a scene file and `supervol render` can do all that it can do.
+//! [`Renderer`](supervol_runtime::render::renderer::Renderer); a scene file and `supervol render` can do all that it can do.
 //!
 //! ```text
 //! mouse, keys, panels --> scene --> worker: Renderer --> picture, statistics --> window
@@ -36,7 +36,7 @@ use std::path::PathBuf;
 use eframe::egui;
 use eframe::egui_wgpu::{WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
 use supervol_preprocess::kept::Reading;
-use supervol_runtime::scene::Scene;
+use supervol_scene::scene::Scene;
 
 use crate::folders::Folders;
 use crate::remembered::Remembered;

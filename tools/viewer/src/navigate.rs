@@ -4,7 +4,7 @@
 //! Orbits keep the horizon: the camera turns about the volume's up direction and lifts between straight above and straight below.
 
 use glam::{DQuat, DVec3};
-use supervol_runtime::scene::CameraSpec;
+use supervol_scene::scene::CameraSpec;
 
 /// Vertical angle of view of a camera that becomes perspective, degrees.
 const FOV_Y: f64 = 30.0;
@@ -165,7 +165,7 @@ fn moved(camera: &CameraSpec, by: DVec3) -> CameraSpec {
 
 #[cfg(test)]
 mod tests {
-    use supervol_runtime::camera::{Camera, Projection};
+    use supervol_scene::camera::{Camera, Projection};
 
     use super::*;
 

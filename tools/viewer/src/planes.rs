@@ -4,12 +4,12 @@
 
 use glam::DVec3;
 use supervol_format::Geometry;
-use supervol_runtime::camera::unit_vector;
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::preset::section::plane_across;
-use supervol_runtime::preset::{colormap, domain_corners, ramps};
-use supervol_runtime::scene::{Mode, PointSpec, PointsSpec, Scene};
-use supervol_runtime::slices::{ColorSpec, Interpolation, SLICE_LIMIT, SliceSpec};
+use supervol_scene::camera::unit_vector;
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::preset::section::plane_across;
+use supervol_scene::preset::{colormap, domain_corners, ramps};
+use supervol_scene::scene::{Mode, PointSpec, PointsSpec, Scene};
+use supervol_scene::slices::{ColorSpec, Interpolation, SLICE_LIMIT, SliceSpec};
 
 use crate::worker::Opened;
 
@@ -165,7 +165,7 @@ pub fn carry(scene: &mut Scene, from: &Geometry, to: &Geometry) {
 #[cfg(test)]
 mod tests {
     use supervol_format::{Dims, ValueRange};
-    use supervol_runtime::scene::PlaneSpec;
+    use supervol_scene::scene::PlaneSpec;
 
     use super::*;
 

@@ -1,6 +1,6 @@
 //! From a preview to the volume itself: what somebody has changed meanwhile is kept.
 
-use supervol_runtime::scene::{ImageSpec, Scene};
+use supervol_scene::scene::{ImageSpec, Scene};
 
 use crate::worker::Opened;
 

@@ -7,16 +7,15 @@
 use eframe::egui::TextureHandle;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::preset::section::{face_on, plane_across};
-use supervol_runtime::renderer::Picked;
-use supervol_runtime::scene::{CameraSpec, ImageSpec, Scene};
-use supervol_runtime::slices::{Interpolation, SliceSpec};
-use supervol_runtime::stats::FrameStats;
+use supervol_runtime::render::renderer::Picked;
+use supervol_runtime::render::stats::FrameStats;
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::preset::section::{face_on, plane_across};
+use supervol_scene::scene::{CameraSpec, ImageSpec, Scene};
+use supervol_scene::slices::{Interpolation, SliceSpec};
 
-use crate::navigate;
-use crate::planes;
 use crate::worker::{Opened, PANELS, Probe, Probed};
+use crate::{navigate, planes};
 
 /// Greatest distance between the place of a slice in the picture and the cursor that it moves with, voxels.
 const SAME_PLACE: f64 = 1e-6;

@@ -9,27 +9,23 @@ use std::time::Instant;
 
 use eframe::egui::{self, ColorImage, TextureHandle, TextureOptions};
 use supervol_preprocess::kept::Reading;
-use supervol_runtime::scene::{Mode, Scene};
-use supervol_runtime::stats::FrameStats;
+use supervol_runtime::render::stats::FrameStats;
+use supervol_scene::scene::{Mode, Scene};
 
-use crate::Launch;
 use crate::command::{self, Command};
-use crate::edit;
 use crate::folders::Folders;
 use crate::history::History;
-use crate::navigate;
 use crate::panels::animate::Keys;
 use crate::panels::status::Room;
 use crate::panels::transfer::{self, Transfer};
 use crate::panels::{self, Dialogs, Looks};
-use crate::planes;
-use crate::preview;
 use crate::remembered::{Remembered, Theme};
 use crate::sections::{Layout, Sections, Shown};
 use crate::worker::{
     Beside, Busy, Export, Frame, LookedAhead, Mark, Message, Open, Opened, PANELS, Probed, Settings, View, Worker,
     refused_of_preview,
 };
+use crate::{Launch, edit, navigate, planes, preview};
 
 /// Degrees of one step of turning, share of the picture's height of one of moving, factor of one nearer, share of the way to the
 /// target of one of flying: by keys.

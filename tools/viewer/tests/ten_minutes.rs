@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use eframe::egui::{Key, Modifiers, PointerButton, Vec2};
 use supervol_format::Container;
 use supervol_format::random::Random;
-use supervol_runtime::scene::Scene;
+use supervol_scene::scene::Scene;
 use supervol_tests::counting::{self, Counting};
 use supervol_viewer::worker::Settings;
 

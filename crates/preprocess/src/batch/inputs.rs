@@ -9,11 +9,12 @@ use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
+use supervol_sources::SourceError;
+use supervol_sources::formats::bigdataviewer::data_of;
+use supervol_sources::input::folder::natural;
+use supervol_sources::open::{Found, is_chunked, look_at};
+
 use crate::error::BuildError;
-use crate::source::SourceError;
-use crate::source::folder::natural;
-use crate::source::open::{Found, is_chunked, look_at};
-use crate::source::viewer_xml::data_of;
 
 /// Folders inside folders that are searched.
 const DEPTH_LIMIT: usize = 64;

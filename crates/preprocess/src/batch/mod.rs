@@ -11,16 +11,17 @@ pub mod results;
 
 use std::path::{Path, PathBuf};
 
+use supervol_files::OutputError;
 use supervol_format::Container;
 use supervol_format::canceller::Canceller;
+use supervol_sources::open::split_array;
+use supervol_sources::{SourceError, VolumeSource};
 use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 
 use crate::error::BuildError;
 use crate::kept::Reading;
 use crate::pipeline::BuildOptions;
 use crate::provenance::take_file;
-use crate::source::open::split_array;
-use crate::source::{SourceError, VolumeSource};
 use results::{Record, Status};
 
 /// What there is of an input already.
@@ -96,7 +97,7 @@ pub fn standing(input: &Path, output: &Path, record: Option<&Record>, options: &
         return Ok(Standing::New);
     }
     let kept = |what: String| Err(BuildError::Outdated { path: output.into(), what });
-    let taken = || Err(BuildError::Exists { path: output.into() });
+    let taken = || Err(OutputError::Exists { path: output.into() }.into());
     let Some(record) = record else { return taken() };
     let Some(expected) = &record.container_xxh3_64 else {
         // Nothing says what its bytes were; that it is whole, and of which source, it says itself.

@@ -9,6 +9,7 @@ use std::io::{BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use supervol_files::OutputError;
 
 use crate::error::BuildError;
 
@@ -94,7 +95,7 @@ impl Results {
         let path = folder.join(FILE_NAME);
         let write_error = |e| BuildError::write(&path, e);
         if path.exists() && !path.is_file() {
-            return Err(BuildError::NoFile { path, found: "something else".into() });
+            return Err(OutputError::NoFile { path, found: "something else".into() }.into());
         }
         let file = File::options().read(true).append(true).create(true).open(&path).map_err(write_error)?;
         match file.try_lock() {

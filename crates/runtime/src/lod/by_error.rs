@@ -39,11 +39,11 @@
 use glam::DVec3;
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::{BrickKey, Dims, Geometry, Lod, Pyramid, ValueRange};
+use supervol_scene::scene::{Mode, ResolvedScene};
+use supervol_scene::transfer_function::intervals::Extent;
+use supervol_scene::transfer_function::{ALPHA_LIMIT, Intervals};
 
 use super::LodRule;
-use crate::scene::{Mode, ResolvedScene};
-use crate::transfer_function::intervals::Extent;
-use crate::transfer_function::{ALPHA_LIMIT, Intervals};
 
 /// An error of the picture that is none: every picture keeps it.
 pub const ANY_ERROR: f64 = 1.0;
@@ -306,12 +306,13 @@ fn longest_chord(geometry: &Geometry, dims: Dims, clip_box: Option<[[f64; 3]; 2]
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::facts::VolumeFacts;
-    use crate::lod::LodChoice;
-    use crate::scene::Scene;
     use proptest::prelude::*;
     use supervol_format::BrickLayout;
+    use supervol_scene::facts::VolumeFacts;
+    use supervol_scene::scene::Scene;
+
+    use super::*;
+    use crate::lod::LodChoice;
 
     const VALUES: ValueRange = ValueRange { min: 0.0, max: 100.0 };
 

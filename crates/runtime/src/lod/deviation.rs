@@ -32,11 +32,11 @@
 
 use supervol_format::container::toc::BrickEntry;
 use supervol_format::{BrickKey, Lod, ValueRange};
+use supervol_scene::scene::{Mode, ResolvedScene};
+use supervol_scene::transfer_function::intervals::Extent;
+use supervol_scene::transfer_function::{ALPHA_LIMIT, Intervals};
 
 use super::by_error::DataScale;
-use crate::scene::{Mode, ResolvedScene};
-use crate::transfer_function::intervals::Extent;
-use crate::transfer_function::{ALPHA_LIMIT, Intervals};
 
 /// What `f32` may do to a value, as a share of the range of all values: an estimate.
 const VALUE_ROUNDING: f64 = 1e-5;
@@ -383,12 +383,13 @@ impl Deviations {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::facts::VolumeFacts;
-    use crate::scene::Scene;
     use proptest::prelude::*;
     use supervol_format::codec::Codec;
     use supervol_format::{BrickIndex, BrickLayout, Dims, Geometry, Pyramid};
+    use supervol_scene::facts::VolumeFacts;
+    use supervol_scene::scene::Scene;
+
+    use super::*;
 
     const VALUES: ValueRange = ValueRange { min: 0.0, max: 100.0 };
 

@@ -4,8 +4,8 @@ use plotters::coord::combinators::IntoLogRange;
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::prelude::*;
 use supervol_format::readable::Number;
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::transfer_function::TransferFunction;
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::transfer_function::TransferFunction;
 
 /// Width and height, SVG units.
 const SIZE: (u32, u32) = (720, 400);

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use supervol_preprocess::BuildError;
 use supervol_preprocess::kept::Reading;
 use supervol_preprocess::naming::container_beside;
-use supervol_preprocess::source::file::SourceFile;
-use supervol_preprocess::source::{SourceInfo, Survey, VolumeSource};
+use supervol_sources::input::file::SourceFile;
+use supervol_sources::{SourceInfo, Survey, VolumeSource};
 
 use super::Place;
 use crate::failure::{Failure, with_output};
@@ -50,8 +50,7 @@ impl Described {
     /// As an object; the keys are those of a container, as far as they are known.
     pub fn to_json(&self) -> serde_json::Value {
         let info = self.info();
-        let axis =
-            |axis: &supervol_preprocess::source::Axis| serde_json::json!({ "name": axis.name, "unit": axis.unit });
+        let axis = |axis: &supervol_sources::Axis| serde_json::json!({ "name": axis.name, "unit": axis.unit });
         serde_json::json!({
             "dims": info.dims.0,
             "spacing": info.geometry.spacing,

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use supervol_runtime::clip::solids::Keep;
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::preset::colormap;
-use supervol_runtime::preset::transfer_file::TransferFile;
-use supervol_runtime::preset::view::Direction;
-use supervol_runtime::scene::{BoxSpec, CylinderSpec, PlaneSpec, PointSpec, PointsSpec, SolidSpec, SphereSpec};
+use supervol_scene::clip::solids::Keep;
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::preset::colormap;
+use supervol_scene::preset::transfer_file::TransferFile;
+use supervol_scene::preset::view::Direction;
+use supervol_scene::scene::{BoxSpec, CylinderSpec, PlaneSpec, PointSpec, PointsSpec, SolidSpec, SphereSpec};
 
 use crate::failure::Failure;
 

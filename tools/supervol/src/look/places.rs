@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 use supervol_format::Container;
-use supervol_preprocess::source::Survey;
-use supervol_runtime::facts::{Frame, VolumeFacts};
-use supervol_runtime::preset;
-use supervol_runtime::preset::placing::axis_along;
+use supervol_scene::facts::{Frame, VolumeFacts};
+use supervol_scene::preset;
+use supervol_scene::preset::placing::axis_along;
+use supervol_sources::Survey;
 
 use crate::failure::Failure;
 use crate::quantity::{self, WrittenBox};

@@ -3,13 +3,13 @@
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use supervol_format::Container;
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::preset::section::{Slice, face_on, plane_across};
-use supervol_runtime::preset::{Look, ramps};
-use supervol_runtime::scene::{Mode, PointSpec, Scene, TransferFunctionSpec};
-use supervol_runtime::slices::filter::{FilterKind, FilterSpec};
-use supervol_runtime::slices::{ColorSpec, Interpolation, SliceSpec};
-use supervol_runtime::transfer_function::ControlPoint;
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::preset::section::{Slice, face_on, plane_across};
+use supervol_scene::preset::{Look, ramps};
+use supervol_scene::scene::{Mode, PointSpec, Scene, TransferFunctionSpec};
+use supervol_scene::slices::filter::{FilterKind, FilterSpec};
+use supervol_scene::slices::{ColorSpec, Interpolation, SliceSpec};
+use supervol_scene::transfer_function::ControlPoint;
 
 use super::parse;
 use super::places::{self, Cut};

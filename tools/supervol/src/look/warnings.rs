@@ -4,12 +4,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 use supervol_format::readable::Number;
 use supervol_format::space::HALF_VOXEL;
-use supervol_runtime::camera::{Camera, Ray};
-use supervol_runtime::clip::{Clip, IndexRay, ToIndex, clip_parts};
-use supervol_runtime::facts::{DataKind, VolumeFacts};
-use supervol_runtime::image::{GREY_LEVELS, Image};
-use supervol_runtime::scene::{Mode, ResolvedScene};
-use supervol_runtime::units::Units;
+use supervol_scene::camera::{Camera, Ray};
+use supervol_scene::clip::{Clip, IndexRay, ToIndex, clip_parts};
+use supervol_scene::facts::{DataKind, VolumeFacts};
+use supervol_scene::image::{GREY_LEVELS, Image};
+use supervol_scene::scene::{Mode, ResolvedScene};
+use supervol_scene::units::Units;
 
 /// Rays along each edge of the picture that are tried, to see whether the camera meets anything.
 const PROBES: u32 = 128;

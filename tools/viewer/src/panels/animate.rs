@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use eframe::egui::{self, Button, DragValue, Ui};
 use supervol_preprocess::Existing;
-use supervol_runtime::camera_path::{CameraPath, FRAME_LIMIT, KeyFrame};
-use supervol_runtime::image::ImageFormat;
-use supervol_runtime::scene::{CameraSpec, RAY_LIMIT};
+use supervol_scene::camera_path::{CameraPath, FRAME_LIMIT, KeyFrame};
+use supervol_scene::image::ImageFormat;
+use supervol_scene::scene::{CameraSpec, RAY_LIMIT};
 
 use super::dialogs::{SIDE_LIMIT, beside, path_field, window};
 use crate::viewer::Viewer;

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, Ui};
-use supervol_runtime::clip::solids::Keep;
-use supervol_runtime::scene::SolidSpec;
+use supervol_scene::clip::solids::Keep;
+use supervol_scene::scene::SolidSpec;
 
 use super::dialogs::{path_field, window};
 use crate::cutting;

@@ -1,8 +1,8 @@
 //! Clip planes and solids: added, moved in numbers, taken away. In the picture they have handles.
 
 use eframe::egui::{DragValue, Ui};
-use supervol_runtime::clip::solids::Keep;
-use supervol_runtime::scene::{PlaneSpec, SolidSpec};
+use supervol_scene::clip::solids::Keep;
+use supervol_scene::scene::{PlaneSpec, SolidSpec};
 
 use super::browse::{Browser, Wanted};
 use super::heading;

@@ -5,11 +5,10 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, DragValue, TextEdit, Ui};
-use supervol_preprocess::output::{OutputFile, check_distinct};
-use supervol_preprocess::{BuildError, Existing};
-use supervol_runtime::frame::Backend;
-use supervol_runtime::image::{GREY_LEVELS, ImageFormat};
-use supervol_runtime::scene::{Mode, RAY_LIMIT, Scene};
+use supervol_files::{Existing, OutputError, OutputFile, check_distinct};
+use supervol_runtime::render::options::Backend;
+use supervol_scene::image::{GREY_LEVELS, ImageFormat};
+use supervol_scene::scene::{Mode, RAY_LIMIT, Scene};
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::animate::AnimationDialog;
@@ -177,12 +176,12 @@ fn save(viewer: &mut Viewer, ctx: &egui::Context) {
 }
 
 /// Writes the scene, by the rules of all commands: whole or not at all, and never over what is open.
-fn save_scene(viewer: &Viewer, scene: &Scene, path: &Path, existing: Existing) -> Result<(), BuildError> {
+fn save_scene(viewer: &Viewer, scene: &Scene, path: &Path, existing: Existing) -> Result<(), OutputError> {
     let read = viewer.opened.iter().flat_map(|opened| [opened.source.as_path(), opened.path.as_path()]);
     check_distinct(path, read)?;
     let output = OutputFile::begin(path, existing)?;
     let written = output.file().write_all(scene_text(scene).as_bytes());
-    written.map_err(|source| BuildError::Write { path: path.into(), source })?;
+    written.map_err(|source| OutputError::write(path, source))?;
     output.publish()?;
     Ok(())
 }

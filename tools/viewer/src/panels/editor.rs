@@ -5,8 +5,8 @@
 use std::ops::RangeInclusive;
 
 use eframe::egui::{self, Color32, DragValue, PointerButton, Pos2, Rect, Sense, Shape, Stroke, Ui};
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::scene::{PointSpec, Scene};
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::scene::{PointSpec, Scene};
 
 use crate::edit;
 use crate::viewer::Viewer;

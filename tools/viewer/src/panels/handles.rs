@@ -2,7 +2,7 @@
 
 use eframe::egui::{Color32, Pos2, Rect, Response, Sense, Stroke, Ui, Vec2};
 use glam::DVec3;
-use supervol_runtime::scene::{CameraSpec, Scene};
+use supervol_scene::scene::{CameraSpec, Scene};
 
 use super::sections::{PLANE_COLORS, point};
 use crate::cutting::{self, Grip, Handle};

@@ -2,7 +2,7 @@
 
 use eframe::egui::{Align2, Color32, FontId, Rect, Stroke, Ui};
 use glam::DVec3;
-use supervol_runtime::preset::colormap;
+use supervol_scene::preset::colormap;
 
 use super::handles::{EDGES, Sight};
 use super::picture::color;

@@ -1,14 +1,13 @@
 //! The picture, and what the mouse does in it.
 
 use eframe::egui::{self, Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Ui, Vec2};
-use supervol_runtime::scene::{ImageSpec, Mode, RAY_LIMIT};
+use supervol_scene::scene::{ImageSpec, Mode, RAY_LIMIT};
 
 use super::{handles, marks, sections};
-use crate::edit;
-use crate::navigate;
 use crate::sections::Layout;
 use crate::viewer::Viewer;
 use crate::worker::Busy;
+use crate::{edit, navigate};
 
 /// Degrees of turning for a point of dragging.
 const TURN_PER_POINT: f64 = 0.4;

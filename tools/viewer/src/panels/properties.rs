@@ -1,13 +1,12 @@
 //! The right panel: what the volume is, how it looks, and with what pictures are made.
 
 use eframe::egui::{self, Button, ComboBox, DragValue, Slider, SliderClamping, Ui};
-use supervol_runtime::facts::DataKind;
-use supervol_runtime::frame::Backend;
-use supervol_runtime::image::GREY_LEVELS;
-use supervol_runtime::preset::colormap;
-use supervol_runtime::preset::looks;
-use supervol_runtime::raycast::cpu::MAX_ERROR_LIMITS;
-use supervol_runtime::scene::{INNER_SURFACE_LIMIT, ISO_LIMIT, IsoSpec, LightSpec, Mode, ShadingSpec};
+use supervol_runtime::engines::packets::MAX_ERROR_LIMITS;
+use supervol_runtime::render::options::Backend;
+use supervol_scene::facts::DataKind;
+use supervol_scene::image::GREY_LEVELS;
+use supervol_scene::preset::{colormap, looks};
+use supervol_scene::scene::{INNER_SURFACE_LIMIT, ISO_LIMIT, IsoSpec, LightSpec, Mode, ShadingSpec};
 
 use super::{editor, heading, transfer};
 use crate::edit;

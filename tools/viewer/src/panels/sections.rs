@@ -4,16 +4,15 @@ use eframe::egui::{
     Align2, Color32, FontId, PointerButton, Pos2, Rect, Response, Sense, Slider, SliderClamping, Stroke, Ui, Vec2, pos2,
 };
 use supervol_decorations::named_borders;
-use supervol_runtime::scene::{CameraSpec, ImageSpec, RAY_LIMIT, Scene};
+use supervol_scene::scene::{CameraSpec, ImageSpec, RAY_LIMIT, Scene};
 
 use super::picture::{color, pixels_of, place, wheel_steps};
 use super::{heading, slices, wide_slider};
-use crate::edit;
-use crate::navigate;
 use crate::planes::{self, axis_name};
 use crate::sections::{Layout, short, told_of};
 use crate::viewer::Viewer;
 use crate::worker::{Message, Opened, PANELS, Probe};
+use crate::{edit, navigate};
 
 /// Points between panels.
 const GAP: f32 = 3.0;

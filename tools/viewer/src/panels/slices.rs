@@ -1,10 +1,10 @@
 //! Slices within the picture of the volume: added, moved, turned, filtered, taken away.
 
 use eframe::egui::{ComboBox, DragValue, Slider, SliderClamping, Ui};
-use supervol_runtime::preset::colormap;
-use supervol_runtime::scene::Mode;
-use supervol_runtime::slices::filter::{FilterKind, FilterSpec};
-use supervol_runtime::slices::{Interpolation, SLICE_LIMIT, SliceSpec};
+use supervol_scene::preset::colormap;
+use supervol_scene::scene::Mode;
+use supervol_scene::slices::filter::{FilterKind, FilterSpec};
+use supervol_scene::slices::{Interpolation, SLICE_LIMIT, SliceSpec};
 
 use super::{heading, wide_slider};
 use crate::planes::{self, Place};

@@ -1,7 +1,7 @@
 //! The line below the picture: what is going on, how far the picture is, and what it costs.
 
 use eframe::egui::{self, ProgressBar, Ui};
-use supervol_runtime::stats::FrameStats;
+use supervol_runtime::render::stats::FrameStats;
 
 use crate::viewer::{Picture, Viewer};
 use crate::worker::{Busy, Message};

@@ -1,7 +1,7 @@
 //! The left panel: files, where the picture is taken from, what is cut away.
 
 use eframe::egui::{self, Button, Slider, SliderClamping, Ui};
-use supervol_runtime::preset::view::Direction;
+use supervol_scene::preset::view::Direction;
 
 use super::{heading, wide_slider};
 use crate::command::{Command, keys_of};

@@ -4,10 +4,9 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use eframe::egui::{self, Button, ComboBox, Ui};
-use supervol_preprocess::output::{OutputFile, check_distinct};
-use supervol_preprocess::{BuildError, Existing};
-use supervol_runtime::preset::transfer_file::TransferFile;
-use supervol_runtime::scene::TransferFunctionSpec;
+use supervol_files::{Existing, OutputError, OutputFile, check_distinct};
+use supervol_scene::preset::transfer_file::TransferFile;
+use supervol_scene::scene::TransferFunctionSpec;
 
 use super::browse::{Browser, Wanted};
 use super::dialogs::{beside, may_write, path_field, window};
@@ -102,8 +101,8 @@ impl Transfer {
 }
 
 /// Writes a file by the rules of all commands: whole or not at all, and never over what is open.
-fn write(path: &Path, text: &str, existing: Existing, read: &[PathBuf]) -> Result<(), BuildError> {
-    let failed = |source| BuildError::Write { path: path.into(), source };
+fn write(path: &Path, text: &str, existing: Existing, read: &[PathBuf]) -> Result<(), OutputError> {
+    let failed = |source| OutputError::write(path, source);
     check_distinct(path, read.iter().map(PathBuf::as_path))?;
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(failed)?;
@@ -138,7 +137,7 @@ fn take(
     viewer: &mut Viewer,
     opened: &Opened,
     file: &TransferFile,
-) -> Result<(), supervol_runtime::preset::transfer_file::TransferFileError> {
+) -> Result<(), supervol_scene::preset::transfer_file::TransferFileError> {
     if !file.has_opacities() {
         edit::paint(&mut viewer.scene, &file.color_map()?);
         return Ok(());

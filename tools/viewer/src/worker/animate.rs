@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use serde_json::{Value, json};
 use supervol_decorations::frames::{Frames, Others};
+use supervol_files::{OutputFile, check_distinct};
 use supervol_preprocess::Existing;
-use supervol_preprocess::output::{OutputFile, check_distinct};
-use supervol_runtime::camera_path::{self, CameraPath};
-use supervol_runtime::image::ImageFormat;
-use supervol_runtime::preset::view::upright;
-use supervol_runtime::scene::{CameraSpec, Scene};
+use supervol_scene::camera_path;
+use supervol_scene::camera_path::CameraPath;
+use supervol_scene::image::ImageFormat;
+use supervol_scene::preset::view::upright;
+use supervol_scene::scene::{CameraSpec, Scene};
 
 use super::easel::{Easel, options};
 use super::{Busy, Decorations, Desk, Message, Settings, lock};
@@ -48,7 +49,7 @@ impl Motion {
         }
     }
 
-    fn cameras(&self, camera: &CameraSpec, facts: &supervol_runtime::facts::VolumeFacts) -> Vec<CameraSpec> {
+    fn cameras(&self, camera: &CameraSpec, facts: &supervol_scene::facts::VolumeFacts) -> Vec<CameraSpec> {
         match self {
             Self::Turntable(frames) => camera_path::turntable(camera, upright(facts), *frames),
             Self::Path(path) => path.cameras(),

@@ -5,14 +5,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use supervol_runtime::frame::maps::work_in_colors;
-use supervol_runtime::frame::stated::in_colors;
-use supervol_runtime::frame::{Backend, Progress, RenderOptions};
-use supervol_runtime::image::Image;
-use supervol_runtime::renderer::Renderer;
-use supervol_runtime::scene::{Mode, ResolvedScene, Scene, SceneError};
+use supervol_runtime::engines::maps::work_in_colors;
+use supervol_runtime::render::frame::stated::in_colors;
+use supervol_runtime::render::options::{Backend, Progress, RenderOptions};
+use supervol_runtime::render::renderer::Renderer;
+use supervol_runtime::render::volume::Volume;
 use supervol_runtime::stop::Canceller;
-use supervol_runtime::volume::Volume;
+use supervol_scene::image::Image;
+use supervol_scene::scene::{Mode, ResolvedScene, Scene, SceneError};
 
 use super::marks::marks;
 use super::sections::{Sections, needed, shares};

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use supervol_files::{OutputFile, check_distinct};
 use supervol_preprocess::Existing;
-use supervol_preprocess::output::{OutputFile, check_distinct};
-use supervol_runtime::image::ImageFormat;
-use supervol_runtime::scene::Scene;
+use supervol_scene::image::ImageFormat;
+use supervol_scene::scene::Scene;
 
 use super::easel::Easel;
 use super::{Busy, Desk, Message, Settings, lock};

@@ -1,9 +1,9 @@
 //! What can be seen of the renderer's work beside its picture: bricks that are in memory, by level, and bricks that failed.
 
 use supervol_format::{BrickKey, Lod};
-use supervol_runtime::field::Field;
-use supervol_runtime::renderer::Renderer;
-use supervol_runtime::streamer::state::StateKind;
+use supervol_runtime::render::renderer::Renderer;
+use supervol_runtime::stream::field::Field;
+use supervol_runtime::stream::state::StateKind;
 
 use super::Inspect;
 

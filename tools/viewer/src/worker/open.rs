@@ -9,12 +9,12 @@ use std::time::{Duration, Instant};
 use supervol_format::Container;
 use supervol_preprocess::kept::{Cache, Told, advice};
 use supervol_preprocess::preview::Preview;
-use supervol_preprocess::source::Survey;
 use supervol_preprocess::{BuildError, BuildOptions};
-use supervol_runtime::facts::VolumeFacts;
-use supervol_runtime::preset::overview::Overview;
-use supervol_runtime::preset::placing::placed;
 use supervol_runtime::stop::Canceller;
+use supervol_scene::facts::VolumeFacts;
+use supervol_scene::preset::overview::Overview;
+use supervol_scene::preset::placing::placed;
+use supervol_sources::Survey;
 
 use super::{Busy, Desk, Message, Open, Opened, Settings, lock};
 

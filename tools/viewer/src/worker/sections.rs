@@ -6,11 +6,11 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use supervol_runtime::frame::RenderOptions;
-use supervol_runtime::renderer::{Picked, Renderer};
-use supervol_runtime::scene::ResolvedScene;
+use supervol_runtime::render::options::RenderOptions;
+use supervol_runtime::render::renderer::{Picked, Renderer};
+use supervol_runtime::render::volume::Volume;
 use supervol_runtime::stop::Canceller;
-use supervol_runtime::volume::Volume;
+use supervol_scene::scene::ResolvedScene;
 
 use super::{Desk, Opened, PANELS, View, frame_of};
 

@@ -1,0 +1,12 @@
+//! Exported files, read again.
+
+#![allow(clippy::unwrap_used, reason = "tests fail loudly")]
+
+#[path = "../../../sources/tests/readers/grid_support/mod.rs"]
+mod grid_support;
+
+mod extract_files;
+mod mesh_files;
+
+#[global_allocator]
+static RECORDING: grid_support::largest_allocation::Recording = grid_support::largest_allocation::Recording;

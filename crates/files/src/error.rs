@@ -1,0 +1,61 @@
+//! Why an output file was not written.
+
+use std::path::{Path, PathBuf};
+
+use crate::kind::FileKind;
+
+/// An output file that was refused or could not be written.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
+pub enum OutputError {
+    #[error("cannot write {path}: {source}{}", advice(source))]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error("{path} exists; --force overwrites it")]
+    Exists { path: PathBuf },
+    #[error(
+        "{path} exists: expected {expected} to replace, found {found}. --force replaces it; or choose another name"
+    )]
+    OtherKind { path: PathBuf, expected: FileKind, found: FileKind },
+    #[error("cannot write {path}: it is {other}, which this command reads or writes, too. Choose another name")]
+    SameFile { path: PathBuf, other: PathBuf },
+    #[error("cannot write {path}: expected a file or the name of a new one, found {found}")]
+    NoFile { path: PathBuf, found: String },
+}
+
+impl OutputError {
+    /// The file at `path` cannot be written.
+    #[must_use]
+    pub fn write(path: &Path, source: std::io::Error) -> Self {
+        Self::Write { path: path.into(), source }
+    }
+
+    /// Whether the disk is full, the user's share of it is used up, or the file would be longer than allowed.
+    #[must_use]
+    pub fn is_full_disk(&self) -> bool {
+        matches!(self, Self::Write { source, .. } if is_full_disk(source))
+    }
+}
+
+/// Whether an I/O error says that the disk is full, a share of it is used up, or a file would be longer than allowed.
+#[must_use]
+pub fn is_full_disk(error: &std::io::Error) -> bool {
+    use std::io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
+    matches!(error.kind(), StorageFull | QuotaExceeded | FileTooLarge)
+}
+
+/// A sentence on how to go on after an I/O error on an output; empty where there is nothing to add.
+#[must_use]
+pub fn advice(error: &std::io::Error) -> &'static str {
+    match error.kind() {
+        std::io::ErrorKind::StorageFull => ". The disk is full: free space, or write to another one with -o",
+        std::io::ErrorKind::QuotaExceeded => {
+            ". Your share of the disk is full: free space, or write to another one with -o"
+        }
+        std::io::ErrorKind::FileTooLarge => {
+            ". Files may not be so long here: see `ulimit -f`, or write to another disk with -o"
+        }
+        std::io::ErrorKind::PermissionDenied => ". Choose a folder you may write to with -o",
+        std::io::ErrorKind::NotFound => ". The folder does not exist",
+        _ => "",
+    }
+}

@@ -1,0 +1,212 @@
+//! The integrator of the scalar caster: trilinear cell by trilinear cell (docs/decisions/001-cells-not-steps.md).
+
+use supervol_format::BrickKey;
+use supervol_scene::scene::Mode;
+
+use super::cell::{Cell, cubic_of_cell};
+use super::integrator::Integrator;
+use super::modes::{Chord, gather_crossings, gather_dvr, gather_iso, gather_mean, gather_minip, gather_mip};
+use super::shade::ChordGradient;
+use super::visit::{BrickVisit, LevelVisit, StoredVoxel, cells_of_macro_cell};
+use super::walk::GridWalk;
+use crate::engines::packets::{RayCounters, RayState, TERMINATION_OPACITY};
+use crate::stream::residency::{DecodedBrick, Voxels};
+
+/// Density of Gauss pairs where a cell is to be integrated as well as any error asks for: their error falls with the fourth power of it.
+const EXACT_DENSITY: f32 = 4.0;
+
+/// How finely cells are integrated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellRule {
+    /// Gauss pairs between two splits of a chord.
+    pub pairs: Pairs,
+    /// A ray ends when its opacity reaches this; above 1, never.
+    pub termination_opacity: f64,
+}
+
+impl CellRule {
+    /// What users get.
+    pub const DEFAULT: Self =
+        Self { pairs: Pairs::Adaptive { density: 1.0 }, termination_opacity: TERMINATION_OPACITY };
+}
+
+impl Default for CellRule {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// Number of Gauss pairs between two splits of a chord.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Pairs {
+    /// As many as the transfer function's variation and the shading want, times `density`.
+    Adaptive {
+        /// 1 is what users get.
+        density: f32,
+    },
+    /// Always this many.
+    Fixed(u32),
+}
+
+/// Gathers cell by cell, in every mode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellByCell {
+    /// Gauss pairs between two splits of a chord.
+    pub pairs: Pairs,
+}
+
+impl Integrator for CellByCell {
+    fn gather_macro_cell(
+        &self,
+        visit: &BrickVisit<'_>,
+        index: [i64; 3],
+        t: [f64; 2],
+        state: &mut RayState,
+        counters: &mut RayCounters,
+    ) {
+        match visit.voxels() {
+            Voxels::U8(voxels) => self.march(visit, (voxels, index), t, state, counters),
+            Voxels::U16(voxels) => self.march(visit, (voxels, index), t, state, counters),
+            Voxels::F32(voxels) => self.march(visit, (voxels, index), t, state, counters),
+        }
+    }
+
+    fn gather_uniform(
+        &self,
+        visit: &LevelVisit<'_>,
+        value: f32,
+        t: [f64; 2],
+        state: &mut RayState,
+        counters: &mut RayCounters,
+    ) {
+        counters.cells += 1;
+        if counts_by_value(visit.frame.mode) && visit.axis_ray.is_rounding(t) {
+            return;
+        }
+        self.gather(visit, &Chord::uniform(value, t[1] - t[0]), state, counters);
+    }
+}
+
+/// Colour and transmittance of the part of a ray in one trilinear cell of a brick, whose first corner lies `base` voxels
+/// from the brick's first; `t` is the ray's way through the brick.
+pub(crate) fn exact_cell(
+    level: LevelVisit<'_>,
+    brick: &DecodedBrick,
+    key: BrickKey,
+    base: usize,
+    t: [f64; 2],
+) -> [f32; 4] {
+    let mut state = RayState::new(None);
+    gather_exact_cell(level, brick, key, base, t, &mut state);
+    let [r, g, b] = state.color;
+    [r, g, b, state.transmittance].map(|v| v as f32)
+}
+
+/// Gathers over the part of a ray that [`exact_cell`] is about; leaves its begin in `state.t`.
+pub(crate) fn gather_exact_cell(
+    level: LevelVisit<'_>,
+    brick: &DecodedBrick,
+    key: BrickKey,
+    base: usize,
+    t: [f64; 2],
+    state: &mut RayState,
+) {
+    let visit = BrickVisit::new(level, brick, key);
+    let index = visit.cell_at_base(base);
+    let t = visit.cell_planes.chord(visit.level.axis_ray, index, t);
+    if t[0] < t[1] {
+        state.t = t[0];
+        let counters = &mut RayCounters::default();
+        let cells = CellByCell { pairs: Pairs::Adaptive { density: EXACT_DENSITY } };
+        match visit.voxels() {
+            Voxels::U8(voxels) => cells.gather_cell(&visit, (voxels, index), t, state, counters),
+            Voxels::U16(voxels) => cells.gather_cell(&visit, (voxels, index), t, state, counters),
+            Voxels::F32(voxels) => cells.gather_cell(&visit, (voxels, index), t, state, counters),
+        }
+    }
+}
+
+impl CellByCell {
+    /// Gathers over the cells of one macro cell.
+    fn march<T: StoredVoxel>(
+        &self,
+        visit: &BrickVisit<'_>,
+        (voxels, index): (&[T], [i64; 3]),
+        [mut t, exit]: [f64; 2],
+        state: &mut RayState,
+        counters: &mut RayCounters,
+    ) {
+        let ray = visit.level.axis_ray;
+        let mut walk = GridWalk::new(ray, visit.cell_planes, cells_of_macro_cell(index), t);
+        while t < exit {
+            let cell_exit = walk.exit().min(exit);
+            if cell_exit > t {
+                counters.cells += 1;
+                self.gather_cell(visit, (voxels, walk.index), [t, cell_exit], state, counters);
+                if visit.level.is_done(state) {
+                    return;
+                }
+            }
+            t = cell_exit;
+            walk.advance(ray);
+        }
+    }
+
+    #[inline]
+    fn gather_cell<T: StoredVoxel>(
+        &self,
+        visit: &BrickVisit<'_>,
+        (voxels, index): (&[T], [i64; 3]),
+        [t0, t1]: [f64; 2],
+        state: &mut RayState,
+        counters: &mut RayCounters,
+    ) {
+        let level = &visit.level;
+        if counts_by_value(level.frame.mode) && level.axis_ray.is_rounding([t0, t1]) {
+            return;
+        }
+        let a = visit.cell_planes.fractions(level.axis_ray, t0, index);
+        let b = visit.cell_planes.fractions(level.axis_ray, t1, index);
+        let base = visit.base(index);
+        let Some(cell) = Cell::new(visit.corners(voxels, base), a, b) else {
+            state.iso.known = 0;
+            return;
+        };
+        let dvr = level.frame.mode == Mode::Dvr;
+        if dvr && !level.frame.transfer_function.is_visible(cell.low, cell.high) {
+            return;
+        }
+        let wants_gradient = level.setup.lighting.is_some() && (dvr || meets_surface(level, &cell, state));
+        let gradient =
+            if wants_gradient { ChordGradient::new(visit.gradient_corners(voxels, base), a, b) } else { None };
+        let chord = Chord::new(&cell, cubic_of_cell(&cell.corners, a, b), gradient, t1 - t0);
+        self.gather(level, &chord, state, counters);
+    }
+
+    #[inline]
+    fn gather(&self, level: &LevelVisit<'_>, chord: &Chord, state: &mut RayState, counters: &mut RayCounters) {
+        let (frame, setup) = (level.frame, &level.setup);
+        match frame.mode {
+            Mode::Dvr => gather_dvr(frame, setup, self.pairs, chord, state, counters),
+            Mode::Mip => gather_mip(chord, state),
+            Mode::Minip => gather_minip(chord, state),
+            Mode::Mean => gather_mean(chord, state),
+            Mode::Iso if frame.lists_crossings => gather_crossings(frame, setup, chord, state),
+            Mode::Iso => gather_iso(frame, setup, chord, state),
+            Mode::Slice => {}
+        }
+    }
+}
+
+/// Whether what a chord holds shows however short it is.
+fn counts_by_value(mode: Mode) -> bool {
+    matches!(mode, Mode::Mip | Mode::Minip | Mode::Mean)
+}
+
+fn meets_surface(level: &LevelVisit<'_>, cell: &Cell, state: &RayState) -> bool {
+    // Also where a surface was jumped on the face before this cell.
+    level.frame.iso.iter().enumerate().any(|(i, surface)| {
+        let jumped = (state.iso.above >> i & 1 == 1) != (cell.low >= surface.value);
+        (cell.low <= surface.value && surface.value <= cell.high) || jumped
+    })
+}

@@ -1,0 +1,303 @@
+//! One ray's visit to one brick: macro cell by macro cell, and access to its voxels.
+//!
+//! Indices of macro cells and of trilinear cells count in the grids of the brick's level. A place in a voxel array is
+//! found once for a cell ([`BrickVisit::base`]); neighbours are offsets from it.
+
+use glam::Vec3;
+use supervol_format::BrickKey;
+use supervol_format::brick::{APRON, MACRO_CELL};
+use supervol_scene::clip::Segment;
+use supervol_scene::scene::Mode;
+use supervol_scene::transfer_function::RenderTransferFunction;
+use supervol_scene::value_map::ValueMap;
+
+use super::integrator::Integrator;
+use super::modes::ShadeSetup;
+use super::walk::{AxisRay, CellBox, GridWalk, Planes};
+use crate::engines::packets::{CpuFrame, RayCounters, RayState, Skipping};
+use crate::stream::residency::{DecodedBrick, Voxels};
+
+/// A voxel as it lies in a brick.
+pub trait StoredVoxel: Copy {
+    /// Render value; NaN where absent.
+    fn render_value(self, map: &ValueMap) -> f32;
+}
+
+impl StoredVoxel for u8 {
+    #[inline]
+    fn render_value(self, map: &ValueMap) -> f32 {
+        if map.absent == Some(u16::from(self)) { f32::NAN } else { map.from_stored_number(f32::from(self)) }
+    }
+}
+
+impl StoredVoxel for u16 {
+    #[inline]
+    fn render_value(self, map: &ValueMap) -> f32 {
+        if map.absent == Some(self) { f32::NAN } else { map.from_stored_number(f32::from(self)) }
+    }
+}
+
+impl StoredVoxel for f32 {
+    #[inline]
+    fn render_value(self, _map: &ValueMap) -> f32 {
+        self
+    }
+}
+
+/// The trilinear cells that a macro cell meets: cell c lies between voxels c and c + 1, so that they go from one voxel
+/// before its own first to its own last.
+#[inline]
+#[must_use]
+pub fn cells_of_macro_cell(index: [i64; 3]) -> CellBox {
+    let low = index.map(|m| m * MACRO_CELL as i64 - 1);
+    CellBox { low, high: low.map(|v| v + MACRO_CELL as i64) }
+}
+
+/// A ray as the scalar caster takes it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct CastRay {
+    pub(crate) axis_ray: AxisRay,
+    /// Minus the ray's direction.
+    pub(crate) to_eye: Vec3,
+    pub(crate) segment: Segment,
+    pub(crate) pixel: [u32; 2],
+}
+
+/// One ray at one level: what holds for all its bricks there.
+pub struct LevelVisit<'a> {
+    pub(crate) frame: &'a CpuFrame,
+    pub(crate) axis_ray: &'a AxisRay,
+    pub(crate) setup: ShadeSetup<'a>,
+    segment: Segment,
+    pixel: [u32; 2],
+}
+
+impl<'a> LevelVisit<'a> {
+    /// A ray at the level of this brick.
+    pub(crate) fn new(frame: &'a CpuFrame, ray: &'a CastRay, key: BrickKey) -> Self {
+        let lighting = frame.lighting.as_ref();
+        let scale = frame.pyramid.level_at(key.lod()).scale;
+        let world_from_level_gradient =
+            lighting.map_or(glam::Mat3::IDENTITY, |lighting| lighting.world_from_level_gradient(scale));
+        let setup = ShadeSetup { lighting, world_from_level_gradient, to_eye: ray.to_eye };
+        Self { frame, axis_ray: &ray.axis_ray, setup, segment: ray.segment, pixel: ray.pixel }
+    }
+
+    /// The frame's transfer function, over render values.
+    #[inline]
+    #[must_use]
+    pub fn transfer_function(&self) -> &'a RenderTransferFunction {
+        &self.frame.transfer_function
+    }
+
+    /// Stored numbers to render values, and these to data values.
+    #[inline]
+    #[must_use]
+    pub fn map(&self) -> &'a ValueMap {
+        &self.frame.map
+    }
+
+    /// Shading at this level.
+    #[inline]
+    #[must_use]
+    pub fn shade_setup(&self) -> &ShadeSetup<'a> {
+        &self.setup
+    }
+
+    /// The part of the ray that is drawn, world lengths from its origin.
+    #[inline]
+    #[must_use]
+    pub fn segment(&self) -> Segment {
+        self.segment
+    }
+
+    /// Column and row of the ray, from the top left; of rays, not of pixels of a supersampled picture.
+    #[inline]
+    #[must_use]
+    pub fn pixel(&self) -> [u32; 2] {
+        self.pixel
+    }
+
+    /// Whether nothing behind can change the picture by more than the frame allows.
+    #[inline]
+    #[must_use]
+    pub fn is_done(&self, state: &RayState) -> bool {
+        self.frame.is_done(state)
+    }
+}
+
+/// One ray's visit to one brick.
+pub struct BrickVisit<'a> {
+    pub(crate) level: LevelVisit<'a>,
+    brick: &'a DecodedBrick,
+    macro_planes: Planes,
+    pub(crate) cell_planes: Planes,
+    /// Macro cells of the brick, indices in the level's grid of macro cells.
+    macro_cells: CellBox,
+    /// First core voxel of the brick, level coordinates.
+    start: [i64; 3],
+    /// Distance between neighbours along y and z in the voxel array.
+    strides: [usize; 2],
+}
+
+impl<'a> BrickVisit<'a> {
+    /// # Panics
+    /// If the brick's size is not what the pyramid says.
+    pub(crate) fn new(level: LevelVisit<'a>, brick: &'a DecodedBrick, key: BrickKey) -> Self {
+        let pyramid = &level.frame.pyramid;
+        let core = pyramid.core_box(key);
+        let extent = brick.extent.map(|n| n as usize);
+        assert_eq!(extent, core.extent().map(|n| n + 2 * APRON), "stored extent of {key}");
+        let start = core.start.map(|s| s as i64);
+        let low = start.map(|s| s / MACRO_CELL as i64);
+        let counts = core.extent().map(|n| n.div_ceil(MACRO_CELL) as i64);
+        let planes = pyramid.level_at(key.lod());
+        Self {
+            brick,
+            macro_planes: Planes::of_macro_cells(planes),
+            cell_planes: Planes::of_cells(planes),
+            macro_cells: CellBox { low, high: std::array::from_fn(|a| low[a] + counts[a] - 1) },
+            start,
+            strides: [extent[0], extent[0] * extent[1]],
+            level,
+        }
+    }
+
+    /// Gathers from `state.t` to `exit`; leaves `state.t` alone.
+    pub(crate) fn march(
+        &self,
+        exit: f64,
+        integrator: &dyn Integrator,
+        state: &mut RayState,
+        counters: &mut RayCounters,
+    ) {
+        let (frame, ray) = (self.level.frame, self.level.axis_ray);
+        let mut t = state.t;
+        let mut walk = GridWalk::new(ray, self.macro_planes, self.macro_cells, t);
+        while t < exit {
+            let macro_exit = walk.exit().min(exit);
+            if macro_exit > t {
+                if frame.skipping == Skipping::On && self.skips(self.macro_range(walk.index), state) {
+                    counters.macro_cells_skipped += 1;
+                } else {
+                    counters.macro_cells += 1;
+                    integrator.gather_macro_cell(self, walk.index, [t, macro_exit], state, counters);
+                }
+                if frame.is_done(state) {
+                    return;
+                }
+            }
+            t = macro_exit;
+            walk.advance(ray);
+        }
+    }
+
+    #[inline]
+    fn macro_range(&self, index: [i64; 3]) -> [f32; 2] {
+        let [x, y, z] = [0, 1, 2].map(|a| (index[a] - self.macro_cells.low[a]) as usize);
+        let [nx, ny] = [0, 1].map(|a| (self.macro_cells.high[a] - self.macro_cells.low[a] + 1) as usize);
+        self.brick.macro_ranges[x + nx * (y + ny * z)]
+    }
+
+    /// Whether a macro cell with this range cannot change what the ray gathers; keeps the sides for `iso`.
+    #[inline]
+    fn skips(&self, [low, high]: [f32; 2], state: &mut RayState) -> bool {
+        let frame = self.level.frame;
+        if low > high {
+            state.iso.known = 0;
+            return true;
+        }
+        match frame.mode {
+            Mode::Dvr => !frame.transfer_function.is_visible(low, high),
+            Mode::Mip => f64::from(high) <= state.value,
+            Mode::Minip => f64::from(low) >= state.value,
+            Mode::Iso => state.iso.pass([low, high], frame.iso.iter().map(|surface| surface.value)),
+            Mode::Mean | Mode::Slice => false,
+        }
+    }
+
+    /// The ray at the brick's level.
+    #[inline]
+    #[must_use]
+    pub fn level(&self) -> &LevelVisit<'a> {
+        &self.level
+    }
+
+    /// The brick's voxels. Integrators find out their type once for a macro cell, and read through a [`StoredVoxel`].
+    #[inline]
+    #[must_use]
+    pub fn voxels(&self) -> &'a Voxels {
+        &self.brick.voxels
+    }
+
+    /// The trilinear cell of these that t lies in, and the fractions there, in [0, 1].
+    #[inline]
+    #[must_use]
+    pub fn cell_at(&self, cells: &CellBox, t: f64) -> ([i64; 3], [f64; 3]) {
+        self.cell_planes.cell_at(self.level.axis_ray, t, cells)
+    }
+
+    /// Place of the first corner of a trilinear cell in the voxel array.
+    #[inline]
+    #[must_use]
+    pub fn base(&self, cell: [i64; 3]) -> usize {
+        let [x, y, z] = [0, 1, 2].map(|axis| (cell[axis] - self.start[axis] + APRON as i64) as usize);
+        x + self.strides[0] * y + self.strides[1] * z
+    }
+
+    /// The trilinear cell whose first corner lies at this place in the voxel array.
+    pub(crate) fn cell_at_base(&self, base: usize) -> [i64; 3] {
+        let inside = [base % self.strides[0], base % self.strides[1] / self.strides[0], base / self.strides[1]];
+        std::array::from_fn(|axis| self.start[axis] + inside[axis] as i64 - APRON as i64)
+    }
+
+    /// Render value of the voxel at an offset from `base`; NaN where absent.
+    ///
+    /// # Panics
+    /// If `voxels` are not the brick's. Offsets go to -1 and 2 for cells that a macro cell meets.
+    #[inline]
+    #[must_use]
+    pub fn value<T: StoredVoxel>(&self, voxels: &[T], base: usize, offset: [i32; 3]) -> f32 {
+        let [dx, dy, dz] = offset.map(|o| o as isize);
+        let at = base as isize + dx + dy * self.strides[0] as isize + dz * self.strides[1] as isize;
+        voxels[at as usize].render_value(&self.level.frame.map)
+    }
+
+    /// Render values at the eight corners of the cell at `base`, x fastest; NaN where absent.
+    ///
+    /// # Panics
+    /// If `voxels` are not the brick's.
+    #[inline]
+    #[must_use]
+    pub fn corners<T: StoredVoxel>(&self, voxels: &[T], base: usize) -> [f32; 8] {
+        let [dy, dz] = self.strides;
+        let map = &self.level.frame.map;
+        let value = |i: usize| voxels[i].render_value(map);
+        let rows = [base, base + dy, base + dz, base + dy + dz];
+        [
+            value(rows[0]),
+            value(rows[0] + 1),
+            value(rows[1]),
+            value(rows[1] + 1),
+            value(rows[2]),
+            value(rows[2] + 1),
+            value(rows[3]),
+            value(rows[3] + 1),
+        ]
+    }
+
+    /// Central differences at the eight corners, index space of the level, `[axis][corner]`; NaN where a tap is absent.
+    ///
+    /// # Panics
+    /// If `voxels` are not the brick's.
+    #[inline]
+    #[must_use]
+    pub fn gradient_corners<T: StoredVoxel>(&self, voxels: &[T], base: usize) -> [[f32; 8]; 3] {
+        let [dy, dz] = self.strides;
+        [1, dy, dz].map(|step| {
+            let after = self.corners(voxels, base + step);
+            let before = self.corners(voxels, base - step);
+            std::array::from_fn(|corner| 0.5 * (after[corner] - before[corner]))
+        })
+    }
+}

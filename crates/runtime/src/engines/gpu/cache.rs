@@ -1,0 +1,384 @@
+//! Resident bricks on the GPU: cache textures, macro ranges, page table, and what of the bricks shows under a look.
+//!
+//! Voxels are stored as unsigned integers, or as the bits of floats, and read by `textureLoad`: exact, without optional
+//! features, and filtered by the shader in `f32` rather than with 8-bit fractions. A texel has 16 bytes and holds several
+//! voxels of a layer ([`VoxelStorage::voxels_of_texel`]); neighbouring texels share the voxels where they meet, so that the
+//! eight voxels of a cell come by two fetches (of bytes) or four (docs/decisions/017-one-loop-of-antiderivatives.md).
+//! Everything is written through the queue; what is on its way is bounded by the plan's staging bytes.
+
+use super::deviations::DeviationTable;
+use super::device::{GpuDevice, GpuError};
+use super::layout::SlotGrid;
+use super::memory::{MemoryPlan, TEXTURE_LIMIT};
+use super::page_table::PageTable;
+use super::slots::SlotIndex;
+
+/// How voxels are stored in the cache textures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum VoxelStorage {
+    /// 8-bit unsigned integers.
+    U8,
+    /// 16-bit unsigned integers.
+    U16,
+    /// 32-bit floats.
+    F32,
+}
+
+impl VoxelStorage {
+    /// Bytes of one voxel.
+    #[must_use]
+    pub fn bytes(self) -> u32 {
+        match self {
+            Self::U8 => 1,
+            Self::U16 => 2,
+            Self::F32 => 4,
+        }
+    }
+
+    /// Voxels of a texel along x and y: 16 bytes of them.
+    #[must_use]
+    pub const fn voxels_of_texel(self) -> [u32; 2] {
+        match self {
+            Self::U8 => [4, 4],
+            Self::U16 => [8, 1],
+            Self::F32 => [4, 1],
+        }
+    }
+
+    /// Voxels from a texel to the next one along x; along y as well where a texel has several rows.
+    #[must_use]
+    pub const fn texel_step(self) -> u32 {
+        self.voxels_of_texel()[0] - 1
+    }
+
+    /// Texels that so many voxels take along x, y and z.
+    #[must_use]
+    pub fn texels(self, voxels: [u32; 3]) -> [u32; 3] {
+        let [_, rows] = self.voxels_of_texel();
+        let shared = |n: u32| (n - 1).div_ceil(self.texel_step()).max(1);
+        let [nx, ny, nz] = voxels;
+        [shared(nx), if rows > 1 { shared(ny) } else { ny }, nz]
+    }
+
+    /// Voxels (x fastest) as a slot holds them.
+    ///
+    /// # Panics
+    /// If there are not exactly as many as the extent says.
+    #[must_use]
+    pub fn texels_of(self, extent: [u32; 3], voxels: &[u8]) -> Texels {
+        assert_eq!(
+            voxels.len(),
+            (extent.iter().product::<u32>() * self.bytes()) as usize,
+            "voxels of extent {extent:?}"
+        );
+        Texels { size: self.texels(extent), bytes: self.packed(extent, voxels) }
+    }
+
+    /// Voxels (x fastest) as texels; what lies beyond them is zero.
+    #[must_use]
+    pub fn packed(self, extent: [u32; 3], voxels: &[u8]) -> Vec<u8> {
+        match self {
+            Self::U8 => self.packed_rows::<4>(extent, voxels),
+            Self::U16 | Self::F32 => self.packed_rows::<TEXEL_BYTES>(extent, voxels),
+        }
+    }
+
+    /// The same, for texels with rows of `ROW` bytes.
+    fn packed_rows<const ROW: usize>(self, extent: [u32; 3], voxels: &[u8]) -> Vec<u8> {
+        let [nx, ny, _] = extent.map(|n| n as usize);
+        let [tx, ty, tz] = self.texels(extent).map(|n| n as usize);
+        let [step, rows] = [self.texel_step(), self.voxels_of_texel()[1]].map(|n| n as usize);
+        let (row_bytes, step_bytes) = (nx * self.bytes() as usize, step * self.bytes() as usize);
+        let from_row_to_row = if rows > 1 { step } else { 1 };
+        let mut packed = vec![0; tx * ty * tz * TEXEL_BYTES];
+        // A row of voxels, and what its last texel holds beyond it.
+        let mut row = vec![0; tx * step_bytes + ROW];
+        for (line, texels) in packed.chunks_exact_mut(tx * TEXEL_BYTES).enumerate() {
+            let (first, z) = (line % ty * from_row_to_row, line / ty);
+            for (i, y) in (first..(first + rows).min(ny)).enumerate() {
+                let begin = (z * ny + y) * row_bytes;
+                row[..row_bytes].copy_from_slice(&voxels[begin..begin + row_bytes]);
+                for (texel, begin) in texels.chunks_exact_mut(TEXEL_BYTES).zip((0..).step_by(step_bytes)) {
+                    let part: [u8; ROW] = row[begin..begin + ROW].try_into().expect("as many bytes");
+                    texel[i * ROW..(i + 1) * ROW].copy_from_slice(&part);
+                }
+            }
+        }
+        packed
+    }
+}
+
+/// A brick's voxels as texels of a slot, x fastest.
+pub struct Texels {
+    /// Texels along x, y and z.
+    size: [u32; 3],
+    bytes: Vec<u8>,
+}
+
+/// Bytes of a texel of the cache textures.
+pub const TEXEL_BYTES: usize = 16;
+
+/// Macro cell without any value: least value above greatest.
+pub const EMPTY_RANGE: [f32; 2] = [1.0, -1.0];
+
+/// Where the ranges of a macro cell's eight blocks, x fastest, begin and end in its own, which has 255 parts.
+pub type BlockRanges = [[u8; 2]; 8];
+
+/// Block without any value.
+pub const EMPTY_BLOCK: [u8; 2] = [u8::MAX, 0];
+
+/// Block that may have any value that its macro cell has.
+pub const WHOLE_BLOCK: [u8; 2] = [0, u8::MAX];
+
+/// What a slot is to hold of a brick.
+pub struct SlotContents {
+    /// The voxels.
+    pub texels: Texels,
+    /// Ranges of all macro cells of a full slot.
+    pub ranges: Vec<[f32; 2]>,
+    /// Those of their blocks.
+    pub blocks: Vec<BlockRanges>,
+}
+
+/// Textures and tables of resident bricks.
+pub struct GpuCache {
+    gpu: GpuDevice,
+    textures: Vec<wgpu::Texture>,
+    grids: [SlotGrid; TEXTURE_LIMIT],
+    /// Texture views, one per binding; unused ones show one texel.
+    pub views: Vec<wgpu::TextureView>,
+    /// Page table.
+    pub page_table: wgpu::Buffer,
+    /// Whose its entries are, and what is not written yet.
+    pub pages: PageTable,
+    /// Macro ranges of all slots, whatever the look.
+    pub macro_ranges: wgpu::Buffer,
+    /// Those of their blocks.
+    pub block_ranges: wgpu::Buffer,
+    /// How far each of these is from one that shows something under the look.
+    pub proximity: wgpu::Buffer,
+    /// Slots whose proximity is to be made.
+    pub slot_list: wgpu::Buffer,
+    /// What bricks may be off by.
+    pub deviations: DeviationTable,
+    /// Texels of a slot along x, y and z.
+    slot: [u32; 3],
+    /// Macro cells of a slot.
+    cells: usize,
+    staging_bytes: u64,
+    /// Bytes handed to the queue since it was last waited for.
+    bytes_in_flight: u64,
+}
+
+/// What the cache is made for.
+#[derive(Debug, Clone, Copy)]
+pub struct CacheShape<'a> {
+    /// Grids of slots.
+    pub plan: &'a MemoryPlan,
+    /// Type of the texels.
+    pub storage: VoxelStorage,
+    /// Voxels along each axis of a slot.
+    pub edge: u32,
+    /// Macro cells of a slot.
+    pub cells: usize,
+    /// Whether it will be asked what bricks may be off by.
+    pub sums_errors: bool,
+}
+
+impl GpuCache {
+    /// Allocates everything; all entries of `pages` are missing (zero).
+    ///
+    /// # Errors
+    /// Out of memory, or a size the device refuses.
+    pub fn new(gpu: &GpuDevice, shape: &CacheShape<'_>, pages: PageTable) -> Result<Self, GpuError> {
+        let CacheShape { plan, storage, edge, cells, sums_errors } = *shape;
+        let slot = storage.texels([edge; 3]);
+        let mut grids = [SlotGrid { slots: [1; 3], first: u32::MAX }; TEXTURE_LIMIT];
+        let mut textures = Vec::new();
+        let mut first = 0;
+        for (i, &slots) in plan.textures.iter().enumerate() {
+            grids[i] = SlotGrid { slots, first };
+            first += slots.iter().product::<u32>();
+            let size = std::array::from_fn(|axis| slots[axis] * slot[axis]);
+            textures.push(gpu.checked("a cache texture", || texture(gpu, size))?);
+        }
+        let dummy = gpu.checked("an empty texture", || texture(gpu, [1; 3]))?;
+        let views = (0..TEXTURE_LIMIT)
+            .map(|i| textures.get(i).unwrap_or(&dummy).create_view(&wgpu::TextureViewDescriptor::default()))
+            .collect();
+        let page_table = gpu.buffer("the page table", pages.count() * 8, wgpu::BufferUsages::STORAGE)?;
+        let ranges = plan.slots * cells as u64 * 8;
+        let macro_ranges = gpu.buffer("the macro ranges", ranges, wgpu::BufferUsages::STORAGE)?;
+        let blocks = plan.slots * (cells * size_of::<BlockRanges>()) as u64;
+        let block_ranges = gpu.buffer("the ranges of blocks", blocks, wgpu::BufferUsages::STORAGE)?;
+        let proximity = gpu.buffer("proximity", ranges / 2, wgpu::BufferUsages::STORAGE)?;
+        let slot_list = gpu.buffer("a list of slots", 4 * plan.slots, wgpu::BufferUsages::STORAGE)?;
+        Ok(Self {
+            gpu: gpu.clone(),
+            textures,
+            grids,
+            views,
+            page_table,
+            pages,
+            macro_ranges,
+            block_ranges,
+            proximity,
+            slot_list,
+            deviations: DeviationTable::new(gpu, sums_errors)?,
+            slot,
+            cells,
+            staging_bytes: plan.staging_bytes,
+            bytes_in_flight: 0,
+        })
+    }
+
+    /// Textures that hold slots.
+    #[must_use]
+    pub fn texture_count(&self) -> u32 {
+        self.textures.len() as u32
+    }
+
+    /// Slots of all textures.
+    #[must_use]
+    pub fn slot_count(&self) -> u64 {
+        self.grids[..self.textures.len()].iter().map(|g| g.slots.iter().map(|&n| u64::from(n)).product::<u64>()).sum()
+    }
+
+    /// Where each texture's slots lie, for the shader.
+    #[must_use]
+    pub fn grids(&self) -> [SlotGrid; TEXTURE_LIMIT] {
+        self.grids
+    }
+
+    /// Writes what a slot is to hold; returns the bytes of texels written.
+    ///
+    /// # Errors
+    /// A lost device.
+    ///
+    /// # Panics
+    /// If the texels exceed the slot, or there are more or fewer ranges than it has macro cells.
+    pub fn write(&mut self, slot: SlotIndex, contents: &SlotContents) -> Result<u64, GpuError> {
+        let SlotContents { texels: Texels { size: size @ [width, height, depth], bytes }, ranges, blocks } = contents;
+        assert!(
+            size.iter().zip(self.slot).all(|(n, most)| *n <= most),
+            "{size:?} texels exceed a slot of {:?}",
+            self.slot
+        );
+        assert_eq!([ranges.len(), blocks.len()], [self.cells; 2], "macro cells of a slot");
+        let (ranges, blocks): (&[u8], &[u8]) = (bytemuck::cast_slice(ranges), bytemuck::cast_slice(blocks));
+        let (texture, [x, y, z]) = slot_at(&self.grids, self.slot, slot.0);
+        self.make_room((bytes.len() + ranges.len() + blocks.len()) as u64)?;
+        let place =
+            wgpu::TexelCopyTextureInfo { origin: wgpu::Origin3d { x, y, z }, ..self.textures[texture].as_image_copy() };
+        let size = wgpu::Extent3d { width: *width, height: *height, depth_or_array_layers: *depth };
+        self.gpu.write_texture(place, bytes, size);
+        for (buffer, bytes) in [(&self.macro_ranges, ranges), (&self.block_ranges, blocks)] {
+            self.gpu.write_buffer(buffer, u64::from(slot.0) * bytes.len() as u64, bytes);
+        }
+        Ok(bytes.len() as u64)
+    }
+
+    /// Writes the noted entries, runs of neighbours at once, and the deviations that they number.
+    ///
+    /// # Errors
+    /// A lost device.
+    pub fn flush_pages(&mut self) -> Result<(), GpuError> {
+        self.deviations.flush();
+        for run in self.pages.take_changes().chunk_by(|a, b| a.0 + 1 == b.0) {
+            let pages: Vec<[u32; 2]> = run.iter().map(|&(_, page)| page).collect();
+            self.make_room(8 * pages.len() as u64)?;
+            self.gpu.write_buffer(&self.page_table, 8 * u64::from(run[0].0), bytemuck::cast_slice(&pages));
+        }
+        Ok(())
+    }
+
+    /// Writes numbers of slots to [`Self::slot_list`].
+    pub fn write_slot_list(&self, slots: &[SlotIndex]) {
+        let numbers: Vec<u32> = slots.iter().map(|slot| slot.0).collect();
+        self.gpu.write_buffer(&self.slot_list, 0, bytemuck::cast_slice(&numbers));
+    }
+
+    /// Forgets what all entries of the page table are: all are missing.
+    pub fn clear_pages(&mut self) {
+        self.pages.clear();
+        self.deviations.clear();
+        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.clear_buffer(&self.page_table, 0, None);
+        self.gpu.submit(encoder);
+    }
+
+    /// Waits for earlier uploads if this many more bytes would exceed the staging limit.
+    pub fn make_room(&mut self, bytes: u64) -> Result<(), GpuError> {
+        self.bytes_in_flight += bytes;
+        if self.bytes_in_flight > self.staging_bytes {
+            self.gpu.flush()?;
+            self.bytes_in_flight = bytes;
+        }
+        Ok(())
+    }
+}
+
+/// Cache texture of a slot, and its first texel there; `texels`: of a slot.
+#[must_use]
+pub fn slot_at(grids: &[SlotGrid], texels: [u32; 3], slot: u32) -> (usize, [u32; 3]) {
+    let texture = grids.iter().rposition(|grid| grid.first <= slot).expect("the first grid begins at slot 0");
+    let grid = grids[texture];
+    let i = slot - grid.first;
+    let [nx, ny, _] = grid.slots;
+    let place = [i % nx, i / nx % ny, i / (nx * ny)];
+    (texture, std::array::from_fn(|axis| place[axis] * texels[axis]))
+}
+
+fn texture(gpu: &GpuDevice, size: [u32; 3]) -> wgpu::Texture {
+    gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("bricks"),
+        size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: size[2] },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D3,
+        format: wgpu::TextureFormat::Rgba32Uint,
+        usage: gpu.texels().usage() | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use supervol_format::random::Random;
+
+    use super::*;
+
+    /// Every cell's voxels lie where the shader looks for them (`stored_square` in brick.wgsl).
+    #[test]
+    fn texels_hold_every_square_of_voxels() {
+        let mut random = Random::new(9);
+        for storage in [VoxelStorage::U8, VoxelStorage::U16, VoxelStorage::F32] {
+            for extent in [[20, 20, 20], [5, 6, 7], [9, 5, 5], [8, 23, 6]] {
+                let bytes = storage.bytes() as usize;
+                let count = extent.iter().product::<u32>() as usize * bytes;
+                let voxels: Vec<u8> = (0..count).map(|_| (random.unit() * 256.0) as u8).collect();
+                let texels = storage.packed(extent, &voxels);
+                let size = storage.texels(extent);
+                let [[width, rows], step] = [storage.voxels_of_texel(), [storage.texel_step(); 2]];
+                let index = |[x, y, z]: [u32; 3], [nx, ny, _]: [u32; 3]| (x + nx * (y + ny * z)) as usize;
+                let from_texels = |texel: [u32; 3], x: u32, y: u32| {
+                    let begin = index(texel, size) * TEXEL_BYTES + (x + width * y) as usize * bytes;
+                    texels[begin..begin + bytes].to_vec()
+                };
+                let all = (0..extent[2]).flat_map(|z| (0..extent[1] - 1).map(move |y| (y, z)));
+                for ([x, y, z], (dx, dy)) in all
+                    .flat_map(|(y, z)| (0..extent[0] - 1).map(move |x| [x, y, z]))
+                    .flat_map(|v| [(0, 0), (1, 0), (0, 1), (1, 1)].map(|d| (v, d)))
+                {
+                    let (i, rest) = (x / step[0], x % step[0]);
+                    let found = match rows {
+                        1 => from_texels([i, y + dy, z], rest + dx, 0),
+                        _ => from_texels([i, y / step[1], z], rest + dx, y % step[1] + dy),
+                    };
+                    let begin = index([x + dx, y + dy, z], extent) * bytes;
+                    assert_eq!(found, voxels[begin..begin + bytes], "{storage:?}, {extent:?}, {:?}", [x, y, z]);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,740 @@
+//! The ray caster on the GPU: the same algorithm as [`crate::engines::packets`], shader function by shader function.
+//!
+//! The protocol between calls:
+//! 1. [`GpuRenderer::new`] plans memory and allocates everything.
+//! 2. [`GpuRenderer::cast_pass`] casts every unfinished ray as far as resident bricks allow, and says which bricks are
+//!    missing.
+//! 3. The caller answers with [`GpuRenderer::insert`] (a brick) or [`GpuRenderer::set_state`] (anything else), as many
+//!    as it likes and as fit; at least one, or the next pass finds the same. Then 2 again, until every ray is finished.
+//! 4. [`GpuRenderer::image`] reads the picture back, at any time.
+//! 5. [`GpuRenderer::set_scene`] begins another picture: bricks stay where they are, and only some kilobytes of tables are
+//!    written.
+//!
+//! Pictures that are too large to be cast at once are cast in bands of rows ([`GpuRenderer::begin`]).
+//! After [`GpuError::DeviceLost`] the renderer is of no more use: open a new device and make a new one.
+
+use std::ops::Range;
+use std::time::Instant;
+
+use bytemuck::Zeroable;
+use rayon::prelude::*;
+use supervol_format::brick::MACRO_CELL;
+use supervol_format::{BrickKey, Lod, Pyramid};
+use supervol_scene::image::Image;
+use supervol_scene::scene::{Mode, ResolvedScene};
+use supervol_scene::transfer_function::{RenderTransferFunction, TransferFunction};
+use supervol_scene::value_map::ValueMap;
+
+pub use crate::engines::gpu::cache::VoxelStorage;
+use crate::engines::gpu::cache::{BlockRanges, CacheShape, GpuCache, SlotContents};
+pub use crate::engines::gpu::device::{GpuDevice, GpuError, SHARED_MEMORY, may_have_hardware};
+pub use crate::engines::gpu::errors::{BandErrors, DeviationOf};
+pub use crate::engines::gpu::feedback::PassFeedback;
+use crate::engines::gpu::layout::{
+    DEVIATION_NONE, DEVIATION_UNKNOWN, Dispatch, PAGE_DEVIATION_SHIFT, PAGE_FAILED, PAGE_MISSING, PAGE_NOTHING,
+    PAGE_REFINE, PAGE_RESIDENT, PAGE_UNIFORM, Scene,
+};
+use crate::engines::gpu::light_table::LightTable;
+use crate::engines::gpu::memory::{MemoryPlan, MemoryRequest, SLOT_LIMIT};
+use crate::engines::gpu::page_table::PageTable;
+use crate::engines::gpu::pass::{Capacity, Caster};
+use crate::engines::gpu::pixels::Gathered;
+use crate::engines::gpu::ray_parts::RayParts;
+use crate::engines::gpu::rays::{RayGrid, ViewLines};
+pub use crate::engines::gpu::scene_tables::GpuVolume;
+use crate::engines::gpu::scene_tables::{Exactness, FeedbackPlaces};
+use crate::engines::gpu::slots::{SlotIndex, Slots};
+use crate::engines::gpu::{pass, scene_tables};
+use crate::engines::packets::{FIT_SHARE, MAX_ERROR_LIMITS, PacketRule, Skipping};
+use crate::lod::{LodChoice, LodRule};
+use crate::stop::Stop;
+use crate::stream::counters::{DeviceCounters, milliseconds};
+use crate::stream::field::{Field, FieldBrick};
+use crate::stream::residency::DecodedBrick;
+
+/// Fewest pixels that are worth a thread.
+pub const PIXELS_TOGETHER: usize = 1 << 12;
+
+/// What a renderer may use, and how.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GpuOptions {
+    /// Bytes of GPU memory in all: cache, tables, rays, staging.
+    pub memory_bytes: u64,
+    /// Whether macro cells that cannot change the picture are skipped.
+    pub skipping: Skipping,
+    /// Largest error of any channel of any pixel that is aimed at in mode `dvr`, 1 being white; brought to
+    /// [`MAX_ERROR_LIMITS`].
+    pub max_error: f64,
+    /// Whether there is room to sum up what rays may be off by.
+    pub sums_errors: bool,
+    /// Rays along x and y of the largest picture for which there is room; `None`: the first one's.
+    pub room: Option<[u32; 2]>,
+}
+
+impl Default for GpuOptions {
+    fn default() -> Self {
+        Self {
+            memory_bytes: 1 << 30,
+            skipping: Skipping::On,
+            max_error: PacketRule::DEFAULT.max_error,
+            sums_errors: false,
+            room: None,
+        }
+    }
+}
+
+/// What a brick is, where it is not resident voxels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PageEntry {
+    /// Not resident: rays wait for it.
+    Missing,
+    /// It contributes nothing (absent, or in mode dvr invisible).
+    Nothing,
+    /// It would change the picture too much: from now on rays go on in its children. What stands in for a child that has
+    /// failed is what is said of the brick, or inserted, after this.
+    TooCoarse,
+    /// All voxels, apron included, have this render value.
+    Uniform(f32),
+    /// It cannot be had: its parent is drawn.
+    Failed,
+}
+
+/// What became of a brick that was offered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Insertion {
+    /// It is resident; the brick named, if any, is not any more.
+    Placed {
+        /// Who had to leave.
+        evicted: Option<BrickKey>,
+    },
+    /// Every slot holds a brick inserted since the last pass: cast first.
+    NoRoom,
+}
+
+/// What the device holds, and what it did since the renderer was made.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct GpuStats {
+    /// Name and kind of the adapter.
+    pub adapter: String,
+    /// Bytes planned, all of them allocated.
+    pub planned_bytes: u64,
+    /// Slots in all.
+    pub slots: u64,
+    /// Slots that hold a brick.
+    pub slots_used: u64,
+    /// The slowest dispatch of the picture.
+    pub dispatch_ms_max: f64,
+    /// What it did.
+    pub counters: DeviceCounters,
+}
+
+/// See the module.
+pub struct GpuRenderer {
+    gpu: GpuDevice,
+    /// The field that is drawn. Its bricks go by their keys here, and by the pair in the slots and the page table.
+    field: Field,
+    pub(crate) pyramid: Pyramid,
+    pub(crate) storage: VoxelStorage,
+    pub(crate) value_map: ValueMap,
+    options: GpuOptions,
+    capacity: Capacity,
+    slots: Slots,
+    cache: GpuCache,
+    pub(crate) caster: Caster,
+    pub(crate) picture: Picture,
+    parts: PartsInProgress,
+    /// The first pass of the band in progress.
+    first_pass: u64,
+    /// Slots whose bricks came since the last pass: what of them shows is not known yet.
+    unclassified: Vec<SlotIndex>,
+    /// What bricks may be off by, if that is summed up.
+    deviation_of: Option<DeviationOf>,
+    stats: GpuStats,
+    /// What the device had done before the renderer was made.
+    traffic_before: DeviceCounters,
+}
+
+/// What belongs to one picture.
+pub struct Picture {
+    pub(crate) mode: Mode,
+    pub(crate) subgrid: u32,
+    size: [u32; 2],
+    /// What the next two are made of, with `shift` and the error that is aimed at: another picture may have the same.
+    transfer_function: TransferFunction,
+    pub(crate) tf: RenderTransferFunction,
+    pub(crate) light: LightTable,
+    pub(crate) exactness: Exactness,
+    /// How far a brick is, and how fine it must be.
+    lod: LodRule,
+    /// For each entry from level 1 on, in order: whether the brick is too coarse.
+    refine: Vec<bool>,
+    /// Entries that are drawn from their parents.
+    failed: Vec<u32>,
+    /// What solids leave of its rays, where there are any.
+    parts: Option<RayParts>,
+    /// What is taken off every data value.
+    pub(crate) shift: f64,
+    /// Whether there are surfaces inside the volume.
+    pub(crate) has_surfaces: bool,
+}
+
+/// How far the rays of a band have come, of which solids leave several parts.
+#[derive(Default)]
+struct PartsInProgress {
+    first_row: u32,
+    /// Rays that have a part at all.
+    rays: u64,
+    /// The part that is cast.
+    number: usize,
+    /// Places of the rays that have another part behind it.
+    more: Vec<u32>,
+}
+
+impl Picture {
+    fn new(
+        volume: &GpuVolume<'_>,
+        scene: &ResolvedScene,
+        lod: LodChoice,
+        (options, sums_errors): (&GpuOptions, bool),
+        before: Option<&Self>,
+    ) -> Self {
+        let [least, most] = MAX_ERROR_LIMITS;
+        let max_error = options.max_error.clamp(least, most);
+        let shift = volume.value_map.shift;
+        let lod = LodRule::new(lod, &scene.camera, volume.geometry);
+        let transfer_function = scene.transfer_function.without_surfaces();
+        let is_the_same = |it: &&Self| {
+            it.transfer_function == transfer_function && it.exactness.max_error == max_error && it.shift == shift
+        };
+        let (tf, light) = match before.filter(is_the_same) {
+            Some(before) => (before.tf.clone(), before.light.clone()),
+            None => (
+                RenderTransferFunction::new(&transfer_function, shift),
+                LightTable::new(&transfer_function, shift, FIT_SHARE * max_error),
+            ),
+        };
+        Self {
+            mode: scene.mode,
+            subgrid: scene.subgrid,
+            size: [scene.camera.width, scene.camera.height],
+            tf,
+            light,
+            transfer_function,
+            exactness: Exactness { skipping: options.skipping, max_error, sums_errors },
+            refine: bricks_to_refine(volume.pyramid, &lod),
+            lod,
+            failed: Vec::new(),
+            parts: RayParts::new(
+                &scene.camera,
+                volume.geometry,
+                volume.pyramid.level_at(Lod::FINEST).dims,
+                &scene.clip,
+            ),
+            shift,
+            has_surfaces: scene.has_inner_surfaces(),
+        }
+    }
+
+    /// What it needs, whether errors are summed up or not.
+    fn capacity(&self, entries: u64, sums_errors: bool) -> Capacity {
+        let [width, height] = self.size;
+        Capacity::new((RayGrid { width, height }, self.subgrid), &self.tf, entries, sums_errors)
+    }
+
+    /// The same with room for larger pictures to come.
+    fn capacity_with_room(&self, entries: u64, options: &GpuOptions) -> Capacity {
+        let own = self.capacity(entries, options.sums_errors);
+        options.room.map_or(own, |[width, height]| {
+            let grid = RayGrid { width, height };
+            own.with_rays_of(&Capacity::new((grid, 1), &self.tf, entries, options.sums_errors))
+        })
+    }
+}
+
+impl GpuRenderer {
+    /// A renderer of one volume, and of one scene to begin with; nothing is resident. What rays may be off by is summed up where somebody says
+    /// it of bricks, and there is room ([`GpuOptions::sums_errors`]).
+    ///
+    /// # Errors
+    /// [`GpuError::Budget`] where the memory does not suffice, [`GpuError::TableLimit`] where the volume has too many
+    /// bricks for the adapter, [`GpuError::Scene`] for what is not drawn, and whatever the driver says.
+    pub fn new(
+        device: &GpuDevice,
+        volume: &GpuVolume<'_>,
+        scene: &ResolvedScene,
+        lod: LodChoice,
+        options: GpuOptions,
+        deviation_of: Option<DeviationOf>,
+    ) -> Result<Self, GpuError> {
+        let deviation_of = deviation_of.filter(|_| options.sums_errors);
+        let traffic_before = device.traffic();
+        let pyramid = volume.pyramid;
+        let pages = PageTable::new([pyramid.clone()]);
+        let picture = Picture::new(volume, scene, lod, (&options, deviation_of.is_some()), None);
+        let capacity = picture.capacity_with_room(pages.count(), &options);
+        let plan = plan_memory(device, (volume, pages.count()), &capacity, options)?;
+        let shape = CacheShape {
+            plan: &plan,
+            storage: volume.storage,
+            edge: scene_tables::slot_edge(pyramid),
+            cells: (pyramid.layout().core() / MACRO_CELL).pow(3),
+            sums_errors: options.sums_errors,
+        };
+        let cache = GpuCache::new(device, &shape, pages)?;
+        let slots = usize::try_from(plan.slots).expect("slots are below 2^24");
+        let mut renderer = Self {
+            gpu: device.clone(),
+            field: Field::FIRST,
+            pyramid: pyramid.clone(),
+            storage: volume.storage,
+            value_map: *volume.value_map,
+            options,
+            capacity,
+            slots: Slots::new(slots),
+            caster: Caster::new(device, &cache, &capacity)?,
+            cache,
+            picture,
+            parts: PartsInProgress::default(),
+            first_pass: 0,
+            unclassified: Vec::new(),
+            deviation_of,
+            stats: GpuStats {
+                adapter: device.name(),
+                planned_bytes: plan.total_bytes,
+                slots: plan.slots,
+                ..GpuStats::default()
+            },
+            traffic_before,
+        };
+        renderer.write_tables(volume, scene)?;
+        renderer.write_pages();
+        renderer.begin(0..renderer.band_rows().min(scene.camera.height));
+        Ok(renderer)
+    }
+
+    /// The largest error that is aimed at from the next picture on; see [`GpuOptions::max_error`].
+    pub fn set_max_error(&mut self, max_error: f64) {
+        self.options.max_error = max_error;
+    }
+
+    /// What bricks may be off by from the next picture on, if that is to be summed up: then the answers are the same only if this is.
+    pub fn set_deviations(&mut self, deviation_of: Option<DeviationOf>) {
+        self.deviation_of = deviation_of;
+    }
+
+    /// Begins another picture of the same volume: whether there is room for one of this size. Bricks stay resident. What was
+    /// said of others is forgotten, as is which are too coarse, unless `keeps_answers` says that the answers would be the
+    /// same; what had failed is asked for again in any case.
+    ///
+    /// # Errors
+    /// [`GpuError::Scene`] for what is not drawn.
+    pub fn set_scene(
+        &mut self,
+        volume: &GpuVolume<'_>,
+        scene: &ResolvedScene,
+        lod: LodChoice,
+        keeps_answers: bool,
+    ) -> Result<bool, GpuError> {
+        let sums_errors = self.deviation_of.is_some();
+        let mut picture = Picture::new(volume, scene, lod, (&self.options, sums_errors), Some(&self.picture));
+        if !self.capacity.holds(&picture.capacity(self.cache.pages.count(), sums_errors)) {
+            return Ok(false);
+        }
+        if keeps_answers {
+            picture.refine.clone_from(&self.picture.refine);
+        }
+        let before = std::mem::replace(&mut self.picture, picture);
+        self.stats.dispatch_ms_max = 0.0;
+        self.write_tables(volume, scene)?;
+        if keeps_answers {
+            before.failed.into_iter().for_each(|entry| self.set_page(entry, PAGE_MISSING, 0));
+        } else {
+            self.cache.clear_pages();
+            self.write_pages();
+        }
+        self.unclassified = self.slots.iter().map(|(_, slot)| slot).collect();
+        self.begin(0..self.band_rows().min(scene.camera.height));
+        Ok(true)
+    }
+
+    /// Hands the tables of the picture over.
+    fn write_tables(&mut self, volume: &GpuVolume<'_>, scene: &ResolvedScene) -> Result<(), GpuError> {
+        let places = FeedbackPlaces {
+            grids: self.cache.grids(),
+            slots: self.cache.slot_count(),
+            entries: self.cache.pages.count(),
+        };
+        let Picture { tf, light, exactness, .. } = &self.picture;
+        let mut config = scene_tables::config(volume, scene, tf, light, *exactness, places)?;
+        config.work_limit = pass::work_limit(&self.gpu, config.flags);
+        let tables = scene_tables::tables(volume, scene)?;
+        let dims = self.pyramid.level_at(Lod::FINEST).dims;
+        let lines = ViewLines::new(&scene.camera, volume.geometry, dims);
+        config.stride = lines.stride() as f32;
+        let mut view = lines.view(&scene.camera, volume.geometry, dims, &scene.clip)?;
+        view.first_value = match scene.mode {
+            Mode::Mip => f32::MIN,
+            Mode::Minip => f32::MAX,
+            _ => 0.0,
+        };
+        view.in_parts = u32::from(self.picture.parts.is_some());
+        self.caster.set_scene(&self.cache, &Scene { config, tables, view, job: Dispatch::zeroed() }, tf, light)
+    }
+
+    /// Coarsest levels all of whose bricks are too coarse.
+    fn refined_levels(&self) -> u32 {
+        let coarsest = self.picture.refine.iter().rposition(|refine| !refine).map_or(0, |i| {
+            let entry = self.pyramid.level_at(Lod::FINEST).brick_count() + i as u64;
+            self.pyramid.key(entry).expect("entries below the count have keys").lod().0.into()
+        });
+        (self.pyramid.levels().len() - 1 - coarsest) as u32
+    }
+
+    /// Notes what is known of all bricks when a picture begins: which are resident, and which are too coarse.
+    fn write_pages(&mut self) {
+        let first = self.first_coarse_entry();
+        let refined = (first..).zip(&self.picture.refine).filter(|(_, refine)| **refine).map(|(entry, _)| entry);
+        for entry in refined.collect::<Vec<u32>>() {
+            self.set_page(entry, PAGE_MISSING, 0);
+        }
+        for (key, slot) in self.slots.iter().collect::<Vec<_>>() {
+            self.set_page(self.cache.pages.entry(key), PAGE_RESIDENT, slot.0);
+        }
+    }
+
+    /// Rows of the picture that are cast at once.
+    #[must_use]
+    pub fn band_rows(&self) -> u32 {
+        pass::band_rows(self.picture.size[0], self.picture.subgrid, self.sums_errors())
+    }
+
+    /// Whether it is summed up what rays may be off by.
+    pub fn sums_errors(&self) -> bool {
+        self.picture.exactness.sums_errors
+    }
+
+    /// Rays along an edge of a pixel.
+    #[must_use]
+    pub fn subgrid(&self) -> u32 {
+        self.picture.subgrid
+    }
+
+    /// Begins the rays of these rows, numbered from the top; no more than [`Self::band_rows`].
+    pub fn begin(&mut self, rows: Range<u32>) {
+        let first_row = rows.start;
+        self.first_pass = self.slots.coming_pass();
+        self.caster.begin(rows);
+        if let Some(parts) = &self.picture.parts {
+            let turn = parts.first(self.caster.grid(), first_row);
+            self.caster.begin_parts(&turn.parts);
+            self.parts = PartsInProgress { first_row, rays: turn.parts.len() as u64, number: 0, more: turn.more };
+        }
+    }
+
+    /// Sets the rays on their way through their next part: whether any ray has one.
+    fn begin_next_part(&mut self) -> bool {
+        let places = std::mem::take(&mut self.parts.more);
+        let Some(parts) = self.picture.parts.as_ref().filter(|_| !places.is_empty()) else { return false };
+        self.parts.number += 1;
+        let turn = parts.turn(self.caster.grid(), self.parts.first_row, &places, self.parts.number);
+        self.caster.begin_parts(&turn.parts);
+        self.parts.more = turn.more;
+        true
+    }
+
+    fn first_coarse_entry(&self) -> u32 {
+        self.cache.pages.first_coarse_entry(self.field)
+    }
+
+    fn set_page(&mut self, entry: u32, state: u32, payload: u32) {
+        let coarse = entry.checked_sub(self.first_coarse_entry());
+        let refine = coarse.is_some_and(|i| self.picture.refine[i as usize]);
+        let deviation = self.deviation_number(entry, state) << PAGE_DEVIATION_SHIFT;
+        self.cache.pages.set(entry, [state | deviation | if refine { PAGE_REFINE } else { 0 }, payload]);
+    }
+
+    /// Number of what may be off where a page in this state is drawn.
+    fn deviation_number(&mut self, entry: u32, state: u32) -> u32 {
+        match (&self.deviation_of, state) {
+            (None, _) | (_, PAGE_MISSING) => DEVIATION_NONE,
+            (_, PAGE_FAILED) => DEVIATION_UNKNOWN,
+            (Some(deviation_of), _) => {
+                let key = self.cache.pages.brick(entry).expect("entries below the count have keys");
+                self.cache.deviations.number_of(&deviation_of(key.brick), self.picture.shift)
+            }
+        }
+    }
+
+    /// Bricks that fit the budget.
+    #[must_use]
+    pub fn slot_capacity(&self) -> usize {
+        self.slots.capacity()
+    }
+
+    /// Whether the brick's voxels are resident.
+    #[must_use]
+    pub fn is_resident(&self, key: BrickKey) -> bool {
+        self.slots.place(self.field.brick(key)).is_some()
+    }
+
+    /// All resident bricks.
+    pub fn resident(&self) -> impl Iterator<Item = FieldBrick> + '_ {
+        self.slots.iter().map(|(key, _)| key)
+    }
+
+    /// Makes bricks resident, as far as there is room ([`Self::insert`]); their texels are made by all threads of the pool.
+    ///
+    /// # Errors
+    /// As [`Self::insert`].
+    pub fn insert_all(&mut self, bricks: &[&DecodedBrick]) -> Result<(), GpuError> {
+        // Texels of as many bricks as there are threads are held at once.
+        for bricks in bricks.chunks(rayon::current_num_threads()) {
+            let begin = Instant::now();
+            let contents = bricks.par_iter().map(|brick| self.contents_of(brick)).collect::<Result<Vec<_>, _>>()?;
+            self.stats.counters.upload_ms += milliseconds(begin.elapsed());
+            for (brick, contents) in bricks.iter().zip(&contents) {
+                // Bricks for which there is no slot are missed again in the next pass.
+                if self.insert_contents(brick, contents)? == Insertion::NoRoom {
+                    return Ok(());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes a brick resident; the least recently used brick leaves for it, never one inserted since the last pass.
+    ///
+    /// # Errors
+    /// [`GpuError::Brick`] where the brick is not what the pyramid says, or a lost device.
+    pub fn insert(&mut self, brick: &DecodedBrick) -> Result<Insertion, GpuError> {
+        let contents = self.contents_of(brick)?;
+        self.insert_contents(brick, &contents)
+    }
+
+    fn insert_contents(&mut self, brick: &DecodedBrick, contents: &SlotContents) -> Result<Insertion, GpuError> {
+        let key = self.field.brick(brick.key);
+        let entry = self.cache.pages.entry(key);
+        if let Some(slot) = self.slots.place(key) {
+            self.set_page(entry, PAGE_RESIDENT, slot.0);
+            return Ok(Insertion::Placed { evicted: None });
+        }
+        let Some((slot, evicted)) = self.slots.insert(key) else { return Ok(Insertion::NoRoom) };
+        if let Some(old) = evicted {
+            self.set_page(self.cache.pages.entry(old), PAGE_MISSING, 0);
+            self.stats.counters.evictions += 1;
+        }
+        let begin = Instant::now();
+        self.stats.counters.upload_bytes += self.cache.write(slot, contents)?;
+        self.stats.counters.upload_ms += milliseconds(begin.elapsed());
+        self.stats.counters.page_ins += 1;
+        self.unclassified.push(slot);
+        self.set_page(entry, PAGE_RESIDENT, slot.0);
+        Ok(Insertion::Placed { evicted: evicted.map(|old| old.brick) })
+    }
+
+    /// Says what a brick is; if it was resident, its slot is free, unless it is too coarse: it may stand in for its children.
+    ///
+    /// # Panics
+    /// If the key names no brick of the pyramid.
+    pub fn set_state(&mut self, key: BrickKey, state: PageEntry) {
+        let key = self.field.brick(key);
+        let entry = self.cache.pages.entry(key);
+        if let (PageEntry::TooCoarse, Some(i)) = (state, entry.checked_sub(self.first_coarse_entry())) {
+            self.picture.refine[i as usize] = true;
+            if let Some(slot) = self.slots.place(key) {
+                return self.set_page(entry, PAGE_RESIDENT, slot.0);
+            }
+        }
+        self.slots.remove(key);
+        if state == PageEntry::Failed {
+            self.picture.failed.push(entry);
+        }
+        let (state, payload) = match state {
+            PageEntry::Missing | PageEntry::TooCoarse => (PAGE_MISSING, 0),
+            PageEntry::Uniform(value) if value.is_finite() => (PAGE_UNIFORM, value.to_bits()),
+            PageEntry::Nothing | PageEntry::Uniform(_) => (PAGE_NOTHING, 0),
+            PageEntry::Failed => (PAGE_FAILED, 0),
+        };
+        self.set_page(entry, state, payload);
+    }
+
+    /// Casts every unfinished ray as far as resident bricks allow.
+    ///
+    /// # Errors
+    /// A lost device, or what the driver says about a dispatch.
+    pub fn cast_pass(&mut self) -> Result<PassFeedback, GpuError> {
+        self.cast_pass_until(&Stop::NEVER)
+    }
+
+    /// The same, but rays stop where they are when it is time to.
+    ///
+    /// # Errors
+    /// As [`Self::cast_pass`].
+    pub fn cast_pass_until(&mut self, stop: &Stop) -> Result<PassFeedback, GpuError> {
+        let begin = Instant::now();
+        self.cache.flush_pages()?;
+        if !self.unclassified.is_empty() {
+            self.unclassified.sort_unstable();
+            self.unclassified.dedup();
+            self.caster.classify(&self.cache, &self.unclassified);
+            self.unclassified.clear();
+        }
+        if !self.has_room_for_scouts() {
+            self.caster.end_scouting();
+        }
+        let refined_levels = self.refined_levels();
+        let mut raw = self.caster.cast_pass(refined_levels, stop)?;
+        while raw.is_finished() && self.begin_next_part() {
+            raw = raw.followed_by(self.caster.cast_pass(refined_levels, stop)?);
+        }
+        let is_finished = raw.is_finished();
+        let mut feedback = raw.feedback;
+        feedback.is_stopped = raw.is_stopped;
+        if self.picture.parts.is_some() {
+            // A ray is finished when its last part is, and all rays go through their last parts at the end.
+            feedback.counters.rays_finished = if is_finished { std::mem::take(&mut self.parts.rays) } else { 0 };
+        }
+        self.slots.end_pass(raw.uses.iter().copied());
+        feedback.uses = raw.uses.iter().filter_map(|&slot| self.slots.key(slot)).map(|key| key.brick).collect();
+        feedback.misses = raw
+            .misses
+            .iter()
+            .map(|&(entry, rays)| {
+                let key = self.cache.pages.brick(entry).expect("the shader names entries of the page table").brick;
+                crate::engines::packets::Miss {
+                    key,
+                    rays: u64::from(rays),
+                    nearest: self.picture.lod.distance(&self.pyramid, key),
+                }
+            })
+            .collect();
+        feedback.misses.sort_by(|a, b| a.nearest.total_cmp(&b.nearest).then(a.key.cmp(&b.key)));
+        feedback.device.passes = 1;
+        feedback.device.pass_ms = milliseconds(begin.elapsed());
+        self.stats.counters.add(&feedback.device);
+        self.stats.dispatch_ms_max = self.stats.dispatch_ms_max.max(raw.dispatch_ms_max);
+        Ok(feedback)
+    }
+
+    /// Whether bricks that scouts ask for are still there when the other rays come: of a volume that does not fit, half of the slots are
+    /// kept for what those ask for.
+    fn has_room_for_scouts(&self) -> bool {
+        let slots = self.slots.capacity();
+        slots as u64 >= self.cache.pages.count() || 2 * self.slots.used_since(self.first_pass) < slots
+    }
+
+    /// Pixels of the band along x and y.
+    fn band_size(&self) -> [u32; 2] {
+        let RayGrid { width, height } = self.caster.grid();
+        [width, height].map(|rays| rays / self.picture.subgrid)
+    }
+
+    /// The picture of what the rays of the band have gathered, sub-grid averaged.
+    ///
+    /// # Errors
+    /// A lost device.
+    pub fn image(&mut self) -> Result<Image, GpuError> {
+        let [width, height] = self.band_size();
+        let mut pixels = vec![[0.0; 4]; width as usize * height as usize];
+        self.write_image(&mut pixels)?;
+        Ok(Image { width, height, pixels })
+    }
+
+    /// The same, written over as many pixels, row by row.
+    ///
+    /// # Errors
+    /// A lost device.
+    ///
+    /// # Panics
+    /// If there are more or fewer.
+    pub fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), GpuError> {
+        let Picture { mode, tf, .. } = &self.picture;
+        let caster = &mut self.caster;
+        over_rays(caster.grid(), self.picture.subgrid, to, |rays| {
+            caster.read_pixels(false, |first, gathered, _| {
+                let rays = rays[first..].par_iter_mut().zip(gathered).with_min_len(PIXELS_TOGETHER);
+                rays.for_each(|(to, gathered)| *to = pixel(*mode, tf, gathered));
+            })
+        })
+    }
+
+    /// Statistics since the renderer was made.
+    #[must_use]
+    pub fn stats(&self) -> GpuStats {
+        let mut counters = self.gpu.traffic().since(&self.traffic_before);
+        counters.add(&self.stats.counters);
+        GpuStats { slots_used: self.slots.occupied() as u64, counters, ..self.stats.clone() }
+    }
+
+    /// Whether macro cells are skipped.
+    #[must_use]
+    pub fn skipping(&self) -> Skipping {
+        self.options.skipping
+    }
+}
+
+/// Has the rays of a grid written, row by row, and over the pixels what they are on average: straight there where a pixel is a ray.
+pub fn over_rays<T>(
+    RayGrid { width, height }: RayGrid,
+    subgrid: u32,
+    to: &mut [[f32; 4]],
+    write: impl FnOnce(&mut [[f32; 4]]) -> Result<T, GpuError>,
+) -> Result<T, GpuError> {
+    if subgrid == 1 {
+        return write(to);
+    }
+    let mut rays = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
+    let result = write(&mut rays.pixels)?;
+    to.copy_from_slice(&rays.downsampled(subgrid).pixels);
+    Ok(result)
+}
+
+/// The pixel of what one ray has gathered; twin of the CPU frame's.
+pub fn pixel(mode: Mode, tf: &RenderTransferFunction, gathered: &Gathered) -> [f32; 4] {
+    let value = match (mode, *gathered) {
+        (Mode::Dvr | Mode::Iso | Mode::Slice, [r, g, b, transmittance]) => return [r, g, b, 1.0 - transmittance],
+        (_, [_, present, ..]) if present <= 0.0 => return [0.0; 4],
+        (Mode::Mip | Mode::Minip, [extreme, ..]) => extreme,
+        (Mode::Mean, [integral, present, ..]) => integral / present,
+    };
+    let [r, g, b, alpha] = tf.classify(value);
+    [r * alpha, g * alpha, b * alpha, alpha]
+}
+
+/// For each entry from level 1 on: whether the brick is too coarse. `f64` and in one place: both backends agree.
+fn bricks_to_refine(pyramid: &Pyramid, lod: &LodRule) -> Vec<bool> {
+    let first = pyramid.level_at(Lod::FINEST).brick_count();
+    (first..pyramid.brick_count())
+        .into_par_iter()
+        .map(|entry| !lod.is_fine_enough(pyramid, pyramid.key(entry).expect("entries below the count have keys")))
+        .collect()
+}
+
+fn plan_memory(
+    device: &GpuDevice,
+    (volume, entries): (&GpuVolume<'_>, u64),
+    capacity: &Capacity,
+    options: GpuOptions,
+) -> Result<MemoryPlan, GpuError> {
+    let limits = device.limits();
+    let binding = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+    if entries * 8 > binding || u32::try_from(entries).is_err() {
+        return Err(GpuError::TableLimit {
+            what: format!("the page table of {entries} bricks"),
+            needed: entries.saturating_mul(8),
+            limit: binding,
+            advice: "convert the volume with larger bricks, or use --backend cpu".to_owned(),
+        });
+    }
+    let macro_edge = (volume.pyramid.layout().core() / MACRO_CELL) as u64;
+    MemoryPlan::new(&MemoryRequest {
+        budget_bytes: options.memory_bytes,
+        fixed_bytes: entries * 8 + capacity.bytes(entries.min(SLOT_LIMIT)),
+        slot_texels: volume.storage.texels([scene_tables::slot_edge(volume.pyramid); 3]),
+        // Of each macro cell its range, those of its blocks and its proximity; and the slot's place in a list.
+        ranges_bytes: macro_edge.pow(3) * (12 + size_of::<BlockRanges>() as u64) + 4,
+        useful_slots: entries,
+        max_dimension: limits.max_texture_dimension_3d,
+        max_binding_bytes: binding,
+    })
+}

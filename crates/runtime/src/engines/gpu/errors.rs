@@ -1,0 +1,124 @@
+//! What rays may be off by, as the shader has summed it up, made into what each pixel may be off by: see
+//! docs/decisions/013-stated-error.md.
+
+use rayon::prelude::*;
+use supervol_format::BrickKey;
+use supervol_scene::image::Image;
+use supervol_scene::scene::Mode;
+
+use super::pixels::Gathered;
+use crate::engines::gpu::caster::{GpuError, GpuRenderer, PIXELS_TOGETHER, Picture, over_rays, pixel};
+use crate::engines::gpu::deviations;
+use crate::engines::gpu::layout::RayErrors;
+use crate::engines::packets::levels::ErrorsByReason;
+use crate::engines::packets::{END_SHARE, fit_error, own_error, rounding_error};
+use crate::lod::deviation::{Deviation, Deviations, FinishedRay};
+
+/// Below this, tables and `f32` do not let roots and pairs of Gauss reach the error that is asked for.
+const LEAST_AIMED: f64 = 0.25 / 255.0;
+
+/// What a brick may be off by under a look, for pictures that say it.
+pub type DeviationOf = Box<dyn Fn(BrickKey) -> Deviation + Send + Sync>;
+
+/// What the rays of a band may be off by.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BandErrors {
+    /// Of each pixel the mean over its rays: grey, 1 being white.
+    pub pixels: Image,
+    /// The greatest of all rays, reason by reason.
+    pub greatest: ErrorsByReason,
+    /// Rays in mode `dvr` that ended before they left the volume.
+    pub ended_early: u64,
+}
+
+impl GpuRenderer {
+    /// [`GpuRenderer::write_image`], and what the picture may be off by where that is summed up, by the same rule that said it of bricks.
+    ///
+    /// # Errors
+    /// A lost device.
+    ///
+    /// # Panics
+    /// If there are more or fewer pixels.
+    pub fn write_image_with_errors(
+        &mut self,
+        deviations: &Deviations,
+        to: &mut [[f32; 4]],
+    ) -> Result<Option<BandErrors>, GpuError> {
+        if !self.sums_errors() {
+            return self.write_image(to).map(|()| None);
+        }
+        let (grid, subgrid) = (self.caster.grid(), self.picture.subgrid);
+        let mut off = vec![[0.0; 4]; grid.width as usize * grid.height as usize];
+        let (mut greatest, mut ended_early) = (ErrorsByReason::default(), 0);
+        let (caster, picture, core) = (&mut self.caster, &self.picture, self.pyramid.layout().core());
+        over_rays(grid, subgrid, to, |rays| {
+            caster.read_pixels(true, |first, gathered, errors| {
+                let places = rays[first..].par_iter_mut().zip(&mut off[first..]);
+                let rays = places.zip(gathered.par_iter().zip(errors)).with_min_len(PIXELS_TOGETHER);
+                let of_all = rays.map(|((to, off), (gathered, errors))| {
+                    *to = pixel(picture.mode, &picture.tf, gathered);
+                    let (error, by_reason) = picture.error_of(deviations, gathered, errors, (*to, core));
+                    *off = [error, error, error, 1.0];
+                    (by_reason, u64::from(picture.has_ended(gathered)))
+                });
+                let (by_reason, ended) =
+                    of_all.reduce(Default::default, |(a, ended), (b, more)| (a.or(b), ended + more));
+                greatest = greatest.or(by_reason);
+                ended_early += ended;
+            })
+        })?;
+        let pixels = Image { width: grid.width, height: grid.height, pixels: off }.downsampled(subgrid);
+        Ok(Some(BandErrors { pixels, greatest, ended_early }))
+    }
+
+    /// Whether what cells miss is part of what is summed up: in mode `dvr` without steps.
+    #[must_use]
+    pub fn sums_cells(&self) -> bool {
+        self.sums_errors() && self.picture.mode == Mode::Dvr && self.picture.light.is_resolved
+    }
+
+    /// What is not summed up ray by ray, 1 being white: what lies behind the end of a ray, what the fit of the transfer function and `f32` do.
+    #[must_use]
+    pub fn common_errors(&self) -> [f64; 3] {
+        let max_error = self.picture.exactness.max_error;
+        [END_SHARE * max_error, fit_error(max_error), rounding_error(self.pyramid.layout().core())]
+    }
+}
+
+impl Picture {
+    /// Whether a finished ray ended before it left the volume.
+    fn has_ended(&self, [.., transmittance]: &Gathered) -> bool {
+        self.mode == Mode::Dvr && *transmittance <= (END_SHARE * self.exactness.max_error) as f32
+    }
+
+    /// What a finished ray may be off by, and for which reasons; `core`: voxels along an edge of a full brick's core.
+    fn error_of(
+        &self,
+        deviations: &Deviations,
+        gathered: &Gathered,
+        errors: &RayErrors,
+        (pixel, core): ([f32; 4], usize),
+    ) -> (f32, ErrorsByReason) {
+        let max_error = self.exactness.max_error;
+        let [first, length, _, transmittance] = gathered.map(f64::from);
+        // Roots and pairs of Gauss, like surfaces, aim at the error that is asked for, and nobody sums up what they miss.
+        let only_aims = self.has_surfaces || !self.light.is_resolved;
+        let aimed = if self.light.is_resolved { max_error } else { max_error.max(LEAST_AIMED) };
+        let value = match self.mode {
+            Mode::Mip | Mode::Minip | Mode::Mean if length <= 0.0 => f64::NAN,
+            Mode::Mean => first / length,
+            _ => first,
+        };
+        let cells = f64::from(errors.cells);
+        let finished = FinishedRay {
+            behind: if self.has_ended(gathered) { transmittance } else { 0.0 },
+            value: value + self.shift,
+            length,
+            own: cells + own_error(self.mode, 1.0 - transmittance, (aimed, only_aims), core),
+            pixel,
+        };
+        let [off, levels] = deviations.of_finished(&deviations::of_ray(self.mode, errors), &finished);
+        let by_reason = ErrorsByReason { cells, levels, presence_may_change: errors.presence_may_change != 0 };
+        (off as f32, by_reason)
+    }
+}

@@ -1,0 +1,121 @@
+//! What the rays of a pass say: bricks they wait for, bricks they used, what is left of them, and what it cost.
+//!
+//! Layout of the buffer, in words: [`GpuCounters`]; the number of misses; three zeros; one bit for each slot; [`MISS_LIMIT`] pairs
+//! (entry, waiting rays); for each entry of the page table the rays that wait for it; the tiles of a run. All up to the pairs is read
+//! back after every pass, as far as it says anything, so that it is bounded: at most [`MISS_LIMIT`] misses are listed, the rest is
+//! counted and asked for again in the next pass. Tiles are written before every run, and what is left of each is read after it.
+
+use supervol_format::BrickKey;
+
+use super::layout::GpuCounters;
+use super::slots::SlotIndex;
+use crate::engines::packets::Miss;
+use crate::stream::counters::{DeviceCounters, RayCounters};
+
+/// Most misses listed in one pass.
+pub const MISS_LIMIT: u32 = 1 << 16;
+
+/// Misses that are read back with all else; where there are more, the others are read after them.
+pub const FIRST_MISSES: u32 = 1 << 10;
+
+/// Words before the miss list.
+pub const HEADER_WORDS: usize = size_of::<GpuCounters>() / 4 + 4;
+
+/// Place of the number of misses, words.
+pub const MISS_COUNT_WORD: usize = size_of::<GpuCounters>() / 4;
+
+/// What one pass has to say.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PassFeedback {
+    /// Bricks that rays wait for, each once, nearest first.
+    pub misses: Vec<Miss>,
+    /// Resident bricks that rays sampled, each once, in the order of their slots.
+    pub uses: Vec<BrickKey>,
+    /// Rays that are not finished: all of them wait for one of the misses.
+    pub unfinished_rays: u64,
+    /// Whether it was time to stop before all rays were finished or waited.
+    pub is_stopped: bool,
+    /// What the rays did.
+    pub counters: RayCounters,
+    /// What only this backend counts.
+    pub device: DeviceCounters,
+}
+
+impl PassFeedback {
+    /// Whether every ray is finished.
+    #[must_use]
+    pub fn is_converged(&self) -> bool {
+        self.unfinished_rays == 0
+    }
+
+    /// Adds what one dispatch counted.
+    pub fn add(&mut self, counters: &GpuCounters) {
+        let sums = &mut self.counters;
+        sums.cells += u64::from(counters.cells);
+        sums.samples += u64::from(counters.samples);
+        sums.macro_cells += u64::from(counters.macro_cells);
+        sums.macro_cells_skipped += u64::from(counters.macro_cells_skipped);
+        sums.bricks += u64::from(counters.bricks);
+        sums.parent_bricks += u64::from(counters.fallbacks);
+        sums.rays_finished += u64::from(counters.finished);
+        sums.rays_waiting += u64::from(counters.waiting);
+        self.device.bricks_lost += u64::from(counters.lost);
+        self.device.anomalies += u64::from(counters.anomalies);
+        self.device.interruptions += u64::from(counters.interrupted);
+        self.device.dispatches += 1;
+    }
+}
+
+/// Where the list of misses begins, words after the header: behind the bits of the slots.
+#[must_use]
+pub const fn miss_words(slots: u64) -> u64 {
+    slots.div_ceil(32)
+}
+
+/// Where the counts of waiting rays begin, words after the header.
+#[must_use]
+pub const fn wait_words(slots: u64) -> u64 {
+    miss_words(slots) + 2 * MISS_LIMIT as u64
+}
+
+/// Where the tiles of a run begin, words after the header.
+#[must_use]
+pub const fn tile_words(slots: u64, entries: u64) -> u64 {
+    wait_words(slots) + entries
+}
+
+/// Words of the whole buffer, for runs of so many tiles.
+#[must_use]
+pub const fn buffer_words(slots: u64, entries: u64, tiles: u64) -> u64 {
+    HEADER_WORDS as u64 + tile_words(slots, entries) + tiles
+}
+
+/// Words with so many of the listed misses.
+#[must_use]
+pub const fn words_with(slots: u64, misses: u32) -> u64 {
+    HEADER_WORDS as u64 + miss_words(slots) + 2 * misses as u64
+}
+
+/// Listed misses.
+#[must_use]
+pub fn listed_misses(words: &[u32]) -> u32 {
+    words[MISS_COUNT_WORD].min(MISS_LIMIT)
+}
+
+/// The listed misses (entry, rays), by entry, and how many found no place; of [`words_with`] all of them.
+#[must_use]
+pub fn read_misses(words: &[u32], slots: u64) -> (Vec<(u32, u32)>, u64) {
+    let listed = listed_misses(words);
+    let list = &words[words_with(slots, 0) as usize..words_with(slots, listed) as usize];
+    let mut misses: Vec<(u32, u32)> = list.chunks_exact(2).map(|pair| (pair[0], pair[1])).collect();
+    misses.sort_unstable();
+    (misses, u64::from(words[MISS_COUNT_WORD] - listed))
+}
+
+/// The slots whose bit is set.
+pub fn read_uses(words: &[u32], slots: u64) -> impl Iterator<Item = SlotIndex> + '_ {
+    let bits = &words[HEADER_WORDS..words_with(slots, 0) as usize];
+    (0u32..).zip(bits).flat_map(|(word, &bits)| {
+        (0..32).filter(move |bit| bits >> bit & 1 != 0).map(move |bit| SlotIndex(word * 32 + bit))
+    })
+}

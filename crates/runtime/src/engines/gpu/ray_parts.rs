@@ -1,0 +1,79 @@
+//! Rays in several parts, for the GPU: what solids leave of them ([`supervol_scene::clip::clip_parts`]).
+//!
+//! Which parts there are is found here, in `f64` and by the same functions as for the CPU's rays, meshes included; the shader is told
+//! where each part begins and ends. All rays of a band go through their first part, then those that have a second one through that, and
+//! so on, as tiles do on the CPU (docs/decisions/022-solids-and-picking.md). Parts are found anew when their turn comes: all that is kept
+//! is which rays have another one.
+
+use rayon::prelude::*;
+use supervol_format::{Dims, Geometry};
+use supervol_scene::camera::{Camera, PixelRays};
+use supervol_scene::clip::{Clip, ToIndex, clip_parts};
+
+use super::layout::RayPart;
+use super::rays::{RayGrid, ViewLines};
+
+/// The rays of a picture, and what cuts them.
+pub struct RayParts {
+    rays: PixelRays,
+    size: [u32; 2],
+    to_index: ToIndex,
+    dims: Dims,
+    clip: Clip,
+    lines: ViewLines,
+}
+
+/// The part of each ray whose turn it is, and the rays that have another one behind it.
+#[derive(Debug, Default)]
+pub struct Turn {
+    /// In the order of their places.
+    pub parts: Vec<RayPart>,
+    /// Their places.
+    pub more: Vec<u32>,
+}
+
+impl RayParts {
+    /// What solids leave of the rays of this camera; nothing to do without solids.
+    #[must_use]
+    pub fn new(camera: &Camera, geometry: &Geometry, dims: Dims, clip: &Clip) -> Option<Self> {
+        (!clip.solids.is_empty()).then(|| Self {
+            rays: camera.rays(),
+            size: [camera.width, camera.height],
+            to_index: ToIndex::new(geometry),
+            dims,
+            clip: clip.clone(),
+            lines: ViewLines::new(camera, geometry, dims),
+        })
+    }
+
+    /// The first parts of all rays of a band that begins in this row.
+    #[must_use]
+    pub fn first(&self, grid: RayGrid, first_row: u32) -> Turn {
+        let places: Vec<u32> = (0..grid.places() as u32).collect();
+        self.turn(grid, first_row, &places, 0)
+    }
+
+    /// Part number `number` of the rays at these places.
+    #[must_use]
+    pub fn turn(&self, grid: RayGrid, first_row: u32, places: &[u32], number: usize) -> Turn {
+        let found: Vec<(RayPart, bool)> =
+            places.par_iter().filter_map(|&place| self.part(grid, first_row, place, number)).collect();
+        let more = found.iter().filter(|(_, has_more)| *has_more).map(|(part, _)| part.place).collect();
+        Turn { parts: found.into_iter().map(|(part, _)| part).collect(), more }
+    }
+
+    /// A part of the ray at a place, and whether there is another behind it.
+    fn part(&self, grid: RayGrid, first_row: u32, place: u32, number: usize) -> Option<(RayPart, bool)> {
+        let [x, row] = grid.pixel(u64::from(place));
+        let y = first_row + row;
+        if x >= self.size[0] || row >= grid.height {
+            return None;
+        }
+        let ray = self.rays.ray(x, y);
+        let parts = clip_parts(&ray, &self.to_index.ray(&ray), self.dims, &self.clip);
+        let segment = parts.get(number)?;
+        let [(strides, t), (end_strides, end_rest)] =
+            [segment.t0, segment.t1].map(|t| self.lines.strides_to(&ray, [x, y], t));
+        Some((RayPart { place, t, strides, end_strides, end_rest }, parts.len() > number + 1))
+    }
+}

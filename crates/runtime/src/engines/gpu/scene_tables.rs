@@ -1,0 +1,220 @@
+//! A scene and a volume as the shaders read them: [`Config`], [`Tables`], and the transfer function's buffers.
+
+use bytemuck::Zeroable;
+use supervol_format::brick::APRON;
+use supervol_format::{Geometry, Pyramid, ValueRange};
+use supervol_scene::scene::{Mode, ResolvedScene};
+use supervol_scene::transfer_function::{ALPHA_LIMIT, RenderTransferFunction};
+use supervol_scene::value_map::ValueMap;
+
+use super::cache::VoxelStorage;
+use super::device::GpuError;
+use super::feedback::{MISS_LIMIT, miss_words, tile_words, wait_words};
+use super::layout::{
+    Config, FLAG_ABSENT, FLAG_BYTES, FLAG_ERRORS, FLAG_FLOAT, FLAG_HOLES, FLAG_LIGHT, FLAG_SHADED, FLAG_SKIPPING,
+    FLAG_SURFACES, GpuIso, GpuLevel, GpuLight, GpuPoint, MODE_DVR, MODE_ISO, MODE_MEAN, MODE_MINIP, MODE_MIP, SlotGrid,
+    Tables,
+};
+use super::light_table::LightTable;
+use crate::engines::cells::quadrature::PAIR_ERROR;
+use crate::engines::cells::shade::Lighting;
+use crate::engines::packets::{END_SHARE, LEAST_SHADED_SHARE, Skipping, TERMINATION_OPACITY, cell_error};
+
+/// The volume that a renderer draws.
+#[derive(Debug, Clone, Copy)]
+pub struct GpuVolume<'a> {
+    /// Its levels.
+    pub pyramid: &'a Pyramid,
+    /// Its place in the world.
+    pub geometry: &'a Geometry,
+    /// What stored numbers mean.
+    pub value_map: &'a ValueMap,
+    /// Range of all present values, data units.
+    pub value_range: ValueRange,
+    /// How its bricks are decoded.
+    pub storage: VoxelStorage,
+}
+
+/// How exactly rays are integrated, and what they may leave out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Exactness {
+    /// Whether macro cells that cannot change the picture are skipped.
+    pub skipping: Skipping,
+    /// Largest error of any channel of any pixel that is aimed at, 1 being white.
+    pub max_error: f64,
+    /// Whether it is summed up what rays may be off by.
+    pub sums_errors: bool,
+}
+
+/// What the tables need to know of the device's memory.
+#[derive(Debug, Clone, Copy)]
+pub struct FeedbackPlaces {
+    /// Where slots lie.
+    pub grids: [SlotGrid; 4],
+    /// How many there are.
+    pub slots: u64,
+    /// Entries of the page table.
+    pub entries: u64,
+}
+
+/// The scene's and the volume's numbers; [`Config::stride`] is that of the view, [`Config::work_limit`] the
+/// adapter's.
+///
+/// # Errors
+/// [`GpuError::Scene`] for a mode that this backend does not draw.
+pub fn config(
+    volume: &GpuVolume<'_>,
+    scene: &ResolvedScene,
+    tf: &RenderTransferFunction,
+    light: &LightTable,
+    options: Exactness,
+    places: FeedbackPlaces,
+) -> Result<Config, GpuError> {
+    let Exactness { skipping, max_error, sums_errors } = options;
+    let [light_centre, light_scale, light_offset] = light.bins_of_stored(volume.storage, volume.value_map);
+    let (world, map) = (volume.geometry.linear(), volume.value_map);
+    let lighting = scene.shading.as_ref().map(|s| Lighting::new(s, volume.geometry, volume.value_range.width()));
+    let gradient = volume.geometry.world_from_index_gradient();
+    let column = |c: glam::DVec3| c.as_vec3().to_array();
+    let has_holes = volume.storage == VoxelStorage::F32 || map.absent.is_some();
+    let flags = [
+        (volume.storage == VoxelStorage::F32, FLAG_FLOAT),
+        (volume.storage == VoxelStorage::U8, FLAG_BYTES),
+        (map.absent.is_some() && volume.storage != VoxelStorage::F32, FLAG_ABSENT),
+        (lighting.is_some(), FLAG_SHADED),
+        (skipping == Skipping::On, FLAG_SKIPPING),
+        (has_holes, FLAG_HOLES),
+        (scene.mode == Mode::Dvr && light.is_resolved, FLAG_LIGHT),
+        (scene.mode == Mode::Iso || scene.has_inner_surfaces(), FLAG_SURFACES),
+        (sums_errors, FLAG_ERRORS),
+    ];
+    let mut config = Config {
+        world_x: column(world.x_axis),
+        world_y: column(world.y_axis),
+        world_z: column(world.z_axis),
+        mode: mode_number(scene.mode)?,
+        flags: flags.iter().filter(|(on, _)| *on).map(|(_, flag)| flag).sum(),
+        level_count: volume.pyramid.levels().len() as u32,
+        gradient_x: column(gradient.x_axis),
+        gradient_y: column(gradient.y_axis),
+        gradient_z: column(gradient.z_axis),
+        iso_count: scene.iso.len() as u32,
+        value_scale: map.scale,
+        value_offset: map.offset,
+        absent: map.absent.map_or(0, u32::from),
+        core: volume.pyramid.layout().core() as u32,
+        point_count: tf.points.len() as u32,
+        bin_count: tf.bins.len() as u32,
+        alpha_limit: ALPHA_LIMIT as f32,
+        bins_per_value: tf.bins_per_value,
+        inverse_unit_distance: tf.inverse_unit_distance,
+        transmittance_limit: match scene.mode {
+            Mode::Dvr => (END_SHARE * max_error) as f32,
+            _ => (1.0 - TERMINATION_OPACITY) as f32,
+        },
+        light_centre,
+        light_scale,
+        light_offset,
+        light_unit: light.unit,
+        light_most: light.most,
+        cell_error: cell_error(max_error) as f32,
+        // The error of a Gauss pair falls with the fourth power of its width.
+        pair_share: (PAIR_ERROR / max_error).sqrt().sqrt() as f32,
+        miss_limit: MISS_LIMIT,
+        visible_points: tf.points.iter().filter(|p| p.rgba[3] > 0.0).count() as u32,
+        miss_words: miss_words(places.slots) as u32,
+        wait_words: wait_words(places.slots) as u32,
+        tile_words: tile_words(places.slots, places.entries) as u32,
+        grids: places.grids,
+        ..Config::zeroed()
+    };
+    if let Some(lighting) = lighting {
+        config.ambient = lighting.ambient;
+        config.diffuse = lighting.diffuse;
+        config.specular = lighting.specular;
+        config.shininess = lighting.shininess;
+        config.gradient_floor = lighting.gradient_floor;
+        config.light_count = lighting.lights.len() as u32;
+        config.least_shaded = (LEAST_SHADED_SHARE * max_error) as f32;
+        config.light_sum = lighting.lights.iter().map(|light| light.1).sum();
+    }
+    Ok(config)
+}
+
+fn mode_number(mode: Mode) -> Result<u32, GpuError> {
+    match mode {
+        Mode::Dvr => Ok(MODE_DVR),
+        Mode::Mip => Ok(MODE_MIP),
+        Mode::Minip => Ok(MODE_MINIP),
+        Mode::Mean => Ok(MODE_MEAN),
+        Mode::Iso => Ok(MODE_ISO),
+        Mode::Slice => Err(GpuError::Scene { reason: "mode `slice` is not available".to_owned() }),
+    }
+}
+
+/// Levels, lights and iso surfaces.
+///
+/// # Errors
+/// [`GpuError::TableLimit`] where the pyramid has more bricks than 32 bits count.
+pub fn tables(volume: &GpuVolume<'_>, scene: &ResolvedScene) -> Result<Tables, GpuError> {
+    let entries = volume.pyramid.brick_count();
+    if u32::try_from(entries).is_err() {
+        return Err(GpuError::TableLimit {
+            what: "the page table".to_owned(),
+            needed: entries.saturating_mul(8),
+            limit: u64::from(u32::MAX) * 8,
+            advice: "use larger bricks".to_owned(),
+        });
+    }
+    let mut tables = Tables::zeroed();
+    for (slot, level) in tables.levels.iter_mut().zip(volume.pyramid.levels()) {
+        *slot = GpuLevel {
+            bricks: level.bricks,
+            first_entry: level.first_entry as u32,
+            scale_log2: level.scale.map(u64::ilog2),
+            padding: 0,
+        };
+    }
+    for (slot, light) in tables.lights.iter_mut().zip(scene.shading.iter().flat_map(|s| &s.lights)) {
+        *slot = GpuLight { to_light: light.to_light.as_vec3().to_array(), intensity: light.intensity as f32 };
+    }
+    for (slot, iso) in tables.isos.iter_mut().zip(&scene.iso) {
+        *slot = GpuIso {
+            color: iso.color.map(|c| c as f32),
+            alpha: iso.alpha as f32,
+            value: volume.value_map.from_data(iso.value),
+            ..GpuIso::zeroed()
+        };
+    }
+    Ok(tables)
+}
+
+/// The control points.
+#[must_use]
+pub fn points(tf: &RenderTransferFunction) -> Vec<GpuPoint> {
+    let point = |p: &supervol_scene::transfer_function::render::RenderPoint| GpuPoint {
+        rgba: p.rgba,
+        delta: p.delta,
+        value: p.value,
+        inverse_width: p.inverse_width,
+        variation_before: p.variation_before,
+        variation: p.variation,
+        visible_before: p.visible_before,
+        knots_up_to: p.knots_up_to,
+        padding_0: 0,
+        padding_1: 0,
+    };
+    tf.points.iter().map(point).collect()
+}
+
+/// The bins, then the bits of the knots.
+#[must_use]
+pub fn transfer_index(tf: &RenderTransferFunction) -> Vec<u32> {
+    tf.bins.iter().copied().chain(tf.knots.iter().map(|k| k.to_bits())).collect()
+}
+
+/// Voxels along each axis of a slot.
+#[must_use]
+pub fn slot_edge(pyramid: &Pyramid) -> u32 {
+    (pyramid.layout().core() + 2 * APRON) as u32
+}

@@ -1,0 +1,330 @@
+//! From a brick's voxels to the eight corners of each lane's cell, in stored numbers.
+
+use supervol_scene::value_map::ValueMap;
+
+use super::simd::{Places, Simd};
+
+/// Corners of a cell: corner c has the offsets `(c & 1, c >> 1 & 1, c >> 2)`.
+pub const CORNERS: usize = 8;
+
+/// What gathers bring: one word per row of two voxels, or per voxel.
+pub type Raw<S> = [<S as Simd>::I; CORNERS];
+
+/// Words of a cell's four rows, from the voxel before its first corner to the one behind the second: bytes only.
+pub type Rows<S> = [<S as Simd>::I; CORNERS / 2];
+
+/// The first and the second voxel of a cell's four rows.
+pub type Corners<S> = [[<S as Simd>::F; CORNERS / 2]; 2];
+
+/// How bricks store voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stored {
+    /// Stored numbers of one byte.
+    U8,
+    /// Stored numbers of two bytes.
+    U16,
+    /// Render values.
+    F32,
+}
+
+impl Stored {
+    /// Bytes of a voxel.
+    #[inline(always)]
+    #[must_use]
+    pub fn bytes(self) -> i32 {
+        match self {
+            Self::U8 => 1,
+            Self::U16 => 2,
+            Self::F32 => 4,
+        }
+    }
+
+    /// Centre, scale and offset: render value - origin = (stored number - centre) * scale + offset.
+    #[must_use]
+    pub fn to_values_from(self, origin: f32, map: &ValueMap) -> [f32; 3] {
+        match self {
+            Self::U8 | Self::U16 => {
+                // The number whose render value is nearest to the origin; `as` maps NaN to 0.
+                let (scale, offset) = (f64::from(map.scale), f64::from(map.offset) - f64::from(origin));
+                let centre = f64::from((-offset / scale).round() as u16);
+                [centre as f32, map.scale, (offset + centre * scale) as f32]
+            }
+            Self::F32 => [origin, 1.0, 0.0],
+        }
+    }
+
+    /// The words that begin with the voxels at `N` distances from each of some places, in voxels.
+    ///
+    /// Which kind it is, is asked for every cell: the processor foresees the answer, and one kernel serves all kinds.
+    ///
+    /// # Safety
+    /// As for [`Simd::gather_around`].
+    #[inline(always)]
+    unsafe fn words<S: Simd, const N: usize>(
+        self,
+        voxels: *const u8,
+        places: &Places,
+        distances: [i32; N],
+    ) -> [S::I; N] {
+        // SAFETY: the caller's promise.
+        unsafe {
+            match self {
+                Self::U8 => S::gather_around(voxels, 1, places, distances),
+                Self::U16 => S::gather_around(voxels, 2, places, distances),
+                Self::F32 => S::gather_around(voxels, 4, places, distances),
+            }
+        }
+    }
+
+    /// Gathers the cells whose first corners lie at `base`, in voxels from `voxels`; `strides` are those of y and z.
+    ///
+    /// # Safety
+    /// In every lane, all corners lie in the array, and two voxels after each row's first.
+    #[inline(always)]
+    pub unsafe fn gather<S: Simd>(self, voxels: *const u8, base: &Places, [dy, dz]: [i32; 2]) -> Raw<S> {
+        let mut raw = [S::splat_int(0); CORNERS];
+        // SAFETY: the caller's promise; a word holds both voxels of a row, or one.
+        let words = unsafe { self.words::<S, 4>(voxels, base, [0, dy, dz, dy + dz]) };
+        raw[..CORNERS / 2].copy_from_slice(&words);
+        if self == Self::F32 {
+            // SAFETY: as above.
+            let words = unsafe { self.words::<S, 4>(voxels, base, [1, dy + 1, dz + 1, dy + dz + 1]) };
+            raw[CORNERS / 2..].copy_from_slice(&words);
+        }
+        raw
+    }
+
+    /// Gathers as [`Stored::gather`] does, of bytes with the voxels before and behind, which shading wants.
+    ///
+    /// # Safety
+    /// As for [`Stored::gather`], and one voxel before each row's first.
+    #[inline(always)]
+    pub unsafe fn gather_rows<S: Simd>(
+        self,
+        voxels: *const u8,
+        base: &Places,
+        strides: [i32; 2],
+        rows: &mut Option<Rows<S>>,
+    ) -> Raw<S> {
+        if self != Self::U8 {
+            // SAFETY: the caller's promise.
+            return unsafe { self.gather::<S>(voxels, base, strides) };
+        }
+        // SAFETY: the caller's promise.
+        let mut raw = unsafe { self.gather::<S>(voxels.wrapping_offset(-1), base, strides) };
+        *rows = Some([raw[0], raw[1], raw[2], raw[3]]);
+        for word in &mut raw[..CORNERS / 2] {
+            *word = S::shift_right::<8>(*word);
+        }
+        raw
+    }
+
+    /// The cell of [`Stored::corners`].
+    #[inline(always)]
+    pub fn cell<S: Simd>(self, raw: &Raw<S>, absent: Option<u16>, centre: f32) -> Cell<S> {
+        Cell::new(&self.corners::<S>(raw, absent, centre))
+    }
+
+    /// Stored numbers of what was gathered, less `centre`; NaN where a number is `absent`.
+    ///
+    /// Numbers may all lie near 32768, where an `f32` has 8 bits behind the point.
+    #[inline(always)]
+    pub fn corners<S: Simd>(self, raw: &Raw<S>, absent: Option<u16>, centre: f32) -> Corners<S> {
+        let mut first = [S::splat(0.0); 4];
+        let mut second = first;
+        for row in 0..4 {
+            let words = match self {
+                Self::U8 => split::<S, 8>(raw[row]),
+                Self::U16 => split::<S, 16>(raw[row]),
+                Self::F32 => {
+                    first[row] = S::float_from_bits(raw[row]) - S::splat(centre);
+                    second[row] = S::float_from_bits(raw[4 + row]) - S::splat(centre);
+                    continue;
+                }
+            };
+            [first[row], second[row]] = [S::to_float(words[0]), S::to_float(words[1])];
+            if centre != 0.0 {
+                first[row] = first[row] - S::splat(centre);
+                second[row] = second[row] - S::splat(centre);
+            }
+            if let Some(absent) = absent {
+                let (hole, nan) = (S::splat_int(i32::from(absent)), S::splat(f32::NAN));
+                first[row] = S::select(S::eq_int(words[0], hole), nan, first[row]);
+                second[row] = S::select(S::eq_int(words[1], hole), nan, second[row]);
+            }
+        }
+        [first, second]
+    }
+}
+
+/// The voxels around cells whose first corners lie at `base`.
+#[derive(Clone, Copy)]
+pub struct Around<S: Simd> {
+    /// What they are.
+    pub stored: Stored,
+    /// The brick's first.
+    pub voxels: *const u8,
+    /// In voxels from there.
+    pub base: S::I,
+    /// Stored number of holes.
+    pub absent: Option<u16>,
+}
+
+impl<S: Simd> Around<S> {
+    /// Differences of stored numbers over two voxels along each axis, at the eight corners of the cells; NaN where one is
+    /// absent. `dy` and `dz` are the distances between neighbours, in voxels; `rows` those of the cells, if they are known.
+    ///
+    /// # Safety
+    /// As for [`Stored::gather`], and one voxel further on every side.
+    #[inline(always)]
+    pub unsafe fn slopes(&self, [dy, dz]: [i32; 2], rows: Option<&Rows<S>>) -> [Cell<S>; 3] {
+        // SAFETY: the caller's promise: rows from one voxel before the corners to one behind, and rows of two beside.
+        let (rows, y, z) = unsafe {
+            (
+                match rows {
+                    Some(&[a, b, c, d]) => [self.bytes(a), self.bytes(b), self.bytes(c), self.bytes(d)],
+                    None => [self.four(-1), self.four(dy - 1), self.four(dz - 1), self.four(dy + dz - 1)],
+                },
+                [self.two(-dy), self.two(2 * dy), self.two(dz - dy), self.two(dz + 2 * dy)],
+                [self.two(-dz), self.two(dy - dz), self.two(2 * dz), self.two(dy + 2 * dz)],
+            )
+        };
+        let (mut low, mut inner, mut high) = (y, y, y);
+        for row in 0..4 {
+            let [before, first, second, after] = rows[row];
+            low[row] = [before, first];
+            inner[row] = [first, second];
+            high[row] = [second, after];
+        }
+        // Rows 0 and 2 lie at y = 0, rows 0 and 1 at z = 0.
+        [
+            Cell::difference(high, low),
+            Cell::difference([inner[1], y[1], inner[3], y[3]], [y[0], inner[0], y[2], inner[2]]),
+            Cell::difference([inner[2], inner[3], z[2], z[3]], [z[0], z[1], inner[0], inner[1]]),
+        ]
+    }
+
+    /// The word that begins with the voxel at `offset` from the cells.
+    ///
+    /// # Safety
+    /// In every lane, it lies in the array.
+    #[inline(always)]
+    unsafe fn word(&self, offset: i32) -> S::I {
+        let bytes = (self.base + S::splat_int(offset)) * S::splat_int(self.stored.bytes());
+        // SAFETY: the caller's promise.
+        unsafe { S::gather(self.voxels, bytes, S::mask_from_bits(u32::MAX)) }
+    }
+
+    /// The voxels at `offset` and right of it.
+    ///
+    /// # Safety
+    /// In every lane, both lie in the array, and so do four bytes from the first on.
+    #[inline(always)]
+    unsafe fn two(&self, offset: i32) -> [S::F; 2] {
+        // SAFETY: the caller's promise.
+        let word = unsafe { self.word(offset) };
+        match self.stored {
+            Stored::U8 => self.numbers(split::<S, 8>(word)),
+            Stored::U16 => self.numbers(split::<S, 16>(word)),
+            // SAFETY: the caller's promise.
+            Stored::F32 => [S::float_from_bits(word), S::float_from_bits(unsafe { self.word(offset + 1) })],
+        }
+    }
+
+    /// Four voxels from `offset` on.
+    ///
+    /// # Safety
+    /// In every lane, all four lie in the array.
+    #[inline(always)]
+    unsafe fn four(&self, offset: i32) -> [S::F; 4] {
+        if self.stored == Stored::U8 {
+            // SAFETY: the caller's promise.
+            return self.bytes(unsafe { self.word(offset) });
+        }
+        // SAFETY: the caller's promise.
+        let ([first, second], [third, fourth]) = unsafe { (self.two(offset), self.two(offset + 2)) };
+        [first, second, third, fourth]
+    }
+
+    /// Four voxels of a word.
+    #[inline(always)]
+    fn bytes(&self, word: S::I) -> [S::F; 4] {
+        let [first, second] = self.numbers(split::<S, 8>(word));
+        let [third, fourth] = self.numbers(split::<S, 8>(S::shift_right::<16>(word)));
+        [first, second, third, fourth]
+    }
+
+    /// Stored numbers as floats.
+    #[inline(always)]
+    fn numbers(&self, [a, b]: [S::I; 2]) -> [S::F; 2] {
+        let (first, second) = (S::to_float(a), S::to_float(b));
+        let Some(absent) = self.absent else { return [first, second] };
+        let (hole, nan) = (S::splat_int(i32::from(absent)), S::splat(f32::NAN));
+        [S::select(S::eq_int(a, hole), nan, first), S::select(S::eq_int(b, hole), nan, second)]
+    }
+}
+
+/// The two lowest voxels of a word, `BITS` bits each.
+#[inline(always)]
+fn split<S: Simd, const BITS: u32>(word: S::I) -> [S::I; 2] {
+    let low_bits = S::splat_int((1 << BITS) - 1);
+    [S::and_int(word, low_bits), S::and_int(S::shift_right::<BITS>(word), low_bits)]
+}
+
+/// Corners as trilinear interpolation wants them: the four rows' first voxels, and their differences along x.
+#[derive(Clone, Copy)]
+pub struct Cell<S: Simd> {
+    first: [S::F; 4],
+    rise: [S::F; 4],
+}
+
+impl<S: Simd> Cell<S> {
+    /// Corner by corner, two rows' difference.
+    #[inline(always)]
+    fn difference(a: [[S::F; 2]; 4], b: [[S::F; 2]; 4]) -> Self {
+        let mut cell = Self { first: [S::splat(0.0); 4], rise: [S::splat(0.0); 4] };
+        for row in 0..4 {
+            cell.first[row] = a[row][0] - b[row][0];
+            cell.rise[row] = (a[row][1] - b[row][1]) - cell.first[row];
+        }
+        cell
+    }
+
+    /// The cell between these corners.
+    #[inline(always)]
+    pub fn new([first, second]: &Corners<S>) -> Self {
+        let mut rise = *first;
+        for row in 0..4 {
+            rise[row] = second[row] - first[row];
+        }
+        Self { first: *first, rise }
+    }
+
+    /// The value at fractions of the cell.
+    #[inline(always)]
+    pub fn at(&self, [x, y, z]: [S::F; 3]) -> S::F {
+        let mut rows = self.first;
+        for row in 0..4 {
+            rows[row] = S::mul_add(x, self.rise[row], self.first[row]);
+        }
+        let near = S::mul_add(y, rows[1] - rows[0], rows[0]);
+        let far = S::mul_add(y, rows[3] - rows[2], rows[2]);
+        S::mul_add(z, far - near, near)
+    }
+
+    /// Bound on the change of the value per cell, summed over the axes.
+    #[inline(always)]
+    pub fn steepness(&self) -> S::F {
+        let (first, rise) = (&self.first, &self.rise);
+        let along_x = S::max(S::abs(rise[0]), S::abs(rise[3])) + S::max(S::abs(rise[1]), S::abs(rise[2]));
+        let along_y = S::max(S::abs(first[1] - first[0]), S::abs(first[3] - first[2]));
+        let along_z = S::max(S::abs(first[2] - first[0]), S::abs(first[3] - first[1]));
+        along_x + along_y + along_z
+    }
+
+    /// Coefficient of xyz.
+    #[inline(always)]
+    pub fn twist(&self) -> S::F {
+        (self.rise[3] - self.rise[2]) - (self.rise[1] - self.rise[0])
+    }
+}

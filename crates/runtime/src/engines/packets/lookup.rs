@@ -1,0 +1,149 @@
+//! Looking up the transfer function's pieces, lane by lane.
+//!
+//! Up to 16 or 32 pieces fit one or two registers, where a look-up costs one instruction; more are gathered from memory.
+
+use supervol_scene::transfer_function::pieces::{CHANNELS, COLUMNS, Column, TransferPieces};
+
+use super::simd::Simd;
+
+/// Where a value lies: its piece, and its distance from the piece's anchor.
+#[derive(Clone, Copy)]
+pub struct Place<S: Simd> {
+    /// Number of the piece.
+    pub piece: S::I,
+    /// Value minus anchor.
+    pub y: S::F,
+}
+
+/// A table of pieces for lanes.
+pub trait Lookup {
+    /// The column's number for each lane's piece.
+    fn column<S: Simd>(&self, column: Column, channel: usize, piece: S::I) -> S::F;
+
+    /// The piece of each lane's value: the last whose knot is not greater; 0 for NaN.
+    fn piece_of<S: Simd>(&self, value: S::F) -> S::I;
+
+    /// Piece and distance from its anchor.
+    #[inline(always)]
+    fn place<S: Simd>(&self, value: S::F) -> Place<S> {
+        let piece = self.piece_of::<S>(value);
+        Place { piece, y: value - self.column::<S>(Column::Anchor, 0, piece) }
+    }
+}
+
+/// Binary search among the knots, whose number is a power of two; the first is never compared.
+#[inline(always)]
+fn search<S: Simd, L: Lookup>(table: &L, length: usize, value: S::F) -> S::I {
+    let mut piece = S::splat_int(0);
+    let mut step = length / 2;
+    while step > 0 {
+        let candidate = piece + S::splat_int(step as i32);
+        let knot = table.column::<S>(Column::Knot, 0, candidate);
+        piece = S::select_int(S::le(knot, value), candidate, piece);
+        step /= 2;
+    }
+    piece
+}
+
+/// Up to `N` pieces, 16 or 32.
+#[derive(Debug, Clone)]
+#[repr(align(64))]
+pub struct FewPieces<const N: usize> {
+    columns: [[f32; N]; COLUMNS],
+}
+
+impl<const N: usize> FewPieces<N> {
+    /// The table, if there are no more pieces.
+    #[must_use]
+    pub fn new(pieces: &TransferPieces) -> Option<Self> {
+        let mut columns = [[0.0; N]; COLUMNS];
+        columns[Column::Knot as usize] = [f32::INFINITY; N];
+        for (into, from) in columns.iter_mut().zip(pieces.all_columns()) {
+            into.get_mut(..from.len())?.copy_from_slice(from);
+        }
+        Some(Self { columns })
+    }
+}
+
+impl<const N: usize> Lookup for FewPieces<N> {
+    #[inline(always)]
+    fn column<S: Simd>(&self, column: Column, channel: usize, piece: S::I) -> S::F {
+        let column = &self.columns[column as usize + channel];
+        match N {
+            16 => S::lookup16(column.first_chunk().expect("N is 16"), piece),
+            _ => S::lookup32(column.first_chunk().expect("N is 32"), piece),
+        }
+    }
+
+    #[inline(always)]
+    fn piece_of<S: Simd>(&self, value: S::F) -> S::I {
+        search::<S, _>(self, N, value)
+    }
+}
+
+/// Any number of pieces.
+#[derive(Debug, Clone)]
+pub struct ManyPieces<'a> {
+    pieces: &'a TransferPieces,
+}
+
+impl<'a> ManyPieces<'a> {
+    /// The table.
+    #[must_use]
+    pub fn new(pieces: &'a TransferPieces) -> Self {
+        Self { pieces }
+    }
+}
+
+impl Lookup for ManyPieces<'_> {
+    #[inline(always)]
+    fn column<S: Simd>(&self, column: Column, channel: usize, piece: S::I) -> S::F {
+        let column = self.pieces.column(column, channel);
+        let last = S::splat_int(column.len() as i32 - 1);
+        let bytes = S::and_int(piece, last) * S::splat_int(size_of::<f32>() as i32);
+        // SAFETY: the length is a power of two, so that the masked piece is an index of the column.
+        let bits = unsafe { S::gather(column.as_ptr().cast(), bytes, S::mask_from_bits(u32::MAX)) };
+        S::float_from_bits(bits)
+    }
+
+    #[inline(always)]
+    fn piece_of<S: Simd>(&self, value: S::F) -> S::I {
+        search::<S, _>(self, self.pieces.stride(), value)
+    }
+}
+
+/// Antiderivatives and values of all channels at a place.
+#[derive(Clone, Copy)]
+pub struct Channels<S: Simd> {
+    /// Antiderivative at the piece's anchor.
+    pub start: [S::F; CHANNELS],
+    /// Antiderivative from the anchor on.
+    pub rest: [S::F; CHANNELS],
+    /// The channels themselves: extinction, and extinction times red, green, blue.
+    pub value: [S::F; CHANNELS],
+    /// A third of the channels' quadratic coefficients.
+    pub third_bend: [S::F; CHANNELS],
+}
+
+/// All channels at a place.
+#[inline(always)]
+pub fn channels<S: Simd, L: Lookup>(table: &L, place: Place<S>) -> Channels<S> {
+    let zero = S::splat(0.0);
+    let mut out = Channels {
+        start: [zero; CHANNELS],
+        rest: [zero; CHANNELS],
+        value: [zero; CHANNELS],
+        third_bend: [zero; CHANNELS],
+    };
+    let (y, y2, y3) = (place.y, place.y + place.y, S::splat(3.0) * place.y);
+    for c in 0..CHANNELS {
+        let value = table.column::<S>(Column::Value, c, place.piece);
+        let half_slope = table.column::<S>(Column::HalfSlope, c, place.piece);
+        let third_bend = table.column::<S>(Column::ThirdBend, c, place.piece);
+        out.start[c] = table.column::<S>(Column::Start, c, place.piece);
+        out.rest[c] = y * S::mul_add(y, S::mul_add(y, third_bend, half_slope), value);
+        out.third_bend[c] = third_bend;
+        out.value[c] = S::mul_add(y2, half_slope, S::mul_add(y * y3, third_bend, value));
+    }
+    out
+}

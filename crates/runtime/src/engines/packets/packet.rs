@@ -1,0 +1,593 @@
+//! A packet of rays through one brick in mode `dvr`: walk, fetch, classify, shade, composite.
+//!
+//! Rays are taken in *rounds* of [`ROUND`] cells, stage by stage over all lanes:
+//! 1. leap: rays before macro cells that show nothing go to the face of the proximity cloud's cube ([`super::walk`]);
+//! 2. walk: base and fractions of the next cells;
+//! 3. fetch: the field along each cell; locate it in the transfer function's table; integrate it ([`super::integrate`]);
+//! 4. shade what shows ([`super::shade`]); composite. Cells whose error is too large wait ([`super::pending`]) until there are
+//!    enough to be refined together ([`super::refine`]).
+//!
+//! The cells of a round go through each stage together: stages are short, so that the processor overlaps several cells.
+
+use super::RayCounters;
+use super::fetch::{Cell, Raw, Rows};
+use super::integrate::{Chord, Line, Located, Part, integrate_at, locate};
+use super::lookup::Lookup;
+use super::pending::{DEPTH, ERROR, Light, Pending, RoundParts};
+use super::queue::QueuedCell;
+use super::refine::Refine;
+use super::shade::PacketLighting;
+use super::shaded_cells::{AlongRay, CellShader, ShadeCells, ShadeQueue, ShadeRound};
+use super::simd::{LANES_LIMIT, Places, Simd, exp_minus, for_three};
+use super::walk::{POSITION_ERROR, Packet, PacketBrick, PerLane, ROUND, Step, VALUE_ERROR, Walker, places_along};
+
+/// Share of the lanes that must show for a round's cells to be shaded where they lie: packing costs, too.
+const DENSE: usize = 5;
+/// The whole of [`DENSE`].
+const DENSE_OF: usize = 8;
+
+/// The number of each lane.
+const LANE_NUMBERS: [i32; LANES_LIMIT] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
+/// The transfer function, as packets look it up.
+#[derive(Debug, Clone, Copy)]
+pub struct Classifier<'a, L> {
+    /// Its pieces.
+    pub table: &'a L,
+    /// See [`TransferPieces::narrow`](supervol_scene::transfer_function::pieces::TransferPieces::narrow).
+    pub narrow: f32,
+    /// See [`TransferPieces::clear`](supervol_scene::transfer_function::pieces::TransferPieces::clear).
+    pub clear: [f32; 2],
+}
+
+/// Something to be done with whatever lanes the processor has, and whatever table holds the transfer function's pieces.
+pub trait ClassifyTask {
+    /// What comes of it.
+    type Output;
+    /// See [`Task::run`](super::simd::Task::run).
+    fn run<S: Simd, L: Lookup>(self, classifier: &Classifier<'_, L>) -> Self::Output;
+}
+
+/// What integration may cost and miss.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Precision {
+    /// Error of one cell, of colour or opacity times the transmittance in front, from which it is refined.
+    pub cell_error: f32,
+    /// Opacity of a cell, times the transmittance in front, from which it is shaded: thousands of them would not show.
+    pub least_shaded: f32,
+    /// Transmittance at which a ray ends.
+    pub last_transmittance: f32,
+    /// Whether the transfer function has steps: there rounding can be seen.
+    pub has_steps: bool,
+    /// Whether the errors of cells are summed up along rays: 1 to 2 % of the time.
+    pub sums_errors: bool,
+}
+
+/// Where rays come from and go to, and who knows them better than `f32`.
+pub trait Host {
+    /// Writes the next ray into a lane; false where there are no more.
+    fn lend(&mut self, lane: usize, packet: &mut Packet) -> bool;
+
+    /// Takes a ray back with what it has gathered.
+    fn take_back(&mut self, lane: usize, packet: &Packet);
+
+    /// Colour and transmittance of a ray in the cell whose first corner lies at `base`: where `f32` and a bounded number of
+    /// refinements do not settle them.
+    fn integrate_exactly(&mut self, ray: u16, base: i32) -> [f32; 4];
+}
+
+/// What the later stages know of the rays of a packet.
+#[derive(Debug, Clone)]
+pub struct Lanes {
+    /// See [`Packet::rays`].
+    pub rays: [u16; LANES_LIMIT],
+    /// See [`Packet::direction`].
+    pub direction: [PerLane; 3],
+    /// 1 where the ray runs exactly in a plane of voxels, else 0.
+    pub in_plane: PerLane,
+}
+
+impl Lanes {
+    /// Directions of the rays of slots.
+    #[inline(always)]
+    pub fn direction<S: Simd>(&self, slot: S::I) -> [S::F; 3] {
+        for_three!(a => S::lookup16(&self.direction[a], slot))
+    }
+
+    /// Unit vectors in the world against the rays of slots.
+    #[inline(always)]
+    pub fn toward_eye<S: Simd>(&self, lighting: &PacketLighting<'_>, slot: S::I) -> [S::F; 3] {
+        lighting.toward_eye::<S>(self.direction::<S>(slot))
+    }
+}
+
+/// Cells that wait for the later stages of their round.
+#[derive(Debug, Clone)]
+pub struct Queues {
+    to_shade: ShadeQueue,
+    pending: Pending,
+}
+
+impl Queues {
+    /// Empty queues.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { to_shade: ShadeQueue::new(), pending: Pending::new() }
+    }
+}
+
+/// Casts the host's rays through a brick, packet by packet.
+///
+/// # Safety
+/// The voxels, strides and core of `brick` are those of one array with an apron of [`APRON`] voxels around.
+#[inline(always)]
+pub unsafe fn cast<S: Simd, L: Lookup>(
+    brick: &PacketBrick<'_>,
+    classifier: &Classifier<'_, L>,
+    precision: Precision,
+    queues: &mut Queues,
+    host: &mut dyn Host,
+) -> RayCounters {
+    let mut packet = Packet::default();
+    let mut work = RayCounters::default();
+    let mut stages = Stages::<S>::new();
+    loop {
+        let lent = (0..S::LANES).take_while(|&lane| host.lend(lane, &mut packet)).count();
+        if lent == 0 {
+            return work;
+        }
+        packet.length[lent..].fill(0.0);
+        // SAFETY: the caller's promise.
+        let done =
+            unsafe { cast_packet::<S, L>(brick, classifier, precision, (&mut packet, &mut stages, queues), host) };
+        work.add(&done);
+        (0..lent).for_each(|lane| host.take_back(lane, &packet));
+    }
+}
+
+/// Casts one packet.
+///
+/// # Safety
+/// As for [`cast`].
+#[inline(always)]
+unsafe fn cast_packet<S: Simd, L: Lookup>(
+    brick: &PacketBrick<'_>,
+    classifier: &Classifier<'_, L>,
+    precision: Precision,
+    (packet, stages, queues): (&mut Packet, &mut Stages<S>, &mut Queues),
+    host: &mut dyn Host,
+) -> RayCounters {
+    let last = S::splat(precision.last_transmittance);
+    let front = S::load(&packet.front);
+    let mut walker = Walker::<S>::new(packet, brick);
+    let mut light = Light::<S>::new(front);
+    let round = Round { brick, classifier, precision, front };
+    let mut passed = S::splat(0.0);
+    let lanes = round.lanes(packet, &walker);
+    let mut parts = RoundParts::new();
+    let mut work = RayCounters::default();
+    loop {
+        walker.finish(light.ended(last));
+        if let Some(cloud) = brick.cloud {
+            work.macro_cells_skipped += u64::from(walker.leap(cloud, brick));
+        }
+        let is_done = S::bits(walker.active()) == 0;
+        if queues.pending.cells.len() > 0 && (is_done || queues.pending.is_enough()) {
+            let (lighting, lanes, pending) = (brick.lighting.as_ref(), &lanes, &mut queues.pending);
+            work.add(&S::apart(Refine { classifier, lanes, lighting, pending: &mut *pending, host }));
+            light.settle(pending, last, precision.sums_errors);
+            walker.finish(light.ended(last));
+        }
+        if S::bits(walker.active()) == 0 {
+            break;
+        }
+        let first = queues.pending.cells.len();
+        // SAFETY: the caller's promise.
+        unsafe { round.classify(&mut walker, (stages, &mut passed), &mut parts, queues, &mut work) };
+        let Queues { to_shade, pending } = queues;
+        if let Some(lighting) = &brick.lighting
+            && to_shade.len() > 0
+        {
+            let (cells, unsettled, parts) = (to_shade, &mut pending.cells, &mut parts);
+            S::apart(ShadeCells { shader: CellShader { brick, lighting }, lanes: &lanes, cells, unsettled, parts });
+        }
+        let left = pending.take_over(first, &mut parts);
+        light.composite(&parts, &left, pending, last, precision.sums_errors);
+    }
+    let (color, transmittance) = light.sum();
+    for c in 0..3 {
+        S::store(color[c], &mut packet.color[c]);
+    }
+    S::store(transmittance, &mut packet.transmittance);
+    S::store(light.error(), &mut packet.error);
+    work
+}
+
+/// What the stages of a round hand on; kept from packet to packet, since clearing it takes as long as a stage.
+pub struct Stages<S: Simd> {
+    /// The field in each cell.
+    pub chords: [Chord<S>; ROUND],
+    located: [Located<S>; ROUND],
+    /// Only where cells are shaded, and voxels are bytes.
+    pub rows: [Option<Rows<S>>; ROUND],
+    /// Only where cells are shaded: what they add without light.
+    pub parts: [Part<S>; ROUND],
+    /// Only where cells are shaded: the gradient in them.
+    pub along: [AlongRay<S>; ROUND],
+    /// Only where cells are shaded: tolerances per error.
+    pub per_error: [S::F; ROUND],
+}
+
+impl<S: Simd> Stages<S> {
+    #[inline(always)]
+    fn new() -> Self {
+        Self {
+            chords: [Chord::nothing(); ROUND],
+            located: [Located::nothing(); ROUND],
+            rows: [None; ROUND],
+            parts: [Part::nothing(); ROUND],
+            along: [AlongRay::nothing(); ROUND],
+            per_error: [S::splat(0.0); ROUND],
+        }
+    }
+}
+
+/// Where the stages after fetching write.
+struct LaterStages<'a, S: Simd> {
+    stages: &'a mut Stages<S>,
+    /// Least optical depth between the brick's face and the present cell.
+    passed: &'a mut S::F,
+    parts: &'a mut RoundParts,
+    queues: &'a mut Queues,
+    work: &'a mut RayCounters,
+}
+
+/// What is the same for all cells of a round.
+pub struct Round<'a, S: Simd, L: Lookup> {
+    /// Where the cells are.
+    pub brick: &'a PacketBrick<'a>,
+    /// What they are looked up in.
+    pub classifier: &'a Classifier<'a, L>,
+    /// How exactly.
+    pub precision: Precision,
+    /// Transmittance in front of the brick.
+    pub front: S::F,
+}
+
+impl<S: Simd, L: Lookup> Round<'_, S, L> {
+    /// What later stages need to know of the packet's rays.
+    #[inline(always)]
+    fn lanes(&self, packet: &Packet, walker: &Walker<S>) -> Lanes {
+        let zero = [0.0; LANES_LIMIT];
+        let mut lanes = Lanes { rays: packet.rays, direction: packet.direction, in_plane: zero };
+        S::store(S::select(walker.in_plane, S::splat(1.0), S::splat(0.0)), &mut lanes.in_plane);
+        lanes
+    }
+
+    /// What gets through to a cell at most. Cells are refined by that: what the rays have gathered so far depends on how they are cut
+    /// into rounds, and on what was settled when; what each cell absorbs at least does not.
+    #[inline(always)]
+    fn weight(&self, passed: S::F) -> S::F {
+        S::max(self.front * exp_minus::<S>(passed), S::splat(self.precision.last_transmittance))
+    }
+
+    /// Tolerances per error of a cell of this weight.
+    #[inline(always)]
+    fn per_error(&self, weight: S::F) -> S::F {
+        weight * S::splat(self.precision.cell_error.recip())
+    }
+
+    /// Walks a round, and integrates each cell once; what is not settled by that goes into the queue.
+    ///
+    /// # Safety
+    /// As for [`cast`].
+    #[inline(always)]
+    unsafe fn classify(
+        &self,
+        walker: &mut Walker<S>,
+        (stages, passed): (&mut Stages<S>, &mut S::F),
+        parts: &mut RoundParts,
+        queues: &mut Queues,
+        work: &mut RayCounters,
+    ) {
+        let steps = walker.round();
+        parts.shows = [false; ROUND];
+        // One stage after the other for all cells: each is short, so that the processor overlaps several cells.
+        // SAFETY: the walk stays in cells of the core, whose corners the apron holds.
+        unsafe { self.fetch(&steps, &walker.direction, &mut stages.chords, &mut stages.rows) };
+        for step in &steps {
+            work.cells += u64::from(S::bits(step.crosses()).count_ones());
+        }
+        let later = LaterStages { stages, passed, parts, queues, work };
+        match self.brick.span {
+            6 => self.integrate_spans::<6>(&steps, walker.in_plane, later),
+            3 => self.integrate_spans::<3>(&steps, walker.in_plane, later),
+            _ => match &self.brick.lighting {
+                Some(lighting) => self.integrate_lit_cells(lighting, &steps, walker, later),
+                None => self.integrate_cells(&steps, walker.in_plane, later),
+            },
+        }
+    }
+
+    /// Integrates each cell once.
+    #[inline(always)]
+    fn integrate_cells(&self, steps: &[Step<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
+        let LaterStages { stages: Stages { chords, located, .. }, passed, parts, queues, work } = later;
+        let shows = self.locate_cells(steps, chords, located);
+        for i in 0..ROUND {
+            if shows[i] {
+                let part = self.integrate_cell(&steps[i], &located[i], work);
+                let least_depth = self.write(i, &chords[i], &part, parts);
+                // Few are unsettled: the exponential waits until some may be.
+                let chord = (&chords[i], in_plane);
+                if S::bits(self.is_unsettled(&steps[i], chord, &part, self.per_error(self.front))) != 0 {
+                    let per_error = self.per_error(self.weight(*passed));
+                    let is_unsettled = self.is_unsettled(&steps[i], chord, &part, per_error);
+                    let cell = queued(i, &steps[i], &chords[i], &part, per_error);
+                    queues.pending.cells.push::<S, 0>(is_unsettled, &cell, []);
+                }
+                *passed = *passed + least_depth;
+            }
+        }
+    }
+
+    /// Looks up where the cells of a round lie in the table; whether they show anything.
+    #[inline(always)]
+    fn locate_cells(
+        &self,
+        steps: &[Step<S>; ROUND],
+        chords: &[Chord<S>; ROUND],
+        located: &mut [Located<S>; ROUND],
+    ) -> [bool; ROUND] {
+        let mut shows = [false; ROUND];
+        for i in 0..ROUND {
+            shows[i] = S::bits(self.shows(chords[i].range(), steps[i].crosses())) != 0;
+            if shows[i] {
+                located[i] = locate::<S, L>(self.classifier.table, &chords[i].line());
+            }
+        }
+        shows
+    }
+
+    /// Integrates a cell once.
+    #[inline(always)]
+    fn integrate_cell(&self, step: &Step<S>, located: &Located<S>, work: &mut RayCounters) -> Part<S> {
+        work.samples += u64::from(2 * S::bits(step.crosses()).count_ones());
+        integrate_at::<S, L>(self.classifier.table, S::splat(self.classifier.narrow), located)
+    }
+
+    /// Integrates each cell once, and shades those that show: as they are where most lanes of the round do, else packed
+    /// densely.
+    #[inline(always)]
+    fn integrate_lit_cells(
+        &self,
+        lighting: &PacketLighting<'_>,
+        steps: &[Step<S>; ROUND],
+        walker: &Walker<S>,
+        later: LaterStages<'_, S>,
+    ) {
+        let LaterStages { stages, passed, parts, queues, work } = later;
+        let is_seen = self.locate_cells(steps, &stages.chords, &mut stages.located);
+        let mut shows = [S::lt(S::splat(0.0), S::splat(0.0)); ROUND];
+        let (mut packets, mut cells) = (0, 0);
+        for i in 0..ROUND {
+            if is_seen[i] {
+                let part = self.integrate_cell(&steps[i], &stages.located[i], work);
+                let least_depth = self.write(i, &stages.chords[i], &part, parts);
+                let weight = self.weight(*passed);
+                let (chord, per_error) = ((&stages.chords[i], walker.in_plane), self.per_error(weight));
+                let is_unsettled = self.is_unsettled(&steps[i], chord, &part, per_error);
+                let opacity = S::splat(1.0) - part.transmittance;
+                shows[i] = S::lt(S::splat(self.precision.least_shaded), opacity * weight) | is_unsettled;
+                (stages.parts[i], stages.per_error[i]) = (part, per_error);
+                *passed = *passed + least_depth;
+                let count = S::bits(shows[i]).count_ones() as usize;
+                packets += usize::from(count > 0);
+                cells += count;
+            }
+        }
+        if cells * DENSE_OF >= packets * S::LANES * DENSE {
+            S::apart(ShadeRound {
+                shader: CellShader { brick: self.brick, lighting },
+                steps,
+                walker,
+                shows: &shows,
+                stages,
+                unsettled: &mut queues.pending.cells,
+                parts,
+            });
+            return;
+        }
+        for i in 0..ROUND {
+            let part = &stages.parts[i];
+            if S::bits(shows[i]) != 0 {
+                let ([x, y, z], [r, g, b]) = (steps[i].fraction, part.color);
+                let more = [x, y, z, r, g, b, part.tau, part.front_share, part.misplaced, part.colors];
+                let cell = queued(i, &steps[i], &stages.chords[i], part, stages.per_error[i]);
+                queues.to_shade.push::<S, 10>(shows[i], &cell, more);
+            }
+        }
+    }
+
+    /// Integrates each `SPAN` cells once; those of spans that are not settled by that wait, one by one.
+    #[inline(always)]
+    fn integrate_spans<const SPAN: usize>(&self, steps: &[Step<S>; ROUND], in_plane: S::M, later: LaterStages<'_, S>) {
+        let LaterStages { stages: Stages { chords, located, .. }, passed, parts, queues, work } = later;
+        let &Classifier { table, narrow, .. } = self.classifier;
+        let mut shows = [false; ROUND];
+        for first in (0..ROUND).step_by(SPAN) {
+            let line = Line::over(&chords[first..first + SPAN]);
+            shows[first] = S::bits(self.shows(line.range(), line.crosses())) != 0;
+            if shows[first] {
+                located[first] = locate::<S, L>(table, &line);
+            }
+        }
+        for first in (0..ROUND).step_by(SPAN) {
+            if shows[first] {
+                let crosses = located[first].crosses();
+                work.samples += u64::from(2 * S::bits(crosses).count_ones());
+                let part = integrate_at::<S, L>(table, S::splat(narrow), &located[first]);
+                let per_error = self.per_error(self.weight(*passed));
+                let place = (first, per_error);
+                let settled =
+                    self.hand_on_span::<SPAN>(place, (steps, chords), &part, (crosses, in_plane), parts, queues);
+                *passed = *passed + S::select(settled, part.least_depth(), S::splat(0.0));
+            }
+        }
+    }
+
+    /// Rays that may see something where the field is in a range. Holes are not clear: what lies beside them may be.
+    #[inline(always)]
+    pub fn shows(&self, [low, high]: [S::F; 2], crosses: S::M) -> S::M {
+        let clear = self.classifier.clear;
+        let is_clear = S::lt(S::splat(clear[0]), low) & S::lt(high, S::splat(clear[1]));
+        !is_clear & crosses
+    }
+
+    /// The field in each cell of a round.
+    ///
+    /// # Safety
+    /// In every lane, the corners of the cells lie in the brick's array.
+    #[inline(always)]
+    pub unsafe fn fetch(
+        &self,
+        steps: &[Step<S>; ROUND],
+        direction: &[S::F; 3],
+        chords: &mut [Chord<S>; ROUND],
+        rows: &mut [Option<Rows<S>>; ROUND],
+    ) {
+        let brick = self.brick;
+        let places = brick.places_of(steps);
+        // SAFETY: the caller's promise.
+        let mut raw = unsafe { self.gather(&places[0], &mut rows[0]) };
+        for i in 0..ROUND {
+            let cell = brick.stored.cell::<S>(&raw, brick.absent, brick.centre);
+            if i + 1 < ROUND {
+                // SAFETY: as above.
+                raw = unsafe { self.gather(&places[i + 1], &mut rows[i + 1]) };
+            }
+            chords[i] = self.chord(&cell, &steps[i], direction);
+        }
+    }
+
+    /// The corners of cells; the rows that they lie in are kept where shading wants them.
+    ///
+    /// # Safety
+    /// As for [`Round::fetch`].
+    #[inline(always)]
+    unsafe fn gather(&self, places: &Places, rows: &mut Option<Rows<S>>) -> Raw<S> {
+        let PacketBrick { stored, voxels, strides, .. } = *self.brick;
+        // SAFETY: the caller's promise; the apron is wider than a voxel.
+        unsafe {
+            match self.brick.lighting {
+                Some(_) => stored.gather_rows::<S>(voxels, places, strides, rows),
+                None => stored.gather::<S>(voxels, places, strides),
+            }
+        }
+    }
+
+    /// Where what a cell adds is not settled by one rule.
+    #[inline(always)]
+    fn is_unsettled(
+        &self,
+        step: &Step<S>,
+        (chord, in_plane): (&Chord<S>, S::M),
+        part: &Part<S>,
+        per_error: S::F,
+    ) -> S::M {
+        S::lt(S::splat(1.0), part.error * per_error) | (S::is_nan(chord.values[1]) & in_plane & step.crosses())
+    }
+
+    /// Writes what a cell adds; its least optical depth.
+    #[inline(always)]
+    fn write(&self, number: usize, chord: &Chord<S>, part: &Part<S>, parts: &mut RoundParts) -> S::F {
+        let zero = S::splat(0.0);
+        let is_hole = S::is_nan(chord.values[1]);
+        parts.shows[number] = true;
+        for c in 0..3 {
+            S::store(S::select(is_hole, zero, part.color[c]), &mut parts.numbers[number][c]);
+        }
+        S::store(S::select(is_hole, zero, part.tau), &mut parts.numbers[number][DEPTH]);
+        let least_depth = part.least_depth();
+        S::store(least_depth, &mut parts.least_depths[number]);
+        if self.precision.sums_errors {
+            // What is hardly seen is not shaded, whatever the light; of all else that is, shading writes the error.
+            let unshaded = if self.brick.lighting.is_some() { S::splat(1.0) - part.transmittance } else { zero };
+            S::store(S::select(is_hole, zero, part.error + unshaded), &mut parts.numbers[number][ERROR]);
+        }
+        least_depth
+    }
+
+    /// Writes what a span of cells adds where one rule settles it, and puts each of its cells into the queue where it does not;
+    /// where it is settled.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments, reason = "inlined into its one caller: the arguments are its variables")]
+    fn hand_on_span<const SPAN: usize>(
+        &self,
+        (first, per_error): (usize, S::F),
+        (steps, chords): (&[Step<S>; ROUND], &[Chord<S>; ROUND]),
+        part: &Part<S>,
+        (crosses, in_plane): (S::M, S::M),
+        parts: &mut RoundParts,
+        queues: &mut Queues,
+    ) -> S::M {
+        let zero = S::splat(0.0);
+        // False also where the error is NaN: beside a hole.
+        let is_settled = S::le(part.error * per_error, S::splat(1.0)) & crosses;
+        parts.shows[first] = true;
+        for c in 0..3 {
+            S::store(S::select(is_settled, part.color[c], zero), &mut parts.numbers[first][c]);
+        }
+        S::store(S::select(is_settled, part.tau, zero), &mut parts.numbers[first][DEPTH]);
+        if self.precision.sums_errors {
+            S::store(S::select(is_settled, part.error, zero), &mut parts.numbers[first][ERROR]);
+        }
+        let is_left = crosses & !is_settled;
+        if S::bits(is_left) == 0 {
+            return is_settled;
+        }
+        for number in first..first + SPAN {
+            let chord = &chords[number];
+            let is_hole = S::is_nan(chord.values[1]) & !in_plane;
+            let waits = is_left & steps[number].crosses() & !is_hole;
+            parts.least_depths[number] = [0.0; LANES_LIMIT];
+            let slot = S::load_int(&LANE_NUMBERS) + S::splat_int((number * LANES_LIMIT) as i32);
+            // As a whole, each may be settled by one rule.
+            let error = S::select(S::is_nan(chord.values[1]), chord.values[1], S::splat(0.0));
+            let cell = QueuedCell { slot, base: steps[number].base, chord: *chord, error, per_error };
+            queues.pending.cells.push::<S, 0>(waits, &cell, []);
+        }
+        is_settled
+    }
+
+    /// The field along a ray's way through a cell.
+    #[inline(always)]
+    fn chord(&self, cell: &Cell<S>, step: &Step<S>, direction: &[S::F; 3]) -> Chord<S> {
+        let (brick, h) = (self.brick, step.length);
+        let (scale, offset) = (S::splat(brick.scale), S::splat(brick.offset));
+        let travelled = [h * direction[0], h * direction[1], h * direction[2]];
+        let places = places_along::<S>(&step.fraction, &travelled);
+        let values = for_three!(i => S::mul_add(cell.at(places[i]), scale, offset));
+        let cubic = cell.twist() * scale * (travelled[0] * travelled[1] * travelled[2]);
+        let mut noise = S::splat(0.0);
+        if self.precision.has_steps {
+            let size = S::max(S::abs(values[0]), S::abs(values[2]));
+            let of_place = cell.steepness() * S::splat(brick.scale.abs() * POSITION_ERROR);
+            noise = S::mul_add(size, S::splat(VALUE_ERROR), of_place);
+        }
+        Chord { values, cubic, length: h, noise }
+    }
+}
+
+/// A cell of a round as queues hold it.
+#[inline(always)]
+pub fn queued<S: Simd>(
+    number: usize,
+    step: &Step<S>,
+    chord: &Chord<S>,
+    part: &Part<S>,
+    per_error: S::F,
+) -> QueuedCell<S> {
+    let slot = S::load_int(&LANE_NUMBERS) + S::splat_int((number * LANES_LIMIT) as i32);
+    QueuedCell { slot, base: step.base, chord: *chord, error: part.error, per_error }
+}

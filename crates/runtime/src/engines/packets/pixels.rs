@@ -1,0 +1,134 @@
+//! Tiles between passes, and back to pixels: row by row from the top.
+
+use super::levels::{TileErrors, has_transmittance};
+use super::tile::{Gathered, TILE_RAYS, TILE_SIDE, place_of};
+use super::work::TileWork;
+use super::{CpuFrame, RayState, pixel_of_light};
+use crate::engines::packets::cast::tiles_of;
+
+/// One tile between passes.
+#[derive(Debug, Clone, Default)]
+pub enum Tile {
+    /// Not cast yet.
+    #[default]
+    Fresh,
+    /// Some rays wait.
+    Waiting(Box<Gathered>),
+    /// Every ray is finished: premultiplied colour and opacity of each.
+    Finished(Box<FinishedTile>),
+}
+
+/// A tile when all is done.
+#[derive(Debug, Clone)]
+pub struct FinishedTile {
+    /// Premultiplied colour and opacity of each ray.
+    pub(super) pixels: Box<[[f32; 4]]>,
+    /// Rays that ended before they left the volume.
+    pub(super) terminated_early: u64,
+    /// What its rays may be off by, where that was summed up.
+    pub(super) errors: Option<Box<TileErrors>>,
+    /// What its rays have cost, where that was counted.
+    pub(super) work: Option<Box<TileWork>>,
+}
+
+impl FinishedTile {
+    /// Bytes held, but for errors and work.
+    pub(super) const BYTES: usize = size_of::<Self>() + TILE_RAYS * size_of::<[f32; 4]>();
+}
+
+impl Tile {
+    /// Rays that wait for a brick.
+    #[must_use]
+    pub fn waiting(&self) -> u64 {
+        match self {
+            Self::Waiting(gathered) => gathered.waiting.iter().flatten().count() as u64,
+            Self::Fresh | Self::Finished(_) => 0,
+        }
+    }
+
+    /// Rays that ended before they left the volume, once the tile is finished.
+    #[must_use]
+    pub fn terminated_early(&self) -> u64 {
+        match self {
+            Self::Finished(tile) => tile.terminated_early,
+            Self::Fresh | Self::Waiting(_) => 0,
+        }
+    }
+
+    /// What its rays may be off by, once the tile is finished, where that was summed up.
+    #[must_use]
+    pub fn errors(&self) -> Option<&TileErrors> {
+        match self {
+            Self::Finished(tile) => tile.errors.as_deref(),
+            Self::Fresh | Self::Waiting(_) => None,
+        }
+    }
+
+    /// What its rays have cost, once the tile is finished, where that was counted.
+    #[must_use]
+    pub fn work(&self) -> Option<&TileWork> {
+        match self {
+            Self::Finished(tile) => tile.work.as_deref(),
+            Self::Fresh | Self::Waiting(_) => None,
+        }
+    }
+}
+
+/// The pixels of all tiles, row by row from the top; of rays that wait `waiting` makes one.
+#[must_use]
+pub fn pixels_of(frame: &CpuFrame, tiles: &[Tile], waiting: impl Fn(&RayState) -> [f32; 4]) -> Vec<[f32; 4]> {
+    row_by_row(frame, tiles, |tile, ray| match tile {
+        Tile::Fresh => waiting(&RayState::new(None)),
+        Tile::Finished(finished) => finished.pixels[ray],
+        Tile::Waiting(gathered) => waiting(&gathered.state(ray)),
+    })
+}
+
+/// The pixels of a tile whose rays are finished, in the rays' own order.
+pub(super) fn pixels_of_tile(frame: &CpuFrame, gathered: &Gathered) -> Box<[[f32; 4]]> {
+    if !has_transmittance(frame.mode) {
+        return (0..TILE_RAYS).map(|ray| frame.pixel(&gathered.state(ray))).collect();
+    }
+    let ([red, green, blue], transmittance) = (&gathered.color, &gathered.transmittance);
+    (0..TILE_RAYS).map(|i| pixel_of_light([red[i], green[i], blue[i]], transmittance[i])).collect()
+}
+
+/// What the rays of all tiles may be off by, row by row from the top, grey; NaN of those that are not finished.
+#[must_use]
+pub fn error_pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
+    row_by_row(frame, tiles, |tile, ray| {
+        tile.errors().map_or([f32::NAN; 4], |errors| {
+            let error = errors.of_rays[ray];
+            [error, error, error, 1.0]
+        })
+    })
+}
+
+/// What the rays of all tiles have cost, row by row from the top: cells, leaps, 0, 1; NaN of those that are not finished.
+#[must_use]
+pub fn work_pixels_of(frame: &CpuFrame, tiles: &[Tile]) -> Vec<[f32; 4]> {
+    row_by_row(frame, tiles, |tile, ray| {
+        tile.work().map_or([f32::NAN; 4], |work| {
+            let [cells, leaps] = work[ray].map(|count| count as f32);
+            [cells, leaps, 0.0, 1.0]
+        })
+    })
+}
+
+/// What `pixel` says of each ray, row by row from the top.
+fn row_by_row(frame: &CpuFrame, tiles: &[Tile], pixel: impl Fn(&Tile, usize) -> [f32; 4]) -> Vec<[f32; 4]> {
+    let (width, height) = (frame.camera.width as usize, frame.rows.len());
+    let columns = tiles_of(frame)[0] as usize;
+    let mut pixels = vec![[0.0; 4]; width * height];
+    for (index, tile) in tiles.iter().enumerate() {
+        let corner = [index % columns, index / columns].map(|i| i * TILE_SIDE as usize);
+        for ray in 0..TILE_RAYS {
+            let [x, y] = place_of(ray).map(|v| v as usize);
+            let (x, y) = (corner[0] + x, corner[1] + y);
+            if x < width && y < height {
+                pixels[y * width + x] = pixel(tile, ray);
+            }
+        }
+    }
+    pixels
+}

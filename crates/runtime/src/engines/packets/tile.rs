@@ -1,0 +1,501 @@
+//! A tile of rays: 16 x 16 neighbouring pixels, brick by brick.
+//!
+//! Rays of a tile go through the bricks together, front to back, so that a brick's voxels are in the processor's cache
+//! while the tile needs them, and packets are packed anew in each brick from those rays that meet it. Where a ray enters
+//! and leaves a brick is computed in `f64` by `(plane - origin) * inverse`, the same expression on both sides of a face
+//! and for every brick size: the parts of a ray tile it.
+//!
+//! Spaces: rays run in the index space of level 0; t is a world length.
+
+use supervol_format::BrickKey;
+use supervol_format::space::HALF_VOXEL;
+use supervol_scene::clip::{IndexRay, Segment};
+
+use super::levels::LevelErrors;
+use super::parts::PartsAhead;
+use super::walk::{BLOCK_SIDE, Packet};
+use super::work::TileWork;
+use super::{IsoSides, RayState, SurfaceCrossing};
+use crate::engines::cells::walk::PARALLEL;
+
+/// Pixels along each side of a tile.
+pub const TILE_SIDE: u32 = 16;
+/// Rays of a tile.
+pub const TILE_RAYS: usize = (TILE_SIDE * TILE_SIDE) as usize;
+
+/// Place in the tile of ray number `ray`: neighbours in number are neighbours in the picture.
+#[must_use]
+pub const fn place_of(ray: usize) -> [u32; 2] {
+    let ray = ray as u32;
+    let (block, inside) = (ray / (BLOCK_SIDE * BLOCK_SIDE), ray % (BLOCK_SIDE * BLOCK_SIDE));
+    let blocks = TILE_SIDE / BLOCK_SIDE;
+    [block % blocks * BLOCK_SIDE + inside % BLOCK_SIDE, block / blocks * BLOCK_SIDE + inside / BLOCK_SIDE]
+}
+
+/// One number for each ray of a tile.
+pub(super) type PerRay = [f64; TILE_RAYS];
+
+/// The nearest `f32`, but a whole number only for a whole number: a ray beside a plane of voxels stays on its side of it,
+/// where holes in the plane's neighbours count or do not.
+fn beside_planes(position: f64) -> f32 {
+    let nearest = position as f32;
+    let is_moved_onto_plane = nearest.fract() == 0.0 && f64::from(nearest) != position;
+    match (is_moved_onto_plane, f64::from(nearest) < position) {
+        (false, _) => nearest,
+        (true, true) => nearest.next_up(),
+        (true, false) => nearest.next_down(),
+    }
+}
+
+/// What a ray has gathered, and where it waits.
+#[derive(Debug, Clone)]
+pub struct Gathered {
+    /// Where each ray goes on.
+    pub t: PerRay,
+    /// Premultiplied colour.
+    pub color: [PerRay; 3],
+    /// Share of light from behind that still gets through.
+    pub transmittance: PerRay,
+    /// `dvr`: sum of the errors of cells, each times what is in front of it.
+    pub error: PerRay,
+    /// `mip`, `minip`: the extreme so far; `mean`: the integral so far; NaN before the first present value.
+    pub value: PerRay,
+    /// `mean`: present world length so far.
+    pub length: PerRay,
+    /// `iso`: sides and hits.
+    pub iso: [IsoSides; TILE_RAYS],
+    /// The brick that the ray waits for.
+    pub waiting: [Option<BrickKey>; TILE_RAYS],
+    /// What coarser levels may do to the rays, where errors are summed up.
+    pub levels: Option<Box<LevelErrors>>,
+    /// What the rays have cost, where that is counted.
+    pub work: Option<Box<TileWork>>,
+    /// Which part of each ray the tile is in: solids leave several of them.
+    pub part: usize,
+}
+
+impl Gathered {
+    /// What a ray has gathered, as the scalar caster keeps it; without its way.
+    #[must_use]
+    pub fn state(&self, ray: usize) -> RayState {
+        RayState {
+            color: [0, 1, 2].map(|c| self.color[c][ray]),
+            transmittance: self.transmittance[ray],
+            value: self.value[ray],
+            length: self.length[ray],
+            iso: self.iso[ray],
+            ..RayState::new(None)
+        }
+    }
+
+    /// Takes over what a ray has gathered.
+    pub fn set_state(&mut self, ray: usize, state: &RayState) {
+        for c in 0..3 {
+            self.color[c][ray] = state.color[c];
+        }
+        self.transmittance[ray] = state.transmittance;
+        self.value[ray] = state.value;
+        self.length[ray] = state.length;
+        self.iso[ray] = state.iso;
+    }
+}
+
+/// The rays of a tile on their way.
+#[derive(Debug, Clone)]
+pub struct TileRays {
+    pub(super) origin: [PerRay; 3],
+    pub(super) direction: [PerRay; 3],
+    pub(super) inverse: [PerRay; 3],
+    /// Where each ray ends; before every entry for rays that go no further in this pass.
+    pub(super) stop: PerRay,
+    /// What the rays have gathered.
+    pub gathered: Gathered,
+    /// Surfaces that rays meet in the present brick, in order along each ray, of frames that list them.
+    pub crossings: Vec<(u16, SurfaceCrossing)>,
+    /// Entry into and exit from the present brick.
+    entry: PerRay,
+    exit: PerRay,
+    /// How far behind its entry a ray begins, where `has_starts`.
+    pub(super) start: [f32; TILE_RAYS],
+    has_starts: bool,
+    /// What solids leave of the rays.
+    pub(super) ahead: PartsAhead,
+    /// Rays that meet the present brick.
+    hits: [u16; TILE_RAYS],
+    hit_count: usize,
+    /// Rays that go on in this pass.
+    going: usize,
+    has_parallel: bool,
+    /// Least and greatest origin and inverse direction of all rays, to cull bricks.
+    bounds: Bounds,
+}
+
+/// Bounds over the rays of a tile.
+#[derive(Debug, Clone, Copy, Default)]
+struct Bounds {
+    origin: [[f64; 2]; 3],
+    inverse: [[f64; 2]; 3],
+    t: [f64; 2],
+}
+
+/// A box in index space, half-open; infinite where the volume ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IndexBox {
+    /// Least corner.
+    pub low: [f64; 3],
+    /// Greatest corner.
+    pub high: [f64; 3],
+}
+
+/// The grid of voxels in which packets see a brick: level voxel = (index + 1/2) / scale - 1/2.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BrickGrid {
+    /// Voxels per level-0 voxel: exact, a power of two.
+    pub inverse_scale: [f64; 3],
+    /// First core voxel.
+    pub start: [f64; 3],
+}
+
+/// Least and greatest number of the rays that are on their way.
+#[inline(always)]
+fn extremes(numbers: &PerRay, stop: &PerRay) -> [f64; 2] {
+    // As many side by side as the widest registers hold.
+    const SIDE: usize = 8;
+    let (mut low, mut high) = ([f64::INFINITY; SIDE], [f64::NEG_INFINITY; SIDE]);
+    for (numbers, stop) in numbers.chunks_exact(SIDE).zip(stop.chunks_exact(SIDE)) {
+        for i in 0..SIDE {
+            let is_going = stop[i] > f64::NEG_INFINITY;
+            low[i] = if is_going & (numbers[i] < low[i]) { numbers[i] } else { low[i] };
+            high[i] = if is_going & (numbers[i] > high[i]) { numbers[i] } else { high[i] };
+        }
+    }
+    [low.into_iter().fold(f64::INFINITY, f64::min), high.into_iter().fold(f64::NEG_INFINITY, f64::max)]
+}
+
+impl TileRays {
+    /// A tile without rays.
+    #[must_use]
+    pub fn new() -> Self {
+        let zero = [0.0; TILE_RAYS];
+        Self {
+            origin: [zero; 3],
+            direction: [zero; 3],
+            inverse: [zero; 3],
+            stop: [f64::NEG_INFINITY; TILE_RAYS],
+            gathered: Gathered {
+                t: zero,
+                color: [zero; 3],
+                transmittance: [1.0; TILE_RAYS],
+                error: zero,
+                value: [f64::NAN; TILE_RAYS],
+                length: zero,
+                iso: [IsoSides::default(); TILE_RAYS],
+                waiting: [None; TILE_RAYS],
+                levels: None,
+                work: None,
+                part: 0,
+            },
+            crossings: Vec::new(),
+            entry: zero,
+            exit: zero,
+            start: [0.0; TILE_RAYS],
+            has_starts: false,
+            ahead: PartsAhead::default(),
+            hits: [0; TILE_RAYS],
+            hit_count: 0,
+            going: 0,
+            has_parallel: false,
+            bounds: Bounds::default(),
+        }
+    }
+
+    /// Takes all rays off.
+    pub fn clear(&mut self) {
+        self.stop.fill(f64::NEG_INFINITY);
+        self.ahead.clear();
+        self.gathered.color = [[0.0; TILE_RAYS]; 3];
+        self.gathered.transmittance.fill(1.0);
+        self.gathered.error.fill(0.0);
+        self.gathered.value.fill(f64::NAN);
+        self.gathered.length.fill(0.0);
+        self.gathered.iso.fill(IsoSides::default());
+        self.gathered.waiting.fill(None);
+        self.gathered.levels = None;
+        self.gathered.work = None;
+        self.gathered.part = 0;
+        (self.going, self.hit_count, self.has_parallel) = (0, 0, false);
+    }
+
+    /// Puts a ray on its way from `segment.t0`, or from where it waited.
+    pub fn set(&mut self, ray: usize, index_ray: &IndexRay, segment: Segment) {
+        for a in 0..3 {
+            let direction = if index_ray.direction[a].abs() < PARALLEL { 0.0 } else { index_ray.direction[a] };
+            self.origin[a][ray] = index_ray.origin[a];
+            self.direction[a][ray] = direction;
+            self.inverse[a][ray] = direction.recip();
+            self.has_parallel |= direction == 0.0;
+        }
+        self.gathered.t[ray] = segment.t0;
+        self.stop[ray] = segment.t1;
+        self.going += 1;
+    }
+
+    /// Of rays that are all on their way, keeps those that `is_asked` names; rays that have none are counted.
+    pub fn keep(&mut self, is_asked: impl Fn(usize) -> bool) -> u64 {
+        let mut without_way = 0;
+        for ray in 0..TILE_RAYS {
+            if !is_asked(ray) {
+                self.stop[ray] = f64::NEG_INFINITY;
+            } else if self.stop[ray] > f64::NEG_INFINITY {
+                self.going += 1;
+                self.has_parallel |= (0..3).any(|a| self.direction[a][ray] == 0.0);
+            } else {
+                without_way += 1;
+            }
+        }
+        without_way
+    }
+
+    /// Rays that go on in this pass.
+    #[must_use]
+    pub fn going(&self) -> usize {
+        self.going
+    }
+
+    /// Takes all rays off their way; what they have gathered stands.
+    pub fn take_off(&mut self) {
+        self.stop.fill(f64::NEG_INFINITY);
+        self.going = 0;
+    }
+
+    /// Computes the bounds, once all rays are set.
+    #[inline(always)]
+    pub fn bound(&mut self) {
+        let of = |numbers: &PerRay| extremes(numbers, &self.stop);
+        let [begins, ends] = [of(&self.gathered.t), of(&self.stop)];
+        self.bounds = Bounds {
+            origin: [0, 1, 2].map(|a| of(&self.origin[a])),
+            inverse: [0, 1, 2].map(|a| of(&self.inverse[a])),
+            t: [begins[0].min(ends[0]), begins[1].max(ends[1])],
+        };
+    }
+
+    /// Whether some ray may meet the box: never falsely no.
+    #[must_use]
+    pub fn may_meet(&self, cube: &IndexBox) -> bool {
+        let [mut near, mut far] = self.bounds.t;
+        for a in 0..3 {
+            let (origin, inverse) = (self.bounds.origin[a], self.bounds.inverse[a]);
+            if inverse[0] == f64::INFINITY {
+                // All rays lie across this axis.
+                if origin[1] < cube.low[a] || cube.high[a] <= origin[0] {
+                    return false;
+                }
+                continue;
+            }
+            // Of one sign and finite, or nothing can be said.
+            if inverse[0] * inverse[1] > 0.0 && inverse.iter().all(|v| v.is_finite()) {
+                let crossing = |plane: f64| {
+                    let ways = [0, 1, 2, 3].map(|i| (plane - origin[i & 1]) * inverse[i >> 1]);
+                    ways.into_iter().fold([f64::INFINITY, f64::NEG_INFINITY], |r, t| [r[0].min(t), r[1].max(t)])
+                };
+                let (low, high) = (crossing(cube.low[a]), crossing(cube.high[a]));
+                near = near.max(low[0].min(high[0]));
+                far = far.min(low[1].max(high[1]));
+            }
+        }
+        near <= far
+    }
+
+    /// Finds the rays that meet the box, and where; returns how many.
+    #[inline(always)]
+    pub fn enter(&mut self, cube: &IndexBox) -> usize {
+        for ray in 0..TILE_RAYS {
+            let (mut near, mut far) = (self.gathered.t[ray], self.stop[ray]);
+            for a in 0..3 {
+                let low = (cube.low[a] - self.origin[a][ray]) * self.inverse[a][ray];
+                let high = (cube.high[a] - self.origin[a][ray]) * self.inverse[a][ray];
+                // Like this, NaN from a parallel ray in a face's plane is passed over.
+                let (first, last) = if low < high { (low, high) } else { (high, low) };
+                near = if first > near { first } else { near };
+                far = if last < far { last } else { far };
+            }
+            self.entry[ray] = near;
+            self.exit[ray] = far;
+        }
+        if self.has_parallel {
+            self.leave_out_parallel(cube);
+        }
+        let mut count = 0;
+        for ray in 0..TILE_RAYS {
+            self.hits[count] = ray as u16;
+            count += usize::from(self.entry[ray] < self.exit[ray]);
+            // The last write may lie at the end; it is never read.
+            if count == TILE_RAYS {
+                break;
+            }
+        }
+        (self.hit_count, self.has_starts) = (count, false);
+        count
+    }
+
+    /// Rays parallel to an axis meet a box where they lie between its faces, the lower one included.
+    #[cold]
+    fn leave_out_parallel(&mut self, cube: &IndexBox) {
+        for ray in 0..TILE_RAYS {
+            if self.stop[ray] == f64::NEG_INFINITY {
+                continue;
+            }
+            let (mut near, mut far) = (self.gathered.t[ray], self.stop[ray]);
+            for a in 0..3 {
+                let (origin, inverse) = (self.origin[a][ray], self.inverse[a][ray]);
+                if self.direction[a][ray] == 0.0 {
+                    if !(cube.low[a] <= origin && origin < cube.high[a]) {
+                        far = f64::NEG_INFINITY;
+                    }
+                    continue;
+                }
+                let crossings = [(cube.low[a] - origin) * inverse, (cube.high[a] - origin) * inverse];
+                near = near.max(crossings[0].min(crossings[1]));
+                far = far.min(crossings[0].max(crossings[1]));
+            }
+            self.entry[ray] = near;
+            self.exit[ray] = far;
+        }
+    }
+
+    /// Of the rays found by [`TileRays::enter`], keeps those that have something between two depths behind `depth`, counted along
+    /// `forward` from the index space's origin; they begin at the first and end at the second.
+    #[inline(always)]
+    pub(super) fn keep_between(&mut self, forward: [f64; 3], depth: f64, depths: &[[f32; TILE_RAYS]; 2]) {
+        let mut from: PerRay = [0.0; TILE_RAYS];
+        for (ray, from) in from.iter_mut().enumerate() {
+            let along = |of: &[PerRay; 3]| forward[0] * of[0][ray] + forward[1] * of[1][ray] + forward[2] * of[2][ray];
+            let (begin, per_depth) = (along(&self.origin), along(&self.direction).recip());
+            let to = |behind: f32| (depth - begin + f64::from(behind)) * per_depth;
+            let (near, far) = (to(depths[0][ray]), to(depths[1][ray]));
+            *from = if near > self.entry[ray] { near } else { self.entry[ray] };
+            self.exit[ray] = if far < self.exit[ray] { far } else { self.exit[ray] };
+        }
+        for (start, (from, entry)) in self.start.iter_mut().zip(from.iter().zip(&self.entry)) {
+            *start = (from - entry) as f32;
+        }
+        let mut count = 0;
+        for i in 0..self.hit_count {
+            let ray = self.hits[i];
+            self.hits[count] = ray;
+            count += usize::from(from[usize::from(ray)] < self.exit[usize::from(ray)]);
+        }
+        (self.hit_count, self.has_starts) = (count, true);
+    }
+
+    /// The rays found by [`TileRays::enter`].
+    #[must_use]
+    pub fn hits(&self) -> &[u16] {
+        &self.hits[..self.hit_count]
+    }
+
+    /// Entry and exit of a ray found by [`TileRays::enter`].
+    #[must_use]
+    pub fn interval(&self, ray: u16) -> [f64; 2] {
+        [self.entry[usize::from(ray)], self.exit[usize::from(ray)]]
+    }
+
+    /// The rays found by [`TileRays::enter`] are these.
+    pub fn set_hits(&mut self, hits: &[u16]) {
+        self.hits[..hits.len()].copy_from_slice(hits);
+        self.hit_count = hits.len();
+    }
+
+    /// A ray goes through a part of its way through the present brick.
+    pub fn set_interval(&mut self, ray: u16, [entry, exit]: [f64; 2]) {
+        (self.entry[usize::from(ray)], self.exit[usize::from(ray)]) = (entry, exit);
+    }
+
+    /// A ray in index space.
+    #[must_use]
+    pub fn index_ray(&self, ray: u16) -> IndexRay {
+        let ray = usize::from(ray);
+        IndexRay {
+            origin: std::array::from_fn(|a| self.origin[a][ray]),
+            direction: std::array::from_fn(|a| self.direction[a][ray]),
+        }
+    }
+
+    /// Writes hit number `hit` into a lane of a packet for a brick.
+    #[inline(always)]
+    pub fn pack(&self, hit: usize, grid: &BrickGrid, lane: usize, packet: &mut Packet) {
+        let ray = usize::from(self.hits[hit]);
+        let entry = self.entry[ray];
+        for a in 0..3 {
+            let position = self.origin[a][ray] + entry * self.direction[a][ray];
+            let local = (position + HALF_VOXEL) * grid.inverse_scale[a] - HALF_VOXEL - grid.start[a];
+            packet.origin[a][lane] = if self.direction[a][ray] == 0.0 { beside_planes(local) } else { local as f32 };
+            packet.direction[a][lane] = (self.direction[a][ray] * grid.inverse_scale[a]) as f32;
+        }
+        packet.length[lane] = (self.exit[ray] - entry) as f32;
+        packet.start[lane] = if self.has_starts { self.start[ray] } else { 0.0 };
+        packet.front[lane] = self.gathered.transmittance[ray] as f32;
+        packet.rays[lane] = ray as u16;
+    }
+
+    /// Adds a part of one ray.
+    #[inline(always)]
+    pub fn add(&mut self, ray: u16, color: [f32; 3], transmittance: f32, last_transmittance: f64) {
+        let ray = usize::from(ray);
+        let in_front = self.gathered.transmittance[ray];
+        for c in 0..3 {
+            self.gathered.color[c][ray] += in_front * f64::from(color[c]);
+        }
+        let behind = in_front * f64::from(transmittance);
+        self.gathered.transmittance[ray] = behind;
+        if behind <= last_transmittance {
+            self.end(ray);
+        }
+    }
+
+    /// Adds what the next part that is added may be off by, over transmittance 1.
+    #[inline(always)]
+    pub fn add_error(&mut self, ray: u16, error: f32) {
+        let ray = usize::from(ray);
+        self.gathered.error[ray] += self.gathered.transmittance[ray] * f64::from(error);
+    }
+
+    /// A ray goes no further.
+    #[inline(always)]
+    pub fn end(&mut self, ray: usize) {
+        if self.stop[ray] > f64::NEG_INFINITY {
+            self.stop[ray] = f64::NEG_INFINITY;
+            self.going -= 1;
+        }
+    }
+
+    /// Whether a ray goes on in this pass.
+    #[must_use]
+    pub fn is_going(&self, ray: usize) -> bool {
+        self.stop[ray] > f64::NEG_INFINITY
+    }
+
+    /// Of the rays found by [`TileRays::enter`], leaves out those that a brick cannot change; returns how many are left.
+    pub fn keep_hits(&mut self, mut keeps: impl FnMut(usize, &mut Gathered) -> bool) -> usize {
+        let mut count = 0;
+        for i in 0..self.hit_count {
+            let ray = self.hits[i];
+            self.hits[count] = ray;
+            count += usize::from(keeps(usize::from(ray), &mut self.gathered));
+        }
+        self.hit_count = count;
+        count
+    }
+
+    /// The rays of the present brick wait for it.
+    pub fn wait(&mut self, key: BrickKey) {
+        for i in 0..self.hit_count {
+            let ray = usize::from(self.hits[i]);
+            self.gathered.t[ray] = self.entry[ray];
+            self.gathered.waiting[ray] = Some(key);
+            self.stop[ray] = f64::NEG_INFINITY;
+        }
+        self.going -= self.hit_count;
+    }
+}

@@ -1,0 +1,123 @@
+//! The ways of rays through one brick, for whoever wants to check them: the walker of packets, and nothing else.
+
+use super::fetch::Stored;
+use super::leap::ProximityCloud;
+use super::simd::{InstructionSet, LANES_LIMIT, Simd, Task, dispatch};
+pub use super::walk::ROUND;
+use super::walk::{Packet, PacketBrick, Walker};
+use crate::engines::blocks::BLOCK;
+
+/// A ray in a brick's own coordinates: voxel (0, 0, 0) is the first of its core.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LocalRay {
+    /// Position at entry, in cells.
+    pub origin: [f32; 3],
+    /// Cells per world length; 0 where parallel.
+    pub direction: [f32; 3],
+    /// World length in the brick.
+    pub length: f32,
+}
+
+/// A part of a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stretch {
+    /// World length from the entry to its beginning and its end.
+    pub t: [f32; 2],
+    /// Whether it was leapt over; else its cells were walked.
+    pub is_leap: bool,
+}
+
+/// How packets of these instructions go through a brick whose core has so many voxels along each axis: the stretches of each
+/// ray, in order.
+///
+/// # Panics
+/// If the cloud is not that of a brick of this size.
+#[must_use]
+pub fn stretches(
+    set: InstructionSet,
+    cloud: &ProximityCloud<BLOCK>,
+    core: [usize; 3],
+    rays: &[LocalRay],
+) -> Vec<Vec<Stretch>> {
+    assert!(cloud.covers(core), "a cloud of {:?} blocks for {core:?} voxels", cloud.cells);
+    dispatch(set, Trace { cloud, core, rays })
+}
+
+struct Trace<'a> {
+    cloud: &'a ProximityCloud<BLOCK>,
+    core: [usize; 3],
+    rays: &'a [LocalRay],
+}
+
+impl Task for Trace<'_> {
+    type Output = Vec<Vec<Stretch>>;
+
+    #[inline(always)]
+    fn run<S: Simd>(self) -> Vec<Vec<Stretch>> {
+        self.rays.chunks(S::LANES).flat_map(|rays| self.packet::<S>(rays)).collect()
+    }
+}
+
+impl Trace<'_> {
+    /// As [`super::packet`] goes: leaps until no ray can, then a round of cells.
+    #[inline(always)]
+    fn packet<S: Simd>(&self, rays: &[LocalRay]) -> Vec<Vec<Stretch>> {
+        let brick = self.brick();
+        let mut walker = Walker::<S>::new(&packet_of(rays), &brick);
+        let mut found = vec![Vec::new(); rays.len()];
+        let mut note = |lanes: u32, is_leap: bool, [before, after]: [S::F; 2]| {
+            let mut t = [[0.0; LANES_LIMIT]; 2];
+            S::store(before, &mut t[0]);
+            S::store(after, &mut t[1]);
+            for lane in (0..rays.len()).filter(|&lane| lanes >> lane & 1 == 1) {
+                found[lane].push(Stretch { t: [t[0][lane], t[1][lane]], is_leap });
+            }
+        };
+        loop {
+            loop {
+                let before = walker.t;
+                let leaping = walker.leap_once(self.cloud, &brick);
+                if leaping == 0 {
+                    break;
+                }
+                note(leaping, true, [before, walker.t]);
+            }
+            let (active, before) = (S::bits(walker.active()), walker.t);
+            if active == 0 {
+                return found;
+            }
+            let _ = walker.round();
+            note(active, false, [before, walker.t]);
+        }
+    }
+
+    /// A brick whose voxels nobody reads.
+    fn brick(&self) -> PacketBrick<'_> {
+        let extent = self.core.map(|n| n as i32);
+        PacketBrick {
+            voxels: std::ptr::null(),
+            stored: Stored::U8,
+            strides: [extent[0], extent[0] * extent[1]],
+            core: extent,
+            centre: 0.0,
+            scale: 1.0,
+            offset: 0.0,
+            span: 1,
+            absent: None,
+            cloud: None,
+            lighting: None,
+        }
+    }
+}
+
+fn packet_of(rays: &[LocalRay]) -> Packet {
+    let mut packet = Packet::default();
+    for (lane, ray) in rays.iter().enumerate() {
+        for a in 0..3 {
+            packet.origin[a][lane] = ray.origin[a];
+            packet.direction[a][lane] = ray.direction[a];
+        }
+        packet.length[lane] = ray.length;
+    }
+    packet
+}

@@ -1,0 +1,566 @@
+//! The reference integrator: what a picture must look like, by brute force in `f64`.
+//!
+//! It follows RENDERING-MODEL line by line and shares nothing with the ray casters but the camera, the clipping and the
+//! transfer function's definition. A ray's segment is cut at the faces of the trilinear cells (index coordinates that
+//! are integers), because the field bends there; each *piece* is cut again where s crosses a control point, found by
+//! dense sampling and bisection, and each part is sampled at midpoints and halved until doubling the samples changes
+//! nothing any more and no normal turns far between them: where the gradient passes close by zero, light may change within less
+//! than any fixed number of samples sees. So it converges under steep transfer functions as well.
+//! It holds the whole volume in memory: fit for small volumes only.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+use supervol_format::{Dims, Geometry, ValueRange};
+use supervol_scene::clip::{IndexRay, ROUNDED_LENGTH, Segment, ToIndex, clip_parts, clip_ray};
+use supervol_scene::image::Image;
+use supervol_scene::scene::{Mode, ResolvedScene, Shading};
+use supervol_scene::slices::filter::{FilteredSlice, TexelGrid};
+use supervol_scene::slices::{SlicePlane, crossings, interpolate};
+use supervol_scene::transfer_function::TransferFunction;
+
+/// Midpoint samples of an interval.
+const SAMPLES: usize = 16;
+/// Change of an interval's colour and opacity that counts as standing still when its samples are doubled.
+const TOLERANCE: f64 = 4e-6;
+/// Most halvings of an interval; reaching it is counted.
+const DEPTH_LIMIT: u32 = 30;
+/// Most that the normal may turn from sample to sample, as a length, where highlights are wide; by how much less where they are not, the
+/// shininess says.
+const NORMAL_CHANGE: f64 = 0.5;
+/// Shininess of highlights that are as wide as that.
+const WIDE_SHININESS: f64 = 4.0;
+/// Relative distance from a piece's ends at which they are sampled: on the ends themselves rounding could choose the
+/// neighbouring cell, which may be absent. Also the distance, voxels, within which an end lies on a plane of voxels.
+const END_INSET: f64 = 1e-9;
+/// Samples of a piece between which extremes and crossings are sought.
+const SEARCH_SAMPLES: usize = 32;
+/// Gradients below this share of the data range per smallest spacing are noise: no shading.
+const GRADIENT_FLOOR: f64 = 1e-6;
+/// The interpolant of equal voxels varies by this share of their value: its weights sum to 1 only up to rounding.
+const ROUNDING: f64 = 1e-13;
+
+/// A volume wholly in memory.
+#[derive(Debug, Clone)]
+pub struct ReferenceVolume {
+    /// Voxels along each axis.
+    pub dims: [usize; 3],
+    /// Place in the world.
+    pub geometry: Geometry,
+    /// Data values, x fastest; NaN is absent.
+    pub values: Vec<f64>,
+    /// Range of the present values.
+    pub value_range: ValueRange,
+}
+
+/// A picture and what making it hit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReferencePicture {
+    /// The picture.
+    pub image: Image,
+    /// Intervals that still moved at the limit of halvings.
+    pub capped_pieces: u64,
+}
+
+/// The picture of a scene.
+#[must_use]
+pub fn render_reference(volume: &ReferenceVolume, scene: &ResolvedScene) -> Image {
+    render_reference_counted(volume, scene).image
+}
+
+/// The picture of a scene, and how many pieces did not converge.
+#[must_use]
+pub fn render_reference_counted(volume: &ReferenceVolume, scene: &ResolvedScene) -> ReferencePicture {
+    let frame = Frame::new(volume, scene);
+    let (width, height) = (scene.camera.width, scene.camera.height);
+    let pixels = (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| (x, y)));
+    let pixels = pixels.map(|(x, y)| frame.pixel(x, y).map(|v| v as f32)).collect();
+    let image = Image { width, height, pixels }.downsampled(scene.subgrid);
+    ReferencePicture { image, capped_pieces: frame.capped_pieces.into_inner() }
+}
+
+/// Single pixels of the picture of a scene.
+pub struct ReferenceCaster<'a> {
+    frame: Frame<'a>,
+}
+
+impl<'a> ReferenceCaster<'a> {
+    /// For the picture that [`render_reference`] makes.
+    #[must_use]
+    pub fn new(volume: &'a ReferenceVolume, scene: &'a ResolvedScene) -> Self {
+        Self { frame: Frame::new(volume, scene) }
+    }
+
+    /// Pixels (column, row) of the picture, each the mean of its rays: premultiplied RGBA before the background, the bits of
+    /// the whole picture. `each` is called after each of them.
+    #[must_use]
+    pub fn pixels(&self, pixels: &[[u32; 2]], each: &(dyn Fn() + Sync)) -> Vec<[f32; 4]> {
+        let pixel = |&[x, y]: &[u32; 2]| {
+            let n = self.frame.scene.subgrid;
+            let rays = (0..n).flat_map(|j| (0..n).map(move |i| (n * x + i, n * y + j)));
+            let pixels = rays.map(|(x, y)| self.frame.pixel(x, y).map(|v| v as f32)).collect();
+            let mean = Image { width: n, height: n, pixels }.downsampled(n).pixels[0];
+            each();
+            mean
+        };
+        pixels.par_iter().map(pixel).collect()
+    }
+
+    /// Intervals that still moved at the limit of halvings, so far.
+    #[must_use]
+    pub fn capped_pieces(&self) -> u64 {
+        self.frame.capped_pieces.load(Ordering::Relaxed)
+    }
+}
+
+impl ReferenceVolume {
+    /// Value of a voxel, indices clamped to the grid.
+    fn voxel(&self, index: [i64; 3]) -> f64 {
+        let [i, j, k] = [0, 1, 2].map(|a| index[a].clamp(0, self.dims[a] as i64 - 1) as usize);
+        self.values[i + self.dims[0] * (j + self.dims[1] * k)]
+    }
+
+    /// s(p): trilinear interpolation; `None` where a voxel of non-zero weight is absent.
+    #[must_use]
+    pub fn sample(&self, p: [f64; 3]) -> Option<f64> {
+        let cell = p.map(f64::floor);
+        let after: [f64; 3] = std::array::from_fn(|a| p[a] - cell[a]);
+        let weights = [after.map(|x| 1.0 - x), after];
+        let mut sum = 0.0;
+        for corner in 0..8usize {
+            let bit = [corner & 1, corner >> 1 & 1, corner >> 2];
+            let weight = weights[bit[0]][0] * weights[bit[1]][1] * weights[bit[2]][2];
+            if weight != 0.0 {
+                let value = self.voxel([0, 1, 2].map(|a| cell[a] as i64 + bit[a] as i64));
+                if value.is_nan() {
+                    return None;
+                }
+                sum += weight * value;
+            }
+        }
+        Some(sum)
+    }
+
+    /// Index-space gradient by central differences one voxel apart; `None` where a tap is absent.
+    fn gradient(&self, p: [f64; 3]) -> Option<DVec3> {
+        let mut gradient = DVec3::ZERO;
+        for axis in 0..3 {
+            let tap = |step: f64| {
+                let mut q = p;
+                q[axis] += step;
+                self.sample(q)
+            };
+            gradient[axis] = (tap(1.0)? - tap(-1.0)?) / 2.0;
+        }
+        Some(gradient)
+    }
+}
+
+struct Frame<'a> {
+    volume: &'a ReferenceVolume,
+    scene: &'a ResolvedScene,
+    world_from_index_gradient: DMat3,
+    gradient_floor: f64,
+    capped_pieces: AtomicU64,
+    /// Of each slice: what its filter has made of it, and colours that suit that.
+    filtered: Vec<Option<(FilteredSlice, Option<TransferFunction>)>>,
+}
+
+/// One ray with its pieces, front to back; one ends where the next begins, unless something is cut away between them.
+struct Pieces {
+    ray: IndexRay,
+    direction: DVec3,
+    pieces: Vec<[f64; 2]>,
+}
+
+impl Pieces {
+    /// Those that are more than the rounding of their ends.
+    fn longer_than_rounding(&self) -> impl Iterator<Item = &[f64; 2]> {
+        let is_long =
+            |end: &[f64; 2]| self.ray.direction.iter().any(|d| (d * (end[1] - end[0])).abs() > ROUNDED_LENGTH);
+        self.pieces.iter().filter(move |end| is_long(end))
+    }
+}
+
+impl<'a> Frame<'a> {
+    fn new(volume: &'a ReferenceVolume, scene: &'a ResolvedScene) -> Self {
+        let range = volume.value_range;
+        let largest = if range.is_empty() { 0.0 } else { range.min.abs().max(range.max.abs()) };
+        let floor = (GRADIENT_FLOOR * range.width()).max(ROUNDING * largest);
+        let gradient_floor = floor / volume.geometry.smallest_spacing();
+        let world_from_index_gradient = volume.geometry.world_from_index_gradient();
+        let filtered = scene.slices.iter().map(|slice| filtered(volume, scene, slice)).collect();
+        Self { volume, scene, world_from_index_gradient, gradient_floor, capped_pieces: AtomicU64::new(0), filtered }
+    }
+
+    fn pixel(&self, x: u32, y: u32) -> [f64; 4] {
+        let ray = self.scene.camera.ray(x, y);
+        let index_ray = IndexRay::new(&ray, &self.volume.geometry);
+        let dims = Dims(self.volume.dims.map(|n| n as u64));
+        let Some(segment) = clip_ray(&ray, &index_ray, dims, &self.scene.clip) else { return [0.0; 4] };
+        let parts = clip_parts(&ray, &index_ray, dims, &self.scene.clip);
+        let pieces = parts.into_iter().flat_map(|part| pieces_of(&index_ray, part)).collect();
+        let whole = Pieces { ray: index_ray, direction: ray.direction, pieces };
+        if self.scene.slices.is_empty() {
+            return self.gathered(&whole);
+        }
+        // Slices cut the ray: what lies before each, the slice, and what lies behind the last.
+        let mut picture = (DVec3::ZERO, 1.0);
+        let mut before = segment.t0;
+        for (t, number) in crossings(&self.scene.slices, &ray, segment) {
+            picture = behind(picture, self.between(&whole, before, t));
+            let point = ray.origin + t * ray.direction;
+            if self.scene.clip.solids.iter().all(|solid| solid.keeps(point)) {
+                picture = behind(picture, self.slice(number, point, whole.ray.at(t)));
+            }
+            before = t;
+        }
+        let (color, transmittance) = behind(picture, self.between(&whole, before, segment.t1));
+        [color.x, color.y, color.z, 1.0 - transmittance]
+    }
+
+    /// Premultiplied colour and transmittance of a part of a ray.
+    fn between(&self, whole: &Pieces, t0: f64, t1: f64) -> (DVec3, f64) {
+        let inner = whole.pieces.iter().map(|piece| [piece[0].max(t0), piece[1].min(t1)]);
+        let pieces = inner.filter(|piece| piece[0] < piece[1]).collect();
+        let [r, g, b, alpha] = self.gathered(&Pieces { ray: whole.ray, direction: whole.direction, pieces });
+        (DVec3::new(r, g, b), 1.0 - alpha)
+    }
+
+    /// Premultiplied colour and transmittance of a slice at a world point and index point.
+    fn slice(&self, number: usize, world: DVec3, p: [f64; 3]) -> (DVec3, f64) {
+        let slice = &self.scene.slices[number];
+        let (value, colors) = match &self.filtered[number] {
+            Some((filtered, colors)) => (filtered.value(world, slice.interpolation), colors.as_ref()),
+            None => (interpolate(p, slice.interpolation, |index| self.volume.voxel(index)), None),
+        };
+        let Some(colors) = slice.colors.as_ref().or(colors).filter(|_| !value.is_nan()) else {
+            return (DVec3::ZERO, 1.0);
+        };
+        (slice.opacity * DVec3::from(colors.classify(value).0), 1.0 - slice.opacity)
+    }
+
+    /// What a ray gathers of the volume on these pieces.
+    fn gathered(&self, pieces: &Pieces) -> [f64; 4] {
+        match self.scene.mode {
+            Mode::Dvr => self.dvr(pieces),
+            Mode::Mip => self.classified(self.extreme(pieces, 1.0)),
+            Mode::Minip => self.classified(self.extreme(pieces, -1.0)),
+            Mode::Mean => self.classified(self.mean(pieces)),
+            Mode::Iso => self.iso(pieces),
+            Mode::Slice => [0.0; 4],
+        }
+    }
+
+    /// `alpha c`, `alpha`: modes that classify one value, without any length.
+    fn classified(&self, value: Option<f64>) -> [f64; 4] {
+        let Some(value) = value else { return [0.0; 4] };
+        let ([r, g, b], alpha) = self.scene.transfer_function.classify(value);
+        [alpha * r, alpha * g, alpha * b, alpha]
+    }
+
+    fn dvr(&self, pieces: &Pieces) -> [f64; 4] {
+        let surfaces = self.all_crossings(pieces);
+        let mut surfaces = surfaces.into_iter().peekable();
+        let (mut color, mut transmittance) = (DVec3::ZERO, 1.0);
+        for end in &pieces.pieces {
+            let mut from = end[0];
+            while let Some((t, index)) = surfaces.next_if(|(t, _)| *t <= end[1]) {
+                if from < t {
+                    (color, transmittance) = behind((color, transmittance), self.converged_piece(pieces, from, t));
+                    from = t;
+                }
+                (color, transmittance) = behind((color, transmittance), self.surface(pieces, t, index));
+            }
+            if from < end[1] {
+                (color, transmittance) = behind((color, transmittance), self.converged_piece(pieces, from, end[1]));
+            }
+        }
+        [color.x, color.y, color.z, 1.0 - transmittance]
+    }
+
+    /// Premultiplied colour and transmittance of a piece, cut where the transfer function bends or steps, and where shading
+    /// ends for want of a normal.
+    fn converged_piece(&self, pieces: &Pieces, t0: f64, t1: f64) -> (DVec3, f64) {
+        let cuts = self.cuts(pieces, t0, t1);
+        cuts.windows(2).map(|c| self.refined(pieces, c[0], c[1], 0)).fold((DVec3::ZERO, 1.0), behind)
+    }
+
+    /// The piece's ends, where s crosses a control point, and where the gradient becomes too short for a normal: shading ends
+    /// there at once, and where the gradient grows steeply that is too near its zero for samples at even distances.
+    fn cuts(&self, pieces: &Pieces, t0: f64, t1: f64) -> Vec<f64> {
+        let mut cuts = vec![t0, t1];
+        let value = |t: f64| self.volume.sample(pieces.ray.at(t)).unwrap_or(f64::NAN);
+        let points = self.scene.transfer_function.points();
+        add_crossings(inset([t0, t1]), value, points.iter().map(|point| point.value), &mut cuts);
+        if self.scene.shading.is_some() {
+            let steepness = |t: f64| match self.volume.gradient(pieces.ray.at(t)) {
+                Some(gradient) => (self.world_from_index_gradient * gradient).length(),
+                None => f64::INFINITY,
+            };
+            add_crossings(inset([t0, t1]), steepness, [self.gradient_floor], &mut cuts);
+        }
+        cuts.sort_by(f64::total_cmp);
+        cuts
+    }
+
+    /// An interval, halved until doubling its samples changes nothing, and nothing that shows can hide between them.
+    fn refined(&self, pieces: &Pieces, t0: f64, t1: f64, depth: u32) -> (DVec3, f64) {
+        let middle = 0.5 * (t0 + t1);
+        let coarse = self.piece(pieces, t0, t1, SAMPLES);
+        let fine = behind(self.piece(pieces, t0, middle, SAMPLES), self.piece(pieces, middle, t1, SAMPLES));
+        let change = (fine.0 - coarse.0).abs().max_element().max((fine.1 - coarse.1).abs());
+        let hides = || 1.0 - fine.1 > TOLERANCE && depth < DEPTH_LIMIT && self.turns_far(pieces, [t0, t1]);
+        if change < TOLERANCE && !hides() {
+            // Midpoints are of second order: doubling leaves a third of the change as the error (Richardson).
+            return (fine.0 + (fine.0 - coarse.0) / 3.0, fine.1 + (fine.1 - coarse.1) / 3.0);
+        }
+        if depth == DEPTH_LIMIT {
+            self.capped_pieces.fetch_add(1, Ordering::Relaxed);
+            return fine;
+        }
+        behind(self.refined(pieces, t0, middle, depth + 1), self.refined(pieces, middle, t1, depth + 1))
+    }
+
+    /// Whether the normal turns so far from sample to sample, from end to end, that light may shine between two of them only.
+    fn turns_far(&self, pieces: &Pieces, ends: [f64; 2]) -> bool {
+        let Some(shading) = &self.scene.shading else { return false };
+        let most = NORMAL_CHANGE / (shading.shininess / WIDE_SHININESS).max(1.0).sqrt();
+        let [first, last] = inset(ends);
+        let normal = |i: usize| {
+            let t = first + (last - first) * i as f64 / SAMPLES as f64;
+            let gradient = self.world_from_index_gradient * self.volume.gradient(pieces.ray.at(t))?;
+            (gradient.length() >= self.gradient_floor).then(|| gradient.try_normalize()).flatten()
+        };
+        let normals: [Option<DVec3>; SAMPLES + 1] = std::array::from_fn(normal);
+        normals.windows(2).any(|pair| matches!(pair, [Some(a), Some(b)] if a.distance(*b) > most))
+    }
+
+    fn piece(&self, pieces: &Pieces, t0: f64, t1: f64, samples: usize) -> (DVec3, f64) {
+        let step = (t1 - t0) / samples as f64;
+        let mut color = DVec3::ZERO;
+        let mut transmittance = 1.0;
+        for i in 0..samples {
+            let p = pieces.ray.at(t0 + (i as f64 + 0.5) * step);
+            let Some(value) = self.volume.sample(p) else { continue };
+            let (c, alpha) = self.scene.transfer_function.classify(value);
+            if alpha == 0.0 {
+                continue;
+            }
+            let opacity = -(-self.scene.transfer_function.kappa(alpha) * step).exp_m1();
+            color += transmittance * opacity * self.shaded(c.into(), p, pieces.direction);
+            transmittance *= 1.0 - opacity;
+        }
+        (color, transmittance)
+    }
+
+    /// The colour after shading: `c (ka + sum kd |n.l| I) + sum ks |n.h|^shininess I`, clamped to [0, 1].
+    fn shaded(&self, color: DVec3, p: [f64; 3], direction: DVec3) -> DVec3 {
+        let Some(shading) = &self.scene.shading else { return color };
+        let Some(gradient) = self.volume.gradient(p) else { return color };
+        let gradient = self.world_from_index_gradient * gradient;
+        if gradient.length() == 0.0 || gradient.length() < self.gradient_floor {
+            return color;
+        }
+        blinn_phong(shading, color, -gradient.normalize(), -direction)
+    }
+
+    /// Greatest value (sign 1) or least value (sign -1) over the present part.
+    fn extreme(&self, pieces: &Pieces, sign: f64) -> Option<f64> {
+        let mut best: Option<f64> = None;
+        for end in pieces.longer_than_rounding() {
+            let (t, step) = search_grid(inset(*end));
+            let at = |t: f64| self.volume.sample(pieces.ray.at(t)).map(|v| v * sign);
+            let Some(values) = t.iter().map(|&t| at(t)).collect::<Option<Vec<f64>>>() else { continue };
+            let best_at = (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b])).unwrap_or(0);
+            // The cubic has one greatest value inside at most: between the neighbours of the greatest sample.
+            let (low, high) = ((t[best_at] - step).max(t[0]), (t[best_at] + step).min(t[t.len() - 1]));
+            let top = peak(low, high, |t| at(t).unwrap_or(f64::NEG_INFINITY));
+            let refined = at(top).unwrap_or(values[best_at]).max(values[best_at]);
+            best = Some(best.map_or(refined, |b| b.max(refined)));
+        }
+        best.map(|v| v * sign)
+    }
+
+    /// Integral of s over the present length divided by the present length. Simpson's rule is exact for a cubic.
+    fn mean(&self, pieces: &Pieces) -> Option<f64> {
+        let (mut integral, mut length) = (0.0, 0.0);
+        for end in pieces.longer_than_rounding() {
+            let h = end[1] - end[0];
+            let at = |x: f64| self.volume.sample(pieces.ray.at(end[0] + x * h));
+            if let (Some(a), Some(m), Some(b)) = (at(END_INSET), at(0.5), at(1.0 - END_INSET)) {
+                integral += h * (a + 4.0 * m + b) / 6.0;
+                length += h;
+            }
+        }
+        (length > 0.0).then(|| integral / length)
+    }
+
+    /// The first crossing of each iso value, composited in order. A value on the surface counts as above it.
+    fn iso(&self, pieces: &Pieces) -> [f64; 4] {
+        let mut hits: Vec<(f64, usize)> = Vec::new();
+        for (index, surface) in self.scene.iso.iter().enumerate() {
+            let in_piece = |&ends: &[f64; 2]| self.crossings_in(pieces, ends, surface.value).first().copied();
+            hits.extend(pieces.pieces.iter().find_map(in_piece).map(|t| (t, index)));
+        }
+        hits.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut color = DVec3::ZERO;
+        let mut transmittance = 1.0;
+        for (t, index) in hits {
+            (color, transmittance) = behind((color, transmittance), self.surface(pieces, t, index));
+        }
+        [color.x, color.y, color.z, 1.0 - transmittance]
+    }
+
+    /// Premultiplied colour and transmittance of a surface at t.
+    fn surface(&self, pieces: &Pieces, t: f64, index: usize) -> (DVec3, f64) {
+        let surface = self.scene.iso[index];
+        let color = self.shaded(surface.color.into(), pieces.ray.at(t), pieces.direction);
+        (surface.alpha * color, 1.0 - surface.alpha)
+    }
+
+    /// Every crossing of every surface's value, in order along the ray. A value on the surface counts as above it.
+    fn all_crossings(&self, pieces: &Pieces) -> Vec<(f64, usize)> {
+        let mut found = Vec::new();
+        for (index, surface) in self.scene.iso.iter().enumerate() {
+            for &ends in &pieces.pieces {
+                found.extend(self.crossings_in(pieces, ends, surface.value).into_iter().map(|t| (t, index)));
+            }
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        found
+    }
+
+    /// Where a present piece crosses a surface, in order. Its ends belong to it: a ray that comes up to the surface just where a cell
+    /// ends, beside one that is absent, has crossed it. What lies on both sides of something cut away, or of something absent, is
+    /// never compared.
+    fn crossings_in(&self, pieces: &Pieces, ends: [f64; 2], surface: f64) -> Vec<f64> {
+        let mut places = Vec::new();
+        if self.volume.sample(pieces.ray.at(0.5 * (ends[0] + ends[1]))).is_some() {
+            let at = |t: f64| {
+                let p = pieces.ray.at(t);
+                let p = if ends.contains(&t) { p.map(on_plane) } else { p };
+                self.volume.sample(p).unwrap_or(f64::NAN)
+            };
+            // Equal voxels that have the surface's value are on it, however their weights round.
+            add_crossings(ends, at, [surface - ROUNDING * surface.abs()], &mut places);
+        }
+        places.sort_by(f64::total_cmp);
+        places
+    }
+}
+
+/// What a slice's filter makes of it, and colours that suit that.
+fn filtered(
+    volume: &ReferenceVolume,
+    scene: &ResolvedScene,
+    slice: &SlicePlane,
+) -> Option<(FilteredSlice, Option<TransferFunction>)> {
+    let filter = slice.filter?;
+    let dims = Dims(volume.dims.map(|n| n as u64));
+    let grid = TexelGrid::new(slice, &volume.geometry, dims, &scene.clip, [1; 3]);
+    let to_index = ToIndex::new(&volume.geometry);
+    let value = |p: DVec3| interpolate(to_index.point(p), slice.interpolation, |index| volume.voxel(index)) as f32;
+    let made = FilteredSlice::new(grid, grid.points(0..grid.texels()).map(value).collect(), filter, 0.0);
+    let colors = slice.colors.is_none().then(|| made.colors(filter.kind));
+    Some((made, colors))
+}
+
+/// A coordinate of a piece's end: the plane of voxels that it lies on but for rounding, or where it is.
+fn on_plane(x: f64) -> f64 {
+    let plane = x.round();
+    if (x - plane).abs() <= END_INSET.max(8.0 * f64::EPSILON * x.abs()) { plane } else { x }
+}
+
+/// Adds the places at which a function crosses some levels. Its extremes are searched first: between them it is monotone, so
+/// that no crossing is missed where it only grazes a level.
+fn add_crossings(
+    ends: [f64; 2],
+    at: impl Fn(f64) -> f64,
+    levels: impl IntoIterator<Item = f64>,
+    crossings: &mut Vec<f64>,
+) {
+    let mut grid: Vec<(f64, f64)> = search_grid(ends).0.into_iter().map(|t| (t, at(t))).collect();
+    for i in 1..SEARCH_SAMPLES {
+        let (before, after) = (grid[i].1 - grid[i - 1].1, grid[i + 1].1 - grid[i].1);
+        if before * after < 0.0 {
+            let sign = before.signum();
+            let t = peak(grid[i - 1].0, grid[i + 1].0, |t| sign * at(t));
+            grid.push((t, at(t)));
+        }
+    }
+    grid.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for level in levels {
+        for pair in grid.windows(2) {
+            let before = pair[0].1 >= level;
+            if before != (pair[1].1 >= level) {
+                crossings.push(bisect(pair[0].0, pair[1].0, |t| (at(t) >= level) == before));
+            }
+        }
+    }
+}
+
+/// Where a function with one greatest value between `low` and `high` has it.
+fn peak(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
+    for _ in 0..60 {
+        let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+        if f(a) < f(b) { low = a } else { high = b }
+    }
+    0.5 * (low + high)
+}
+
+/// The end of the part of `low..high` in which `holds`, which begins with it and leaves it once.
+fn bisect(mut low: f64, mut high: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..50 {
+        let middle = 0.5 * (low + high);
+        if holds(middle) { low = middle } else { high = middle }
+    }
+    high
+}
+
+/// Colour and transmittance of `far` seen through `near`.
+fn behind(near: (DVec3, f64), far: (DVec3, f64)) -> (DVec3, f64) {
+    (near.0 + near.1 * far.0, near.1 * far.1)
+}
+
+/// Two-sided Blinn-Phong (RENDERING-MODEL, section 5); `normal`, `to_eye` and the lights' vectors are unit vectors.
+fn blinn_phong(shading: &Shading, color: DVec3, normal: DVec3, to_eye: DVec3) -> DVec3 {
+    let mut diffuse = shading.ambient;
+    let mut specular = 0.0;
+    for light in &shading.lights {
+        let half = (light.to_light + to_eye).normalize_or_zero();
+        diffuse += shading.diffuse * normal.dot(light.to_light).abs() * light.intensity;
+        specular += shading.specular * normal.dot(half).abs().powf(shading.shininess) * light.intensity;
+    }
+    (color * diffuse + DVec3::splat(specular)).clamp(DVec3::ZERO, DVec3::ONE)
+}
+
+/// A segment cut at every t at which an index coordinate is an integer.
+fn pieces_of(ray: &IndexRay, segment: Segment) -> Vec<[f64; 2]> {
+    let mut ends = vec![segment.t0, segment.t1];
+    for axis in 0..3 {
+        let (a, b) = (ray.at(segment.t0)[axis], ray.at(segment.t1)[axis]);
+        let (low, high) = (a.min(b).floor() as i64, a.max(b).ceil() as i64);
+        for plane in low..=high {
+            let t = (plane as f64 - ray.origin[axis]) / ray.direction[axis];
+            if t > segment.t0 && t < segment.t1 {
+                ends.push(t);
+            }
+        }
+    }
+    ends.sort_by(f64::total_cmp);
+    ends.dedup();
+    ends.windows(2).map(|end| [end[0], end[1]]).collect()
+}
+
+/// A piece without its ends, on which rounding could choose the neighbouring cell.
+fn inset([t0, t1]: [f64; 2]) -> [f64; 2] {
+    [t0 + END_INSET * (t1 - t0), t1 - END_INSET * (t1 - t0)]
+}
+
+/// Positions from end to end, and the distance between them.
+fn search_grid([first, last]: [f64; 2]) -> (Vec<f64>, f64) {
+    let step = (last - first) / SEARCH_SAMPLES as f64;
+    ((0..=SEARCH_SAMPLES).map(|i| if i == SEARCH_SAMPLES { last } else { first + i as f64 * step }).collect(), step)
+}

@@ -1,0 +1,32 @@
+//! Sums over a picture, and the errors that an engine states of it.
+
+use crate::engines::gpu::caster::GpuStats;
+use crate::stream::counters::RayCounters;
+
+/// What an engine has done and knows, over all passes and bands.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct EngineTotals {
+    /// What was counted; an engine without rays counts none, and samples and cells all the same.
+    pub rays: RayCounters,
+    /// Instructions of packets.
+    pub instructions: Option<&'static str>,
+    /// What the picture may be off by, where the engine was asked to sum it up and can.
+    pub errors: Option<EngineErrors>,
+    /// What its graphics device did for this picture, if it has one.
+    pub device: Option<GpuStats>,
+}
+
+/// What an engine says of its own errors; 1 is white.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EngineErrors {
+    /// The greatest sum, over all rays, of what cells may be off by.
+    pub cells: f64,
+    /// Most that coarser levels may do to a ray, against the finest.
+    pub levels: f64,
+    /// Most that is left out behind the end of a ray that ends early.
+    pub ray_ends: f64,
+    /// What the fit of the transfer function may do to a ray.
+    pub transfer_function: f64,
+    /// What sums of `f32` over the cells of a brick may do to a ray.
+    pub rounding: f64,
+}

@@ -1,0 +1,57 @@
+//! Why there is no picture.
+
+use supervol_format::container::ContainerError;
+use supervol_format::readable::Mib;
+
+use crate::engines::gpu::caster::GpuError;
+use crate::render::frame::PASS_LIMIT;
+use crate::render::options::Backend;
+use crate::stream::budget::BudgetError;
+use crate::stream::streamer::StreamError;
+
+/// Why there is no picture.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum RenderError {
+    #[error(transparent)]
+    Budget(#[from] BudgetError),
+    #[error(transparent)]
+    Stream(#[from] StreamError),
+    #[error(transparent)]
+    Container(#[from] ContainerError),
+    #[error(
+        "level {level} needs {} for the reference integrator, but the host budget is {}; give more memory or choose a \
+         coarser level",
+        Mib(*needed_bytes), Mib(*budget_bytes)
+    )]
+    ReferenceTooLarge { level: u8, needed_bytes: u64, budget_bytes: u64 },
+    #[error(
+        "the check of level {level} needs {} for the reference integrator, but the host budget is {}; give more memory, \
+         or draw and check a coarser level (finest that fits: {finest_that_fits:?})",
+        Mib(*needed_bytes), Mib(*budget_bytes)
+    )]
+    CheckTooLarge { level: u8, needed_bytes: u64, budget_bytes: u64, finest_that_fits: Option<u8> },
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    #[error("methods of comparison are for the cpu backend and mode dvr; found backend {backend:?} and mode {mode}")]
+    Method { backend: Backend, mode: &'static str },
+    #[error(
+        "sections (mode slice) are drawn by the backends cpu and reference (and auto, which takes cpu then); found gpu"
+    )]
+    SlicesOnGpu,
+    #[error("mode mean shows no place that could be picked: all points of a ray count alike")]
+    NoPlace,
+    #[error("pixel {},{}: the picture has {} x {} pixels, the first is 0,0", pixel[0], pixel[1], size[0], size[1])]
+    NoSuchPixel { pixel: [u32; 2], size: [u32; 2] },
+    #[error("{threads} threads cannot be started: {message}")]
+    Threads { threads: usize, message: String },
+    #[error(
+        "a mistake of supervol: after pass {pass}, {remaining} rays wait for {wanted} bricks, the first of which is \
+         {first}, but nothing could be done for them"
+    )]
+    NoProgress { pass: u64, remaining: u64, wanted: usize, first: String },
+    #[error("the picture was cancelled before it was whole")]
+    Cancelled,
+    #[error("a mistake of supervol: {remaining} rays are still unfinished after {PASS_LIMIT} passes")]
+    TooManyPasses { remaining: u64 },
+}

@@ -1,0 +1,166 @@
+//! The ray caster in Rust as an engine: reads bricks where the host cache holds them.
+
+use std::ops::Range;
+use std::time::Instant;
+
+use supervol_format::Container;
+use supervol_scene::facts::value_map;
+use supervol_scene::image::Image;
+use supervol_scene::scene::ResolvedScene;
+use supervol_scene::units::InUnits;
+
+use super::FrameWalk;
+use super::setting::with_data_scale;
+use crate::engines::engine::{Advance, Engine, InSteps};
+use crate::engines::maps::Maps;
+use crate::engines::packets::levels::ErrorsByReason;
+use crate::engines::packets::simd::InstructionSet;
+use crate::engines::packets::{CpuFrame, CpuQuality, Made, Rays, cast_pass};
+use crate::engines::totals::EngineTotals;
+use crate::lod::LodChoice;
+use crate::lod::deviation::Deviations;
+use crate::render::error::RenderError;
+use crate::render::options::RenderOptions;
+use crate::render::stats::FrameStats;
+use crate::stop::Stop;
+use crate::stream::budget::HostPlan;
+use crate::stream::counters::RayCounters;
+use crate::stream::streamer::{HostView, Streamer};
+
+/// What all rays of the CPU ray caster share in a frame.
+#[must_use]
+pub fn cpu_frame(container: &Container, scene: &ResolvedScene, options: &RenderOptions, plan: &HostPlan) -> CpuFrame {
+    cpu_frame_of(container, scene, options, options.lod(), (plan.made_bytes, None))
+}
+
+/// The same with levels of its own, and with plans of another picture's frame.
+pub(crate) fn cpu_frame_of(
+    container: &Container,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+    lod: LodChoice,
+    (made_bytes, plans): Made,
+) -> CpuFrame {
+    let InUnits { geometry, value_range, .. } = InUnits::of(container);
+    let quality = CpuQuality { lod, skipping: options.skipping, caster: options.ray_caster(), made_bytes, plans };
+    let frame = CpuFrame::new(scene, container.pyramid(), &geometry, value_map(container), value_range, quality);
+    let frame = frame.counting(options.rays_finished.clone());
+    if !options.predict_error {
+        return frame;
+    }
+    frame.with_deviations(with_data_scale(container, |data| Deviations::new(scene, data)))
+}
+
+/// Makes the picture on the CPU in one go, on the calling thread's pool, from what the streamer has and fetches. What a
+/// [`Renderer`](crate::render::renderer::Renderer) adds to the statistics is missing.
+///
+/// # Errors
+/// As [`crate::render::renderer::render`].
+pub fn render_cpu(
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+    streamer: &mut Streamer,
+    plan: HostPlan,
+    stop: &Stop,
+) -> Result<(Image, FrameStats), RenderError> {
+    let mut caster = CpuCaster::new(cpu_frame(streamer.container(), scene, options, &plan));
+    let mut walk = FrameWalk::new(streamer, plan, options, Instant::now()).until(stop.clone());
+    let image = walk.run(&mut caster, scene.image_size)?;
+    Ok((image, FrameStats { backend: "cpu", ..walk.into_stats() }))
+}
+
+/// The ray caster in Rust: reads bricks where the host cache holds them.
+pub struct CpuCaster {
+    frame: CpuFrame,
+    band: CpuFrame,
+    states: Rays,
+    counters: RayCounters,
+    /// How many of `counters.rays_terminated_early` are the present band's: it is noted whenever it is interrupted.
+    terminated_in_band: u64,
+    errors: ErrorsByReason,
+}
+
+impl CpuCaster {
+    /// A caster for this frame.
+    #[must_use]
+    pub fn new(frame: CpuFrame) -> Self {
+        let band = frame.clone();
+        Self {
+            frame,
+            band,
+            states: Rays::default(),
+            counters: RayCounters::default(),
+            terminated_in_band: 0,
+            errors: ErrorsByReason::default(),
+        }
+    }
+
+    /// What rays may be off by at most, reason by reason.
+    #[must_use]
+    pub fn errors_by_reason(&self) -> ErrorsByReason {
+        self.errors
+    }
+
+    /// Sums up what the rays of a band say so far.
+    fn note_band(&mut self) {
+        let terminated = self.states.terminated_early();
+        self.counters.rays_terminated_early += terminated - self.terminated_in_band;
+        self.terminated_in_band = terminated;
+        self.errors = self.errors.or(self.states.errors());
+    }
+}
+
+impl Engine for CpuCaster {
+    fn begin(&mut self, pixel_rows: Range<u32>) -> Result<(), RenderError> {
+        // Two bands' rays never exist at once: the budget has room for one.
+        self.states = Rays::default();
+        self.band = self.frame.band(pixel_rows);
+        self.states = self.band.begin();
+        self.terminated_in_band = 0;
+        self.counters.rays += self.band.ray_count();
+        Ok(())
+    }
+
+    fn advance(&mut self, view: &HostView<'_>) -> Result<Advance, RenderError> {
+        let feedback = cast_pass(view, &self.band, &mut self.states);
+        self.counters.add(&feedback.counters);
+        Ok(Advance {
+            remaining: feedback.misses.iter().map(|miss| miss.rays).sum(),
+            wanted: view.field().bricks(feedback.misses.into_iter().map(|miss| miss.key)),
+            used: view.field().bricks(feedback.uses),
+            stood_in: feedback.counters.parent_bricks,
+            is_stopped: feedback.is_stopped,
+        })
+    }
+
+    fn write_image(&mut self, to: &mut [[f32; 4]]) -> Result<(), RenderError> {
+        self.note_band();
+        to.copy_from_slice(&self.band.image(&self.states).pixels);
+        Ok(())
+    }
+
+    fn pixel_maps(&mut self) -> Maps {
+        Maps { errors: self.band.error_pixels(&self.states), work: self.band.work_pixels(&self.states) }
+    }
+
+    fn totals(&self) -> EngineTotals {
+        EngineTotals {
+            rays: self.counters,
+            instructions: self.frame.instructions().map(InstructionSet::name),
+            errors: self.frame.errors(self.errors),
+            device: None,
+        }
+    }
+}
+
+impl InSteps for CpuCaster {
+    fn stop_at(&mut self, stop: &Stop) {
+        self.frame.set_stop(stop.clone());
+        self.band.set_stop(stop.clone());
+    }
+
+    fn finished_pixels(&mut self) -> Image {
+        self.note_band();
+        self.band.finished_pixels(&self.states)
+    }
+}

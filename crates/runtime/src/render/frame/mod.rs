@@ -1,0 +1,29 @@
+//! One frame, from an open container to an image: what it is made with ([`setting`]), who makes it ([`engine`]; [`cpu`], and on a device
+//! the ray caster in WGSL), and its passes ([`walk`]).
+//!
+//! ```text
+//! plan the host budget --> for each band of rows: advance --> wanted --> fetch --> advance ... until nothing remains --> image
+//! ```
+//!
+//! Without a deadline the picture always converges: it depends neither on the budgets, nor on the number of threads, nor on
+//! the order in which bricks arrive. With one, rays that wait when the time is up go on through coarser bricks, or stop where
+//! they are, as [`crate::render::renderer`] wants it.
+
+pub mod check;
+pub mod cpu;
+pub(crate) mod gpu;
+pub mod predict;
+pub mod reference;
+pub mod setting;
+pub mod stated;
+pub mod walk;
+
+pub use crate::render::error::RenderError;
+pub use crate::render::options::{Backend, LevelChoice, OnProgress, Progress, RenderOptions};
+pub(crate) use cpu::cpu_frame_of;
+pub use cpu::{cpu_frame, render_cpu};
+pub use gpu::render_gpu_surviving;
+pub(crate) use reference::render_from_reference;
+pub(crate) use setting::plan_host_for;
+pub use setting::{classifier_for, plan_host, streamer_for};
+pub use walk::{FrameWalk, PASS_LIMIT};

@@ -1,0 +1,111 @@
+//! The reference backend: one whole level in memory, then the brute-force integrator.
+//!
+//! Eight bytes per voxel must fit the host budget; every brick of the level must be readable: a reference with fallbacks
+//! would be none.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::DVec3;
+use supervol_format::level_reader::LevelReader;
+use supervol_format::space::HALF_VOXEL;
+use supervol_format::{Container, Geometry, Level, Lod, ValueRange};
+use supervol_scene::clip::Clip;
+use supervol_scene::image::Image;
+use supervol_scene::scene::ResolvedScene;
+use supervol_scene::units::InUnits;
+
+use super::check::level_to_check;
+use crate::engines::reference::{ReferenceVolume, render_reference_counted};
+use crate::render::error::RenderError;
+use crate::render::options::RenderOptions;
+use crate::render::stats::FrameStats;
+use crate::stream::budget::BrickBytes;
+use crate::stream::counters::{RayCounters, StreamCounters, milliseconds};
+
+/// Bytes of one voxel in a reference volume.
+const VOXEL_BYTES: u64 = 8;
+
+/// Bytes that the reference picture of a level needs in host memory.
+#[must_use]
+pub fn reference_bytes(container: &Container, lod: Lod, scene: &ResolvedScene) -> u64 {
+    let voxels = container.pyramid().level_at(lod).dims.voxels().unwrap_or(u64::MAX);
+    let brick = BrickBytes::of(container);
+    voxels
+        .saturating_mul(VOXEL_BYTES)
+        .saturating_add(2 * scene.rays() * 16 + brick.decoding + brick.record + scene.clip.bytes())
+}
+
+/// One level of a container, wholly in memory.
+///
+/// # Errors
+/// If it does not fit `host_memory_bytes`, or a brick cannot be read.
+pub fn load_level(
+    container: &Container,
+    lod: Lod,
+    scene: &ResolvedScene,
+    host_memory_bytes: u64,
+) -> Result<ReferenceVolume, RenderError> {
+    let needed_bytes = reference_bytes(container, lod, scene);
+    if needed_bytes > host_memory_bytes {
+        return Err(RenderError::ReferenceTooLarge { level: lod.0, needed_bytes, budget_bytes: host_memory_bytes });
+    }
+    let in_units = InUnits::of(container);
+    let reader = LevelReader::new(container, lod, 0);
+    let values = reader.values(reader.whole(), |stored| in_units.value(stored))?;
+    let mut value_range = ValueRange::EMPTY;
+    values.iter().filter(|v| !v.is_nan()).for_each(|&v| value_range.include(v));
+    let geometry = level_geometry(&in_units.geometry, container.pyramid().level_at(lod));
+    Ok(ReferenceVolume { dims: reader.whole().extent(), geometry, values, value_range })
+}
+
+/// Place of a level's grid in the world: its voxel 0 lies in the middle of the level-0 voxels that it covers.
+fn level_geometry(geometry: &Geometry, level: &Level) -> Geometry {
+    let scale = level.scale.map(|s| s as f64);
+    let first = DVec3::from_array(scale.map(|s| HALF_VOXEL * s - HALF_VOXEL));
+    let origin = geometry.world_from_index().transform_point3(first);
+    let spacing = std::array::from_fn(|a| geometry.spacing[a] * scale[a]);
+    Geometry { spacing, origin: origin.to_array(), direction: geometry.direction }
+}
+
+/// The scene over a level: the clip box in the level's index space, and never beyond the domain of level 0.
+#[must_use]
+pub fn scene_of_level(container: &Container, lod: Lod, scene: &ResolvedScene) -> ResolvedScene {
+    let level = container.pyramid().level_at(lod);
+    let dims = container.descriptor().dims().0;
+    let domain = [[-HALF_VOXEL; 3], dims.map(|n| n as f64 - HALF_VOXEL)];
+    let [low, high] = scene.clip.index_box.unwrap_or(domain);
+    let kept = [std::array::from_fn(|a| low[a].max(domain[0][a])), std::array::from_fn(|a| high[a].min(domain[1][a]))];
+    let index_box = Some(kept.map(|corner| level.from_level_0(corner)));
+    ResolvedScene { clip: Clip { index_box, ..scene.clip.clone() }, ..scene.clone() }
+}
+
+/// The picture by the reference integrator.
+///
+/// # Errors
+/// If the level does not fit the host budget, or a brick cannot be read.
+pub(crate) fn render_from_reference(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+) -> Result<(Image, FrameStats), RenderError> {
+    let lod = level_to_check(container, options.level);
+    let volume = load_level(container, lod, scene, options.host_memory_bytes)?;
+    let start = Instant::now();
+    let picture = render_reference_counted(&volume, &scene_of_level(container, lod, scene));
+    let level = container.pyramid().level_at(lod);
+    let stats = FrameStats {
+        backend: "reference",
+        converged: true,
+        passes: 1,
+        bands: 1,
+        bricks_total: container.pyramid().brick_count(),
+        streaming: StreamCounters { page_ins: level.brick_count(), ..StreamCounters::default() },
+        render_ms: milliseconds(start.elapsed()),
+        casting: RayCounters { rays: scene.rays(), ..RayCounters::default() },
+        reference_capped_pieces: picture.capped_pieces,
+        error_bound: container.manifest().level_errors.get(lod.0 as usize).copied().unwrap_or(0.0),
+        ..FrameStats::default()
+    };
+    Ok((picture.image, stats))
+}

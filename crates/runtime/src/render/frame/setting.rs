@@ -1,0 +1,91 @@
+//! What a frame of a scene is made with: memory divided, a streamer, and what both ray casters must know of levels.
+
+use std::sync::Arc;
+
+use supervol_format::Container;
+use supervol_format::container::toc;
+use supervol_scene::facts::value_map;
+use supervol_scene::scene::ResolvedScene;
+use supervol_scene::units::InUnits;
+
+use crate::lod::LodRule;
+use crate::lod::by_error::{DataScale, LevelsByError};
+use crate::render::options::{LevelChoice, RenderOptions};
+use crate::stream::budget::{BrickBytes, BudgetError, CasterBytes, Demand, HostPlan};
+use crate::stream::classify::Classifier;
+use crate::stream::priority::BrickOrder;
+use crate::stream::streamer::Streamer;
+
+/// Divides the host budget for a frame that the CPU makes.
+///
+/// # Errors
+/// If it is too small.
+pub fn plan_host(
+    container: &Container,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+) -> Result<HostPlan, BudgetError> {
+    let caster = options.ray_caster().bytes(container.pyramid().layout().core());
+    plan_host_for(caster, container, scene, options, options.time_budget_ms.is_some())
+}
+
+/// Divides the host budget for a frame that a ray caster makes who holds so much, with or without a deadline.
+pub(crate) fn plan_host_for(
+    caster: CasterBytes,
+    container: &Container,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+    has_deadline: bool,
+) -> Result<HostPlan, BudgetError> {
+    let demand = Demand {
+        image_size: scene.image_size,
+        subgrid: scene.subgrid,
+        caster,
+        brick: BrickBytes::of(container),
+        has_deadline,
+        threads: rayon::current_num_threads() as u64,
+        toc_pages: toc::pages_for(container.pyramid().brick_count()),
+        // Meshes stay in memory as long as the scene does.
+        process_bytes: options.process_bytes.saturating_add(scene.clip.bytes()),
+    };
+    let plan = HostPlan::new(options.host_memory_bytes, &demand)?;
+    Ok(HostPlan {
+        cache_bytes: options.cache_bytes.map_or(plan.cache_bytes, |most| plan.cache_bytes.min(most)),
+        ..plan
+    })
+}
+
+/// What comes of what the rules of levels must know of a container.
+pub(super) fn with_data_scale<T>(container: &Container, make: impl FnOnce(&DataScale<'_>) -> T) -> T {
+    let InUnits { geometry, scale, offset, value_range } = InUnits::of(container);
+    let voxel_error = container.descriptor().voxel_error() * scale.abs();
+    make(&DataScale { pyramid: container.pyramid(), geometry: &geometry, scale, offset, value_range, voxel_error })
+}
+
+/// A streamer with an empty cache for frames of this scene.
+#[must_use]
+pub fn streamer_for(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+    plan: HostPlan,
+) -> Streamer {
+    let order = BrickOrder::front_to_back(&scene.camera, &InUnits::of(container).geometry);
+    let classifier = classifier_for(container, scene, options);
+    Streamer::new(container.clone(), value_map(container), classifier, order, plan)
+}
+
+/// What the table of contents decides about bricks, for frames of this scene.
+#[must_use]
+pub fn classifier_for(container: &Container, scene: &ResolvedScene, options: &RenderOptions) -> Classifier {
+    let descriptor = container.descriptor();
+    let classifier = Classifier::new(scene, descriptor.voxel_type, value_map(container), options.skipping);
+    // Who asks for a level gets it.
+    if let LevelChoice::Fixed(_) = options.level {
+        return classifier;
+    }
+    classifier.with_levels(with_data_scale(container, |data| {
+        let lod = LodRule::new(options.lod(), &scene.camera, data.geometry);
+        LevelsByError::new(scene, data, lod, options.max_error)
+    }))
+}

@@ -1,0 +1,374 @@
+//! The passes of one frame: streamer and engine in turn.
+
+use std::ops::Range;
+use std::time::{Duration, Instant};
+
+use supervol_format::Lod;
+use supervol_scene::image::Image;
+
+use super::{check, predict};
+use crate::engines::engine::{Advance, Engine, InSteps};
+use crate::engines::maps::Maps;
+use crate::render::error::RenderError;
+use crate::render::options::{LevelChoice, Progress, RenderOptions};
+use crate::render::stats::FrameStats;
+use crate::stop::{LEAST_STEP, Stop};
+use crate::stream::budget::{BrickBytes, HostPlan};
+use crate::stream::counters::milliseconds;
+use crate::stream::field::{Field, FieldBrick};
+use crate::stream::streamer::{OnMissing, Room, Streamer};
+
+/// Most passes of one band. Each pass but the last answers at least one brick that a ray waits for.
+pub const PASS_LIMIT: u64 = 10_000_000;
+/// Part of the host cache, as a divisor, that coarse levels kept for a deadline may fill.
+const KEPT_SHARE: u64 = 8;
+/// Part of the time budget, as a divisor, that fetching coarse levels for a deadline may take.
+const KEPT_TIME_SHARE: u32 = 4;
+
+/// Least time that a pass waits for bricks, once it could begin.
+const LEAST_PATIENCE: Duration = Duration::from_millis(10);
+
+/// Takes one engine through the passes of one frame.
+///
+/// The streamer outlives the walk: what it holds serves the next frame.
+pub struct FrameWalk<'a> {
+    streamer: &'a mut Streamer,
+    plan: HostPlan,
+    options: &'a RenderOptions,
+    start: Instant,
+    stop: Stop,
+    stats: FrameStats,
+    /// Time that went into fetching bricks.
+    fetching: Duration,
+    rows: u32,
+    rows_finished: u32,
+}
+
+/// How far the bands of a picture have come that is cast with interruptions.
+#[derive(Debug, Clone, Default)]
+pub struct Bands {
+    /// Pixel rows of the band in progress; empty between two bands.
+    rows: Range<u32>,
+    /// Pixels of the bands before it.
+    written_before: u64,
+}
+
+/// The bands of a picture that were finished before its walk was cancelled.
+#[derive(Debug, Default)]
+pub struct FinishedBands {
+    /// Of the whole picture, from the first band on.
+    pixels: Vec<[f32; 4]>,
+    /// What else is asked for of them.
+    maps: Maps,
+    rows: u32,
+    count: u64,
+    /// What the rays of the band in progress wait for.
+    wanted: Vec<FieldBrick>,
+}
+
+impl FinishedBands {
+    /// None yet, of a picture that is written over this one: new memory costs a picture's time on fast devices.
+    #[must_use]
+    pub fn over(pixels: Vec<[f32; 4]>) -> Self {
+        Self { pixels, ..Self::default() }
+    }
+
+    /// What is known of the pixels of the picture besides; unknown of those of other bands.
+    #[must_use]
+    pub fn into_maps(self) -> Maps {
+        self.maps
+    }
+}
+
+impl<'a> FrameWalk<'a> {
+    /// A walk whose time budget began at `start`.
+    #[must_use]
+    pub fn new(streamer: &'a mut Streamer, plan: HostPlan, options: &'a RenderOptions, start: Instant) -> Self {
+        let deadline = options.time_budget_ms.map(|ms| start + Duration::from_millis(ms));
+        let stats = FrameStats { converged: true, ..FrameStats::default() };
+        Self {
+            streamer,
+            plan,
+            options,
+            start,
+            stop: Stop::at(deadline),
+            stats,
+            fetching: Duration::ZERO,
+            rows: 0,
+            rows_finished: 0,
+        }
+    }
+
+    /// The same walk that stops then, whatever the options say.
+    #[must_use]
+    pub fn until(self, stop: Stop) -> Self {
+        Self { stop, ..self }
+    }
+
+    /// The same walk after others for the same picture that have these statistics.
+    #[must_use]
+    pub fn after(self, stats: FrameStats) -> Self {
+        Self { stats: FrameStats { converged: true, ..stats }, ..self }
+    }
+
+    /// Statistics of the walk; what the streamer counts, it counts since it was made.
+    #[must_use]
+    pub fn into_stats(self) -> FrameStats {
+        self.stats
+    }
+
+    /// Time that went into fetching bricks, and waiting for them.
+    #[must_use]
+    pub fn fetching(&self) -> Duration {
+        self.fetching
+    }
+
+    /// Casts until the picture is complete. When the time is up, rays that wait take coarser bricks.
+    ///
+    /// # Errors
+    /// If a device fails, memory does not suffice, there is no progress, or the walk is cancelled.
+    pub fn run(&mut self, engine: &mut dyn Engine, image_size: [u32; 2]) -> Result<Image, RenderError> {
+        let mut bands = FinishedBands::default();
+        self.run_on(engine, image_size, &mut bands)
+    }
+
+    /// The same, behind the bands that an earlier walk has finished; where this one is cancelled, `bands` has those that are finished by then.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn run_on(
+        &mut self,
+        engine: &mut dyn Engine,
+        image_size: [u32; 2],
+        bands: &mut FinishedBands,
+    ) -> Result<Image, RenderError> {
+        let [width, height] = image_size;
+        self.rows = height;
+        self.stats.bands += bands.count;
+        self.begin_frame(engine);
+        if self.stop.deadline().is_some() {
+            self.keep_coarse_levels(engine)?;
+        }
+        let count = width as usize * height as usize;
+        if bands.pixels.len() != count {
+            bands.pixels = vec![[0.0; 4]; count];
+        }
+        bands.maps.begin(self.options, image_size);
+        let rows = self.plan.band_rows.min(engine.band_rows());
+        for first in (bands.rows..height).step_by(rows as usize) {
+            self.rows_finished = first;
+            self.streamer.begin_band();
+            engine.begin(first..first.saturating_add(rows).min(height))?;
+            self.complete_band(engine, &mut bands.wanted)?;
+            bands.rows = first.saturating_add(rows).min(height);
+            let [begin, end] = [first, bands.rows].map(|row| row as usize * width as usize);
+            engine.write_image(&mut bands.pixels[begin..end])?;
+            bands.maps.write_over(first, engine.pixel_maps());
+            bands.count += 1;
+            self.stats.bands += 1;
+        }
+        self.rows_finished = height;
+        self.gather_stats(engine);
+        Ok(Image { width, height, pixels: std::mem::take(&mut bands.pixels) })
+    }
+
+    /// Casts until the picture is finished or the walk is to stop, and writes the pixels that are finished over those of
+    /// `picture`, and what else is known of them over those of `maps`; how many those are by now. `bands` says where an earlier walk with the same engine has stopped.
+    ///
+    /// # Errors
+    /// If memory does not suffice, or there is no progress.
+    pub fn run_over(
+        &mut self,
+        engine: &mut dyn InSteps,
+        (picture, mut maps): (&mut Image, Option<&mut Maps>),
+        bands: &mut Bands,
+    ) -> Result<u64, RenderError> {
+        self.rows = picture.height;
+        self.stop = self.stop.not_before(Instant::now() + LEAST_STEP);
+        engine.stop_at(&self.stop);
+        if bands.rows == (0..0) {
+            self.begin_frame(engine);
+        }
+        let mut written = bands.written_before;
+        while bands.rows.start < picture.height {
+            self.rows_finished = bands.rows.start;
+            if bands.rows.is_empty() {
+                let rows = self.plan.band_rows.min(engine.band_rows());
+                bands.rows.end = bands.rows.start.saturating_add(rows).min(picture.height);
+                self.streamer.begin_band();
+                engine.begin(bands.rows.clone())?;
+                self.stats.bands += 1;
+            }
+            let is_finished = self.cast_band(engine)?;
+            written = bands.written_before + picture.write_over(bands.rows.start, &engine.finished_pixels());
+            if let Some(maps) = &mut maps {
+                maps.write_over(bands.rows.start, engine.pixel_maps());
+            }
+            if !is_finished {
+                self.stats.converged = false;
+                break;
+            }
+            *bands = Bands { rows: bands.rows.end..bands.rows.end, written_before: written };
+        }
+        self.gather_stats(engine);
+        Ok(written)
+    }
+
+    fn begin_frame(&mut self, engine: &dyn Engine) {
+        if let Some(order) = engine.order() {
+            self.streamer.set_order(order);
+        }
+        self.streamer.begin_frame();
+    }
+
+    /// The passes of a band until nothing of it waits. Where it is cancelled, `wanted` has what its rays wait for: that is
+    /// fetched first when it goes on, since a pass may take longer than there is time.
+    fn complete_band(&mut self, engine: &mut dyn Engine, wanted: &mut Vec<FieldBrick>) -> Result<(), RenderError> {
+        let mut remaining = 0;
+        for pass in 1..=PASS_LIMIT {
+            if self.stop.is_cancelled() {
+                return Err(RenderError::Cancelled);
+            }
+            let is_going_on = pass > 1 || !wanted.is_empty();
+            // When the time is up nothing more is fetched: the next pass waits for nothing.
+            if is_going_on && !self.stop.is_late() {
+                self.fetch(pass, (wanted, remaining), engine, None)?;
+            }
+            let is_late = self.stop.is_late();
+            let on_missing = if is_late { OnMissing::UseParent } else { OnMissing::Wait };
+            let report = match self.pass(engine, on_missing) {
+                Err(RenderError::Cancelled) if !wanted.is_empty() => {
+                    // Asked for, not waited for: the next picture wants most of it, too.
+                    self.fetch(pass, (wanted, remaining), engine, None)?;
+                    return Err(RenderError::Cancelled);
+                }
+                report => report?,
+            };
+            if is_late {
+                self.stats.converged &= report.stood_in == 0;
+                self.stats.bricks_missing_at_deadline += wanted.len() as u64;
+            }
+            (*wanted, remaining) = (report.wanted, report.remaining);
+            if report.is_stopped {
+                // Asked for, not waited for.
+                self.fetch(pass, (wanted, remaining), engine, None)?;
+                return Err(RenderError::Cancelled);
+            }
+            if remaining == 0 {
+                wanted.clear();
+                return Ok(());
+            }
+            if is_late {
+                return Err(no_progress(pass, wanted, remaining));
+            }
+        }
+        Err(RenderError::TooManyPasses { remaining })
+    }
+
+    /// The passes of a band until it is finished or the walk is to stop: whether it is finished. Bricks are read while rays
+    /// are cast; a pass waits for more of them as long as the last one took.
+    fn cast_band(&mut self, engine: &mut dyn InSteps) -> Result<bool, RenderError> {
+        let mut remaining = 0;
+        for pass in 1..=PASS_LIMIT {
+            let start = Instant::now();
+            let report = self.pass(engine, OnMissing::Wait)?;
+            let patience = start.elapsed().max(LEAST_PATIENCE);
+            if !report.is_stopped && report.remaining == 0 {
+                return Ok(true);
+            }
+            remaining = report.remaining;
+            // Also when the time is up, so that what rays wait for is there in the next step, however short steps are; then nobody
+            // waits for it.
+            self.fetch(pass, (&report.wanted, remaining), engine, Some(patience))?;
+            if self.stop.is_due() {
+                return Ok(false);
+            }
+        }
+        Err(RenderError::TooManyPasses { remaining })
+    }
+
+    fn pass(&mut self, engine: &mut dyn Engine, on_missing: OnMissing) -> Result<Advance, RenderError> {
+        self.streamer.begin_pass();
+        let start = Instant::now();
+        let report = engine.advance(&self.streamer.view(on_missing))?;
+        self.stats.render_ms += milliseconds(start.elapsed());
+        self.stats.passes += 1;
+        self.stats.fallbacks += report.stood_in;
+        self.streamer.note_uses(&report.used, report.wanted.len() as u64);
+        if let Some(progress) = &self.options.progress {
+            progress(Progress {
+                passes: self.stats.passes,
+                rows_finished: self.rows_finished,
+                rows: self.rows,
+                rays_waiting: report.remaining,
+                bytes_read: self.streamer.counters().bytes_read,
+            });
+        }
+        Ok(report)
+    }
+
+    /// Fetches what so many rays wait for, and hands it to the caster; see [`Room::patience`].
+    fn fetch(
+        &mut self,
+        pass: u64,
+        (wanted, remaining): (&[FieldBrick], u64),
+        engine: &mut dyn Engine,
+        patience: Option<Duration>,
+    ) -> Result<(), RenderError> {
+        let room = Room { bricks: engine.room(), stop: self.stop.clone(), patience };
+        let start = Instant::now();
+        let fetched = self.streamer.fetch(wanted, room)?;
+        self.fetching += start.elapsed();
+        if !fetched.is_progress() && !self.stop.is_due() {
+            return Err(no_progress(pass, wanted, remaining));
+        }
+        engine.update(&self.streamer.view(OnMissing::Wait), &fetched)
+    }
+
+    /// Fetches the coarsest level, whatever it takes, and finer ones while they are small and the time allows: what rays
+    /// fall back to when the time is up.
+    fn keep_coarse_levels(&mut self, engine: &mut dyn Engine) -> Result<(), RenderError> {
+        let container = self.streamer.container().clone();
+        let pyramid = container.pyramid();
+        let brick_bytes = BrickBytes::of(&container).decoded;
+        let most = (self.plan.cache_bytes / KEPT_SHARE / brick_bytes).min(engine.room() as u64 / KEPT_SHARE);
+        let time = self.stop.deadline().map_or(Duration::ZERO, |d| d.saturating_duration_since(self.start));
+        let time = time / KEPT_TIME_SHARE;
+        let finest = match self.options.level {
+            LevelChoice::Auto => Lod::FINEST,
+            LevelChoice::Fixed(lod) => lod,
+        };
+        let mut kept = 0;
+        for level in (0..=pyramid.coarsest().0).rev() {
+            let lod = Lod(level);
+            kept += pyramid.level_at(lod).brick_count();
+            let is_optional = lod != pyramid.coarsest();
+            if is_optional && (lod < finest || kept > most || self.start.elapsed() >= time) {
+                break;
+            }
+            let keys = Field::FIRST.bricks(pyramid.keys_of(lod));
+            // A level that there is no time for is kept as far as it came.
+            let stop = self.stop.instead_at(is_optional.then(|| self.start + time));
+            let room = Room { bricks: engine.room(), stop, patience: None };
+            let fetched = self.streamer.fetch_to_keep(&keys, room)?;
+            engine.update(&self.streamer.view(OnMissing::Wait), &fetched)?;
+        }
+        Ok(())
+    }
+
+    fn gather_stats(&mut self, engine: &dyn Engine) {
+        self.stats.gather_streamer(self.streamer);
+        let totals = engine.totals();
+        let errors = totals.errors;
+        self.stats.gather_engine(totals);
+        let level = check::level_to_check(self.streamer.container(), self.options.level);
+        let predict = |errors| predict::predict(&errors, &self.stats, self.options, level);
+        self.stats.error_predicted = errors.map(predict);
+    }
+}
+
+/// A mistake of ours: the engine waits, and nothing could be done for it.
+fn no_progress(pass: u64, wanted: &[FieldBrick], remaining: u64) -> RenderError {
+    let first = wanted.first().map_or("none".into(), ToString::to_string);
+    RenderError::NoProgress { pass, remaining, wanted: wanted.len(), first }
+}

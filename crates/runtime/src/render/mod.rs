@@ -1,0 +1,15 @@
+//! Rendering: options in, pictures out.
+//!
+//! - [`options`], [`error`]: how a picture is made, and why there is none;
+//! - [`volume`]: an open container with its facts;
+//! - [`frame`]: one frame: its setting, its engine and its passes;
+//! - [`renderer`]: pictures one after the other, interruptible, with everything that stays between them;
+//! - [`stats`], [`process`]: the cost of a frame.
+
+pub mod error;
+pub mod frame;
+pub mod options;
+pub mod process;
+pub mod renderer;
+pub mod stats;
+pub mod volume;

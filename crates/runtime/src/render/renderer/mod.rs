@@ -1,0 +1,576 @@
+//! A renderer lives across pictures: what it has loaded serves the next one, whatever changes.
+//!
+//! ```text
+//! set_scene --> advance --> picture, stats --> advance --> better ones --> ... --> converged
+//!          (look or view changes: set_scene again; bricks and what is known of them stay)
+//! ```
+//!
+//! With a deadline, [`Renderer::advance`] leaves a whole picture behind, however little time there is; every further call makes
+//! it better, until it is the very picture that a new renderer makes without one (`drawing`). Other casters than packets on
+//! the CPU, with slices in `layers`, and on a GPU (`stages`) draw a picture in one go, and complete it from coarser bricks when the time is up.
+//!
+//! [`Renderer::look_ahead`] reads for the next picture when there is time (`ahead`). [`render`] is all of this for one picture.
+
+mod ahead;
+mod drawing;
+mod layers;
+mod pick;
+mod region;
+mod resident;
+mod sampling;
+mod sheet;
+mod spread;
+mod stages;
+
+use std::borrow::Cow;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use supervol_format::Container;
+use supervol_scene::camera::Camera;
+use supervol_scene::image::Image;
+use supervol_scene::scene::{Mode, ResolvedScene};
+use supervol_scene::units::Units;
+
+use crate::engines::gpu::caster::{GpuDevice, SHARED_MEMORY, may_have_hardware};
+use crate::engines::maps::Maps;
+use crate::render::error::RenderError;
+use crate::render::frame::{render_cpu, render_from_reference};
+use crate::render::options::{Backend, LevelChoice, RenderOptions};
+use crate::render::process;
+use crate::render::stats::{FrameStats, mode_name};
+use crate::render::volume::Volume;
+use crate::stop::{Canceller, Stop};
+use crate::stream::budget::CasterBytes;
+use crate::stream::counters::milliseconds;
+use crate::stream::streamer::Streamer;
+pub use ahead::Ahead;
+use drawing::Drawing;
+use layers::Layers;
+pub use pick::{Picked, PickedOn};
+use resident::Resident;
+use stages::{Best, Device};
+
+/// Why the processor casts the rays on most machines ([`FrameStats::no_gpu_because`]): what nobody who did not ask needs to hear.
+pub const NO_DEVICE: &str = "no graphics device is there";
+
+/// Draws pictures of one volume, one after the other.
+pub struct Renderer {
+    volume: Volume,
+    options: RenderOptions,
+    pool: rayon::ThreadPool,
+    canceller: Canceller,
+    drawer: Drawer,
+    /// Whether a deadline was ever set: from then on there is memory for what it takes.
+    has_deadline: bool,
+    resident: Option<Resident>,
+    scene: Option<ResolvedScene>,
+    /// Where the camera came from, if nothing but the camera has changed.
+    came_from: Option<Camera>,
+    work: Work,
+    /// What streaming had cost before this picture.
+    before: FrameStats,
+    spent: Duration,
+    cpu: Duration,
+}
+
+/// Who casts the rays, once that is decided.
+enum Drawer {
+    Undecided,
+    Cpu { no_gpu_because: Option<String> },
+    Gpu { device: Box<Device>, or_cpu: bool },
+    Reference,
+}
+
+/// The picture in progress.
+enum Work {
+    Nothing,
+    InSteps(Box<Drawing>),
+    AtOnce(Image, Box<FrameStats>),
+    InStages(Box<Best>),
+    InLayers(Box<Layers>),
+}
+
+impl Work {
+    /// What it cost so far, and what of the scene is not finished.
+    fn stats(&self, scene: &ResolvedScene) -> FrameStats {
+        match self {
+            Self::Nothing => FrameStats { pixels_unfinished: scene.pixels(), ..FrameStats::default() },
+            Self::InSteps(drawing) => drawing.stats(),
+            Self::AtOnce(_, stats) => (**stats).clone(),
+            Self::InStages(best) => best.stats.clone(),
+            Self::InLayers(layers) => layers.stats(),
+        }
+    }
+}
+
+/// How far a picture has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Step {
+    /// Every pixel is finished, from the bricks that it wants or, where these failed, from coarser ones: nothing is left to do.
+    pub is_converged: bool,
+    /// Somebody cancelled the step.
+    pub is_cancelled: bool,
+    /// Pixels that are taken from a coarser picture.
+    pub pixels_unfinished: u64,
+    /// How many pixels along an edge a pixel of that covers; 0 where all are finished.
+    pub coarsest_pixel: u32,
+    /// Bricks whose coarser parents stand in, because the time was up.
+    pub bricks_missing: u64,
+}
+
+impl Renderer {
+    /// A renderer that has loaded nothing. Its pictures are made as the options say; their `time_budget_ms` is for [`render`].
+    ///
+    /// # Errors
+    /// If threads cannot be started.
+    pub fn new(volume: Volume, options: RenderOptions) -> Result<Self, RenderError> {
+        let pool = options.thread_pool()?;
+        Ok(Self {
+            volume,
+            options,
+            pool,
+            canceller: Canceller::default(),
+            drawer: Drawer::Undecided,
+            has_deadline: false,
+            resident: None,
+            scene: None,
+            came_from: None,
+            work: Work::Nothing,
+            before: FrameStats::default(),
+            spent: Duration::ZERO,
+            cpu: Duration::ZERO,
+        })
+    }
+
+    /// What it draws.
+    #[must_use]
+    pub fn volume(&self) -> &Volume {
+        &self.volume
+    }
+
+    /// Stops [`Self::advance`] from another thread.
+    #[must_use]
+    pub fn canceller(&self) -> Canceller {
+        self.canceller.clone()
+    }
+
+    /// How pictures are made.
+    #[must_use]
+    pub fn options(&self) -> &RenderOptions {
+        &self.options
+    }
+
+    /// From now on pictures are made like this, the present one anew; what is loaded stays, as far as the budgets let it. The
+    /// number of threads stays what it was.
+    pub fn set_options(&mut self, options: RenderOptions) {
+        if options.backend != self.options.backend {
+            self.drawer = Drawer::Undecided;
+        }
+        self.options = RenderOptions { threads: self.options.threads, ..options };
+        self.begin_anew();
+    }
+
+    /// From now on this is drawn. Where it is what has been drawn all along, the picture stays.
+    pub fn set_scene(&mut self, scene: ResolvedScene) {
+        if self.scene.as_ref() != Some(&scene) {
+            let is_moved = |before: &&ResolvedScene| before.has_look_of(&scene) && before.camera != scene.camera;
+            self.came_from = self.scene.as_ref().filter(is_moved).map(|before| before.camera);
+            self.scene = Some(scene);
+            self.begin_anew();
+        }
+    }
+
+    /// Brings into memory what the next picture will want if the camera goes on as it came here: for when the picture has
+    /// converged and nobody has anything else to do. It takes spare room only, and stops at the deadline or when it is cancelled.
+    /// Does nothing while there is no motion to go by, while the picture has not converged, with slices, and on a GPU.
+    ///
+    /// # Errors
+    /// If threads cannot be started.
+    pub fn look_ahead(&mut self, deadline: Option<Instant>) -> Result<Ahead, RenderError> {
+        let Self { options, pool, drawer, resident, scene, came_from, work, .. } = self;
+        let (Some(scene), Some(before), Some(resident)) = (scene, came_from, resident) else {
+            return Ok(Ahead::default());
+        };
+        let is_possible =
+            matches!((drawer, &*work), (Drawer::Cpu { .. }, Work::InSteps(drawing)) if drawing.is_finished());
+        if !is_possible {
+            return Ok(Ahead::default());
+        }
+        let next = ResolvedScene { camera: scene.camera.moved_on_from(before), ..scene.clone() };
+        let stop = Stop::at(deadline).or_by(self.canceller.clone());
+        let result = pool.install(|| ahead::look_ahead(resident, &next, options, &stop));
+        self.canceller.take();
+        result
+    }
+
+    /// The first visible point under pixel (x, y) of the picture, (0, 0) being the one at the top left; `None` where nothing is to be
+    /// seen. In mode `dvr` that is where the ray has gathered half of its opacity, in `iso` the first surface, in `mip` and `minip`
+    /// the extreme, on slices the plane; mode `mean` has none. Found in the voxels of the finest level, or of the one that is asked
+    /// for, whatever has been drawn; bricks on the ray are fetched, others are not.
+    ///
+    /// # Errors
+    /// If the picture has no such pixel, the mode no such point, a budget is too small, or somebody cancels.
+    ///
+    /// # Panics
+    /// If there is no scene.
+    pub fn pick(&mut self, pixel: [u32; 2]) -> Result<Option<Picked>, RenderError> {
+        let Self { volume, options, pool, resident, scene, has_deadline, .. } = self;
+        let scene = scene.as_ref().expect("a scene is set before something is picked");
+        if (0..2).any(|a| pixel[a] >= scene.image_size[a]) {
+            return Err(RenderError::NoSuchPixel { pixel, size: scene.image_size });
+        }
+        let container = volume.container();
+        let stop = Stop::NEVER.or_by(self.canceller.clone());
+        let result = pool.install(|| {
+            let caster = options.ray_caster().bytes(container.pyramid().layout().core());
+            let resident = match resident {
+                Some(resident) => resident,
+                None => fitting(resident, container, (scene, options), caster, *has_deadline)?,
+            };
+            pick::pick(resident, (scene, &Units::of(volume.facts())), options, pixel, &stop)
+        });
+        self.canceller.take();
+        result
+    }
+
+    /// The picture is drawn anew from what is loaded; bricks that failed long enough ago are tried again.
+    pub fn begin_anew(&mut self) {
+        let before = std::mem::replace(&mut self.work, Work::Nothing);
+        if let (Work::InStages(best), Drawer::Gpu { device, .. }) = (before, &mut self.drawer) {
+            device.backend.take_back(best.image);
+        }
+        self.before = FrameStats::default();
+        if let Some(resident) = &self.resident {
+            self.before.gather_streamer(resident.as_streamer());
+        }
+        (self.spent, self.cpu) = (Duration::ZERO, Duration::ZERO);
+    }
+
+    /// Makes the picture better until it has converged, the time is up, or somebody cancels. With a deadline there is a whole
+    /// picture afterwards.
+    ///
+    /// # Errors
+    /// If a budget is too small or (reference backend only) a brick cannot be read: in all other backends bricks that cannot be
+    /// read are drawn from their parents and counted. What had been drawn of the picture is lost then.
+    ///
+    /// # Panics
+    /// If there is no scene.
+    pub fn advance(&mut self, deadline: Option<Instant>) -> Result<Step, RenderError> {
+        let (start, cpu_start) = (Instant::now(), process::cpu_time());
+        let scene = self.scene.clone().expect("a scene is set before it is drawn");
+        self.has_deadline |= deadline.is_some();
+        let stop = Stop::at(deadline).or_by(self.canceller.clone());
+        let result = self.draw(&scene, &stop);
+        let is_cancelled = self.canceller.take();
+        self.spent += start.elapsed();
+        self.cpu += process::cpu_time().saturating_sub(cpu_start);
+        match result {
+            Ok(()) | Err(RenderError::Cancelled) => {}
+            Err(error) => {
+                self.work = Work::Nothing;
+                return Err(error);
+            }
+        }
+        let stats = self.work.stats(&scene);
+        Ok(Step {
+            is_converged: stats.converged,
+            is_cancelled,
+            pixels_unfinished: stats.pixels_unfinished,
+            coarsest_pixel: stats.coarsest_pixel,
+            bricks_missing: stats.bricks_missing_at_deadline,
+        })
+    }
+
+    fn draw(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
+        let backend = self.options.backend;
+        if !self.options.caster.is_default()
+            && (backend != Backend::Cpu || scene.mode != Mode::Dvr || scene.has_inner_surfaces())
+        {
+            return Err(RenderError::Method { backend, mode: mode_name(scene.mode) });
+        }
+        if backend == Backend::Gpu && scene.mode == Mode::Slice {
+            return Err(RenderError::SlicesOnGpu);
+        }
+        if matches!(self.drawer, Drawer::Undecided) {
+            self.drawer = self.choose_drawer()?;
+        }
+        let or_cpu = matches!(self.drawer, Drawer::Gpu { or_cpu: true, .. });
+        match self.draw_by_drawer(scene, stop) {
+            Err(error @ (RenderError::Gpu(_) | RenderError::Budget(_))) if or_cpu => {
+                self.drawer = Drawer::Cpu { no_gpu_because: Some(error.to_string()) };
+                self.work = Work::Nothing;
+                self.draw_by_drawer(scene, stop)
+            }
+            other => other,
+        }
+    }
+
+    fn draw_by_drawer(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
+        match self.drawer {
+            Drawer::Cpu { .. } | Drawer::Gpu { .. } if !scene.slices.is_empty() => self.draw_in_layers(scene, stop),
+            _ => self.draw_by_engine(scene, stop),
+        }
+    }
+
+    /// A hardware GPU where the backend may be chosen, or the CPU and the reason why not the GPU.
+    fn choose_drawer(&self) -> Result<Drawer, RenderError> {
+        let no_gpu = |why: String| Drawer::Cpu { no_gpu_because: Some(why) };
+        let gpu = |device, or_cpu| Drawer::Gpu { device: Box::new(Device::new(device)), or_cpu };
+        Ok(match self.options.backend {
+            Backend::Cpu => Drawer::Cpu { no_gpu_because: None },
+            Backend::Gpu => gpu(self.pool.install(GpuDevice::open)?, false),
+            Backend::Reference => Drawer::Reference,
+            Backend::Auto if !may_have_hardware() => no_gpu(NO_DEVICE.into()),
+            Backend::Auto => match GpuDevice::open() {
+                Ok(device) if device.is_software() => no_gpu(format!("{} is a processor", device.name())),
+                Ok(device) => gpu(device, true),
+                Err(error) => no_gpu(error.to_string()),
+            },
+        })
+    }
+
+    /// A picture with slices: the volume between them as any volume, their colours by the processor.
+    fn draw_in_layers(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
+        let Self { volume, options, pool, drawer, has_deadline, resident, work, .. } = self;
+        if !options.caster.is_default() {
+            return Err(RenderError::Method { backend: options.backend, mode: "slices" });
+        }
+        let container = volume.container();
+        let device = match drawer {
+            // A sheet of sections alone has no volume between them.
+            Drawer::Gpu { device, .. } if scene.mode != Mode::Slice => Some(&mut **device),
+            _ => None,
+        };
+        pool.install(|| {
+            if !matches!(work, Work::InLayers(_)) {
+                *work = Work::InLayers(Box::new(Layers::new(scene, container, device.is_some())));
+            }
+            let Work::InLayers(layers) = work else { unreachable!("it has just been made so") };
+            let caster_bytes = match device {
+                Some(_) => CasterBytes::on_device(options.predict_error),
+                None => options.ray_caster().bytes(container.pyramid().layout().core()),
+            };
+            let caster_bytes = layers.bytes(caster_bytes);
+            let resident = fitting(resident, container, (&layers.ray_scene(), options), caster_bytes, *has_deadline)?;
+            layers.advance(device, resident, options, stop)
+        })
+    }
+
+    fn draw_by_engine(&mut self, scene: &ResolvedScene, stop: &Stop) -> Result<(), RenderError> {
+        let Self { volume, options, pool, drawer, has_deadline, resident, work, .. } = self;
+        let container = volume.container();
+        let caster_bytes = match drawer {
+            Drawer::Gpu { .. } => CasterBytes::on_device(options.predict_error),
+            _ => options.ray_caster().bytes(container.pyramid().layout().core()),
+        };
+        pool.install(|| {
+            if let Drawer::Reference = drawer {
+                let (image, stats) = render_from_reference(container, scene, options)?;
+                *work = Work::AtOnce(image, Box::new(stats));
+                return Ok(());
+            }
+            let resident = fitting(resident, container, (scene, options), caster_bytes, *has_deadline)?;
+            if let Drawer::Gpu { device, .. } = drawer {
+                let best = match std::mem::replace(work, Work::Nothing) {
+                    Work::InStages(best) if best.stats.converged => {
+                        *work = Work::InStages(best);
+                        return Ok(());
+                    }
+                    Work::InStages(best) => Some(*best),
+                    _ => None,
+                };
+                *work = Work::InStages(Box::new(stages::draw(device, resident, scene, options, stop, best)?));
+                return Ok(());
+            }
+            if options.caster.is_default() {
+                if !matches!(work, Work::InSteps(_)) {
+                    *work = Work::InSteps(Box::new(Drawing::new(scene.clone())));
+                }
+                let Work::InSteps(drawing) = work else { unreachable!("it has just been made so") };
+                return drawing.advance(resident, options, stop);
+            }
+            if matches!(work, Work::AtOnce(_, stats) if stats.converged) {
+                return Ok(());
+            }
+            resident.aim(scene, options);
+            let plan = resident.plan();
+            let (image, stats) = render_cpu(scene, options, resident.streamer(), plan, stop)?;
+            *work = Work::AtOnce(image, Box::new(stats));
+            Ok(())
+        })
+    }
+
+    /// The picture so far: none before something is known of each of its pixels.
+    #[must_use]
+    pub fn picture(&self) -> Option<Cow<'_, Image>> {
+        match &self.work {
+            Work::Nothing => None,
+            Work::InSteps(drawing) => drawing.picture(),
+            Work::AtOnce(image, _) => Some(Cow::Borrowed(image)),
+            Work::InStages(best) => Some(Cow::Borrowed(&best.image)),
+            Work::InLayers(layers) => layers.picture().map(Cow::Owned),
+        }
+    }
+
+    /// The picture so far, for who draws no other.
+    #[must_use]
+    pub fn into_picture(self) -> Option<Image> {
+        self.into_pictures().map(|(picture, _)| picture)
+    }
+
+    /// The same, with [`Self::error_map`] and [`Self::work_map`].
+    #[must_use]
+    pub fn into_pictures(self) -> Option<(Image, Maps)> {
+        match self.work {
+            Work::Nothing => None,
+            Work::InSteps(drawing) => drawing.into_pictures(),
+            Work::AtOnce(image, _) => Some((image, Maps::default())),
+            Work::InStages(best) => Some(best.into_pictures()),
+            Work::InLayers(layers) => {
+                Some((layers.picture()?, Maps { errors: layers.error_map(), work: layers.work_map() }))
+            }
+        }
+    }
+
+    /// How far each pixel of the picture may be from the exact one of the finest level: grey, 1 being white, opaque. None before
+    /// there is a picture, where nobody asked ([`RenderOptions::predict_error`]), and of backends that cannot say it.
+    #[must_use]
+    pub fn error_map(&self) -> Option<Image> {
+        match &self.work {
+            Work::InSteps(drawing) => drawing.error_map(),
+            Work::InLayers(layers) => layers.error_map(),
+            Work::InStages(best) => best.error_map(),
+            Work::Nothing | Work::AtOnce(..) => None,
+        }
+    }
+
+    /// What the rays of each pixel cost: red is the mean of the cells that they cross, green of the leaps that they take. None before there
+    /// is a picture, where nobody asked ([`RenderOptions::count_work`]), and of backends that do not count it.
+    #[must_use]
+    pub fn work_map(&self) -> Option<Image> {
+        match &self.work {
+            Work::InSteps(drawing) => drawing.work_map(),
+            Work::InLayers(layers) => layers.work_map(),
+            Work::Nothing | Work::InStages(_) | Work::AtOnce(..) => None,
+        }
+    }
+
+    /// What the picture has cost since it was begun, and how far it has come.
+    #[must_use]
+    pub fn stats(&self) -> FrameStats {
+        let mut stats = self.counts();
+        match &self.work {
+            Work::InSteps(drawing) => stats.error_stated = drawing.error_stated(),
+            Work::InLayers(layers) => stats.error_stated = layers.error_stated(),
+            Work::InStages(best) => stats.error_stated = best.error_stated(),
+            Work::Nothing | Work::AtOnce(..) => {}
+        }
+        stats
+    }
+
+    /// The same without the stated error, for which every pixel is looked at.
+    #[must_use]
+    pub fn counts(&self) -> FrameStats {
+        let stats = self.scene.as_ref().map_or_else(FrameStats::default, |scene| self.work.stats(scene));
+        let mut stats = stats.since(&self.before).with_failures(self.volume.facts().value_range);
+        if let Some(scene) = &self.scene {
+            [stats.image_width, stats.image_height] = scene.image_size;
+            stats.mode = mode_name(scene.mode);
+        }
+        if let Drawer::Cpu { no_gpu_because } = &self.drawer {
+            stats.no_gpu_because.clone_from(no_gpu_because);
+        }
+        if let Drawer::Gpu { device, .. } = &self.drawer {
+            if stats.backend == "cpu" {
+                stats.no_gpu_because = Some("sections (mode slice) are drawn by the processor".to_owned());
+            } else {
+                stats.adapter_is_software = device.backend.device().is_software();
+            }
+        }
+        stats.threads = self.pool.current_num_threads();
+        stats.level = match self.options.level {
+            LevelChoice::Auto => None,
+            LevelChoice::Fixed(lod) => Some(lod.min(self.volume.container().pyramid().coarsest()).0),
+        };
+        stats.host_budget_bytes = self.options.host_memory_bytes;
+        let default = match &self.drawer {
+            Drawer::Gpu { device, .. } => device.backend.default_memory(),
+            Drawer::Undecided | Drawer::Cpu { .. } | Drawer::Reference => SHARED_MEMORY,
+        };
+        stats.gpu_budget_bytes = self.options.gpu_memory_bytes.unwrap_or(default);
+        stats.max_error_requested = self.options.max_error;
+        stats.total_ms = milliseconds(self.spent);
+        stats.cpu_ms = milliseconds(self.cpu);
+        stats.peak_rss_bytes = process::peak_resident_bytes();
+        stats
+    }
+
+    /// The streamer, to look at; none before the first picture.
+    #[must_use]
+    pub fn streamer(&self) -> Option<&Streamer> {
+        self.resident.as_ref().map(Resident::as_streamer)
+    }
+}
+
+/// What is resident, with its memory divided for pictures of this scene.
+fn fitting<'a>(
+    resident: &'a mut Option<Resident>,
+    container: &Arc<Container>,
+    (scene, options): (&ResolvedScene, &RenderOptions),
+    caster: CasterBytes,
+    has_deadline: bool,
+) -> Result<&'a mut Resident, RenderError> {
+    match resident {
+        Some(resident) => {
+            resident.fit(scene, options, caster, has_deadline)?;
+            Ok(resident)
+        }
+        None => Ok(resident.insert(Resident::new(container, scene, options, caster, has_deadline)?)),
+    }
+}
+
+/// Makes the picture of a scene from a container, within the given memory and, if there is one, time budget.
+///
+/// # Errors
+/// As [`Renderer::advance`].
+pub fn render(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+) -> Result<(Image, FrameStats), RenderError> {
+    let (picture, _, stats) = render_with_maps(container, scene, options)?;
+    Ok((picture, stats))
+}
+
+/// The same, with what each pixel may be off by: [`Renderer::error_map`].
+///
+/// # Errors
+/// As [`Renderer::advance`].
+pub fn render_with_errors(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+) -> Result<(Image, Option<Image>, FrameStats), RenderError> {
+    let (picture, maps, stats) = render_with_maps(container, scene, options)?;
+    Ok((picture, maps.errors, stats))
+}
+
+/// The same, with all that the options ask for of each pixel.
+///
+/// # Errors
+/// As [`Renderer::advance`].
+pub fn render_with_maps(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+) -> Result<(Image, Maps, FrameStats), RenderError> {
+    let deadline = options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms));
+    let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone())?;
+    renderer.set_scene(scene.clone());
+    renderer.advance(deadline)?;
+    let stats = renderer.stats();
+    let pictures = renderer.into_pictures();
+    let (picture, maps) = pictures.expect("nobody cancels, and with or without a deadline there is a picture");
+    Ok((picture, maps, stats))
+}

@@ -1,0 +1,191 @@
+//! The field along a ray, cell by cell: between two faces of trilinear cells it is a cubic.
+//!
+//! t is a length in the units of the picture; x runs from 0 to 1 through one piece of a ray.
+
+use supervol_scene::transfer_function::TransferFunction;
+
+/// Where a piece is sampled, in x: inside, so that no voxel of a neighbouring cell is asked for. The nodes of Chebyshev, from which
+/// the ends follow with hardly more rounding.
+pub const NODES: [f64; 4] =
+    [0.038_060_233_744_356_6, 0.308_658_283_817_455, 0.691_341_716_182_545, 0.961_939_766_255_643_4];
+/// Halvings of an interval that leave nothing of it.
+const HALVINGS: usize = 60;
+/// Gauss's rule of six points: places from the middle of an interval in halves of it, and their weights.
+const GAUSS: [[f64; 2]; 3] = [
+    [0.238_619_186_083_196_9, 0.467_913_934_572_691],
+    [0.661_209_386_466_264_5, 0.360_761_573_048_138_6],
+    [0.932_469_514_203_152, 0.171_324_492_379_170_35],
+];
+
+/// A ray in the index space of a level, cut at the faces of its cells.
+#[derive(Debug, Clone)]
+pub struct Cells {
+    origin: [f64; 3],
+    direction: [f64; 3],
+    t: f64,
+    end: f64,
+}
+
+impl Cells {
+    /// The cells of a part of a ray.
+    #[must_use]
+    pub fn new(origin: [f64; 3], direction: [f64; 3], [t, end]: [f64; 2]) -> Self {
+        Self { origin, direction, t, end }
+    }
+}
+
+impl Iterator for Cells {
+    /// Begin and end, t.
+    type Item = [f64; 2];
+
+    fn next(&mut self) -> Option<[f64; 2]> {
+        if self.t >= self.end {
+            return None;
+        }
+        let next = (0..3).filter(|&a| self.direction[a] != 0.0).map(|a| {
+            let (origin, direction) = (self.origin[a], self.direction[a]);
+            let at = origin + self.t * direction;
+            let (face, step) = if direction > 0.0 { (at.floor() + 1.0, 1.0) } else { (at.ceil() - 1.0, -1.0) };
+            let t = (face - origin) / direction;
+            // Where rounding has left the ray on the near side of a face that it has passed.
+            if t > self.t { t } else { (face + step - origin) / direction }
+        });
+        let next = next.fold(self.end, f64::min);
+        let piece = [self.t, if next > self.t { next } else { self.end }];
+        self.t = piece[1];
+        Some(piece)
+    }
+}
+
+/// The field in a piece of a ray: `c0 + c1 x + c2 x^2 + c3 x^3`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cubic([f64; 4]);
+
+impl Cubic {
+    /// The cubic with these values at [`NODES`].
+    #[must_use]
+    pub fn through(values: [f64; 4]) -> Self {
+        // Newton's divided differences, multiplied out from the last one on.
+        let mut differences = values;
+        for order in 1..4 {
+            for i in (order..4).rev() {
+                differences[i] = (differences[i] - differences[i - 1]) / (NODES[i] - NODES[i - order]);
+            }
+        }
+        let mut c = [0.0; 4];
+        for i in (0..4).rev() {
+            let before = c;
+            for (power, coefficient) in c.iter_mut().enumerate() {
+                *coefficient = if power > 0 { before[power - 1] } else { 0.0 } - NODES[i] * before[power];
+            }
+            c[0] += differences[i];
+        }
+        Self(c)
+    }
+
+    /// The value at x.
+    #[must_use]
+    pub fn at(&self, x: f64) -> f64 {
+        let [a, b, c, d] = self.0;
+        a + x * (b + x * (c + x * d))
+    }
+
+    /// 0, the places between at which the field turns over, and 1.
+    #[must_use]
+    pub fn turns(&self) -> Vec<f64> {
+        let [_, b, c, d] = self.0;
+        let (a2, a1, a0) = (3.0 * d, 2.0 * c, b);
+        let root = (a1 * a1 - 4.0 * a2 * a0).sqrt();
+        // Without cancellation, and for lines, where one of them is infinite.
+        let q = -0.5 * (a1 + root.copysign(a1));
+        let mut turns: Vec<f64> = [q / a2, a0 / q].into_iter().filter(|x| *x > 0.0 && *x < 1.0).collect();
+        turns.sort_by(f64::total_cmp);
+        [vec![0.0], turns, vec![1.0]].concat()
+    }
+
+    /// Where the field passes a level between two places between which it does not turn over.
+    #[must_use]
+    pub fn crossing(&self, [mut low, mut high]: [f64; 2], level: f64) -> f64 {
+        let before = self.at(low) >= level;
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if (self.at(middle) >= level) == before { low = middle } else { high = middle }
+        }
+        high
+    }
+
+    /// The piece cut where the field turns over and where it passes a control point: between, extinction is smooth.
+    #[must_use]
+    pub fn smooth_parts(&self, function: &TransferFunction) -> Vec<f64> {
+        let mut cuts = self.turns();
+        for ends in self.turns().windows(2) {
+            let [a, b] = [self.at(ends[0]), self.at(ends[1])];
+            let points = function.points();
+            let first = points.partition_point(|point| point.value <= a.min(b));
+            let last = points.partition_point(|point| point.value < a.max(b));
+            for point in points.get(first..last).unwrap_or_default() {
+                cuts.push(self.crossing([ends[0], ends[1]], point.value));
+            }
+        }
+        cuts.sort_by(f64::total_cmp);
+        cuts
+    }
+
+    /// Optical depth from x to x in a piece of this length.
+    #[must_use]
+    pub fn depth(&self, [from, to]: [f64; 2], length: f64, function: &TransferFunction) -> f64 {
+        let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
+        let kappa = |x: f64| function.kappa(function.classify(self.at(x)).1);
+        let pairs = GAUSS.map(|[place, weight]| weight * (kappa(middle - half * place) + kappa(middle + half * place)));
+        half * length * pairs.iter().sum::<f64>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use supervol_scene::transfer_function::ControlPoint;
+
+    use super::*;
+
+    fn cubic(c: [f64; 4]) -> Cubic {
+        Cubic::through(NODES.map(|x| Cubic(c).at(x)))
+    }
+
+    #[test]
+    fn cells_end_at_whole_numbers() {
+        let cells = Cells::new([0.25, 5.0, 3.0], [0.5, -1.0, 0.0], [0.0, 3.0]);
+        assert_eq!(cells.collect::<Vec<_>>(), [[0.0, 1.0], [1.0, 1.5], [1.5, 2.0], [2.0, 3.0]]);
+        let long = Cells::new([1e9 + 0.3, 0.7, 0.1], [1.0, 0.3, -0.2], [0.0, 1000.0]);
+        let pieces: Vec<[f64; 2]> = long.collect();
+        assert!(pieces.windows(2).all(|w| w[0][1] == w[1][0]) && pieces.iter().all(|p| p[0] < p[1]));
+        assert!(pieces.len() < 1600 && pieces.last().unwrap()[1] == 1000.0);
+    }
+
+    #[test]
+    fn cubics_turn_and_cross_where_they_do() {
+        // (x - 0.2) (x - 0.5) (x - 0.9)
+        let field = cubic([-0.09, 0.73, -1.6, 1.0]);
+        for (found, exact) in field.0.iter().zip([-0.09, 0.73, -1.6, 1.0]) {
+            assert!((found - exact).abs() < 1e-13, "{field:?}");
+        }
+        let turns = field.turns();
+        assert_eq!(turns.len(), 4);
+        for (ends, root) in turns.windows(2).zip([0.2, 0.5, 0.9]) {
+            assert!((field.crossing([ends[0], ends[1]], 0.0) - root).abs() < 1e-12);
+        }
+        assert_eq!(Cubic([3.0, 0.0, 0.0, 0.0]).turns(), [0.0, 1.0]);
+        assert_eq!(Cubic([0.0, 2.0, 0.0, 0.0]).turns(), [0.0, 1.0]);
+        assert_eq!(Cubic([0.0, 1.0, -1.0, 0.0]).turns(), [0.0, 0.5, 1.0]);
+    }
+
+    #[test]
+    fn optical_depth_is_the_integral_of_extinction() {
+        let point = |value: f64, alpha: f64| ControlPoint { value, color: [1.0; 3], alpha };
+        // Clear below 0.25, half opaque above: a step in the middle of the piece.
+        let function = TransferFunction::new(vec![point(0.0, 0.0), point(0.25, 0.0), point(0.25, 0.5)], 2.0).unwrap();
+        let field = cubic([0.0, 0.0, 1.0, 0.0]);
+        let parts = field.smooth_parts(&function);
+        let depth: f64 = parts.windows(2).map(|ends| field.depth([ends[0], ends[1]], 3.0, &function)).sum();
+        assert!((depth - 1.5 * 2f64.ln() / 2.0).abs() < 1e-12, "{parts:?}: {depth}");
+    }
+}

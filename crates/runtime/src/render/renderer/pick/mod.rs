@@ -1,0 +1,434 @@
+//! What is under a pixel: the first visible point on the ray through its middle.
+//!
+//! The ray is walked front to back, cell by cell, over the voxels of one level (the finest, or the one that the pictures are drawn
+//! from); bricks are fetched as they are wanted, a run of cells at a time, so that memory is bounded whatever the volume, and time
+//! by twice the cells on one ray. Nothing of the picture changes. The ray is one of those of the model, not of the picture:
+//! bricks that could not be read, and whose parents were drawn, are absent here.
+//!
+//! | mode | the point |
+//! |---|---|
+//! | `dvr` | where the opacity that the ray has gathered first reaches half of what it gathers in all, or the surface or slice that takes it there |
+//! | `iso` | the first surface, or slice, that is not wholly clear |
+//! | `mip`, `minip` | the first place of the extreme |
+//! | `slice` | the first slice that is not wholly clear |
+//! | `mean` | there is none: all points of a ray count alike |
+
+mod along;
+
+use std::ops::ControlFlow;
+
+use serde::Serialize;
+use supervol_format::Lod;
+use supervol_scene::camera::Ray;
+use supervol_scene::clip::{IndexRay, Segment, ToIndex, clip_parts, clip_ray};
+use supervol_scene::scene::{Mode, ResolvedScene};
+use supervol_scene::slices::{Interpolation, SlicePlane, crossings};
+use supervol_scene::units::{InUnits, Units};
+
+use self::along::{Cells, Cubic, NODES};
+use super::resident::Resident;
+use super::sampling::{Chunk, Sampler};
+use crate::render::error::RenderError;
+use crate::render::frame::check::level_to_check;
+use crate::render::options::{LevelChoice, RenderOptions};
+use crate::stop::Stop;
+
+/// Cells that are sampled at a time.
+const RUN_CELLS: usize = 1024;
+/// Rays that gather less opacity show nothing: half a grey level.
+const LEAST_OPACITY: f64 = 0.5 / 255.0;
+/// Nothing behind such a transmittance changes where half of the opacity is reached.
+const NOTHING_LEFT: f64 = 1e-9;
+/// Halvings of a piece of a ray that leave nothing of it.
+const HALVINGS: usize = 60;
+
+/// What a point belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PickedOn {
+    /// The semi-transparent volume.
+    Volume,
+    /// The scene's iso surface of this number.
+    Surface(usize),
+    /// The greatest or least value on the ray.
+    Extreme,
+    /// The scene's slice of this number.
+    Slice(usize),
+}
+
+/// The first visible point under a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Picked {
+    /// What it belongs to.
+    pub on: PickedOn,
+    /// Value of the volume there, in units of the data; on a slice with a filter, of what it is made from.
+    pub value: f64,
+    /// World position.
+    pub world: [f64; 3],
+    /// Index position, level 0.
+    pub index: [f64; 3],
+    /// The level that values were taken from.
+    pub level: u8,
+}
+
+/// What a ray comes to, front to back.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Event {
+    /// A piece of a ray in one cell, from t to t.
+    Cell([f64; 2], Cubic),
+    /// Something absent or cut away lies here.
+    Gap,
+    /// The slice of this number, at t, with its value.
+    Slice(usize, f64, f64),
+}
+
+/// A place on the ray, and the value there in units.
+type Place = (PickedOn, f64, f64);
+
+/// The point under pixel (x, y) of the finished picture; `None` where nothing is to be seen.
+///
+/// # Errors
+/// If the mode has no such point, bricks cannot be fetched, or it is cancelled.
+pub(super) fn pick(
+    resident: &mut Resident,
+    (scene, units): (&ResolvedScene, &Units),
+    options: &RenderOptions,
+    [x, y]: [u32; 2],
+    stop: &Stop,
+) -> Result<Option<Picked>, RenderError> {
+    if scene.mode == Mode::Mean {
+        return Err(RenderError::NoPlace);
+    }
+    let geometry = InUnits::of(resident.container()).geometry;
+    let to_index = ToIndex::new(&geometry);
+    let ray = scene.camera.coarser(scene.subgrid).ray(x, y);
+    let lod = level_to_check(resident.container(), options.level);
+    let mut walk = Walk::new(resident, scene, (ray, to_index.ray(&ray)), (lod, options), stop)?;
+    let found = match scene.mode {
+        Mode::Dvr => walk.half_of_opacity()?,
+        Mode::Iso => walk.first_surface()?,
+        Mode::Mip => walk.extreme(1.0)?,
+        Mode::Minip => walk.extreme(-1.0)?,
+        Mode::Slice | Mode::Mean => walk.first_slice()?,
+    };
+    Ok(found.map(|(on, t, value)| {
+        let point = ray.origin + t * ray.direction;
+        let world = units.anchor + units.length * point;
+        Picked { on, value: value * units.value, world: world.to_array(), index: to_index.point(point), level: lod.0 }
+    }))
+}
+
+/// A ray on its way.
+struct Walk<'a> {
+    scene: &'a ResolvedScene,
+    sampler: Sampler<'a>,
+    /// Of level 0.
+    index_ray: IndexRay,
+    /// Of the level that is sampled.
+    level_ray: IndexRay,
+    parts: Vec<Segment>,
+    /// Slices that are not cut away: number, t and value, front to back.
+    slices: Vec<(usize, f64, f64)>,
+    chunk: Chunk,
+}
+
+impl<'a> Walk<'a> {
+    fn new(
+        resident: &'a mut Resident,
+        scene: &'a ResolvedScene,
+        (ray, index_ray): (Ray, IndexRay),
+        (lod, options): (Lod, &RenderOptions),
+        stop: &Stop,
+    ) -> Result<Self, RenderError> {
+        let container = resident.container().clone();
+        let dims = container.descriptor().dims();
+        let level = container.pyramid().level_at(lod);
+        let level_ray = IndexRay {
+            origin: level.from_level_0(index_ray.origin),
+            direction: std::array::from_fn(|a| index_ray.direction[a] / level.scale[a] as f64),
+        };
+        // In `dvr` bricks that show nothing need not be read; elsewhere every value counts.
+        let mode = if scene.mode == Mode::Dvr { Mode::Dvr } else { Mode::Slice };
+        let aimed = ResolvedScene { mode, slices: Vec::new(), ..scene.clone() };
+        let level = LevelChoice::Fixed(lod);
+        resident.aim(&aimed, &RenderOptions { level, ..options.clone() });
+        let sampler = Sampler::new(resident.streamer(), lod, stop.clone())?;
+        let parts = clip_parts(&ray, &index_ray, dims, &scene.clip);
+        let is_kept = |t: f64| scene.clip.solids.iter().all(|solid| solid.keeps(ray.origin + t * ray.direction));
+        let whole = clip_ray(&ray, &index_ray, dims, &scene.clip);
+        let crossed = whole.map_or_else(Vec::new, |whole| crossings(&scene.slices, &ray, whole));
+        let crossed = crossed.into_iter().filter(|(t, _)| is_kept(*t));
+        let slices = crossed.map(|(t, number)| (number, t, f64::NAN)).collect();
+        let mut walk = Self { scene, sampler, index_ray, level_ray, parts, slices, chunk: Chunk::default() };
+        for place in 0..walk.slices.len() {
+            let (number, t, _) = walk.slices[place];
+            let SlicePlane { interpolation, .. } = scene.slices[number];
+            walk.slices[place].2 = walk.values(&[t], interpolation)?[0];
+        }
+        Ok(walk)
+    }
+
+    /// Values in units at places of the ray; NaN where absent.
+    fn values(&mut self, places: &[f64], how: Interpolation) -> Result<Vec<f64>, RenderError> {
+        let points: Vec<[f64; 3]> = places.iter().map(|&t| self.index_ray.at(t)).collect();
+        let mut chunk = std::mem::take(&mut self.chunk);
+        while !self.sampler.advance(&points, how, &mut chunk)? {}
+        Ok(chunk.values.into_iter().map(|value| self.sampler.map().to_data(value)).collect())
+    }
+
+    /// Tells of everything on the ray, front to back, until `visit` has what it wants.
+    fn events<T>(&mut self, mut visit: impl FnMut(Event) -> ControlFlow<T>) -> Result<Option<T>, RenderError> {
+        let mut slices = self.slices.clone().into_iter().peekable();
+        let mut left = f64::NAN;
+        for part in self.parts.clone() {
+            let is_apart = left != part.t0;
+            left = part.t1;
+            if is_apart && let ControlFlow::Break(found) = visit(Event::Gap) {
+                return Ok(Some(found));
+            }
+            let mut from = part.t0;
+            while from < part.t1 {
+                // A slice cuts the part.
+                let next = slices.peek().map_or(f64::INFINITY, |slice| slice.1);
+                let to = next.clamp(from, part.t1);
+                if let Some(found) = self.cells([from, to], &mut visit)? {
+                    return Ok(Some(found));
+                }
+                from = to;
+                if next <= part.t1
+                    && let Some((number, t, value)) = slices.next()
+                    && let ControlFlow::Break(found) = visit(Event::Slice(number, t, value))
+                {
+                    return Ok(Some(found));
+                }
+            }
+        }
+        // On the very end of the ray.
+        Ok(slices.find_map(|(number, t, value)| visit(Event::Slice(number, t, value)).break_value()))
+    }
+
+    /// The cells of a part of the ray, run by run.
+    fn cells<T>(
+        &mut self,
+        ends: [f64; 2],
+        visit: &mut impl FnMut(Event) -> ControlFlow<T>,
+    ) -> Result<Option<T>, RenderError> {
+        if self.scene.mode == Mode::Slice {
+            return Ok(None);
+        }
+        let mut cells = Cells::new(self.level_ray.origin, self.level_ray.direction, ends);
+        loop {
+            let run: Vec<[f64; 2]> = cells.by_ref().take(RUN_CELLS).collect();
+            if run.is_empty() {
+                return Ok(None);
+            }
+            let nodes = run.iter().flat_map(|[t0, t1]| NODES.map(|x| t0 + x * (t1 - t0)));
+            let values = self.values(&nodes.collect::<Vec<_>>(), Interpolation::Linear)?;
+            for (cell, values) in run.iter().zip(values.as_chunks::<{ NODES.len() }>().0) {
+                let is_absent = values.iter().any(|value| value.is_nan());
+                let event = if is_absent { Event::Gap } else { Event::Cell(*cell, Cubic::through(*values)) };
+                if let ControlFlow::Break(found) = visit(event) {
+                    return Ok(Some(found));
+                }
+            }
+        }
+    }
+
+    fn half_of_opacity(&mut self) -> Result<Option<Place>, RenderError> {
+        let (scene, mut left) = (self.scene, 1.0);
+        let mut sides = Sides::default();
+        self.events(|event| {
+            left *= match event {
+                Event::Cell([t0, t1], field) => {
+                    let surfaces =
+                        sides.cross(&field, scene).into_iter().map(|(_, number)| 1.0 - scene.iso[number].alpha);
+                    (-depth_of(&field, t1 - t0, scene)).exp() * surfaces.product::<f64>()
+                }
+                Event::Slice(number, _, value) if !value.is_nan() => 1.0 - scene.slices[number].opacity,
+                Event::Slice(..) => 1.0,
+                Event::Gap => {
+                    sides = Sides::default();
+                    1.0
+                }
+            };
+            if left < NOTHING_LEFT { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        })?;
+        if 1.0 - left < LEAST_OPACITY {
+            return Ok(None);
+        }
+        let (half, mut left) = (1.0 - 0.5 * (1.0 - left), 1.0);
+        let mut sides = Sides::default();
+        self.events(|event| {
+            match event {
+                Event::Cell([t0, t1], field) => {
+                    // The cell in parts, between surfaces.
+                    let mut from = 0.0;
+                    let surfaces = sides.cross(&field, scene).into_iter().map(|(x, number)| (x, Some(number)));
+                    for (to, surface) in surfaces.chain([(1.0, None)]) {
+                        let part = [from, to];
+                        let wanted = -(half / left).ln();
+                        let depth = depth_between(&field, part, t1 - t0, scene);
+                        if depth >= wanted {
+                            let x = place_of_depth(&field, part, (t1 - t0, wanted), scene);
+                            return ControlFlow::Break((PickedOn::Volume, t0 + x * (t1 - t0), field.at(x)));
+                        }
+                        left *= (-depth).exp();
+                        let Some(number) = surface else { continue };
+                        left *= 1.0 - scene.iso[number].alpha;
+                        if left <= half {
+                            let on = PickedOn::Surface(number);
+                            return ControlFlow::Break((on, t0 + to * (t1 - t0), scene.iso[number].value));
+                        }
+                        from = to;
+                    }
+                }
+                Event::Slice(number, t, value) if !value.is_nan() => {
+                    left *= 1.0 - scene.slices[number].opacity;
+                    if left <= half {
+                        return ControlFlow::Break((PickedOn::Slice(number), t, value));
+                    }
+                }
+                Event::Slice(..) => {}
+                Event::Gap => sides = Sides::default(),
+            }
+            ControlFlow::Continue(())
+        })
+    }
+
+    /// The first crossing of a surface that can be seen. A value on the surface counts as above it.
+    fn first_surface(&mut self) -> Result<Option<Place>, RenderError> {
+        let scene = self.scene;
+        let mut before: Option<f64> = None;
+        self.events(|event| {
+            let (cell, field) = match event {
+                Event::Cell(cell, field) => (cell, field),
+                Event::Gap => {
+                    before = None;
+                    return ControlFlow::Continue(());
+                }
+                Event::Slice(number, t, value) => return slice_that_shows(scene, number, t, value),
+            };
+            let mut first: Option<(f64, usize)> = None;
+            for (number, surface) in scene.iso.iter().enumerate().filter(|(_, surface)| surface.alpha > 0.0) {
+                let level = surface.value;
+                let mut side = before.map_or(field.at(0.0) >= level, |value| value >= level);
+                for ends in field.turns().windows(2) {
+                    let place = [ends[0], ends[1]].into_iter().find(|&x| (field.at(x) >= level) != side);
+                    if let Some(place) = place {
+                        let x = if place == ends[0] { place } else { field.crossing([ends[0], ends[1]], level) };
+                        first = first.filter(|(earlier, _)| *earlier <= x).or(Some((x, number)));
+                        break;
+                    }
+                    side = field.at(ends[1]) >= level;
+                }
+            }
+            before = Some(field.at(1.0));
+            match first {
+                Some((x, number)) => {
+                    let t = cell[0] + x * (cell[1] - cell[0]);
+                    ControlFlow::Break((PickedOn::Surface(number), t, scene.iso[number].value))
+                }
+                None => ControlFlow::Continue(()),
+            }
+        })
+    }
+
+    /// The first place of the greatest (sign 1) or least value (sign -1).
+    fn extreme(&mut self, sign: f64) -> Result<Option<Place>, RenderError> {
+        let mut best: Option<Place> = None;
+        self.events(|event| {
+            if let Event::Cell([t0, t1], field) = event {
+                for x in field.turns() {
+                    let value = field.at(x);
+                    if best.is_none_or(|(_, _, best)| sign * value > sign * best) {
+                        best = Some((PickedOn::Extreme, t0 + x * (t1 - t0), value));
+                    }
+                }
+            }
+            ControlFlow::<()>::Continue(())
+        })?;
+        let alpha = |value: f64| self.scene.transfer_function.classify(value).1;
+        Ok(best.filter(|(_, _, value)| alpha(*value) >= LEAST_OPACITY))
+    }
+
+    fn first_slice(&mut self) -> Result<Option<Place>, RenderError> {
+        let scene = self.scene;
+        self.events(|event| match event {
+            Event::Slice(number, t, value) => slice_that_shows(scene, number, t, value),
+            Event::Cell(..) | Event::Gap => ControlFlow::Continue(()),
+        })
+    }
+}
+
+fn slice_that_shows(scene: &ResolvedScene, number: usize, t: f64, value: f64) -> ControlFlow<Place> {
+    let shows = !value.is_nan() && scene.slices[number].opacity > 0.0;
+    if shows { ControlFlow::Break((PickedOn::Slice(number), t, value)) } else { ControlFlow::Continue(()) }
+}
+
+/// On which side of each surface's value the ray is, where that is known.
+#[derive(Debug, Default)]
+struct Sides {
+    value: Option<f64>,
+}
+
+impl Sides {
+    /// Where the ray crosses surfaces in a cell, in x, and their numbers: in order. A value on the surface counts as above it.
+    fn cross(&mut self, field: &Cubic, scene: &ResolvedScene) -> Vec<(f64, usize)> {
+        let mut found = Vec::new();
+        for (number, surface) in scene.iso.iter().enumerate() {
+            let mut side = self.value.unwrap_or(field.at(0.0)) >= surface.value;
+            for ends in field.turns().windows(2) {
+                let [begins, is_end_above] = [ends[0], ends[1]].map(|x| field.at(x) >= surface.value);
+                if begins != side {
+                    found.push((ends[0], number));
+                }
+                if begins != is_end_above {
+                    found.push((field.crossing([ends[0], ends[1]], surface.value), number));
+                }
+                side = is_end_above;
+            }
+        }
+        self.value = Some(field.at(1.0));
+        found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        found
+    }
+}
+
+/// Optical depth of a piece of this length.
+fn depth_of(field: &Cubic, length: f64, scene: &ResolvedScene) -> f64 {
+    depth_between(field, [0.0, 1.0], length, scene)
+}
+
+/// Optical depth from x to x in a piece of this length.
+fn depth_between(field: &Cubic, part: [f64; 2], length: f64, scene: &ResolvedScene) -> f64 {
+    let function = &scene.transfer_function;
+    smooth_parts(field, part, scene).windows(2).map(|ends| field.depth([ends[0], ends[1]], length, function)).sum()
+}
+
+/// The parts between which extinction is smooth, from x to x.
+fn smooth_parts(field: &Cubic, [from, to]: [f64; 2], scene: &ResolvedScene) -> Vec<f64> {
+    let cuts = field.smooth_parts(&scene.transfer_function);
+    let inside = cuts.into_iter().filter(|x| from < *x && *x < to);
+    std::iter::once(from).chain(inside).chain([to]).collect()
+}
+
+/// Where between x and x of a piece of this length so much optical depth has been gathered, in x.
+fn place_of_depth(field: &Cubic, part: [f64; 2], (length, wanted): (f64, f64), scene: &ResolvedScene) -> f64 {
+    let function = &scene.transfer_function;
+    let mut gathered = 0.0;
+    for ends in smooth_parts(field, part, scene).windows(2) {
+        let depth = field.depth([ends[0], ends[1]], length, function);
+        if gathered + depth < wanted {
+            gathered += depth;
+            continue;
+        }
+        let [mut low, mut high] = [ends[0], ends[1]];
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            let is_before = gathered + field.depth([ends[0], middle], length, function) < wanted;
+            if is_before { low = middle } else { high = middle }
+        }
+        return high;
+    }
+    part[1]
+}

@@ -1,0 +1,110 @@
+//! The colours of one slice, ray by ray: from whatever bricks are there where there is no time, then chunk by chunk as they are wanted.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use supervol_scene::slices::SlicePlane;
+use supervol_scene::slices::filter::{FilterSpec, FilteredSlice, TexelGrid};
+use supervol_scene::transfer_function::TransferFunction;
+
+use super::layers::Cut;
+use super::sampling::{Chunk, Sampler};
+use crate::render::error::RenderError;
+
+/// Points that are sampled at a time.
+const CHUNK_POINTS: usize = 1 << 16;
+
+/// See the module.
+#[derive(Default)]
+pub struct Sheet {
+    /// NaN where there is no slice.
+    pub colors: Vec<[f32; 3]>,
+    /// Rows of rays whose colours are those that are wanted.
+    rows: usize,
+    /// Texels of a filtered slice as they are wanted, as far as they are known.
+    texels: Vec<f32>,
+    filtered: Option<FilteredSlice>,
+    /// What is on its way.
+    chunk: Chunk,
+}
+
+impl Sheet {
+    /// Colours from what is there; none of them is as it is wanted.
+    ///
+    /// # Errors
+    /// As [`Sampler::advance`].
+    pub fn of_what_is_there(cut: &Cut, number: usize, sampler: &mut Sampler<'_>) -> Result<Self, RenderError> {
+        let mut sheet = Self::default();
+        sheet.advance(cut, number, sampler)?;
+        Ok(Self { colors: sheet.colors, ..Self::default() })
+    }
+
+    /// Samples what is not yet as it is wanted, until the time is up; whether all is.
+    ///
+    /// # Errors
+    /// As [`Sampler::advance`].
+    pub fn advance(&mut self, cut: &Cut, number: usize, sampler: &mut Sampler<'_>) -> Result<bool, RenderError> {
+        Ok(self.sample_texels(cut, number, sampler)? && self.sample_rays(cut, number, sampler)?)
+    }
+
+    /// Texels of a slice with a filter, until the time is up; whether that is all of them.
+    fn sample_texels(&mut self, cut: &Cut, number: usize, sampler: &mut Sampler<'_>) -> Result<bool, RenderError> {
+        let slice = &cut.scene.slices[number];
+        let Some(filter) = slice.filter.filter(|_| self.filtered.is_none()) else { return Ok(true) };
+        let (geometry, scale) = sampler.grid();
+        let grid = TexelGrid::new(slice, &geometry, cut.dims, &cut.scene.clip, scale);
+        while self.texels.len() < grid.texels() {
+            let run = self.texels.len()..(self.texels.len() + CHUNK_POINTS).min(grid.texels());
+            let points: Vec<[f64; 3]> = grid.points(run).map(|p| cut.to_index.point(p)).collect();
+            if !sampler.advance(&points, slice.interpolation, &mut self.chunk)? {
+                return Ok(false);
+            }
+            self.texels.extend(std::mem::take(&mut self.chunk).values);
+        }
+        let texels = std::mem::take(&mut self.texels);
+        self.filtered = Some(FilteredSlice::new(grid, texels, filter, sampler.map().shift));
+        Ok(true)
+    }
+
+    /// Colours of rays, until the time is up; whether that is all of them.
+    fn sample_rays(&mut self, cut: &Cut, number: usize, sampler: &mut Sampler<'_>) -> Result<bool, RenderError> {
+        let slice = &cut.scene.slices[number];
+        let [width, height] = cut.rays_size().map(|n| n as usize);
+        if self.colors.is_empty() {
+            self.colors = vec![[f32::NAN; 3]; width * height];
+        }
+        let filtered = self.filtered.as_ref().zip(slice.filter);
+        let colors = colors_of(slice, filtered);
+        while self.rows < height {
+            let rows = (CHUNK_POINTS / width).max(1).min(height - self.rows);
+            let first = self.rows * width;
+            let at = |ray: usize| {
+                let (x, y) = (ray % width, ray / width);
+                Some((ray, cut.point_on(number, x as u32, y as u32)?))
+            };
+            let points: Vec<(usize, DVec3)> = (first..first + rows * width).into_par_iter().filter_map(at).collect();
+            let values: Vec<f64> = match filtered {
+                Some((made, _)) => points.par_iter().map(|(_, p)| made.value(*p, slice.interpolation)).collect(),
+                None => {
+                    let at: Vec<[f64; 3]> = points.iter().map(|(_, p)| cut.to_index.point(*p)).collect();
+                    if !sampler.advance(&at, slice.interpolation, &mut self.chunk)? {
+                        return Ok(false);
+                    }
+                    let values = std::mem::take(&mut self.chunk).values;
+                    values.into_iter().map(|value| sampler.map().to_data(value)).collect()
+                }
+            };
+            self.colors[first..first + rows * width].fill([f32::NAN; 3]);
+            for ((ray, _), value) in points.iter().zip(values).filter(|(_, value)| !value.is_nan()) {
+                self.colors[*ray] = colors.classify(value).0.map(|c| c as f32);
+            }
+            self.rows += rows;
+        }
+        Ok(true)
+    }
+}
+
+/// The colours of a slice: its own, or those that suit what its filter has made.
+fn colors_of(slice: &SlicePlane, filtered: Option<(&FilteredSlice, FilterSpec)>) -> TransferFunction {
+    let by_filter = || filtered.map(|(made, filter)| made.colors(filter.kind));
+    slice.colors.clone().or_else(by_filter).expect("a slice without a filter has colours")
+}

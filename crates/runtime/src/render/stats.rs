@@ -1,0 +1,284 @@
+//! What one frame cost: one flat JSON object, units in the names.
+//!
+//! The names are a contract with whoever reads `--stats` files: none is renamed, new ones may come. Headless runs,
+//! benchmarks and the viewer read this one struct. Counters stand beside the code they measure; here they are only
+//! gathered.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use supervol_format::{Lod, ValueRange};
+use supervol_scene::scene::Mode;
+
+use crate::engines::totals::EngineTotals;
+use crate::render::frame::check::ErrorMeasured;
+use crate::render::frame::predict::ErrorPredicted;
+use crate::render::frame::stated::ErrorStated;
+use crate::stream::counters::{DeviceCounters, RayCounters, StreamCounters};
+use crate::stream::state::{Failure, StateKind};
+use crate::stream::streamer::Streamer;
+
+/// Statistics of one frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Default)]
+pub struct FrameStats {
+    /// Pixels along x.
+    pub image_width: u32,
+    /// Pixels along y.
+    pub image_height: u32,
+    /// `cpu`, `gpu` or `reference`.
+    pub backend: &'static str,
+    /// Why backend `auto` did not take a graphics device; null if it did, or was not asked.
+    pub no_gpu_because: Option<String>,
+    /// Whether the graphics adapter is a processor in disguise: many times slower than the CPU backend.
+    pub adapter_is_software: bool,
+    /// Instructions that packets of rays were cast with; null where no packets were.
+    pub instructions: Option<&'static str>,
+    /// Name of the graphics adapter; null without one.
+    pub adapter: Option<String>,
+    /// Threads that cast and decoded.
+    pub threads: usize,
+    /// `dvr`, `mip`, ...
+    pub mode: &'static str,
+    /// The fixed level of detail; null where each brick's was chosen.
+    pub level: Option<u8>,
+    /// Every ray was finished with the bricks it wanted, and no brick failed.
+    pub converged: bool,
+    /// Times the rays were cast.
+    pub passes: u64,
+    /// Bands of rows that the picture was cast in.
+    pub bands: u64,
+    /// Bricks of the container, all levels.
+    pub bricks_total: u64,
+    /// Bricks by state at the end of the frame; those that were never met are not in it.
+    pub bricks_by_state: BTreeMap<&'static str, u64>,
+    /// The same by level, finest first.
+    pub bricks_by_level: Vec<LevelStats>,
+    /// What streaming did and cost; of a picture of a living renderer, since its scene was set.
+    #[serde(flatten)]
+    pub streaming: StreamCounters,
+    /// Wall time of casting rays.
+    pub render_ms: f64,
+    /// Wall time of the whole frame.
+    pub total_ms: f64,
+    /// Wall time from the start of the program to the picture's file being whole; 0 where no command writes one.
+    pub handed_over_ms: f64,
+    /// Processor time that the process used during the frame; 0 where the system does not tell.
+    pub cpu_ms: f64,
+    /// Most memory that the process had resident since it began; 0 where the system does not tell.
+    pub peak_rss_bytes: u64,
+    /// Bytes of bricks in the host cache at the end of the frame.
+    pub host_cache_bytes: u64,
+    /// Most bytes of bricks in the host cache at once.
+    pub host_cache_peak_bytes: u64,
+    /// Bytes that the host cache may hold.
+    pub host_cache_budget_bytes: u64,
+    /// Bytes that the frame may hold in host memory.
+    pub host_budget_bytes: u64,
+    /// Bytes held on the graphics device.
+    pub gpu_bytes: u64,
+    /// Bytes that the frame may hold on the graphics device.
+    pub gpu_budget_bytes: u64,
+    /// What the graphics device did and cost.
+    #[serde(flatten)]
+    pub device: DeviceCounters,
+    /// The slowest piece of work handed to the graphics device.
+    pub gpu_dispatch_ms_max: f64,
+    /// What the driver said when the graphics device was lost and another one drew the picture; null if none was lost.
+    pub gpu_lost_because: Option<String>,
+    /// What the rays of the picture did.
+    #[serde(flatten)]
+    pub casting: RayCounters,
+    /// Times a ray took a coarser brick than it wanted.
+    pub fallbacks: u64,
+    /// Bricks that rays waited for when the time was up.
+    pub bricks_missing_at_deadline: u64,
+    /// Pixels that were not finished when the time was up: they are taken from a picture of larger pixels.
+    pub pixels_unfinished: u64,
+    /// How many pixels along an edge a pixel of that picture covers; 0 where all are finished.
+    pub coarsest_pixel: u32,
+    /// Bricks that failed.
+    pub bricks_failed: u64,
+    /// The first failures.
+    pub failures: Vec<Failure>,
+    /// The error asked for, a share of full scale. Where levels are chosen automatically it bounds what the choice of
+    /// levels does to the picture, if `bricks_without_bound` is 0.
+    pub max_error_requested: f64,
+    /// Bound on |drawn level - level 0| over all bricks that rays met and drew, data units: how far values are off, whether
+    /// they can be seen or not. Beside holes it holds where both levels are present. On a graphics device, bricks of one
+    /// value that no ray had to wait for are not in it.
+    /// Where a brick failed, the width of the range of all values.
+    pub error_bound: f64,
+    /// Bricks drawn from coarser levels although nothing bounds what that does to the picture: because their voxels are
+    /// small against a pixel (`lod::by_error`, rule 3), because they stand in for finer ones, or because the level was asked
+    /// for. On a graphics device, bricks of one value are not counted.
+    pub bricks_without_bound: u64,
+    /// Pieces of rays at which the reference integrator did not stand still.
+    pub reference_capped_pieces: u64,
+    /// How far the picture may be from the exact one, by what is known without measuring, term by term, each with whether it
+    /// is a bound: of pictures in mode `dvr` by packets of rays, or by a graphics device and without steps; null for others, and where nobody asked.
+    pub error_predicted: Option<ErrorPredicted>,
+    /// How far each pixel may be from the exact picture of the finest level, whatever level was asked for and however far the
+    /// picture has come: of pictures by packets of rays or by a graphics device; null for others, and where nobody asked.
+    pub error_stated: Option<ErrorStated>,
+    /// Distance from the exact picture where that was measured; null where nobody asked.
+    pub error_measured: Option<ErrorMeasured>,
+}
+
+/// Bricks of one level.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct LevelStats {
+    /// Level of detail; 0 is the finest.
+    pub level: usize,
+    /// Bricks in the host cache at the end of the frame.
+    pub resident: u64,
+    /// Bricks known to have one value.
+    pub uniform: u64,
+    /// Bricks known to show nothing.
+    pub nothing: u64,
+    /// Bricks that would change the picture too much, so that finer ones are drawn.
+    pub too_coarse: u64,
+    /// Bricks that failed.
+    pub failed: u64,
+    /// Bricks that came into the host cache.
+    pub page_ins: u64,
+    /// Bytes of records read.
+    pub bytes_read: u64,
+}
+
+/// Name of a mode as in scene files.
+#[must_use]
+pub fn mode_name(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Dvr => "dvr",
+        Mode::Mip => "mip",
+        Mode::Minip => "minip",
+        Mode::Mean => "mean",
+        Mode::Iso => "iso",
+        Mode::Slice => "slice",
+    }
+}
+
+impl FrameStats {
+    /// The same, where bricks that failed count: what is drawn instead of them is not the picture that was wanted.
+    #[must_use]
+    pub fn with_failures(mut self, values: ValueRange) -> Self {
+        if self.bricks_failed > 0 {
+            self.converged = false;
+            self.error_bound = self.error_bound.max(values.width());
+        }
+        self
+    }
+
+    /// Whether all that was wanted failed, so that there is nothing to draw from.
+    #[must_use]
+    pub fn has_nothing_but_failures(&self) -> bool {
+        let are_there = |kind: StateKind| self.bricks_by_state.get(kind.name()).is_some_and(|&n| n > 0);
+        self.bricks_failed > 0
+            && self.streaming.page_ins == 0
+            && !are_there(StateKind::InHost)
+            && !are_there(StateKind::Uniform)
+    }
+
+    /// The same without what streaming had cost before: bricks that came and left, and what was read and decoded.
+    #[must_use]
+    pub fn since(mut self, before: &Self) -> Self {
+        // Where nothing has been gathered there is nothing to take away.
+        if self.bricks_total == 0 {
+            return self;
+        }
+        self.streaming = self.streaming.since(&before.streaming);
+        for (level, before) in self.bricks_by_level.iter_mut().zip(&before.bricks_by_level) {
+            level.page_ins -= before.page_ins;
+            level.bytes_read -= before.bytes_read;
+        }
+        self
+    }
+
+    /// Fills in all that the streamer knows.
+    pub fn gather_streamer(&mut self, streamer: &Streamer) {
+        let (states, cache) = (streamer.states(), streamer.cache());
+        let pyramid = streamer.container().pyramid();
+        self.bricks_total = pyramid.brick_count();
+        let met = StateKind::ALL.into_iter().filter(|&kind| kind != StateKind::Unknown);
+        self.bricks_by_state = met.map(|kind| (kind.name(), states.total(kind))).collect();
+        self.bricks_by_level = (0..pyramid.levels().len())
+            .map(|level| {
+                let lod = Lod(level as u8);
+                LevelStats {
+                    level,
+                    resident: states.count(lod, StateKind::InHost),
+                    uniform: states.count(lod, StateKind::Uniform),
+                    nothing: states.count(lod, StateKind::Nothing),
+                    too_coarse: states.count(lod, StateKind::TooCoarse),
+                    failed: states.count(lod, StateKind::Failed),
+                    page_ins: states.page_ins(lod),
+                    bytes_read: streamer.record_bytes(lod),
+                }
+            })
+            .collect();
+        self.streaming = streamer.counters();
+        self.host_cache_bytes = cache.bytes();
+        self.host_cache_peak_bytes = cache.peak_bytes();
+        self.host_cache_budget_bytes = cache.budget_bytes();
+        self.bricks_failed = states.total(StateKind::Failed);
+        self.failures = states.failures().to_vec();
+        let drawn = streamer.drawn_errors();
+        (self.error_bound, self.bricks_without_bound) = (drawn.bound, drawn.without_bound);
+    }
+
+    /// Fills in all that the engine knows but its errors.
+    pub fn gather_engine(&mut self, totals: EngineTotals) {
+        (self.casting, self.instructions) = (totals.rays, totals.instructions);
+        if let Some(device) = totals.device {
+            self.device = device.counters;
+            self.gpu_bytes = device.planned_bytes;
+            self.gpu_dispatch_ms_max = device.dispatch_ms_max;
+            self.adapter = Some(device.adapter);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every key of a `--stats` file that somebody may read: none may be missing, none may hold something nested.
+    const KEYS: &str = "
+        image_width image_height backend no_gpu_because adapter_is_software instructions adapter threads
+        mode level converged passes bands bricks_total bricks_by_state bricks_by_level uses misses page_ins
+        repeated_page_ins evictions cancelled states_forgotten reads merged_reads failed_reads bytes_read
+        bytes_decoded retried_reads read_ms wait_ms decode_ms plan_ms upload_ms render_ms total_ms handed_over_ms cpu_ms
+        peak_rss_bytes host_cache_bytes host_cache_peak_bytes host_cache_budget_bytes host_budget_bytes
+        gpu_bytes gpu_budget_bytes gpu_page_ins gpu_anomalies upload_bytes gpu_written_bytes gpu_read_bytes
+        gpu_submits gpu_dispatches gpu_dispatch_ms_max gpu_lost_because rays
+        rays_terminated_early samples cells cells_refined cells_exact macro_cells macro_cells_skipped
+        fallbacks bricks_missing_at_deadline pixels_unfinished coarsest_pixel bricks_failed failures
+        max_error_requested error_bound bricks_without_bound reference_capped_pieces error_predicted
+        error_stated error_measured
+    ";
+
+    #[test]
+    fn no_key_of_the_statistics_is_lost_and_each_stands_alone() {
+        let json = serde_json::to_value(FrameStats::default()).unwrap();
+        let found: Vec<&str> = json.as_object().unwrap().keys().map(String::as_str).collect();
+        let mut expected: Vec<&str> = KEYS.split_whitespace().collect();
+        expected.sort_unstable();
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn counts_stand_in_the_keys_that_name_them() {
+        let stats = FrameStats {
+            streaming: StreamCounters { page_ins: 1, wait_ms: 0.5, ..StreamCounters::default() },
+            casting: RayCounters { samples: 2, rays_waiting: 3, ..RayCounters::default() },
+            device: DeviceCounters { page_ins: 4, anomalies: 5, upload_ms: 6.5, ..DeviceCounters::default() },
+            ..FrameStats::default()
+        };
+        let json = serde_json::to_value(&stats).unwrap();
+        assert_eq!((&json["page_ins"], &json["wait_ms"], &json["samples"]), (&1.into(), &0.5.into(), &2.into()));
+        assert_eq!(
+            (&json["gpu_page_ins"], &json["gpu_anomalies"], &json["upload_ms"]),
+            (&4.into(), &5.into(), &6.5.into())
+        );
+    }
+}

@@ -1,0 +1,355 @@
+//! One number of host bytes, divided among all that a frame holds in memory.
+//!
+//! | part | size |
+//! |---|---|
+//! | picture | 16 bytes per pixel; a quarter more with a deadline; twice as much more where errors are stated |
+//! | rays | tiles, miss list and pixel of every ray of a band; a band is the whole picture if that takes at most 1/4 |
+//! | casting | what every thread that casts has at hand: the rays of one tile on their way |
+//! | made of bricks | what the ray caster makes once of each brick, and keeps: 1/16, at most 32 MiB; at least one brick's |
+//! | TOC pages | what the container keeps of its table of contents, at most 64 MiB |
+//! | states | one record per brick that was met, 1/32 of the budget |
+//! | in flight | records being read and bricks being decoded, 1/8 of the budget, at most 128 MiB |
+//! | cache | the rest, less what the process holds beside the frame; at least one brick |
+//!
+//! Everything is computed before anything is allocated; a budget that is too small is refused with the sum of the least
+//! parts. The program itself, its threads' stacks and the container's manifest are counted where somebody says how much that
+//! is ([`Demand::process_bytes`]); a budget that all the rest fits is not refused for their sake.
+
+use supervol_format::codec::wavelet::DECODING_BYTES_PER_VOXEL;
+use supervol_format::container::reader::CACHED_TOC_PAGES;
+use supervol_format::container::toc;
+use supervol_format::readable::{Mib, counted};
+use supervol_format::{Container, VoxelType};
+
+use super::state::RECORD_BYTES;
+use crate::stream::cache::host::BRICK_OVERHEAD_BYTES;
+
+/// Most bytes of records and decoding buffers in flight.
+pub const IN_FLIGHT_LIMIT: u64 = 128 << 20;
+/// Most bytes of what is made once of each brick, and kept.
+pub const MADE_LIMIT: u64 = 32 << 20;
+/// Part of the budget, as a divisor, that it may take.
+const MADE_SHARE: u64 = 16;
+/// Bytes of one pixel of an image.
+const PIXEL_BYTES: u64 = 16;
+/// Bytes that a waiting ray costs in the list of misses.
+const MISS_BYTES: u64 = 16;
+
+/// The budget is too small.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the host budget of {} is too small: at least {} are needed ({parts}). \
+     Give more memory, a smaller picture, or build the container with smaller bricks",
+    Mib(*budget_bytes), Mib(*needed_bytes)
+)]
+pub struct BudgetError {
+    /// Bytes given.
+    pub budget_bytes: u64,
+    /// Least bytes that suffice.
+    pub needed_bytes: u64,
+    /// What they are needed for.
+    pub parts: String,
+}
+
+/// Sizes of one container's bricks in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BrickBytes {
+    /// A full brick as the ray casters read it, with its place in the cache.
+    pub decoded: u64,
+    /// What a thread that decodes a full brick needs beside its record: its stored voxels, and what they are made of.
+    pub decoding: u64,
+    /// The longest record of a full brick.
+    pub record: u64,
+}
+
+/// Bytes in the host cache of a brick with this many voxels and macro cells.
+#[must_use]
+pub fn decoded_bytes(voxel_type: VoxelType, voxels: u64, macro_cells: u64) -> u64 {
+    // One and two byte integers stay as they are, all others become f32; a macro cell has two f32.
+    let voxel_bytes = voxel_type.bytes().min(4) as u64;
+    voxels * voxel_bytes + macro_cells * 8 + BRICK_OVERHEAD_BYTES
+}
+
+impl BrickBytes {
+    /// The sizes of a container's largest bricks.
+    #[must_use]
+    pub fn of(container: &Container) -> Self {
+        let layout = container.pyramid().layout();
+        let voxel_type = container.descriptor().voxel_type;
+        let voxels = (layout.stored() as u64).pow(3);
+        let macro_cells = (layout.core() as u64).div_ceil(supervol_format::brick::MACRO_CELL as u64).pow(3);
+        let stored = voxels * voxel_type.bytes() as u64;
+        // The bound that the container's reader puts on payloads, and two bytes per macro cell.
+        let record = stored + stored / 64 + 1024 + 2 * macro_cells;
+        let decoding = stored + voxels * DECODING_BYTES_PER_VOXEL as u64;
+        Self { decoded: decoded_bytes(voxel_type, voxels, macro_cells), decoding, record }
+    }
+}
+
+/// Whether a ray caster can cast a picture in parts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Bands {
+    /// Some rows of pixels at a time.
+    Allowed,
+    /// The whole picture at once.
+    Whole,
+}
+
+/// What a ray caster holds in host memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CasterBytes {
+    /// Whether rays may be cast band by band.
+    pub bands: Bands,
+    /// Rays along an edge of the square tiles in which they are kept between passes; at least 1.
+    pub tile_side: u32,
+    /// Bytes of a tile whose rays wait, whether all its rays lie in the picture or not; finished ones have less.
+    pub tile: u64,
+    /// Bytes that a thread has at hand while it casts.
+    pub thread: u64,
+    /// Most bytes that are made once of a brick.
+    pub made_of_brick: u64,
+    /// Bytes of what is said of each pixel of the picture beside its colour.
+    pub of_pixel: u64,
+}
+
+impl CasterBytes {
+    /// Everything lies on a device, and the whole picture is cast at once.
+    pub const ON_DEVICE: Self =
+        Self { bands: Bands::Whole, tile_side: 1, tile: 0, thread: 0, made_of_brick: 0, of_pixel: 0 };
+
+    /// The same; errors, where they are stated, lie in host memory once a band is read.
+    #[must_use]
+    pub const fn on_device(states_errors: bool) -> Self {
+        Self { of_pixel: if states_errors { 2 * PIXEL_BYTES } else { 0 }, ..Self::ON_DEVICE }
+    }
+}
+
+/// What a frame needs memory for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Demand {
+    /// Pixels of the picture.
+    pub image_size: [u32; 2],
+    /// Rays along one edge of a pixel.
+    pub subgrid: u32,
+    /// What the ray caster holds.
+    pub caster: CasterBytes,
+    /// Sizes of bricks.
+    pub brick: BrickBytes,
+    /// Whether there is a deadline: then the coarsest brick stays in the cache, beside the one that makes progress, and a
+    /// picture of pixels at least twice as large is there while the next one is begun.
+    pub has_deadline: bool,
+    /// Threads that cast and decode.
+    pub threads: u64,
+    /// TOC pages of the container.
+    pub toc_pages: u64,
+    /// What the process holds beside the frame.
+    pub process_bytes: u64,
+}
+
+/// The division of the budget.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct HostPlan {
+    /// Bytes given.
+    pub budget_bytes: u64,
+    /// Pixel rows that are cast at once.
+    pub band_rows: u32,
+    /// Bytes of picture, rays, threads that cast, and TOC pages.
+    pub fixed_bytes: u64,
+    /// Most bytes of what the ray caster makes once of each brick, and keeps.
+    pub made_bytes: u64,
+    /// Most bricks whose state is remembered.
+    pub state_limit: usize,
+    /// Most bytes of records and decoding buffers.
+    pub in_flight_bytes: u64,
+    /// Bytes of the host cache.
+    pub cache_bytes: u64,
+}
+
+impl Demand {
+    /// Bytes of the rays of a band of so many pixel rows: whole tiles, and what every ray has beside.
+    fn ray_bytes(&self, band_rows: u64) -> u64 {
+        let [columns, rows] = [u64::from(self.image_size[0]), band_rows].map(|n| n * u64::from(self.subgrid));
+        let tiles = [columns, rows].map(|n| n.div_ceil(u64::from(self.caster.tile_side)));
+        tiles[0] * tiles[1] * self.caster.tile + columns * rows * (MISS_BYTES + PIXEL_BYTES)
+    }
+
+    /// Most pixel rows of a band whose rays take no more than so many bytes; at least 1, and whole tiles where it can be.
+    fn band_rows(&self, bytes: u64) -> u64 {
+        let height = u64::from(self.image_size[1]);
+        if self.caster.bands == Bands::Whole || self.ray_bytes(height) <= bytes {
+            return height;
+        }
+        let (mut fits, mut too_many) = (1, height);
+        while fits + 1 < too_many {
+            let middle = fits.midpoint(too_many);
+            if self.ray_bytes(middle) <= bytes { fits = middle } else { too_many = middle }
+        }
+        let [side, subgrid] = [self.caster.tile_side, self.subgrid].map(u64::from);
+        let of_whole_tiles = fits * subgrid / side * side / subgrid;
+        if of_whole_tiles > 0 { of_whole_tiles } else { fits }
+    }
+}
+
+impl HostPlan {
+    /// Divides the budget.
+    ///
+    /// # Errors
+    /// If it is too small for the least of every part.
+    pub fn new(budget_bytes: u64, demand: &Demand) -> Result<Self, BudgetError> {
+        let [width, height] = demand.image_size.map(u64::from);
+        let image = width * height * PIXEL_BYTES;
+        let image = if demand.has_deadline { image + image.div_ceil(4) } else { image };
+        let image = image + width * height * demand.caster.of_pixel;
+        let least_bricks = if demand.has_deadline { 2 } else { 1 };
+        let casting = demand.threads * demand.caster.thread;
+        let toc = demand.toc_pages.min(CACHED_TOC_PAGES as u64) * toc::PAGE_BYTES as u64;
+        let scratch = demand.threads * demand.brick.decoding;
+        let least_in_flight = demand.brick.record + scratch;
+        let in_flight = (budget_bytes / 8).min(IN_FLIGHT_LIMIT).max(least_in_flight);
+        let least_made = demand.caster.made_of_brick;
+        let made = if least_made > 0 { (budget_bytes / MADE_SHARE).min(MADE_LIMIT).max(least_made) } else { 0 };
+        let states = budget_bytes / 32;
+        let least_cache = least_bricks * demand.brick.decoded;
+        // A band is no higher than the least of all other parts allows: otherwise more memory would raise the need.
+        let least_others = image + casting + toc + states + least_made + least_in_flight + least_cache;
+        let band_rows = demand.band_rows((budget_bytes / 4).min(budget_bytes.saturating_sub(least_others)));
+        let rays = demand.ray_bytes(band_rows);
+        let fixed = image + rays + casting + toc;
+        // Where the shares leave too little for the cache, all that is made goes down to one brick's, and reads in flight to
+        // one record.
+        let has_room = fixed + states + made + in_flight + least_cache <= budget_bytes;
+        let (made, in_flight) = if has_room { (made, in_flight) } else { (least_made, least_in_flight) };
+        let needed = fixed + states + made + in_flight + least_cache;
+        if needed > budget_bytes {
+            return Err(BudgetError {
+                budget_bytes,
+                // The states' share grows with the budget: solve for the budget, rounding up.
+                needed_bytes: ((needed - states) * 32).div_ceil(31),
+                parts: format!(
+                    "picture {}, rays {}, casting {}, made of a brick {}, table of contents {}, reading and decoding {}, \
+                     cache for {} of {}, and 1/32 for the states of bricks",
+                    Mib(image),
+                    Mib(rays),
+                    Mib(casting),
+                    Mib(made),
+                    Mib(toc),
+                    Mib(in_flight),
+                    counted(least_bricks, "brick"),
+                    Mib(demand.brick.decoded)
+                ),
+            });
+        }
+        Ok(Self {
+            budget_bytes,
+            band_rows: band_rows as u32,
+            fixed_bytes: fixed,
+            made_bytes: made,
+            state_limit: usize::try_from(states / RECORD_BYTES).unwrap_or(usize::MAX),
+            in_flight_bytes: in_flight - scratch,
+            cache_bytes: (budget_bytes - fixed - made - states - in_flight)
+                .saturating_sub(demand.process_bytes)
+                .max(least_cache),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const IN_TILES: CasterBytes = CasterBytes {
+        bands: Bands::Allowed,
+        tile_side: 16,
+        tile: 24_000,
+        thread: 250_000,
+        made_of_brick: 5_000,
+        of_pixel: 0,
+    };
+
+    fn demand() -> Demand {
+        Demand {
+            image_size: [800, 600],
+            subgrid: 1,
+            caster: IN_TILES,
+            brick: BrickBytes { decoded: 1_300_000, decoding: 1_250_000, record: 1_280_000 },
+            has_deadline: false,
+            threads: 2,
+            toc_pages: 3,
+            process_bytes: 0,
+        }
+    }
+
+    #[test]
+    fn parts_never_exceed_the_budget_and_the_least_budget_is_told_exactly() {
+        let error = HostPlan::new(1, &demand()).unwrap_err();
+        assert!(error.to_string().contains("cache for 1 brick of 1.3 MiB"), "{error}");
+        assert!(error.to_string().contains("casting 0.477 MiB, made of a brick 0.005 MiB,"), "{error}");
+        let mut least = error.needed_bytes;
+        // Bands shrink to one row at first; with a larger budget they may take up to a quarter of it.
+        while let Err(error) = HostPlan::new(least, &demand()) {
+            assert!(error.needed_bytes > least, "a budget that is said to suffice must suffice");
+            least = error.needed_bytes;
+        }
+        for budget in [least, least + 1, 2 * least, 512 << 20, 64 << 30] {
+            let plan = HostPlan::new(budget, &demand()).unwrap();
+            let states = plan.state_limit as u64 * RECORD_BYTES;
+            let scratch = 2 * demand().brick.decoding;
+            let parts = plan.fixed_bytes + plan.made_bytes + states + plan.in_flight_bytes + scratch + plan.cache_bytes;
+            assert!(parts <= budget && parts + RECORD_BYTES > budget, "{parts} of {budget}");
+            assert!(plan.cache_bytes >= demand().brick.decoded && plan.in_flight_bytes >= demand().brick.record);
+            assert!((IN_TILES.made_of_brick..=MADE_LIMIT).contains(&plan.made_bytes));
+        }
+        assert_eq!(HostPlan::new(1 << 30, &demand()).unwrap().band_rows, 600);
+        assert_eq!(HostPlan::new(1 << 30, &demand()).unwrap().made_bytes, MADE_LIMIT);
+        assert_eq!(HostPlan::new(64 << 20, &demand()).unwrap().made_bytes, 4 << 20);
+    }
+
+    #[test]
+    fn what_the_process_holds_is_taken_off_the_cache_as_far_as_that_goes() {
+        let plan = |budget, process_bytes| HostPlan::new(budget, &Demand { process_bytes, ..demand() });
+        let (all, less) = (plan(64 << 20, 0).unwrap(), plan(64 << 20, 9 << 20).unwrap());
+        assert_eq!(HostPlan { cache_bytes: all.cache_bytes - (9 << 20), ..all }, less);
+        let least = plan(1, 0).unwrap_err().needed_bytes;
+        assert_eq!(plan(1, 9 << 20).unwrap_err().needed_bytes, least);
+        let little = plan(64 << 20, 1 << 30).unwrap();
+        assert_eq!(little.cache_bytes, demand().brick.decoded);
+    }
+
+    #[test]
+    fn tiles_threads_and_what_is_made_of_bricks_are_counted() {
+        let pixels = 800 * 600;
+        let plan = |caster| HostPlan::new(1 << 30, &Demand { caster, ..demand() }).unwrap();
+        let (without, with) = (plan(CasterBytes::ON_DEVICE), plan(IN_TILES));
+        // 600 rows are 37 tiles and a half.
+        assert_eq!(with.fixed_bytes - without.fixed_bytes, 50 * 38 * 24_000 + 2 * 250_000);
+        assert_eq!(without.fixed_bytes, pixels * (16 + 32) + 3 * toc::PAGE_BYTES as u64);
+        assert_eq!((without.made_bytes, with.made_bytes), (0, MADE_LIMIT));
+        let spent = |plan: HostPlan| plan.fixed_bytes + plan.made_bytes;
+        assert_eq!(without.cache_bytes - with.cache_bytes, spent(with) - spent(without));
+    }
+
+    #[test]
+    fn pictures_whose_rays_exceed_a_quarter_are_cast_in_bands_of_whole_tiles() {
+        let large = Demand { image_size: [8000, 8000], subgrid: 4, ..demand() };
+        let plan = HostPlan::new(2 << 30, &large).unwrap();
+        assert!(plan.band_rows < 8000 && plan.band_rows.is_multiple_of(4), "{plan:?}");
+        // One more row of tiles would be too much.
+        assert!(large.ray_bytes(u64::from(plan.band_rows)) <= (2 << 30) / 4);
+        assert!(large.ray_bytes(u64::from(plan.band_rows) + 4) > (2 << 30) / 4);
+        let whole = Demand { caster: CasterBytes { bands: Bands::Whole, ..IN_TILES }, ..large };
+        assert!(HostPlan::new(2 << 30, &whole).unwrap_err().needed_bytes > 16 * 64_000_000 * 80);
+    }
+
+    #[test]
+    fn the_least_budget_that_is_named_suffices() {
+        for image_size in [[40, 32], [800, 600], [8000, 8000]] {
+            for subgrid in [1, 3, 32] {
+                let demand = Demand { image_size, subgrid, ..demand() };
+                let least = HostPlan::new(1, &demand).unwrap_err().needed_bytes;
+                let plan = HostPlan::new(least, &demand).unwrap();
+                assert_eq!((plan.band_rows, plan.made_bytes), (1, IN_TILES.made_of_brick));
+                assert!(HostPlan::new(least - 32, &demand).is_err());
+            }
+        }
+    }
+}

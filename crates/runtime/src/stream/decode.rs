@@ -1,0 +1,57 @@
+//! Decoding records on rayon's worker threads: checksum, codec, then the form the ray casters read.
+//!
+//! Each brick is decoded alone, so the result does not depend on the number of threads. A brick that cannot be decoded
+//! is an answer like any other; nothing here stops a frame.
+
+use rayon::prelude::*;
+use supervol_format::Container;
+use supervol_format::container::ContainerError;
+use supervol_format::container::toc::BrickEntry;
+use supervol_scene::value_map::ValueMap;
+
+use super::io::Record;
+use crate::stream::field::FieldBrick;
+use crate::stream::residency::DecodedBrick;
+
+/// A record that was read, with its TOC entry.
+#[derive(Debug)]
+pub struct Encoded {
+    /// The brick.
+    pub key: FieldBrick,
+    /// Its entry.
+    pub entry: BrickEntry,
+    /// Its record.
+    pub record: Record,
+    /// A brick that has left, whose memory it takes.
+    pub spare: Option<DecodedBrick>,
+}
+
+/// Decodes bricks, in the order given.
+#[must_use]
+pub fn decode_bricks(
+    container: &Container,
+    map: &ValueMap,
+    bricks: Vec<Encoded>,
+) -> Vec<(FieldBrick, Result<DecodedBrick, ContainerError>)> {
+    bricks
+        .into_par_iter()
+        .map_init(Vec::new, |voxels, brick| (brick.key, decode(container, map, brick, voxels)))
+        .collect()
+}
+
+/// Decodes one brick; `voxels` is scratch space that is kept from brick to brick.
+fn decode(
+    container: &Container,
+    map: &ValueMap,
+    brick: Encoded,
+    voxels: &mut Vec<u8>,
+) -> Result<DecodedBrick, ContainerError> {
+    let Encoded { key: FieldBrick { brick: key, .. }, entry, record, spare } = brick;
+    let shape = container.shape(key);
+    voxels.clear();
+    voxels.resize(shape.bytes(), 0);
+    container.decode_brick(key, &entry, record.bytes(), voxels)?;
+    let cells = container.macro_cells(key, &entry, record.bytes()).into_iter().map(|r| [r.min, r.max]);
+    let absence = container.descriptor().absence;
+    Ok(DecodedBrick::from_stored(key, shape, voxels, cells, map, absence, spare))
+}

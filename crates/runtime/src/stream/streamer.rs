@@ -1,0 +1,612 @@
+//! The streamer: from bricks that rays want to bricks in host memory. See README.md beside this file for the whole.
+//!
+//! - [`state`]: the state of each brick; nothing else changes it;
+//! - [`classify`]: what the table of contents alone decides;
+//! - [`priority`]: front to back;
+//! - [`capacity`], [`budget`]: how many bricks fit, and what a frame may hold in memory;
+//! - `on_its_way`: what has been asked for, until it is resident;
+//! - [`loader`], [`io`]: reading, in threads of its own;
+//! - [`decode`]: decoding, on the caller's threads;
+//! - [`view`]: what a ray caster sees of all that.
+//!
+//! Protocol of one frame:
+//! 1. [`Streamer::begin_frame`]; [`Streamer::begin_band`] where the rays are cast band by band.
+//! 2. [`Streamer::begin_pass`]; the ray caster looks bricks up in [`Streamer::view`].
+//! 3. [`Streamer::note_uses`] with what the pass used, then [`Streamer::fetch`] with what it wanted.
+//! 4. Again from 2 until no ray waits.
+//!
+//! What is resident changes within these calls only; reading goes on between them. It does not know what a ray is.
+
+use std::collections::{HashSet, VecDeque};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use supervol_format::container::toc::{BrickEntry, ENTRIES_PER_PAGE};
+use supervol_format::readable::Mib;
+use supervol_format::{Container, Lod};
+use supervol_scene::value_map::ValueMap;
+
+use crate::stop::Stop;
+use crate::stream::budget::{HostPlan, decoded_bytes};
+use crate::stream::cache::KeyMap;
+use crate::stream::cache::host::{HostCache, Standing, Victims};
+use crate::stream::capacity::{Candidate, Supply, admit, needs_victims};
+use crate::stream::classify::{Class, Classifier, may_have_holes};
+use crate::stream::counters::{StreamCounters, milliseconds};
+use crate::stream::field::{Field, FieldBrick};
+use crate::stream::io;
+use crate::stream::loader::{Finished, Loader};
+use crate::stream::priority::{BrickOrder, Rank, Ranked};
+use crate::stream::residency::DecodedBrick;
+use crate::stream::state::{BrickState, StateTable};
+pub use crate::stream::view::{HostView, OnMissing};
+
+/// Why the streamer cannot go on.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum StreamError {
+    /// The bricks that must stay leave no room for one more.
+    #[error("the host cache of {} has no room for {key}: {} more are needed", Mib(*budget_bytes), Mib(*missing_bytes))]
+    NoRoom {
+        /// The brick that comes first.
+        key: FieldBrick,
+        /// Size of the cache.
+        budget_bytes: u64,
+        /// What it lacks.
+        missing_bytes: u64,
+    },
+    /// Nobody can read.
+    #[error("the threads that read cannot be started: {0}")]
+    Threads(String),
+}
+
+/// What limits one tick besides the host cache.
+#[derive(Debug, Clone)]
+pub struct Room {
+    /// Bricks that the ray caster can take.
+    pub bricks: usize,
+    /// When to stop waiting: what is being read then goes on.
+    pub stop: Stop,
+    /// How long to wait for more once some ray can go on; `None`: for all that there is room for.
+    pub patience: Option<Duration>,
+}
+
+/// What some ticks brought.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Fetched {
+    /// Wanted bricks that are in the host cache now, front to back; at most as many as there was room for.
+    pub bricks: Vec<FieldBrick>,
+    /// Wanted bricks that are nothing, uniform, too coarse, or failed: there is an answer, but no brick.
+    pub answered: Vec<FieldBrick>,
+    /// Other bricks that are known to be nothing, uniform or too coarse since this tick.
+    pub neighbours: Vec<FieldBrick>,
+    /// Wanted bricks that are being read, or must wait for a later tick.
+    pub left: usize,
+}
+
+impl Fetched {
+    /// Whether some ray can go on now.
+    #[must_use]
+    pub fn is_progress(&self) -> bool {
+        !self.bricks.is_empty() || !self.answered.is_empty()
+    }
+}
+
+/// What rays drew of the bricks' errors in one frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct DrawnErrors {
+    /// Largest error bound of all bricks that rays drew, data units.
+    pub bound: f64,
+    /// Bricks that rays drew although nothing bounds what that does to the picture.
+    pub without_bound: u64,
+}
+
+/// Makes wanted bricks resident in host memory.
+#[derive(Debug)]
+pub struct Streamer {
+    pub(crate) container: Arc<Container>,
+    pub(crate) map: ValueMap,
+    classifier: Classifier,
+    /// Classifiers before this one.
+    answers: u64,
+    order: BrickOrder,
+    pub(crate) plan: HostPlan,
+    pub(crate) states: StateTable,
+    pub(crate) cache: HostCache<DecodedBrick>,
+    /// Bricks that are never evicted.
+    kept: KeyMap<()>,
+    /// Bricks in any state but `TooCoarse` that are too coarse all the same: they stand in for children, or were read
+    /// for another picture.
+    pub(crate) stand_ins: KeyMap<()>,
+    /// Bricks whose error bound has been counted in this frame.
+    drawn: KeyMap<()>,
+    /// What the last request wanted.
+    pub(crate) wanted: KeyMap<()>,
+    /// Bricks left in `Queued` by the last request.
+    pub(crate) queued: Vec<FieldBrick>,
+    /// Of these: bricks that there is room for, front to back, and who leaves for them.
+    pub(crate) due: VecDeque<Load>,
+    pub(crate) victims: Victims,
+    /// Bricks on their way, for which room is reserved.
+    pub(crate) loading: KeyMap<Load>,
+    /// Reads that have come back and are not decoded.
+    pub(crate) arrived: VecDeque<Finished>,
+    /// Bytes of reads that were asked for and are not decoded.
+    pub(crate) in_flight_bytes: u64,
+    /// Started by the first read.
+    pub(crate) loader: Option<Loader>,
+    /// Attempts of bricks that failed in earlier frames and may be tried again.
+    attempts: KeyMap<u32>,
+    /// TOC pages of which every brick that needs no reading is in the state table.
+    classified_pages: HashSet<u64>,
+    /// First pass of this frame.
+    first_pass: u64,
+    /// The pass since which bricks that were used stay, where only spare room is to be taken.
+    kept_since: Option<u64>,
+    pub(crate) counters: StreamCounters,
+    /// Bytes of records read, by level.
+    pub(crate) record_bytes: Vec<u64>,
+    drawn_errors: DrawnErrors,
+}
+
+/// Why bricks are fetched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Purpose {
+    /// To be drawn, if they are fine enough.
+    Draw,
+    /// To stand in for finer bricks, however coarse they are.
+    StandIn,
+}
+
+/// A brick to be read.
+#[derive(Debug, Clone, Copy)]
+pub struct Load {
+    pub(crate) key: FieldBrick,
+    pub(crate) entry: BrickEntry,
+    pub(crate) bytes: u64,
+}
+
+impl Streamer {
+    /// A streamer with an empty cache.
+    #[must_use]
+    pub fn new(
+        container: Arc<Container>,
+        map: ValueMap,
+        classifier: Classifier,
+        order: BrickOrder,
+        plan: HostPlan,
+    ) -> Self {
+        let levels = container.pyramid().levels().len();
+        Self {
+            map,
+            classifier,
+            answers: 0,
+            order,
+            plan,
+            states: StateTable::new(levels),
+            cache: HostCache::new(plan.cache_bytes),
+            kept: KeyMap::default(),
+            stand_ins: KeyMap::default(),
+            drawn: KeyMap::default(),
+            wanted: KeyMap::default(),
+            queued: Vec::new(),
+            due: VecDeque::new(),
+            victims: Victims::default(),
+            loading: KeyMap::default(),
+            arrived: VecDeque::new(),
+            in_flight_bytes: 0,
+            loader: None,
+            attempts: KeyMap::default(),
+            classified_pages: HashSet::new(),
+            first_pass: 0,
+            kept_since: None,
+            counters: StreamCounters::default(),
+            record_bytes: vec![0; levels],
+            drawn_errors: DrawnErrors::default(),
+            container,
+        }
+    }
+
+    /// Memory is divided anew: bricks that no longer fit are dropped. Nothing is on its way afterwards.
+    pub fn set_plan(&mut self, plan: HostPlan) {
+        self.cancel_all_but(KeyMap::default());
+        while !self.is_idle() {
+            self.receive_some(None, &mut Fetched::default());
+        }
+        self.plan = plan;
+        let dropped = self.cache.set_budget(plan.cache_bytes, |key| self.kept.contains_key(&key));
+        for key in dropped {
+            self.states.evict(key);
+            self.kept.remove(&key);
+        }
+    }
+
+    /// A new frame: bricks that failed long enough ago may be tried again.
+    pub fn begin_frame(&mut self) {
+        self.attempts.extend(self.states.begin_frame());
+        self.drawn.clear();
+        self.drawn_errors = DrawnErrors::default();
+        self.begin_band();
+    }
+
+    /// A new band of rays: bricks that earlier rays used are no longer live.
+    pub fn begin_band(&mut self) {
+        self.cache.begin_pass();
+        self.first_pass = self.cache.pass();
+    }
+
+    /// From now on the bricks of the last frame, and all that come from now on, stay in the cache: what is fetched takes spare
+    /// room only. Or no longer.
+    pub fn keep_last_frame(&mut self, is_kept: bool) {
+        self.kept_since = is_kept.then_some(self.first_pass);
+    }
+
+    /// Another camera looks at the volume. Where levels are chosen by brick, it needs another classifier, too.
+    pub fn set_order(&mut self, order: BrickOrder) {
+        self.order = order;
+    }
+
+    /// The transfer function, the mode or the iso values changed; or the camera, where levels are chosen by brick.
+    pub fn set_classifier(&mut self, classifier: Classifier) {
+        self.classifier = classifier;
+        self.answers += 1;
+        self.classified_pages.clear();
+        self.states.reclassify();
+        // What is in the cache is not asked for again: whether it may be drawn is decided here.
+        self.stand_ins = self.cache.keys().filter(|&key| self.is_too_coarse(key)).map(|key| (key, ())).collect();
+    }
+
+    /// Changes whenever the table of contents may decide something else about bricks.
+    #[must_use]
+    pub fn answers(&self) -> u64 {
+        self.answers
+    }
+
+    /// Whether the table of contents says that the brick must not be drawn while its children can be.
+    #[must_use]
+    pub fn is_too_coarse(&self, key: FieldBrick) -> bool {
+        self.container.entry(key.brick).is_ok_and(|entry| self.class_of(key, &entry) == Class::TooCoarse)
+    }
+
+    /// A new pass begins, with some of what has come since the last one: when that ended it may have been too late to take anything.
+    pub fn begin_pass(&mut self) {
+        self.cache.begin_pass();
+        self.take_arrived();
+    }
+
+    /// What the ray caster may read in this pass: the container's one field.
+    #[must_use]
+    pub fn view(&self, on_missing: OnMissing) -> HostView<'_> {
+        HostView::new(Field::FIRST, &self.container, &self.states, &self.cache, &self.stand_ins, on_missing)
+    }
+
+    /// The bricks that the pass used, and how many it wanted in vain.
+    pub fn note_uses(&mut self, used: &[FieldBrick], missed: u64) {
+        let start = Instant::now();
+        self.cache.note_uses(used, missed);
+        if self.drawn.len() > self.plan.state_limit {
+            self.drawn.clear();
+        }
+        for &key in used {
+            if self.drawn.insert(key, ()).is_none()
+                && let Ok(entry) = self.container.entry(key.brick)
+            {
+                self.count_error(key, &entry);
+            }
+        }
+        self.counters.plan_ms += milliseconds(start.elapsed());
+    }
+
+    fn count_error(&mut self, FieldBrick { brick, .. }: FieldBrick, entry: &BrickEntry) {
+        let has_bound = self.classifier.has_bound(brick, entry, || may_have_holes(&self.container, brick, entry));
+        self.drawn_errors.without_bound += u64::from(!has_bound);
+        let data_error = entry.error * self.container.descriptor().scale.abs();
+        self.drawn_errors.bound = self.drawn_errors.bound.max(data_error);
+    }
+
+    /// Fetches bricks that stay in the cache until the streamer is dropped: the fallback of all others.
+    ///
+    /// # Errors
+    /// As [`Self::fetch`].
+    ///
+    /// # Panics
+    /// As [`Self::fetch`].
+    pub fn fetch_to_keep(&mut self, keys: &[FieldBrick], room: Room) -> Result<Fetched, StreamError> {
+        self.kept.extend(keys.iter().map(|&key| (key, ())));
+        let fetched = self.fetch_for(Purpose::StandIn, keys, room)?;
+        self.kept.retain(|&key, ()| self.cache.get(key).is_some());
+        Ok(fetched)
+    }
+
+    /// Makes as many of the wanted bricks resident as there is room and patience for, front to back; at least one, unless it
+    /// is time to stop before.
+    ///
+    /// Bricks that cannot be read or decoded fail and are answered so; they are no error of the call.
+    ///
+    /// # Errors
+    /// If nothing could be answered, because the bricks that stay leave no room for one more.
+    ///
+    /// # Panics
+    /// If a brick is of a field that the container does not have.
+    pub fn fetch(&mut self, wanted: &[FieldBrick], room: Room) -> Result<Fetched, StreamError> {
+        self.fetch_for(Purpose::Draw, wanted, room)
+    }
+
+    fn fetch_for(&mut self, purpose: Purpose, wanted: &[FieldBrick], room: Room) -> Result<Fetched, StreamError> {
+        if let Some(other) = wanted.iter().find(|key| key.field != Field::FIRST) {
+            panic!("{other} is wanted of a container of one field");
+        }
+        loop {
+            let mut fetched = self.request_for(purpose, wanted, &room)?;
+            self.receive(&room, &mut fetched);
+            // What was on its way for others may have taken all the room; now it is here, and may leave.
+            if fetched.is_progress() || wanted.is_empty() || room.stop.is_due() {
+                return Ok(fetched);
+            }
+        }
+    }
+
+    fn request_for(&mut self, purpose: Purpose, wanted: &[FieldBrick], room: &Room) -> Result<Fetched, StreamError> {
+        let start = Instant::now();
+        let fetched = self.plan_requests(purpose, wanted, room);
+        self.counters.plan_ms += milliseconds(start.elapsed());
+        fetched
+    }
+
+    fn plan_requests(&mut self, purpose: Purpose, wanted: &[FieldBrick], room: &Room) -> Result<Fetched, StreamError> {
+        // A ray that wants a brick although it knows it to be too coarse wants it for a child that has failed.
+        let is_known = |key: &&FieldBrick| self.states.state(**key) == BrickState::TooCoarse;
+        let wanted_to_stand_in: KeyMap<()> = wanted.iter().filter(is_known).map(|&key| (key, ())).collect();
+        if self.states.forget(self.plan.state_limit) > 0 {
+            self.classified_pages.clear();
+            self.stand_ins.retain(|&key, ()| self.states.state(key) != BrickState::Unknown);
+        }
+        let ranked = self.order.ranked(self.container.pyramid(), wanted.iter().copied());
+        self.cancel_all_but(ranked.iter().map(|r| (r.key, ())).collect());
+        let Some(frontier) = ranked.first().map(|r| r.rank) else { return Ok(Fetched::default()) };
+
+        // The table of contents decides what it can; the rest are candidates for the cache.
+        let waits = self.read_entries_ahead(&ranked, &room.stop);
+        let mut fetched = Fetched::default();
+        let mut candidates = Vec::new();
+        let mut loads = KeyMap::default();
+        for &Ranked { rank, key } in ranked.iter().filter(|ranked| !waits.contains_key(&ranked.key)) {
+            let purpose = if wanted_to_stand_in.contains_key(&key) { Purpose::StandIn } else { purpose };
+            match self.look_up(key, purpose, &mut fetched.neighbours) {
+                Lookup::InHost => candidates.push(Candidate { key, rank, bytes: 0 }),
+                Lookup::Answered => fetched.answered.push(key),
+                Lookup::OnItsWay => {}
+                Lookup::Load(load) => {
+                    candidates.push(Candidate { key, rank, bytes: load.bytes });
+                    loads.insert(key, load);
+                }
+            }
+        }
+
+        // Among equals those that are here already come first. Where they or an answer let some ray go on, wanted bricks
+        // stay; otherwise the frontier may push even them out, the farthest first.
+        candidates.sort_by_key(|c| (c.rank, c.bytes > 0, c.key));
+        let is_served = !fetched.answered.is_empty() || candidates.first().is_some_and(|c| c.bytes == 0);
+        let needs_victims = needs_victims(&candidates, self.cache.free_bytes(), self.cache.budget_bytes());
+        let stays = |key| self.wanted.contains_key(&key).then_some(is_served);
+        let victims = if needs_victims { self.victims(frontier, stays) } else { Victims::default() };
+
+        let supply = Supply {
+            unused_bytes: self.cache.free_bytes(),
+            free_bytes: victims.free_bytes(),
+            live_bytes: victims.live_bytes(),
+            reserved_bytes: self.cache.reserved_bytes(),
+            budget_bytes: self.cache.budget_bytes(),
+            bricks: room.bricks,
+        };
+        let admitted = admit(&candidates, frontier, supply);
+        if let (0, [], [first, ..], true) = (admitted, &fetched.answered[..], &candidates[..], self.is_idle()) {
+            let available = supply.unused_bytes + supply.free_bytes + supply.live_bytes;
+            let (budget_bytes, missing_bytes) = (supply.budget_bytes, first.bytes.saturating_sub(available));
+            return Err(StreamError::NoRoom { key: first.key, budget_bytes, missing_bytes });
+        }
+        for Candidate { key, .. } in &candidates[..admitted] {
+            match loads.get(key) {
+                Some(load) => self.due.push_back(*load),
+                None => fetched.bricks.push(*key),
+            }
+        }
+        self.victims = victims;
+        self.queued = loads.into_keys().collect();
+        self.ask_for_due()?;
+        Ok(fetched)
+    }
+
+    /// Reads what the table of contents says of bricks of which nothing is known yet, front to back. What cannot be read fails its
+    /// bricks, one by one, when they are looked up. Returns the bricks of which nothing could be read in time: they wait.
+    fn read_entries_ahead(&mut self, ranked: &[Ranked], stop: &Stop) -> KeyMap<()> {
+        let (container, states) = (&self.container, &self.states);
+        let unknown = || ranked.iter().map(|r| r.key).filter(|&key| states.state(key) == BrickState::Unknown);
+        let bricks = || unknown().map(|key| key.brick);
+        let read = |_: &mut StreamCounters| container.read_entries_ahead(bricks(), || !stop.is_due());
+        io::patiently(&mut self.counters, stop, read).ok();
+        if !stop.is_due() {
+            return KeyMap::default();
+        }
+        unknown().filter(|&key| !container.has_entry(key.brick)).map(|key| (key, ())).collect()
+    }
+
+    /// What to do for a wanted brick; afterwards its state is decided, or it is queued.
+    fn look_up(&mut self, key: FieldBrick, purpose: Purpose, neighbours: &mut Vec<FieldBrick>) -> Lookup {
+        let state = self.states.state(key);
+        match state {
+            BrickState::InHost => return Lookup::InHost,
+            BrickState::Nothing(_) | BrickState::Uniform(_) | BrickState::Failed { .. } => return Lookup::Answered,
+            BrickState::TooCoarse if purpose == Purpose::Draw => return Lookup::Answered,
+            BrickState::Unknown | BrickState::TooCoarse | BrickState::Evicted | BrickState::Queued => {}
+            BrickState::Reading => return Lookup::OnItsWay,
+            BrickState::Decoding => unreachable!("{key} is left in state {state:?} between two ticks"),
+        }
+        let is_queued = state == BrickState::Queued;
+        let entry = match self.container.entry(key.brick) {
+            Ok(entry) => entry,
+            Err(error) => {
+                if is_queued {
+                    self.states.cancel(key);
+                }
+                self.fail(key, error.to_string());
+                return Lookup::Answered;
+            }
+        };
+        match self.class_for(key, &entry, purpose) {
+            Class::Load => {
+                if !is_queued {
+                    self.states.queue(key);
+                }
+                Lookup::Load(Load { key, entry, bytes: self.bytes_of(key) })
+            }
+            class => {
+                if is_queued {
+                    self.states.cancel(key);
+                }
+                self.enter_class(key, class);
+                self.classify_neighbours(key, neighbours);
+                Lookup::Answered
+            }
+        }
+    }
+
+    /// What must be done for a wanted brick.
+    fn class_for(&mut self, key: FieldBrick, entry: &BrickEntry, purpose: Purpose) -> Class {
+        let class = if self.stand_ins.contains_key(&key) { Class::TooCoarse } else { self.class_of(key, entry) };
+        // Rays do not ask for what stands in already, but for a child.
+        if class == Class::TooCoarse && (purpose == Purpose::StandIn || self.stand_ins.contains_key(&key)) {
+            self.stand_ins.insert(key, ());
+            return self.classifier.classify_drawn(entry);
+        }
+        class
+    }
+
+    pub(crate) fn class_of(&self, FieldBrick { brick, .. }: FieldBrick, entry: &BrickEntry) -> Class {
+        self.classifier.classify(brick, entry, || may_have_holes(&self.container, brick, entry))
+    }
+
+    fn enter_class(&mut self, key: FieldBrick, class: Class) {
+        match class {
+            Class::Nothing(why) => self.states.nothing(key, why),
+            Class::Uniform(value) => self.states.uniform(key, value),
+            Class::TooCoarse => self.states.too_coarse(key),
+            Class::Load => {}
+        }
+    }
+
+    /// Decides all other bricks of the same TOC page that need no reading: the page is in memory, and rays that cross
+    /// empty space need not stop at each of its bricks.
+    fn classify_neighbours(&mut self, key: FieldBrick, neighbours: &mut Vec<FieldBrick>) {
+        let per_page = ENTRIES_PER_PAGE as u64;
+        let page = self.container.pyramid().entry(key.brick) / per_page;
+        if self.states.len() + ENTRIES_PER_PAGE > self.plan.state_limit || !self.classified_pages.insert(page) {
+            return;
+        }
+        for number in page * per_page..(page + 1) * per_page {
+            let Some(brick) = self.container.pyramid().key(number) else { break };
+            let neighbour = key.field.brick(brick);
+            // An entry that cannot be read fails when a ray wants it.
+            if self.is_answered_by_entry(neighbour) {
+                neighbours.push(neighbour);
+            }
+        }
+    }
+
+    /// Decides a brick of which nothing is known, if its entry is enough for that: whether it is.
+    fn is_answered_by_entry(&mut self, key: FieldBrick) -> bool {
+        let (BrickState::Unknown, Ok(entry)) = (self.states.state(key), self.container.entry(key.brick)) else {
+            return false;
+        };
+        let class = self.class_of(key, &entry);
+        self.enter_class(key, class);
+        class != Class::Load
+    }
+
+    /// Decides what bricks are, as far as their entries are enough for that and are in memory: which of them are decided by it. What was
+    /// answered under another look or camera is answered anew before rays ask.
+    pub fn answer_again(&mut self, keys: impl IntoIterator<Item = FieldBrick>) -> Vec<FieldBrick> {
+        let mut answered = Vec::new();
+        for key in keys {
+            let has_room = self.states.len() < self.plan.state_limit;
+            if has_room && self.container.has_entry(key.brick) && self.is_answered_by_entry(key) {
+                answered.push(key);
+            }
+        }
+        answered
+    }
+
+    /// Who may leave the cache. `stays` answers for wanted bricks whether they must stay, and nothing for all others.
+    fn victims(&self, frontier: Rank, stays: impl Fn(FieldBrick) -> Option<bool>) -> Victims {
+        let pyramid = self.container.pyramid();
+        self.cache.victims(|key, last_used| {
+            let rank = self.order.rank(pyramid, key.brick);
+            match stays(key) {
+                _ if self.kept.contains_key(&key) => Standing::Kept,
+                _ if self.kept_since.is_some_and(|pass| last_used >= pass) => Standing::Kept,
+                Some(true) => Standing::Kept,
+                Some(false) => Standing::Live(rank),
+                None if last_used < self.first_pass || rank < frontier => Standing::Free,
+                None => Standing::Live(rank),
+            }
+        })
+    }
+
+    /// Bytes that a brick takes in the cache.
+    fn bytes_of(&self, key: FieldBrick) -> u64 {
+        let shape = self.container.shape(key.brick);
+        let cells: usize = self.container.pyramid().macro_cells(key.brick).iter().product();
+        decoded_bytes(shape.voxel_type, shape.voxels() as u64, cells as u64)
+    }
+
+    pub(crate) fn fail(&mut self, key: FieldBrick, reason: String) {
+        let earlier = self.attempts.remove(&key).unwrap_or(0);
+        self.states.fail(key, earlier, reason);
+    }
+
+    /// States of all bricks.
+    #[must_use]
+    pub fn states(&self) -> &StateTable {
+        &self.states
+    }
+
+    /// The host cache.
+    #[must_use]
+    pub fn cache(&self) -> &HostCache<DecodedBrick> {
+        &self.cache
+    }
+
+    /// What streaming did and cost since the streamer was made.
+    #[must_use]
+    pub fn counters(&self) -> StreamCounters {
+        let mut sum = self.counters;
+        sum.add(self.cache.counters());
+        sum.add(self.states.counters());
+        sum
+    }
+
+    /// Bytes of a level's records that were read since the streamer was made.
+    #[must_use]
+    pub fn record_bytes(&self, lod: Lod) -> u64 {
+        self.record_bytes[lod.0 as usize]
+    }
+
+    /// What rays drew of the bricks' errors in this frame.
+    #[must_use]
+    pub fn drawn_errors(&self) -> DrawnErrors {
+        self.drawn_errors
+    }
+
+    /// The container that is streamed from.
+    #[must_use]
+    pub fn container(&self) -> &Arc<Container> {
+        &self.container
+    }
+}
+
+/// What is to be done for a wanted brick.
+enum Lookup {
+    InHost,
+    Answered,
+    OnItsWay,
+    Load(Load),
+}

@@ -1,0 +1,96 @@
+//! What a ray caster sees of bricks: those in the host cache, and what is known of all others.
+
+use supervol_format::{BrickKey, Container};
+
+use super::classify::may_have_holes;
+use super::state::{BrickState, StateTable};
+use crate::stream::cache::KeyMap;
+use crate::stream::cache::host::HostCache;
+use crate::stream::field::Field;
+use crate::stream::residency::{BrickView, DecodedBrick, KnownEntry, Resident};
+
+/// What a ray caster is told about bricks that are not resident.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum OnMissing {
+    /// Rays wait for them.
+    #[default]
+    Wait,
+    /// Their nearest resident ancestor stands in: the picture is completed now.
+    UseParent,
+}
+
+/// The bricks of one field that are in the host cache, and what is known of all its others.
+#[derive(Debug, Clone, Copy)]
+pub struct HostView<'a> {
+    field: Field,
+    container: &'a Container,
+    states: &'a StateTable,
+    cache: &'a HostCache<DecodedBrick>,
+    stand_ins: &'a KeyMap<()>,
+    on_missing: OnMissing,
+}
+
+impl<'a> HostView<'a> {
+    /// A view of the field's bricks among these, of which `stand_ins` are too coarse for the rays that want them.
+    pub(super) fn new(
+        field: Field,
+        container: &'a Container,
+        states: &'a StateTable,
+        cache: &'a HostCache<DecodedBrick>,
+        stand_ins: &'a KeyMap<()>,
+        on_missing: OnMissing,
+    ) -> Self {
+        Self { field, container, states, cache, stand_ins, on_missing }
+    }
+
+    /// The field whose bricks these are.
+    #[must_use]
+    pub fn field(&self) -> Field {
+        self.field
+    }
+
+    /// What rays are told about bricks that are not resident.
+    #[must_use]
+    pub fn on_missing(&self) -> OnMissing {
+        self.on_missing
+    }
+
+    /// What is drawn of a brick that is in this state and not in the cache.
+    #[inline]
+    fn answer(&self, state: BrickState) -> Resident<'_> {
+        match (state, self.on_missing) {
+            (BrickState::Nothing(_), _) => Resident::Nothing,
+            (BrickState::Uniform(value), _) => Resident::Uniform(value),
+            (BrickState::Failed { .. }, _) | (_, OnMissing::UseParent) => Resident::UseParent,
+            (_, OnMissing::Wait) => Resident::Missing,
+        }
+    }
+}
+
+impl BrickView for HostView<'_> {
+    #[inline]
+    fn lookup(&self, brick: BrickKey) -> Resident<'_> {
+        let key = self.field.brick(brick);
+        if !self.stand_ins.is_empty() && self.stand_ins.contains_key(&key) {
+            return Resident::TooCoarse;
+        }
+        if let Some(brick) = self.cache.get(key) {
+            return Resident::Brick(brick);
+        }
+        match self.states.state(key) {
+            BrickState::TooCoarse => Resident::TooCoarse,
+            state => self.answer(state),
+        }
+    }
+
+    #[inline]
+    fn stand_in(&self, brick: BrickKey) -> Resident<'_> {
+        let key = self.field.brick(brick);
+        self.cache.get(key).map_or_else(|| self.answer(self.states.state(key)), Resident::Brick)
+    }
+
+    fn entry(&self, key: BrickKey) -> Option<KnownEntry> {
+        let entry = self.container.entry(key).ok()?;
+        Some(KnownEntry { entry, may_have_holes: may_have_holes(self.container, key, &entry) })
+    }
+}

@@ -1,0 +1,281 @@
+//! Kinds of data, recognised by what the file says (format, space, name, unit) and holds (histogram, percentiles).
+//!
+//! The kind decides the default picture and nothing else. Rules are tried from the surest to the vaguest; the first that
+//! holds wins and says why. Limits are in the units that their field uses, or shares of the range of values.
+
+use std::str::FromStr;
+
+use supervol_format::container::manifest::Manifest;
+use supervol_format::readable::Number;
+use supervol_format::space::WorldSpace;
+use supervol_format::{Container, ValueRange, VoxelType};
+
+use super::histogram::Histogram;
+
+/// What kind of data a volume holds: decides the default picture only.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum DataKind {
+    /// Seismic amplitudes: signed, zero means nothing, z points down.
+    Seismic,
+    /// A one-signed quantity of a survey: velocity, impedance, coherence.
+    SeismicAttribute,
+    /// Computed tomography in Hounsfield units.
+    Ct,
+    /// Computed tomography in Hounsfield units with 1024 added.
+    CtOffset,
+    /// Magnetic resonance, and other images of patients.
+    Mri,
+    /// Few bright voxels in the dark: fluorescence, angiography.
+    Fluorescence,
+    /// Dense grey all over: electron microscopy.
+    ElectronMicroscopy,
+    /// Solid matter in air: micro-CT of rock, plants, materials.
+    MicroCt,
+    /// Numbers that name things.
+    Labels,
+    /// Two values: in and out.
+    Mask,
+    /// One value.
+    Constant,
+    /// No present voxel.
+    Empty,
+    /// Anything else.
+    #[default]
+    Generic,
+}
+
+impl DataKind {
+    /// All kinds.
+    pub const ALL: [Self; 13] = [
+        Self::Seismic,
+        Self::SeismicAttribute,
+        Self::Ct,
+        Self::CtOffset,
+        Self::Mri,
+        Self::Fluorescence,
+        Self::ElectronMicroscopy,
+        Self::MicroCt,
+        Self::Labels,
+        Self::Mask,
+        Self::Constant,
+        Self::Empty,
+        Self::Generic,
+    ];
+
+    /// The kind's name, which is its preset's name too.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Seismic => "seismic",
+            Self::SeismicAttribute => "attribute",
+            Self::Ct => "ct",
+            Self::CtOffset => "ct-offset",
+            Self::Mri => "mri",
+            Self::Fluorescence => "fluorescence",
+            Self::ElectronMicroscopy => "em",
+            Self::MicroCt => "micro-ct",
+            Self::Labels => "labels",
+            Self::Mask => "mask",
+            Self::Constant => "constant",
+            Self::Empty => "empty",
+            Self::Generic => "generic",
+        }
+    }
+
+    /// Whether z is depth or time below a survey.
+    #[must_use]
+    pub fn is_seismic(self) -> bool {
+        matches!(self, Self::Seismic | Self::SeismicAttribute)
+    }
+}
+
+impl FromStr for DataKind {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
+            let names: Vec<&str> = Self::ALL.iter().map(|kind| kind.name()).collect();
+            format!("'{name}': expected one of {}", names.join(", "))
+        })
+    }
+}
+
+/// A kind, and what it was recognised by.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recognised {
+    /// The kind.
+    pub kind: DataKind,
+    /// Why, as the end of a sentence.
+    pub because: String,
+}
+
+/// Most different numbers of labels, and the greatest of them.
+const LABELS: usize = 40;
+const LABEL_LIMIT: f64 = 255.0;
+/// Least voxels of each label on average: fewer are noise.
+const VOXELS_PER_LABEL: u64 = 64;
+/// Hounsfield units: where air lies, and how far values may reach.
+const AIR: [f64; 2] = [-1100.0, -850.0];
+const HOUNSFIELD: [f64; 2] = [-3100.0, 32_767.0];
+/// Fat, water and muscle in Hounsfield units with 1024 added, and the gap between these and lungs.
+const SOFT_WITH_OFFSET: [f64; 2] = [880.0, 1120.0];
+const GAP_WITH_OFFSET: [f64; 2] = [350.0, 800.0];
+
+/// Amplitudes reach about as far below zero as above: the shorter side at least this share of the longer one.
+const SYMMETRY: f64 = 0.3;
+
+/// What the data of a container are, and why.
+#[must_use]
+pub fn recognise(container: &Container) -> Recognised {
+    let descriptor = container.descriptor();
+    let whole = descriptor.scale == 1.0 && descriptor.offset.fract() == 0.0;
+    let integral = whole && !matches!(descriptor.voxel_type, VoxelType::F32 | VoxelType::F64);
+    Evidence::new(container.manifest(), integral).recognise()
+}
+
+/// What is known of a volume.
+struct Evidence<'a> {
+    manifest: &'a Manifest,
+    range: ValueRange,
+    histogram: Histogram<'a>,
+    /// Whether all values are whole numbers.
+    integral: bool,
+}
+
+impl<'a> Evidence<'a> {
+    fn new(manifest: &'a Manifest, integral: bool) -> Self {
+        let range = manifest.value_range.unwrap_or(ValueRange { min: 0.0, max: 0.0 });
+        Self { manifest, range, histogram: Histogram::new(&manifest.histogram, range), integral }
+    }
+
+    fn recognise(&self) -> Recognised {
+        let rules = [Self::degenerate, Self::seismic, Self::few_values, Self::tomography, Self::patient, Self::image];
+        let found = rules.iter().find_map(|rule| rule(self));
+        let (kind, because) =
+            found.unwrap_or((DataKind::Generic, "nothing says what it is, and its values do not either".into()));
+        Recognised { kind, because }
+    }
+
+    fn percentile(&self, percent: f64) -> f64 {
+        self.manifest.percentile(percent).unwrap_or(self.range.min)
+    }
+
+    /// A word of the file's name, set off by anything but letters and digits.
+    fn name_says(&self, words: &[&str]) -> bool {
+        let name = self.manifest.source.name.to_lowercase();
+        name.split(|c: char| !c.is_alphanumeric()).any(|part| words.contains(&part))
+    }
+
+    fn degenerate(&self) -> Option<(DataKind, String)> {
+        if self.manifest.value_range.is_none() {
+            return Some((DataKind::Empty, "no voxel is present".into()));
+        }
+        (self.range.width() <= 0.0).then(|| (DataKind::Constant, format!("every voxel is {}", Number(self.range.min))))
+    }
+
+    fn seismic(&self) -> Option<(DataKind, String)> {
+        let source = &self.manifest.source;
+        let computed = source.format == "synth" && source.name.starts_with("seismic");
+        if source.format != "segy" && !computed {
+            return None;
+        }
+        let (low, high) = (self.percentile(1.0), self.percentile(99.0));
+        let what = if computed { "a synthetic survey" } else { "a SEG-Y file" };
+        let smaller = low.abs().min(high.abs());
+        if low < 0.0 && high > 0.0 && smaller >= SYMMETRY * low.abs().max(high.abs()) {
+            return Some((DataKind::Seismic, format!("{what} with values about as far below zero as above")));
+        }
+        let centre = 0.5 * self.range.min + 0.5 * self.range.max;
+        let median_in_the_middle = (self.percentile(50.0) - centre).abs() <= 0.05 * self.range.width();
+        if self.integral && self.range.min >= 0.0 && self.range.max <= 65_535.0 && median_in_the_middle {
+            return Some((DataKind::Seismic, format!("{what} with whole numbers around {centre}, taken for zero")));
+        }
+        Some((DataKind::SeismicAttribute, format!("{what} with values of one sign, or nearly")))
+    }
+
+    fn few_values(&self) -> Option<(DataKind, String)> {
+        let mut known: Vec<f64> = self.manifest.percentiles.iter().map(|p| p[1]).collect();
+        known.dedup();
+        let used = self.histogram.bins_used();
+        if used == 2 && known.iter().all(|v| *v == self.range.min || *v == self.range.max) {
+            let because = format!("every voxel is {} or {}", Number(self.range.min), Number(self.range.max));
+            return Some((DataKind::Mask, because));
+        }
+        // Bins narrower than 1 hold one whole number each.
+        let labels = self.integral
+            && self.range.min >= 0.0
+            && self.range.max <= LABEL_LIMIT
+            && (2..=LABELS).contains(&used)
+            && self.manifest.present_voxels >= VOXELS_PER_LABEL * used as u64;
+        labels.then(|| (DataKind::Labels, format!("{used} different whole numbers from {} on", self.range.min)))
+    }
+
+    fn tomography(&self) -> Option<(DataKind, String)> {
+        let Self { range, histogram, .. } = self;
+        let says_ct = self.manifest.unit == "HU";
+        let reaches = range.min <= -500.0 && range.min >= HOUNSFIELD[0] && (400.0..=HOUNSFIELD[1]).contains(&range.max);
+        let air = histogram.share_between(AIR[0], AIR[1]);
+        if says_ct || reaches && air >= 0.005 {
+            let because =
+                format!("values from {range}, {:.0} % of them near -1000 like air in Hounsfield units", 100.0 * air);
+            return Some((DataKind::Ct, because));
+        }
+        let soft = histogram.share_between(SOFT_WITH_OFFSET[0], SOFT_WITH_OFFSET[1]);
+        let gap = histogram.share_between(GAP_WITH_OFFSET[0], GAP_WITH_OFFSET[1]);
+        let with_offset = self.integral && range.min >= 0.0 && (1400.0..=8191.0).contains(&range.max);
+        (with_offset && soft >= 0.08 && gap < soft / 2.0).then(|| {
+            let because = format!(
+                "whole numbers from {range}, {:.0} % of them near 1024 like soft tissue in Hounsfield units with 1024 added",
+                100.0 * soft
+            );
+            (DataKind::CtOffset, because)
+        })
+    }
+
+    fn patient(&self) -> Option<(DataKind, String)> {
+        if WorldSpace::from_name(&self.manifest.space) == WorldSpace::Unknown {
+            return None;
+        }
+        if self.name_says(&["ct", "cbct"]) && self.range.min >= 0.0 {
+            return Some((DataKind::Ct, "its name says ct, though its values are no Hounsfield units".into()));
+        }
+        let because = || "the image of a patient, by its space, and no computed tomography".into();
+        (self.percentile(1.0) >= 0.0).then(|| (DataKind::Mri, because()))
+    }
+
+    fn image(&self) -> Option<(DataKind, String)> {
+        let Self { range, histogram, .. } = self;
+        if self.percentile(0.1) < 0.0 {
+            return None;
+        }
+        let at = |percent: f64| (self.percentile(percent) - range.min) / range.width();
+        if at(50.0) <= 0.1 && at(99.0) <= 0.35 {
+            let because = format!("99 % of the voxels are darker than {:.0} % of the greatest value", 100.0 * at(99.0));
+            return Some((DataKind::Fluorescence, because));
+        }
+        if !self.integral {
+            return None;
+        }
+        if histogram.fullest() <= 0.10 && (0.2..=0.8).contains(&at(50.0)) && at(75.0) - at(25.0) <= 0.6 {
+            let because = "whole numbers, grey throughout, and no value for background".into();
+            return Some((DataKind::ElectronMicroscopy, because));
+        }
+        let is_dark = at(50.0) <= 0.15 || histogram.fullest() >= 0.3;
+        let found = if self.is_one_of_several_channels() {
+            (DataKind::Fluorescence, "one of several channels, with something bright in the dark".into())
+        } else {
+            (DataKind::MicroCt, "whole numbers, most of them dark background around something denser".into())
+        };
+        is_dark.then_some(found)
+    }
+
+    /// Whether the file holds channels beside the one that was read: microscopes do, scanners of solid matter do not. Readers say so in
+    /// a note where nobody has chosen one, else the choice is part of the name.
+    fn is_one_of_several_channels(&self) -> bool {
+        let is_noted = |note: &String| note.contains(" channels") && note.contains("--channel");
+        self.manifest.source.name.contains(" --channel ") || self.manifest.notes.iter().any(is_noted)
+    }
+}
+
+#[cfg(test)]
+mod tests;

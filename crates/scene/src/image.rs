@@ -1,0 +1,521 @@
+//! Images: premultiplied RGBA before the background, and the files they are written to (RENDERING-MODEL, section 10).
+//!
+//! Row 0 is on top, x runs fastest. A file is written under a temporary name beside its own and then renamed, so that
+//! a file with the image's name is always whole.
+
+use std::io::{BufWriter, Seek, Write};
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+
+/// Grey levels of full scale: those of an 8-bit channel.
+pub const GREY_LEVELS: f64 = 255.0;
+
+/// The greatest of some sizes, signs dropped; 0 of none. What is no number counts as infinite: `f64::max` would drop it,
+/// and every bound would hold for a picture full of NaN.
+#[must_use]
+pub fn greatest(sizes: impl IntoIterator<Item = f64>) -> f64 {
+    sizes.into_iter().map(|v| if v.is_nan() { f64::INFINITY } else { v.abs() }).fold(0.0, f64::max)
+}
+
+/// A picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Image {
+    /// Pixels along x.
+    pub width: u32,
+    /// Pixels along y.
+    pub height: u32,
+    /// Premultiplied red, green, blue, and alpha, before the background is added; row by row from the top.
+    pub pixels: Vec<[f32; 4]>,
+}
+
+/// File formats an image can be written in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ImageFormat {
+    /// 8 bit RGB, background added.
+    Png,
+    /// OpenEXR, 32-bit float, premultiplied RGBA without the background.
+    Exr,
+    /// NumPy array, float32, shape (height, width, 4), premultiplied RGBA without the background.
+    Npy,
+}
+
+/// Why an image was not written.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum ImageError {
+    #[error("{path}: expected a name that ends in .png, .exr or .npy")]
+    Format { path: PathBuf },
+    #[error("{path}: {source}")]
+    Io { path: PathBuf, source: std::io::Error },
+    #[error("{path}: the picture cannot be encoded: {message}")]
+    Encode { path: PathBuf, message: String },
+}
+
+impl ImageFormat {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Png, Self::Exr, Self::Npy];
+
+    /// How names of such files end.
+    #[must_use]
+    pub fn ending(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Exr => "exr",
+            Self::Npy => "npy",
+        }
+    }
+
+    /// The format that a file name asks for.
+    ///
+    /// # Errors
+    /// If the name ends in none of the known extensions.
+    pub fn from_path(path: &Path) -> Result<Self, ImageError> {
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        let format = Self::ALL.into_iter().find(|format| format.ending() == extension);
+        format.ok_or_else(|| ImageError::Format { path: path.into() })
+    }
+}
+
+impl Image {
+    /// Mean of each `factor` x `factor` block of pixels.
+    ///
+    /// # Panics
+    /// If the image is not a whole number of blocks.
+    #[must_use]
+    pub fn downsampled(self, factor: u32) -> Self {
+        if factor == 1 {
+            return self;
+        }
+        assert!(
+            factor > 0 && self.width.is_multiple_of(factor) && self.height.is_multiple_of(factor),
+            "{} x {} pixels are no whole number of blocks of {factor}",
+            self.width,
+            self.height
+        );
+        let (width, height) = (self.width / factor, self.height / factor);
+        let mut pixels = Vec::with_capacity(width as usize * height as usize);
+        for y in 0..height {
+            for x in 0..width {
+                let mut sum = [0.0f64; 4];
+                for row in 0..factor {
+                    let first = ((y * factor + row) as usize) * self.width as usize + (x * factor) as usize;
+                    for pixel in &self.pixels[first..first + factor as usize] {
+                        (0..4).for_each(|c| sum[c] += f64::from(pixel[c]));
+                    }
+                }
+                pixels.push(sum.map(|s| (s / f64::from(factor * factor)) as f32));
+            }
+        }
+        Self { width, height, pixels }
+    }
+
+    /// A picture of this size of which nothing is known: NaN throughout.
+    #[must_use]
+    pub fn unknown([width, height]: [u32; 2]) -> Self {
+        Self { width, height, pixels: vec![[f32::NAN; 4]; width as usize * height as usize] }
+    }
+
+    /// The picture with pixels `factor` times as large, the first where the first of this one are, brought to
+    /// `size` pixels: what lies between the middles of its pixels is interpolated, so that no blocks show.
+    #[must_use]
+    pub fn enlarged(self, factor: u32, size: [u32; 2]) -> Self {
+        if factor == 1 && [self.width, self.height] == size {
+            return self;
+        }
+        self.enlarged_over(Vec::new(), factor, size)
+    }
+
+    /// The same, written over pixels that nobody looks at any more, whatever their number.
+    #[must_use]
+    pub fn enlarged_over(&self, mut pixels: Vec<[f32; 4]>, factor: u32, size: [u32; 2]) -> Self {
+        let [width, height] = size;
+        let count = width as usize * height as usize;
+        if pixels.len() != count {
+            pixels = vec![[0.0; 4]; count];
+        }
+        let mut large = Self { width, height, pixels };
+        large.fill_from(self, factor, |_| true);
+        large
+    }
+
+    /// Pixels that are NaN become those of `small`, whose pixels are `factor` times as large, enlarged.
+    pub fn fill_unknown(&mut self, small: &Self, factor: u32) {
+        self.fill_from(small, factor, |pixel| pixel[0].is_nan());
+    }
+
+    /// The same of pixels that are to be filled.
+    fn fill_from(&mut self, small: &Self, factor: u32, is_filled: impl Fn(&[f32; 4]) -> bool + Sync) {
+        let columns: Vec<Beside> = (0..self.width).map(|x| Beside::new(x, factor, small.width)).collect();
+        let bands = self.pixels.par_chunks_mut(self.width as usize * LINES_TOGETHER).enumerate();
+        bands.for_each(|(number, band)| {
+            fill_lines(band, number * LINES_TOGETHER, (small, factor), &columns, &is_filled);
+        });
+    }
+
+    /// Writes the pixels of a band that are numbers over those from row `first_row` on; how many there were.
+    ///
+    /// # Panics
+    /// If the band is not as wide as the picture, or stands over it.
+    pub fn write_over(&mut self, first_row: u32, band: &Self) -> u64 {
+        assert_eq!(self.width, band.width, "pixels along x");
+        let first = first_row as usize * self.width as usize;
+        let mut written = 0;
+        for (pixel, new) in self.pixels[first..first + band.pixels.len()].iter_mut().zip(&band.pixels) {
+            if !new[0].is_nan() {
+                *pixel = *new;
+                written += 1;
+            }
+        }
+        written
+    }
+
+    /// Whether every channel of every pixel is a finite number.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.pixels.as_flattened().iter().all(|v| v.is_finite())
+    }
+
+    /// Greatest difference of a channel, grey levels of 255; infinite where either picture holds what is not finite.
+    ///
+    /// # Panics
+    /// If the pictures differ in size.
+    #[must_use]
+    pub fn distance(&self, other: &Self) -> f64 {
+        self.distance_where(other, |_| true)
+    }
+
+    /// As [`Image::distance`], over the pixels (by index) that `is_judged` keeps; what is not finite counts everywhere.
+    ///
+    /// # Panics
+    /// If the pictures differ in size.
+    #[must_use]
+    pub fn distance_where(&self, other: &Self, is_judged: impl Fn(usize) -> bool) -> f64 {
+        assert_eq!((self.width, self.height), (other.width, other.height), "sizes of two pictures to compare");
+        if !self.is_finite() || !other.is_finite() {
+            return f64::INFINITY;
+        }
+        let judged = self.pixels.iter().zip(&other.pixels).enumerate().filter(|&(i, _)| is_judged(i));
+        greatest(judged.flat_map(|(_, (p, q))| [0, 1, 2, 3].map(|c| GREY_LEVELS * f64::from((p[c] - q[c]).abs()))))
+    }
+
+    /// 8-bit RGB over a background: `round(255 * clamp(C + (1 - A) * background, 0, 1))`.
+    #[must_use]
+    pub fn to_rgb8(&self, background: [f64; 3]) -> Vec<u8> {
+        rgb8(&self.pixels, background)
+    }
+
+    /// Writes the image; the format is that of the file's name. An existing file is replaced.
+    ///
+    /// # Errors
+    /// If the name has no known extension, or the file cannot be written; no partial file stays behind.
+    pub fn write(&self, path: &Path, background: [f64; 3]) -> Result<(), ImageError> {
+        let format = ImageFormat::from_path(path)?;
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let write = || {
+            let mut builder = tempfile::Builder::new();
+            // As any new file: what the process's mask leaves.
+            #[cfg(unix)]
+            builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+            // Not the name of what commands have not finished: nobody locks this one, so that it would pass for a leftover.
+            let mut file = builder.prefix(".supervol-").suffix(".picture").tempfile_in(folder)?;
+            self.encode(format, background, file.as_file_mut())?;
+            file.as_file().sync_all()?;
+            file.persist(path).map_err(|e| e.error)?;
+            Ok(())
+        };
+        write().map_err(|failure| match failure {
+            EncodeError::Io(source) => ImageError::Io { path: path.into(), source },
+            EncodeError::Encode(message) => ImageError::Encode { path: path.into(), message },
+        })
+    }
+
+    /// The bytes of an image file, to whatever takes them.
+    ///
+    /// # Errors
+    /// If the bytes are not taken, or the format cannot hold the picture.
+    pub fn encode(
+        &self,
+        format: ImageFormat,
+        background: [f64; 3],
+        out: &mut (impl Write + Seek),
+    ) -> Result<(), EncodeError> {
+        let mut out = BufWriter::new(out);
+        match format {
+            ImageFormat::Png => self.encode_png(&mut out, background)?,
+            ImageFormat::Exr => self.encode_exr(&mut out)?,
+            ImageFormat::Npy => self.encode_npy(&mut out)?,
+        }
+        Ok(out.flush()?)
+    }
+
+    fn encode_png(&self, out: &mut impl Write, background: [f64; 3]) -> Result<(), EncodeError> {
+        let mut encoder = png::Encoder::new(out, self.width, self.height);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_compression(png::Compression::Fast);
+        encoder.set_depth(png::BitDepth::Eight);
+        let mut writer = encoder.write_header()?;
+        // Row by row: a second picture of 3 bytes a pixel would be memory that nobody has counted.
+        let mut rows = writer.stream_writer()?;
+        for row in self.pixels.chunks_exact(self.width as usize) {
+            rows.write_all(&rgb8(row, background))?;
+        }
+        Ok(rows.finish()?)
+    }
+
+    fn encode_exr(&self, out: &mut (impl Write + Seek)) -> Result<(), EncodeError> {
+        use exr::prelude::{SpecificChannels, Vec2, WritableImage};
+        let (width, height) = (self.width as usize, self.height as usize);
+        let channels = SpecificChannels::rgba(|Vec2(x, y)| {
+            let [r, g, b, a] = self.pixels[y * width + x];
+            (r, g, b, a)
+        });
+        exr::prelude::Image::from_channels((width, height), channels).write().to_buffered(out).map_err(|error| {
+            match error {
+                exr::error::Error::Io(source) => EncodeError::Io(source),
+                other => EncodeError::Encode(other.to_string()),
+            }
+        })
+    }
+
+    /// NumPy format 1.0: magic, version, header length (u16), header padded so that the data begin at a multiple of 64.
+    fn encode_npy(&self, out: &mut impl Write) -> Result<(), EncodeError> {
+        const PREFIX: usize = 10;
+        let mut header =
+            format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}, 4), }}", self.height, self.width);
+        while !(PREFIX + header.len() + 1).is_multiple_of(64) {
+            header.push(' ');
+        }
+        header.push('\n');
+        out.write_all(b"\x93NUMPY\x01\x00")?;
+        out.write_all(&(header.len() as u16).to_le_bytes())?;
+        out.write_all(header.as_bytes())?;
+        for value in self.pixels.iter().flatten() {
+            out.write_all(&value.to_le_bytes())?;
+        }
+        Ok(())
+    }
+}
+
+fn rgb8(pixels: &[[f32; 4]], background: [f64; 3]) -> Vec<u8> {
+    let over = |p: &[f32; 4], c: usize| f64::from(p[c]) + (1.0 - f64::from(p[3])) * background[c];
+    pixels.iter().flat_map(|p| [0, 1, 2].map(|c| (255.0 * over(p, c).clamp(0.0, 1.0)).round() as u8)).collect()
+}
+
+/// Why an image was not encoded.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say it")]
+pub enum EncodeError {
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+    #[error("the picture cannot be encoded: {0}")]
+    Encode(String),
+}
+
+impl From<png::EncodingError> for EncodeError {
+    fn from(error: png::EncodingError) -> Self {
+        match error {
+            png::EncodingError::IoError(source) => Self::Io(source),
+            other => Self::Encode(other.to_string()),
+        }
+    }
+}
+
+/// Lines that one thread fills.
+const LINES_TOGETHER: usize = 64;
+
+/// Fills pixels of whole lines, numbered from `first`, from a picture whose pixels are `factor` times as large; `columns`: what they lie
+/// between.
+fn fill_lines(
+    lines: &mut [[f32; 4]],
+    first: usize,
+    (small, factor): (&Image, u32),
+    columns: &[Beside],
+    is_filled: &impl Fn(&[f32; 4]) -> bool,
+) {
+    // Rows of `small` above and below a line, as wide as the lines: the next lines lie between the same ones.
+    let mut wide = [(usize::MAX, Vec::new()), (usize::MAX, Vec::new())];
+    for (y, line) in (first..).zip(lines.chunks_exact_mut(columns.len())) {
+        if !line.iter().any(is_filled) {
+            continue;
+        }
+        let Beside { first, second, weight } = Beside::new(y as u32, factor, small.height);
+        if wide[0].0 != first {
+            wide.swap(0, 1);
+        }
+        for (number, (held, row)) in [first, second].into_iter().zip(&mut wide) {
+            if *held != number {
+                *held = number;
+                row.clear();
+                let pixels = &small.pixels[number * small.width as usize..][..small.width as usize];
+                row.extend(columns.iter().map(|at| mixed(&pixels[at.first], &pixels[at.second], at.weight)));
+            }
+        }
+        for ((pixel, above), below) in line.iter_mut().zip(&wide[0].1).zip(&wide[1].1) {
+            if is_filled(pixel) {
+                *pixel = mixed(above, below, weight);
+            }
+        }
+    }
+}
+
+/// The two pixels of a row or column beside a place, and the weight of the second; clamped at the ends.
+struct Beside {
+    first: usize,
+    second: usize,
+    weight: f32,
+}
+
+impl Beside {
+    /// Beside the middle of pixel `i`, of `count` pixels that are `factor` times as large.
+    fn new(i: u32, factor: u32, count: u32) -> Self {
+        let place = ((f64::from(i) + 0.5) / f64::from(factor) - 0.5).clamp(0.0, f64::from(count - 1));
+        let first = place as u32;
+        let second = (first + 1).min(count - 1);
+        Self { first: first as usize, second: second as usize, weight: (place - f64::from(first)) as f32 }
+    }
+}
+
+/// One pixel, and so much of the way to another.
+fn mixed(a: &[f32; 4], b: &[f32; 4], weight: f32) -> [f32; 4] {
+    let mut mixed = *a;
+    for c in 0..4 {
+        mixed[c] += weight * (b[c] - a[c]);
+    }
+    mixed
+}
+
+#[cfg(test)]
+mod tests {
+    use supervol_format::random::Random;
+
+    use super::*;
+
+    /// A ramp stays one between the middles of the large pixels, and ends level beyond them.
+    #[test]
+    fn enlarged_pictures_are_interpolated() {
+        let pixels = (0..2).flat_map(|y| (0..3).map(move |x| [(10 * y + 4 * x) as f32; 4])).collect();
+        let large = Image { width: 3, height: 2, pixels }.enlarged(2, [5, 4]);
+        let row = |y: usize| large.pixels[5 * y..5 * (y + 1)].iter().map(|p| p[0]).collect::<Vec<_>>();
+        assert_eq!(row(0), [0.0, 1.0, 3.0, 5.0, 7.0]);
+        assert_eq!(row(1), [2.5, 3.5, 5.5, 7.5, 9.5]);
+        assert_eq!(row(3), [10.0, 11.0, 13.0, 15.0, 17.0]);
+        assert_eq!(large.clone().enlarged(1, [5, 4]), large);
+    }
+
+    /// Line by line it is what it is pixel by pixel, bit for bit, and pixels that are numbers stay.
+    #[test]
+    fn what_is_unknown_is_interpolated_and_nothing_else() {
+        let mut random = Random::new(20);
+        for (factor, [width, height]) in [(1, [7, 6]), (2, [13, 9]), (4, [30, 1]), (8, [70, 41])] {
+            let size = [width, height].map(|n: u32| n.div_ceil(factor));
+            let mut pixels = |[width, height]: [u32; 2]| -> Vec<[f32; 4]> {
+                (0..width * height).map(|_| std::array::from_fn(|_| random.unit() as f32)).collect()
+            };
+            let small = Image { width: size[0], height: size[1], pixels: pixels(size) };
+            let mut large = Image { width, height, pixels: pixels([width, height]) };
+            let is_unknown = |x: u32, y: u32| y % 5 != 3 && (x + y).is_multiple_of(3);
+            let places = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+            let before = large.clone();
+            for (pixel, (x, y)) in large.pixels.iter_mut().zip(places()) {
+                if is_unknown(x, y) {
+                    *pixel = [f32::NAN; 4];
+                }
+            }
+            large.fill_unknown(&small, factor);
+            for (n, (x, y)) in places().enumerate() {
+                let [at_x, at_y] = [Beside::new(x, factor, size[0]), Beside::new(y, factor, size[1])];
+                let expected: [f32; 4] = std::array::from_fn(|c| {
+                    let of_row = |row: usize| {
+                        let [left, right] =
+                            [at_x.first, at_x.second].map(|x| small.pixels[row * size[0] as usize + x][c]);
+                        left + at_x.weight * (right - left)
+                    };
+                    let [top, bottom] = [at_y.first, at_y.second].map(of_row);
+                    top + at_y.weight * (bottom - top)
+                });
+                let expected = if is_unknown(x, y) { expected } else { before.pixels[n] };
+                assert_eq!(large.pixels[n], expected, "({x}, {y}) of {width} x {height} by {factor}");
+            }
+        }
+    }
+
+    #[test]
+    fn only_numbers_are_written_over_a_picture() {
+        let mut picture = Image { width: 2, height: 3, pixels: vec![[1.0; 4]; 6] };
+        let band = Image { width: 2, height: 1, pixels: vec![[2.0; 4], [f32::NAN; 4]] };
+        assert_eq!(picture.write_over(1, &band), 1);
+        assert_eq!(picture.pixels.iter().map(|p| p[0]).collect::<Vec<_>>(), [1.0, 1.0, 2.0, 1.0, 1.0, 1.0]);
+    }
+
+    fn image() -> Image {
+        let pixels = (0..6).map(|i| [0.1 * i as f32, 0.5, 0.0, 0.5]).collect();
+        Image { width: 3, height: 2, pixels }
+    }
+
+    #[test]
+    fn files_hold_what_they_should_and_no_partial_file_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.png", "a.exr", "a.npy"] {
+            image().write(&folder.path().join(name), [1.0, 1.0, 0.5]).unwrap();
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3);
+
+        let npy = std::fs::read(folder.path().join("a.npy")).unwrap();
+        assert_eq!(&npy[..8], b"\x93NUMPY\x01\x00");
+        let data = 10 + usize::from(u16::from_le_bytes([npy[8], npy[9]]));
+        assert_eq!((data % 64, npy.len() - data), (0, 6 * 16));
+        assert!(String::from_utf8_lossy(&npy[10..data]).contains("(2, 3, 4)"));
+        assert_eq!(f32::from_le_bytes(npy[data + 16..data + 20].try_into().unwrap()), 0.1);
+
+        let file = std::io::BufReader::new(std::fs::File::open(folder.path().join("a.png")).unwrap());
+        let mut reader = png::Decoder::new(file).read_info().unwrap();
+        let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut rgb).unwrap();
+        assert_eq!(&rgb[3..6], &[(0.6f64 * 255.0).round() as u8, 255, 64]);
+
+        let read = exr::prelude::read_first_rgba_layer_from_file(
+            folder.path().join("a.exr"),
+            |size, _| vec![[0.0f32; 4]; size.width() * size.height()],
+            |pixels, at, (r, g, b, a): (f32, f32, f32, f32)| pixels[at.y() * 3 + at.x()] = [r, g, b, a],
+        )
+        .unwrap();
+        assert_eq!(read.layer_data.channel_data.pixels, image().pixels);
+    }
+
+    #[test]
+    fn unknown_names_and_folders_are_refused() {
+        assert!(matches!(image().write(Path::new("a.jpg"), [0.0; 3]), Err(ImageError::Format { .. })));
+        let missing = Path::new("no/such/folder/a.png");
+        assert!(matches!(image().write(missing, [0.0; 3]), Err(ImageError::Io { .. })));
+    }
+
+    #[test]
+    fn no_bound_holds_for_what_is_no_number() {
+        assert_eq!(greatest([0.5, -2.0]), 2.0);
+        assert_eq!(greatest([]), 0.0);
+        for position in 0..3 {
+            let mut sizes = [0.5, -2.0, 0.0];
+            sizes[position] = f64::NAN;
+            assert_eq!(greatest(sizes), f64::INFINITY, "{sizes:?}");
+        }
+        let exact = image();
+        let mut other = exact.clone();
+        other.pixels[4][1] += 1.0 / 255.0;
+        assert!((exact.distance(&other) - 1.0).abs() < 1e-5);
+        assert_eq!(exact.distance_where(&other, |i| i != 4), 0.0);
+        for wrong in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            other.pixels[4][1] = wrong;
+            assert_eq!(exact.distance(&other), f64::INFINITY);
+            assert_eq!(other.distance(&other.clone()), f64::INFINITY, "two pictures of nothing are not the same");
+            assert_eq!(other.distance_where(&exact, |i| i != 4), f64::INFINITY, "a pixel that is not judged is drawn");
+        }
+    }
+
+    #[test]
+    fn downsampling_takes_block_means() {
+        let pixels = (0..16).map(|i| [i as f32; 4]).collect();
+        let small = Image { width: 4, height: 4, pixels }.downsampled(2);
+        assert_eq!(small.pixels.iter().map(|p| p[0]).collect::<Vec<_>>(), [2.5, 4.5, 10.5, 12.5]);
+    }
+}

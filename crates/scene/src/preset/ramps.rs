@@ -1,0 +1,360 @@
+//! Transfer functions of the presets: values in data units, opacities over the preset's unit distance.
+
+use super::colormap;
+use crate::facts::histogram::Histogram;
+use crate::facts::{DataKind, VolumeFacts, is_hounsfield};
+use crate::transfer_function::ControlPoint;
+
+/// Hounsfield units that only places between air and tissue have: skin, airways, the faces of the lungs; first, middle, last.
+const HOUNSFIELD_FACES: [f64; 3] = [-600.0, -400.0, -250.0];
+/// Hounsfield units at which the preset changes: soft tissue ends, bone, metal.
+const HOUNSFIELD_BONE: [f64; 3] = [180.0, 450.0, 1500.0];
+/// What unsigned files add to Hounsfield units.
+const HOUNSFIELD_OFFSET: f64 = 1024.0;
+/// Hounsfield units between which the greatest of a ray is shown, in a body from fat to dense bone: what a coarse level comes to says
+/// nothing of it, since air around the body makes it too dark and averages of bone too low.
+const HOUNSFIELD_PROJECTED: [f64; 2] = [-150.0, 1600.0];
+/// Opacity of what is meant to be opaque.
+const OPAQUE: f64 = 1.0;
+
+pub(super) fn point(value: f64, color: [f64; 3], alpha: f64) -> ControlPoint {
+    ControlPoint { value, color, alpha }
+}
+
+/// Value at a percentile, interpolated; the range stands in where no percentiles are known.
+pub(super) fn percentile(facts: &VolumeFacts, percent: f64) -> f64 {
+    let range = facts.value_range;
+    let ends = [(0.0, range.min), (100.0, range.max)];
+    let known = if facts.percentiles.is_empty() { &ends[..] } else { &facts.percentiles[..] };
+    let above = known.partition_point(|&(p, _)| p < percent);
+    match (above.checked_sub(1).map(|i| known[i]), known.get(above)) {
+        (Some((p0, v0)), Some(&(p1, v1))) => v0 + (v1 - v0) * (percent - p0) / (p1 - p0).max(f64::MIN_POSITIVE),
+        (Some((_, v)), None) | (None, Some(&(_, v))) => v,
+        (None, None) => 0.0,
+    }
+}
+
+/// Least and greatest value worth showing; never equal, always finite.
+pub(super) fn window(facts: &VolumeFacts) -> [f64; 2] {
+    window_between(facts, [1.0, 99.0])
+}
+
+/// The values at two percentiles; never equal, always finite.
+pub(super) fn window_between(facts: &VolumeFacts, percents: [f64; 2]) -> [f64; 2] {
+    let [mut low, mut high] = percents.map(|p| percentile(facts, p));
+    // Mostly empty volumes put both percentiles on the background: then the whole range is the window.
+    let range = facts.value_range;
+    if !range.is_empty() && high - low <= 1e-3 * range.width() {
+        (low, high) = (range.min, range.max);
+    }
+    if !(low.is_finite() && high.is_finite()) {
+        return [0.0, 1.0];
+    }
+    if high > low { [low, high] } else { [low, low + low.abs().max(1.0)] }
+}
+
+/// The window of amplitudes: symmetric around zero, or around the median where they are stored without a sign.
+pub(super) fn amplitude_window(facts: &VolumeFacts) -> [f64; 2] {
+    let [low, high] = window(facts);
+    let zero = if facts.has_zero_centre { 0.0 } else { percentile(facts, 50.0) };
+    let clip = (low - zero).abs().max((high - zero).abs());
+    [zero - clip, zero + clip]
+}
+
+/// A colour map over a window, opaque throughout.
+pub(super) fn opaque(colors: &[(f64, [f64; 3])], [low, high]: [f64; 2]) -> Vec<ControlPoint> {
+    colors.iter().map(|&(place, color)| point(low * (1.0 - place) + high * place, color, OPAQUE)).collect()
+}
+
+/// A grey ramp over a window, opaque throughout.
+pub(super) fn opaque_grey(window: [f64; 2]) -> Vec<ControlPoint> {
+    opaque(&[(0.0, [0.0; 3]), (1.0, [1.0; 3])], window)
+}
+
+/// Symmetric double wing on a red-white-blue map, clipped at the 99th percentile; zero is transparent.
+pub(super) fn seismic(facts: &VolumeFacts) -> Vec<ControlPoint> {
+    let [low, high] = amplitude_window(facts);
+    let (zero, clip) = (0.5 * low + 0.5 * high, 0.5 * high - 0.5 * low);
+    let point = |offset: f64, color, alpha| point(zero + offset, color, alpha);
+    vec![
+        point(-clip, [0.55, 0.00, 0.05], 0.45),
+        point(-0.60 * clip, [0.85, 0.15, 0.12], 0.18),
+        point(-0.25 * clip, [0.97, 0.70, 0.60], 0.010),
+        point(-0.12 * clip, [1.00, 0.92, 0.90], 0.0),
+        point(0.12 * clip, [0.90, 0.94, 1.00], 0.0),
+        point(0.25 * clip, [0.60, 0.75, 0.97], 0.010),
+        point(0.60 * clip, [0.12, 0.30, 0.85], 0.18),
+        point(clip, [0.03, 0.08, 0.50], 0.45),
+    ]
+}
+
+/// The window of maximum projections of tomography in Hounsfield units, with or without an offset; `None` where values are not these, or
+/// all lie on one side.
+pub(super) fn projected_tissue(facts: &VolumeFacts) -> Option<[f64; 2]> {
+    let range = facts.value_range;
+    let [low, high] = match facts.kind {
+        DataKind::CtOffset => HOUNSFIELD_PROJECTED.map(|value| value + HOUNSFIELD_OFFSET),
+        DataKind::Ct if is_hounsfield(range) => HOUNSFIELD_PROJECTED,
+        _ => return None,
+    };
+    let high = high.min(range.max);
+    (range.min < low && low < high).then_some([low, high])
+}
+
+/// Bone white, in a clear body whose faces toward air show, where the values are Hounsfield units, with or without an offset: the noise of
+/// soft tissue would be a fog before the bones, in every cell of which the light is another. Where values are not these, the classes of
+/// the histogram: matter faint and warm, dense matter white.
+pub(super) fn ct(facts: &VolumeFacts) -> Vec<ControlPoint> {
+    let offset = if facts.kind == DataKind::CtOffset { HOUNSFIELD_OFFSET } else { 0.0 };
+    if offset == 0.0 && !is_hounsfield(facts.value_range) {
+        return ct_by_classes(facts);
+    }
+    let [first, face, last] = HOUNSFIELD_FACES.map(|value| value + offset);
+    let [dense, bone, metal] = HOUNSFIELD_BONE.map(|value| value + offset);
+    vec![
+        point(first, [0.80, 0.50, 0.38], 0.0),
+        point(face, [0.95, 0.68, 0.55], 0.3),
+        point(last, [0.95, 0.68, 0.55], 0.0),
+        point(dense, [0.95, 0.75, 0.60], 0.0),
+        point(bone, [0.98, 0.95, 0.88], 0.35),
+        point(metal, [1.0, 1.0, 1.0], 0.8),
+    ]
+}
+
+fn ct_by_classes(facts: &VolumeFacts) -> Vec<ControlPoint> {
+    let Classes { ground, dense, top } = Classes::of(facts);
+    let soft = 0.5 * ground + 0.5 * dense;
+    let metal = facts.value_range.max.max(top + 0.1 * (top - ground));
+    vec![
+        point(ground, [0.55, 0.25, 0.15], 0.0),
+        point(ground + 0.6 * (soft - ground), [0.75, 0.35, 0.22], 0.002),
+        point(soft, [0.88, 0.55, 0.42], 0.008),
+        point(dense, [0.95, 0.75, 0.60], 0.03),
+        point(0.4 * dense + 0.6 * top, [0.98, 0.95, 0.88], 0.35),
+        point(metal, [1.0, 1.0, 1.0], 0.8),
+    ]
+}
+
+/// Grey ramp over the window: dark and clear below, white and dense above.
+pub(super) fn grey(facts: &VolumeFacts) -> Vec<ControlPoint> {
+    let [low, high] = window(facts);
+    let at = |share: f64| low + share * (high - low);
+    if facts.has_zero_centre {
+        let clip = low.abs().max(high.abs());
+        let wing = |value: f64, grey: f64, alpha: f64| point(value, [grey; 3], alpha);
+        return vec![
+            wing(-clip, 0.05, 0.30),
+            wing(-0.15 * clip, 0.45, 0.0),
+            wing(0.15 * clip, 0.55, 0.0),
+            wing(clip, 0.95, 0.30),
+        ];
+    }
+    vec![
+        point(at(0.10), [0.15; 3], 0.0),
+        point(at(0.35), [0.40; 3], 0.008),
+        point(at(0.65), [0.70; 3], 0.06),
+        point(at(1.0), [1.0; 3], 0.35),
+    ]
+}
+
+/// Signed values that are no amplitudes: blue below zero, orange above, clear around it.
+pub(super) fn signed(facts: &VolumeFacts) -> Vec<ControlPoint> {
+    let [low, high] = window_between(facts, [0.1, 99.9]);
+    let clip = low.abs().max(high.abs());
+    vec![
+        point(-clip, [0.10, 0.25, 0.90], 0.40),
+        point(-0.15 * clip, [0.55, 0.70, 1.00], 0.0),
+        point(0.15 * clip, [1.00, 0.80, 0.50], 0.0),
+        point(clip, [0.95, 0.35, 0.05], 0.40),
+    ]
+}
+
+/// Solid matter in air: nothing below the threshold between both, opaque within a few units above it.
+pub(super) fn solid(facts: &VolumeFacts, [dark, middle, light]: [[f64; 3]; 3]) -> Vec<ControlPoint> {
+    let Classes { ground, dense, top } = Classes::of(facts);
+    let near = ground + 0.3 * (dense - ground);
+    let faint = faint_above(facts, ground)
+        .map(|value| [point(value, dark, 0.0), point(0.5 * value + 0.5 * ground, dark, 0.05)]);
+    let ground_alpha = if faint.is_some() { 0.08 } else { 0.0 };
+    let mut points: Vec<ControlPoint> = faint.into_iter().flatten().collect();
+    points.extend([
+        point(ground, dark, ground_alpha),
+        point(near, dark, 0.08),
+        point(dense, middle, 0.35),
+        point(top, light, 0.8),
+    ]);
+    points
+}
+
+/// Where light matter (leaves, foam) begins below the threshold of solid matter. Told only where the background is one
+/// value, as scanners write outside of what they have reconstructed: noise would be taken for matter.
+fn faint_above(facts: &VolumeFacts, ground: f64) -> Option<f64> {
+    const CLEAN_BACKGROUND: f64 = 0.5;
+    let histogram = Histogram::new(&facts.histogram, facts.value_range);
+    if facts.kind != DataKind::MicroCt || histogram.fullest() < CLEAN_BACKGROUND {
+        return None;
+    }
+    let range = facts.value_range;
+    let background = range.min + range.width() / facts.histogram.len() as f64;
+    histogram.threshold_between(background, ground)
+}
+
+/// Colours for the whole numbers that there are; 0 is clear. Each shows only near itself: between two labels the field passes through
+/// all numbers between them, which nobody gave to that place.
+pub(super) fn labels(facts: &VolumeFacts, alpha: f64) -> Vec<ControlPoint> {
+    const NEAR: f64 = 0.1;
+    let range = facts.value_range;
+    let (first, last) = (range.min.max(0.0).ceil() as u64, range.max.clamp(0.0, 255.0) as u64);
+    let last = last.max(first);
+    let histogram = Histogram::new(&facts.histogram, range);
+    // Bins no wider than one tell numbers apart.
+    let is_known = facts.histogram.len() as f64 >= range.width();
+    let is_there = |number: &u64| {
+        let value = *number as f64;
+        !is_known || *number == last || histogram.share_between(value - 0.5, value + 0.5) > 0.0
+    };
+    let plateau = |number: u64| {
+        let (value, color) = (number as f64, colormap::of_label(number));
+        let alpha = if number == 0 { 0.0 } else { alpha };
+        [(-2.0, 0.0), (-1.0, alpha), (1.0, alpha), (2.0, 0.0)]
+            .map(|(side, alpha)| point(value + side * NEAR, color, alpha))
+    };
+    (first..=last).filter(is_there).flat_map(plateau).collect()
+}
+
+/// Where the classes of a volume of matter in empty space begin.
+pub(super) struct Classes {
+    /// Between emptiness and matter.
+    pub(super) ground: f64,
+    /// Between the lighter and the denser half of matter.
+    pub(super) dense: f64,
+    /// What nearly all matter stays below.
+    pub(super) top: f64,
+}
+
+impl Classes {
+    /// By the histogram, or by percentiles where there is none. `ground < dense < top`.
+    pub(super) fn of(facts: &VolumeFacts) -> Self {
+        let histogram = Histogram::new(&facts.histogram, facts.value_range);
+        let [low, high] = window(facts);
+        let ground = histogram.threshold_above(f64::NEG_INFINITY).unwrap_or(low + 0.2 * (high - low));
+        let dense = histogram.threshold_above(ground).unwrap_or(low + 0.7 * (high - low));
+        let top = histogram.quantile_above(ground, 0.995);
+        let least = 1e-6 * facts.value_range.width().max(f64::MIN_POSITIVE);
+        let dense = dense.max(ground + least);
+        Self { ground, dense, top: top.max(dense + least) }
+    }
+}
+
+/// The points of a transfer function moved to another window and painted with other colours, each where it is given.
+/// Steps stay steps; where a colour map bends between two points, a point is added.
+#[must_use]
+pub fn repainted(
+    points: &[ControlPoint],
+    window: Option<[f64; 2]>,
+    colors: Option<&[(f64, [f64; 3])]>,
+) -> Vec<ControlPoint> {
+    let (Some(first), Some(last)) = (points.first(), points.last()) else { return Vec::new() };
+    let [low, high] = [first.value, last.value];
+    let place = |value: f64| if high > low { (value - low) / (high - low) } else { 0.5 };
+    let mut out: Vec<(f64, ControlPoint)> = points.iter().map(|p| (place(p.value), *p)).collect();
+    if let Some(colors) = colors {
+        let bends = colors.iter().filter(|(at, _)| !out.iter().any(|(place, _)| place == at));
+        let added: Vec<_> = bends
+            .map(|&(at, color)| (at, point(low + at * (high - low), color, alpha_at(points, low + at * (high - low)))))
+            .collect();
+        out.extend(added);
+        out.sort_by(|a, b| a.0.total_cmp(&b.0));
+        out.iter_mut().for_each(|(place, point)| point.color = color_at(colors, *place));
+    }
+    let [low, high] = window.unwrap_or([low, high]);
+    out.iter().map(|(place, p)| ControlPoint { value: low * (1.0 - place) + high * place, ..*p }).collect()
+}
+
+fn alpha_at(points: &[ControlPoint], value: f64) -> f64 {
+    let after = points.partition_point(|p| p.value <= value);
+    match (after.checked_sub(1).map(|i| points[i]), points.get(after)) {
+        (Some(a), Some(b)) => a.alpha + (b.alpha - a.alpha) * (value - a.value) / (b.value - a.value),
+        (Some(p), None) => p.alpha,
+        (None, p) => p.map_or(0.0, |p| p.alpha),
+    }
+}
+
+fn color_at(colors: &[(f64, [f64; 3])], place: f64) -> [f64; 3] {
+    let after = colors.partition_point(|(at, _)| *at <= place);
+    match (after.checked_sub(1).map(|i| colors[i]), colors.get(after)) {
+        (Some((p, a)), Some(&(q, b))) => std::array::from_fn(|i| a[i] + (b[i] - a[i]) * (place - p) / (q - p)),
+        (Some((_, color)), None) => color,
+        (None, color) => color.map_or([0.0; 3], |(_, c)| *c),
+    }
+}
+
+/// The window between the percentiles `percent` and 100 - `percent`: symmetric for amplitudes.
+#[must_use]
+pub fn clipped_window(facts: &VolumeFacts, percent: f64) -> [f64; 2] {
+    let [low, high] = window_between(facts, [percent, 100.0 - percent]);
+    if facts.kind != DataKind::Seismic {
+        return [low, high];
+    }
+    let zero = if facts.has_zero_centre { 0.0 } else { percentile(facts, 50.0) };
+    let clip = (low - zero).abs().max((high - zero).abs());
+    [zero - clip, zero + clip]
+}
+
+/// What a slice is shown with where window or colours are chosen by hand: labels are numbers then.
+#[must_use]
+pub fn plain_slice(facts: &VolumeFacts) -> Vec<ControlPoint> {
+    if facts.kind == DataKind::Labels { opaque_grey(window_between(facts, [0.0, 100.0])) } else { of_slice(facts) }
+}
+
+/// What a slice is shown with, opaque: amplitudes red-white-blue, labels in colours, all else grey.
+#[must_use]
+pub fn of_slice(facts: &VolumeFacts) -> Vec<ControlPoint> {
+    let named = |name| colormap::by_name(name).unwrap_or_default();
+    match facts.kind {
+        DataKind::Seismic => opaque(&named("seismic"), amplitude_window(facts)),
+        DataKind::SeismicAttribute => opaque(&named("viridis"), window(facts)),
+        DataKind::Labels => labels(facts, OPAQUE),
+        // Soft tissue and bone, as a body is read.
+        DataKind::Ct => opaque_grey([-200.0, 500.0]),
+        DataKind::CtOffset => opaque_grey([-200.0, 500.0].map(|v| v + HOUNSFIELD_OFFSET)),
+        _ => opaque_grey(window_between(facts, [0.1, 99.9])),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use supervol_format::{Dims, Geometry, ValueRange};
+
+    use super::*;
+
+    fn facts(kind: DataKind, min: f64, max: f64) -> VolumeFacts {
+        VolumeFacts { kind, ..VolumeFacts::plain(Dims([8; 3]), Geometry::IDENTITY, ValueRange { min, max }) }
+    }
+
+    #[test]
+    fn labels_that_nobody_gave_have_no_colour() {
+        let shown = |histogram: &[(usize, u64)], bins: usize| -> Vec<f64> {
+            let mut facts = facts(DataKind::Labels, 0.0, 200.0);
+            facts.histogram = vec![0; bins];
+            histogram.iter().for_each(|&(bin, count)| facts.histogram[bin] = count);
+            let points = labels(&facts, 0.5);
+            points.chunks_exact(4).map(|plateau| 0.5 * (plateau[1].value + plateau[2].value)).collect()
+        };
+        // 256 bins over 0 to 200: label n is in bin floor(1.28 n), the last one in the last.
+        assert_eq!(shown(&[(0, 9), (3, 1), (8, 2), (255, 1)], 256), [0.0, 3.0, 7.0, 200.0]);
+        // Bins that are wider than labels say nothing about one.
+        assert_eq!(shown(&[(0, 9), (99, 1)], 100).len(), 201);
+    }
+
+    #[test]
+    fn maximum_projections_of_tomography_go_from_soft_tissue_to_bone() {
+        let window = |kind, min, max| projected_tissue(&facts(kind, min, max));
+        assert_eq!(window(DataKind::Ct, -1000.0, 3000.0), Some([-150.0, 1600.0]));
+        assert_eq!(window(DataKind::CtOffset, 0.0, 4095.0), Some([874.0, 2624.0]));
+        // No denser than what there is; and nothing where values are no Hounsfield units.
+        assert_eq!(window(DataKind::Ct, -1000.0, 700.0), Some([-150.0, 700.0]));
+        assert_eq!(window(DataKind::Ct, 0.0, 255.0), None);
+        assert_eq!(window(DataKind::Mri, -1000.0, 3000.0), None);
+    }
+}

@@ -1,0 +1,469 @@
+//! The transfer function as emission and extinction in closed form: what packets of rays look up.
+//!
+//! On the line of values the function falls into *pieces*, on each of which four channels are quadratic: extinction
+//! kappa, and kappa times red, green and blue (the emission). So their antiderivatives are cubic, and the mean of a channel
+//! over an interval of values is a difference of two look-ups over the interval's width, whatever steps and bends lie
+//! between (Engel, Kraus, Ertl 2001, "High-quality pre-integrated volume rendering", reduces to this where attenuation
+//! inside the interval is left out; it is not left out here, see `raycast::cpu::classify`).
+//! Where a quadratic would be further from the definition than a tolerance times the extinction, the piece is
+//! cut; where one quadratic does for several control points, they share it.
+//!
+//! Beside the channels there are sums over the pieces before: of the heights of steps, of the changes of slope, and of the
+//! variation of colour. Their differences over an interval bound what a rule of integration can miss in it.
+
+use super::render::with_limit_points;
+use super::{ControlPoint, TransferFunction};
+
+/// Extinction, and extinction times red, green, blue.
+pub const CHANNELS: usize = 4;
+/// Parts of a segment between two control points below which no piece is cut.
+const LEAST_PARTS: f64 = 65536.0;
+/// Bisections that find where a piece ends.
+const BISECTIONS: usize = 12;
+/// Columns are padded to a power of two, at least this.
+pub const LEAST_STRIDE: usize = 16;
+
+/// What can be looked up for a piece.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(usize)]
+pub enum Column {
+    /// The piece's least value; infinite beyond the last piece.
+    Knot,
+    /// The value from which the polynomials count: the knot; for the first piece the second's.
+    Anchor,
+    /// Antiderivative of channel 0 at the anchor; the other three channels follow.
+    Start,
+    /// Channel 0 at the anchor; the other three follow.
+    Value = Column::Start as usize + CHANNELS,
+    /// Half the slope of channel 0 there; the other three follow.
+    HalfSlope = Column::Value as usize + CHANNELS,
+    /// A third of the quadratic coefficient of channel 0; the other three follow.
+    ThirdBend = Column::HalfSlope as usize + CHANNELS,
+    /// Heights of all steps up to the anchor, the greatest channel of each.
+    Steps = Column::ThirdBend as usize + CHANNELS,
+    /// Changes of slope up to the anchor, the greatest channel of each.
+    Bends,
+    /// Change of slope per value.
+    BendsPerValue,
+    /// Variation of visible colour up to the anchor.
+    ColorVariation,
+    /// Variation of visible colour per value.
+    ColorVariationPerValue,
+}
+
+/// Number of columns.
+pub const COLUMNS: usize = Column::ColorVariationPerValue as usize + 1;
+
+/// See the module. Values are render values, extinction is per world length.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TransferPieces {
+    /// Column by column, each [`TransferPieces::stride`] long.
+    columns: Vec<f32>,
+    stride: usize,
+    count: usize,
+    /// Intervals of values narrower than this have the mean of their ends: antiderivatives would cancel.
+    pub narrow: f32,
+    /// Values strictly between these show nothing: those below the function's first point where that is clear, else the
+    /// widest such interval; `[inf, -inf]` where there is none.
+    pub clear: [f32; 2],
+}
+
+/// One piece while the table is made.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    knot: f64,
+    anchor: f64,
+    /// Coefficients of 1, y, y^2 for each channel, y the distance from the anchor.
+    channels: [[f64; 3]; CHANNELS],
+    color_slope: f64,
+}
+
+impl TransferPieces {
+    /// The pieces of a transfer function; `shift` is what is taken off every data value. Extinction and emission are right
+    /// to `tolerance` times the extinction, the opacity of a ray to a third of that.
+    #[must_use]
+    pub fn new(source: &TransferFunction, shift: f64, tolerance: f64) -> Self {
+        let pieces = pieces_of(source, shift, tolerance);
+        let count = pieces.len();
+        let stride = count.next_power_of_two().max(LEAST_STRIDE);
+        let mut table =
+            Self { columns: vec![0.0; stride * COLUMNS], stride, count, narrow: 0.0, clear: clear_interval(&pieces) };
+        let (first, last) = (pieces[0].anchor, pieces[count - 1].anchor);
+        table.narrow = (NARROW_SHARE * (last - first)) as f32;
+        table.columns[..stride].fill(f32::INFINITY);
+        let mut sums = Sums::default();
+        for (i, piece) in pieces.iter().enumerate() {
+            if let Some(before) = i.checked_sub(1).map(|b| &pieces[b]) {
+                sums.cross(before, piece, tolerance);
+            }
+            table.write(i, piece, &sums);
+            if let Some(next) = pieces.get(i + 1) {
+                sums.advance(piece, next.knot - piece.anchor);
+            }
+        }
+        table
+    }
+
+    /// Number of pieces.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Whether there are steps.
+    #[must_use]
+    pub fn has_steps(&self) -> bool {
+        self.column(Column::Steps, 0)[self.count - 1] > 0.0
+    }
+
+    /// Length of a column; a power of two, at least [`LEAST_STRIDE`].
+    #[must_use]
+    pub fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// One column, by the number of its first channel's plus a channel.
+    #[inline]
+    #[must_use]
+    pub fn column(&self, column: Column, channel: usize) -> &[f32] {
+        let first = (column as usize + channel) * self.stride;
+        &self.columns[first..first + self.stride]
+    }
+
+    /// All columns, in the order of [`Column`].
+    pub fn all_columns(&self) -> impl Iterator<Item = &[f32]> {
+        self.columns.chunks_exact(self.stride)
+    }
+
+    fn write(&mut self, i: usize, piece: &Piece, sums: &Sums) {
+        let stride = self.stride;
+        let mut set = |column: Column, channel: usize, value: f64| {
+            self.columns[(column as usize + channel) * stride + i] = value as f32;
+        };
+        set(Column::Knot, 0, piece.knot);
+        set(Column::Anchor, 0, piece.anchor);
+        for (c, [value, slope, bend]) in piece.channels.into_iter().enumerate() {
+            set(Column::Start, c, sums.antiderivative[c]);
+            set(Column::Value, c, value);
+            set(Column::HalfSlope, c, slope / 2.0);
+            set(Column::ThirdBend, c, bend / 3.0);
+        }
+        set(Column::Steps, 0, sums.steps);
+        set(Column::Bends, 0, sums.bends);
+        set(Column::BendsPerValue, 0, bend_of(piece));
+        set(Column::ColorVariation, 0, sums.color);
+        set(Column::ColorVariationPerValue, 0, piece.color_slope);
+    }
+}
+
+/// See [`TransferPieces::clear`].
+fn clear_interval(pieces: &[Piece]) -> [f32; 2] {
+    let is_clear = |piece: &Piece| piece.channels.iter().flatten().all(|&c| c == 0.0);
+    let mut best = [f64::INFINITY, f64::NEG_INFINITY];
+    let mut begin = None;
+    for (i, piece) in pieces.iter().enumerate() {
+        if !is_clear(piece) {
+            begin = None;
+            continue;
+        }
+        let begin = *begin.get_or_insert(piece.knot);
+        let end = pieces.get(i + 1).map_or(f64::INFINITY, |next| next.knot);
+        // What begins below the first point is infinitely wide: nothing is wider.
+        if begin == best[0] || end - begin > best[1] - best[0] {
+            best = [begin, end];
+        }
+    }
+    best.map(|v| v as f32)
+}
+
+/// Intervals below this share of the function's width are narrow.
+const NARROW_SHARE: f64 = 5e-5;
+
+/// What has gathered before a piece.
+#[derive(Default)]
+struct Sums {
+    antiderivative: [f64; CHANNELS],
+    steps: f64,
+    bends: f64,
+    color: f64,
+}
+
+impl Sums {
+    /// Goes through the knot between two pieces.
+    fn cross(&mut self, before: &Piece, after: &Piece, tolerance: f64) {
+        let y = after.knot - before.anchor;
+        let (mut step, mut bend) = (0.0f64, 0.0f64);
+        for c in 0..CHANNELS {
+            let ([v0, s0, b0], [v1, s1, _]) = (before.channels[c], after.channels[c]);
+            step = step.max((v1 - (v0 + y * (s0 + y * b0))).abs());
+            bend = bend.max((s1 - (s0 + 2.0 * y * b0)).abs());
+        }
+        // What the fits leave between two pieces of one segment is no step.
+        let scale = before.channels[0][0].abs().max(after.channels[0][0].abs());
+        if step > 4.0 * tolerance * scale {
+            self.steps += step;
+            self.color += color_step(before, after, y);
+        }
+        self.bends += bend;
+    }
+
+    /// Goes over `y` values of a piece.
+    fn advance(&mut self, piece: &Piece, y: f64) {
+        for (sum, [value, slope, bend]) in self.antiderivative.iter_mut().zip(piece.channels) {
+            *sum += y * (value + y * (slope / 2.0 + y * bend / 3.0));
+        }
+        self.bends += y * bend_of(piece);
+        self.color += y * piece.color_slope;
+    }
+}
+
+fn bend_of(piece: &Piece) -> f64 {
+    piece.channels.iter().map(|c| 2.0 * c[2].abs()).fold(0.0, f64::max)
+}
+
+/// Greatest change of a colour channel across a knot, 0 where one side is invisible: there is nothing to mistake it for.
+fn color_step(before: &Piece, after: &Piece, y: f64) -> f64 {
+    let at = |c: &[f64; 3], y: f64| c[0] + y * (c[1] + y * c[2]);
+    let kappas = [at(&before.channels[0], y), after.channels[0][0]];
+    if kappas.iter().any(|&k| k <= 0.0) {
+        return 0.0;
+    }
+    let change = |c: usize| (at(&before.channels[c], y) / kappas[0] - after.channels[c][0] / kappas[1]).abs();
+    (1..CHANNELS).map(change).fold(0.0, f64::max)
+}
+
+/// The part of the function between two control points of different values.
+#[derive(Debug, Clone, Copy)]
+struct Segment {
+    ends: [ControlPoint; 2],
+    /// Render values of the ends, as they fall on `f32`: on which side of a knot a sample is, is decided there.
+    values: [f64; 2],
+}
+
+impl Segment {
+    /// Extinction and emission at a value.
+    fn at(&self, source: &TransferFunction, value: f64) -> [f64; CHANNELS] {
+        let x = (value - self.values[0]) / (self.values[1] - self.values[0]);
+        channels_between(source, &self.ends, x)
+    }
+
+    fn is_visible(&self) -> bool {
+        self.ends.iter().any(|end| end.alpha > 0.0)
+    }
+
+    /// Greatest change of a colour channel per value.
+    fn color_slope(&self) -> f64 {
+        let change = |c: usize| (self.ends[1].color[c] - self.ends[0].color[c]).abs();
+        (0..3).map(change).fold(0.0, f64::max) / (self.values[1] - self.values[0])
+    }
+}
+
+/// Channels of a point on the way between two control points.
+fn channels_between(source: &TransferFunction, [a, b]: &[ControlPoint; 2], x: f64) -> [f64; CHANNELS] {
+    let kappa = source.kappa(a.alpha + x * (b.alpha - a.alpha));
+    let color = |c: usize| a.color[c] + x * (b.color[c] - a.color[c]);
+    [kappa, kappa * color(0), kappa * color(1), kappa * color(2)]
+}
+
+fn pieces_of(source: &TransferFunction, shift: f64, tolerance: f64) -> Vec<Piece> {
+    let points = with_limit_points(source.points());
+    let values: Vec<f64> = points.iter().map(|p| f64::from((p.value - shift) as f32)).collect();
+    let constant = |knot: f64, anchor: f64, point: ControlPoint| Piece {
+        knot,
+        anchor,
+        channels: channels_between(source, &[point, point], 0.0).map(|v| [v, 0.0, 0.0]),
+        color_slope: 0.0,
+    };
+    let segments: Vec<Segment> = (1..points.len())
+        .filter(|&i| values[i - 1] < values[i])
+        .map(|i| Segment { ends: [points[i - 1], points[i]], values: [values[i - 1], values[i]] })
+        .collect();
+    let last = points.len() - 1;
+    let mut pieces = vec![constant(f64::NEG_INFINITY, values[0], points[0])];
+    let mut fitter = Fitter { source, segments: &segments, tolerance };
+    let mut begin = values[0];
+    while let Some(piece) = fitter.next_piece(&mut begin) {
+        pieces.push(piece);
+    }
+    pieces.push(constant(values[last], values[last], points[last]));
+    pieces
+}
+
+/// Cuts the function into pieces, from its least value on, each as long as it fits.
+struct Fitter<'a> {
+    source: &'a TransferFunction,
+    /// Those not yet passed.
+    segments: &'a [Segment],
+    tolerance: f64,
+}
+
+impl Fitter<'_> {
+    /// The next piece from `begin` on, which is moved to its end; `None` at the function's end.
+    fn next_piece(&mut self, begin: &mut f64) -> Option<Piece> {
+        while self.segments.first().is_some_and(|s| s.values[1] <= *begin) {
+            self.segments = &self.segments[1..];
+        }
+        let first = *self.segments.first()?;
+        // Over as many control points as fit, which is none for most functions; else a part of the first segment.
+        let mut end = *begin;
+        for (i, segment) in self.segments.iter().enumerate() {
+            let is_joined = i == 0 || self.segments[i - 1].ends[1] == segment.ends[0];
+            if !is_joined || !self.fits(*begin, segment.values[1]) {
+                break;
+            }
+            end = segment.values[1];
+        }
+        if end == *begin {
+            let (mut low, mut high) = (*begin, first.values[1]);
+            for _ in 0..BISECTIONS {
+                let middle = 0.5 * (low + high);
+                if self.fits(*begin, middle) { low = middle } else { high = middle }
+            }
+            // What not even a short piece fits, it is drawn by.
+            let least = *begin + (first.values[1] - first.values[0]) / LEAST_PARTS;
+            end = f64::from(low.max(least).min(first.values[1]) as f32);
+            if end <= *begin {
+                end = first.values[1];
+            }
+        }
+        let covered = self.segments.iter().take_while(|s| s.values[0] < end);
+        let color_slope = covered.filter(|s| s.is_visible()).map(Segment::color_slope).fold(0.0, f64::max);
+        let channels = self.fit(*begin, end).map(|[v, s, b]| {
+            let width = end - *begin;
+            [v, s / width, b / (width * width)]
+        });
+        let piece = Piece { knot: *begin, anchor: *begin, channels, color_slope };
+        *begin = end;
+        Some(piece)
+    }
+
+    fn at(&self, value: f64) -> [f64; CHANNELS] {
+        let i = self.segments.partition_point(|s| s.values[1] < value).min(self.segments.len() - 1);
+        self.segments[i].at(self.source, value)
+    }
+
+    /// Quadratics through both ends and the middle, in x from 0 to 1.
+    fn fit(&self, begin: f64, end: f64) -> [[f64; 3]; CHANNELS] {
+        // The right side of a step at the beginning.
+        let first = self.segments[0].at(self.source, begin);
+        let (middle, last) = (self.at(0.5 * (begin + end)), self.at(end));
+        std::array::from_fn(|c| {
+            let bend = 2.0 * (first[c] - 2.0 * middle[c] + last[c]);
+            [first[c], last[c] - first[c] - bend, bend]
+        })
+    }
+
+    /// Whether quadratics are near enough: looked at inside every segment.
+    fn fits(&self, begin: f64, end: f64) -> bool {
+        let quadratics = self.fit(begin, end);
+        let covered = self.segments.iter().take_while(|s| s.values[0] < end);
+        covered.into_iter().all(|segment| {
+            let ends = [segment.values[0].max(begin), segment.values[1].min(end)];
+            (0..=8).all(|i| {
+                let value = ends[0] + (ends[1] - ends[0]) * f64::from(i) / 8.0;
+                let exact = segment.at(self.source, value);
+                let x = (value - begin) / (end - begin);
+                (0..CHANNELS).all(|c| {
+                    let [v, s, b] = quadratics[c];
+                    (v + x * (s + x * b) - exact[c]).abs() <= self.tolerance * exact[0]
+                })
+            })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn function(points: &[(f64, f64)]) -> TransferFunction {
+        let color = |a: f64| [a, 0.5, 1.0 - a];
+        let points = points.iter().map(|&(value, alpha)| ControlPoint { value, color: color(alpha), alpha });
+        TransferFunction::new(points.collect(), 1.5).unwrap()
+    }
+
+    fn piece_at(table: &TransferPieces, value: f32) -> usize {
+        table.column(Column::Knot, 0)[..table.count()].iter().rposition(|&k| k <= value).unwrap()
+    }
+
+    fn channel(table: &TransferPieces, value: f32, c: usize) -> (f64, f64) {
+        let i = piece_at(table, value);
+        let of = |column| f64::from(table.column(column, c)[i]);
+        let y = f64::from(value - table.column(Column::Anchor, 0)[i]);
+        let (start, v, a, b) = (of(Column::Start), of(Column::Value), of(Column::HalfSlope), of(Column::ThirdBend));
+        (start + y * (v + y * (a + y * b)), v + y * (2.0 * a + y * 3.0 * b))
+    }
+
+    #[test]
+    fn a_ramp_to_full_opacity_takes_few_pieces() {
+        let ramp = TransferPieces::new(&function(&[(0.0, 0.0), (255.0, 0.3)]), 0.0, 1e-3);
+        assert!(ramp.count() <= 6, "{}", ramp.count());
+        let full = TransferPieces::new(&function(&[(0.0, 0.0), (255.0, 1.0)]), 0.0, 1e-3);
+        assert!(full.count() <= 32, "{}", full.count());
+    }
+
+    #[test]
+    fn what_shows_nothing_is_known() {
+        let clear = |points: &[(f64, f64)]| TransferPieces::new(&function(points), 0.0, 1e-3).clear;
+        assert_eq!(clear(&[(10.0, 0.0), (20.0, 0.5)]), [f32::NEG_INFINITY, 10.0]);
+        assert_eq!(clear(&[(10.0, 0.0), (12.0, 0.0), (20.0, 0.5), (30.0, 0.0)]), [f32::NEG_INFINITY, 12.0]);
+        // Two wings: the wider of two gaps.
+        let wings = [(0.0, 0.9), (5.0, 0.0), (6.0, 0.0), (7.0, 0.3), (8.0, 0.0), (20.0, 0.0), (30.0, 0.9)];
+        assert_eq!(clear(&wings), [8.0, 20.0]);
+        assert_eq!(clear(&[(0.0, 0.5), (20.0, 0.0)]), [20.0, f32::INFINITY]);
+        assert_eq!(clear(&[(0.0, 0.5), (20.0, 0.1)]), [f32::INFINITY, f32::NEG_INFINITY]);
+    }
+
+    #[test]
+    fn many_control_points_of_a_smooth_function_share_pieces() {
+        let points: Vec<(f64, f64)> = (0..=255).map(|i| (f64::from(i), 0.3 * (f64::from(i) / 255.0).powi(2))).collect();
+        let table = TransferPieces::new(&function(&points), 0.0, 1e-3);
+        assert!(table.count() <= 32, "{}", table.count());
+    }
+
+    #[test]
+    fn a_narrow_spike_far_from_zero_is_fitted() {
+        let tf = function(&[(126.5, 0.0), (127.5, 0.9), (128.5, 0.0)]);
+        let table = TransferPieces::new(&tf, 0.0, 1e-3);
+        assert!(table.count() <= 32, "{}", table.count());
+        for i in 1..2000 {
+            let value = 126.5 + i as f32 / 1000.0;
+            let exact = tf.kappa(tf.classify(f64::from(value)).1);
+            let found = channel(&table, value, 0).1;
+            assert!((found - exact).abs() <= 1.5e-3 * exact + 1e-5, "{value} {found} {exact}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn pieces_are_the_transfer_function_and_its_antiderivative(
+            mut points in prop::collection::vec((0u8..64, prop::sample::select(vec![0.0, 0.0, 0.25, 0.5, 1.0])), 1..12),
+            values in prop::collection::vec(-4.0f32..70.0, 8),
+        ) {
+            points.sort_by_key(|p| p.0);
+            let points: Vec<(f64, f64)> = points.iter().map(|p| (f64::from(p.0), p.1)).collect();
+            let tf = function(&points);
+            let table = TransferPieces::new(&tf, 0.0, 1e-3);
+            for &value in &values {
+                let (color, alpha) = tf.classify(f64::from(value));
+                let kappa = tf.kappa(alpha);
+                let exact = [kappa, kappa * color[0], kappa * color[1], kappa * color[2]];
+                for (c, exact) in exact.into_iter().enumerate() {
+                    let found = channel(&table, value, c).1;
+                    prop_assert!((found - exact).abs() <= 1.5e-3 * kappa + 1e-5, "{value} {c} {found}");
+                }
+            }
+            // Against the midpoint rule.
+            let (low, high) = (-2.0f32, 66.0f32);
+            let n = 40_000;
+            let h = f64::from(high - low) / f64::from(n);
+            let exact: f64 = (0..n).map(|i| {
+                h * tf.kappa(tf.classify(f64::from(low) + (f64::from(i) + 0.5) * h).1)
+            }).sum();
+            let found = channel(&table, high, 0).0 - channel(&table, low, 0).0;
+            prop_assert!((found - exact).abs() <= 1e-3 * exact + 0.04, "{found} {exact}");
+        }
+    }
+}

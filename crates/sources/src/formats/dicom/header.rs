@@ -1,0 +1,381 @@
+//! What a DICOM file says of its image: size, numbers, place, series.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+
+use supervol_format::ByteSource;
+
+use super::data_set::{DataSet, Element, Fault, PixelsAt, Spelling, Visitor, in_order};
+use super::syntax::Syntax;
+use crate::input::spool::{Spool, SpoolFolder};
+use crate::input::text::shortened;
+use crate::{Endian, SourceError};
+
+/// Where the mark `DICM` stands.
+const MARK_AT: u64 = 128;
+/// Most frames of a file.
+pub(super) const FRAMES_LIMIT: u64 = 1 << 16;
+/// Most bytes of a deflated data set once it is inflated.
+const INFLATED_LIMIT_BYTES: u64 = 4 << 30;
+
+const SHARED: u32 = 0x5200_9229;
+const PER_FRAME: u32 = 0x5200_9230;
+/// Sequences inside those that hold what is wanted: place, orientation, distances, values, number of a frame.
+const MACROS: [u32; 5] = [0x0020_9113, 0x0020_9116, 0x0028_9110, 0x0028_9145, 0x0020_9111];
+
+/// Elements that are read, with the kind of their value where the file does not say it.
+const WANTED: [(u32, &[u8; 2]); 41] = [
+    (0x0002_0010, b"UI"),
+    (0x0008_0060, b"CS"),
+    (0x0008_103e, b"LO"),
+    (0x0018_0050, b"DS"),
+    (0x0018_0088, b"DS"),
+    (0x0018_1060, b"DS"),
+    (0x0018_0086, b"IS"),
+    (0x0020_000e, b"UI"),
+    (0x0020_0011, b"IS"),
+    (0x0020_0012, b"IS"),
+    (0x0020_0013, b"IS"),
+    (0x0020_0032, b"DS"),
+    (0x0020_0037, b"DS"),
+    (0x0020_0100, b"IS"),
+    (0x0020_9128, b"UL"),
+    (0x0028_0002, b"US"),
+    (0x0028_0004, b"CS"),
+    (0x0028_0006, b"US"),
+    (0x0028_0008, b"IS"),
+    (0x0028_0010, b"US"),
+    (0x0028_0011, b"US"),
+    (0x0028_0030, b"DS"),
+    (0x0028_0100, b"US"),
+    (0x0028_0101, b"US"),
+    (0x0028_0102, b"US"),
+    (0x0028_0103, b"US"),
+    (0x0028_0120, b"US"),
+    (0x0028_1052, b"DS"),
+    (0x0028_1053, b"DS"),
+    (0x0028_1054, b"LO"),
+    (0x0054_1001, b"CS"),
+    (0x3004_0002, b"CS"),
+    (0x3004_000c, b"DS"),
+    (0x3004_000e, b"DS"),
+    (SHARED, b"SQ"),
+    (PER_FRAME, b"SQ"),
+    (MACROS[0], b"SQ"),
+    (MACROS[1], b"SQ"),
+    (MACROS[2], b"SQ"),
+    (MACROS[3], b"SQ"),
+    (MACROS[4], b"SQ"),
+];
+
+/// Where a frame lies, what its numbers mean, and which of several at the same place it is; each as far as it is said.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Place {
+    /// World position of the first pixel, mm, left-posterior-superior.
+    pub(super) position: Option<[f64; 3]>,
+    /// Directions in which columns and rows are counted.
+    pub(super) orientation: Option<[f64; 6]>,
+    /// Distance of rows, and of columns, mm.
+    pub(super) pixel_spacing: Option<[f64; 2]>,
+    /// Between slices, mm.
+    pub(super) between: Option<f64>,
+    /// Of a slice, mm.
+    pub(super) thickness: Option<f64>,
+    pub(super) slope: Option<f64>,
+    pub(super) intercept: Option<f64>,
+    /// Time point, echo, trigger time, acquisition.
+    pub(super) times: [Option<f64>; 4],
+}
+
+impl Place {
+    /// What is not said here is said there.
+    pub(super) fn or(self, other: &Self) -> Self {
+        Self {
+            position: self.position.or(other.position),
+            orientation: self.orientation.or(other.orientation),
+            pixel_spacing: self.pixel_spacing.or(other.pixel_spacing),
+            between: self.between.or(other.between),
+            thickness: self.thickness.or(other.thickness),
+            slope: self.slope.or(other.slope),
+            intercept: self.intercept.or(other.intercept),
+            times: std::array::from_fn(|i| self.times[i].or(other.times[i])),
+        }
+    }
+
+    fn take(&mut self, tag: u32, numbers: &[f64]) {
+        let first = numbers.first().copied().filter(|n| n.is_finite());
+        let all_finite = numbers.iter().all(|n| n.is_finite());
+        match tag {
+            0x0018_0050 => self.thickness = first.filter(|n| *n > 0.0),
+            0x0018_0088 => self.between = first.map(f64::abs).filter(|n| *n > 0.0),
+            0x0020_0032 if all_finite => self.position = numbers.try_into().ok(),
+            0x0020_0037 if all_finite => self.orientation = numbers.try_into().ok(),
+            0x0028_0030 if numbers.iter().all(|n| n.is_finite() && *n > 0.0) => {
+                self.pixel_spacing = numbers.try_into().ok();
+            }
+            0x0028_1052 => self.intercept = first,
+            0x0028_1053 | 0x3004_000e => self.slope = first.filter(|n| *n != 0.0),
+            0x0020_0100 | 0x0020_9128 => self.times[0] = first,
+            0x0018_0086 => self.times[1] = first,
+            0x0018_1060 => self.times[2] = first,
+            0x0020_0012 => self.times[3] = first,
+            _ => {}
+        }
+    }
+}
+
+/// Size and numbers of an image.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub(super) struct Image {
+    pub(super) rows: u32,
+    pub(super) columns: u32,
+    /// Numbers per pixel.
+    pub(super) samples: u32,
+    /// Whether these lie in planes of their own.
+    pub(super) is_planar: bool,
+    /// Bits of a number, and which of them count: how many, and the highest.
+    pub(super) allocated: u32,
+    pub(super) stored: u32,
+    pub(super) high: u32,
+    pub(super) is_signed: bool,
+    pub(super) photometric: String,
+}
+
+/// The header of a file.
+#[derive(Debug)]
+pub(super) struct Header {
+    pub(super) syntax: Syntax,
+    pub(super) image: Image,
+    pub(super) modality: String,
+    pub(super) series_uid: String,
+    pub(super) series_number: Option<i64>,
+    pub(super) description: String,
+    pub(super) instance: i64,
+    pub(super) padding: Option<f64>,
+    /// What values are, as far as one of three elements says it.
+    pub(super) unit: String,
+    pub(super) frame_count: u64,
+    place: Place,
+    shared: Place,
+    frames: Vec<Place>,
+    /// Distances of frames from the first along the normal, for dose grids.
+    offsets: Vec<f64>,
+    pub(super) pixels: Option<PixelsAt>,
+}
+
+impl Header {
+    fn empty(syntax: Syntax) -> Self {
+        Self {
+            syntax,
+            image: Image { samples: 1, ..Image::default() },
+            modality: String::new(),
+            series_uid: String::new(),
+            series_number: None,
+            description: String::new(),
+            instance: 0,
+            padding: None,
+            unit: String::new(),
+            frame_count: 1,
+            place: Place::default(),
+            shared: Place::default(),
+            frames: Vec::new(),
+            offsets: Vec::new(),
+            pixels: None,
+        }
+    }
+
+    /// The place of a frame.
+    pub(super) fn frame(&self, number: u64) -> Place {
+        let own = self.frames.get(number as usize).copied().unwrap_or_default();
+        let mut place = own.or(&self.shared).or(&self.place);
+        let along = self.offsets.get(number as usize).zip(self.offsets.first());
+        if let (Some((offset, first)), Some(position), Some(normal)) = (along, place.position, normal(&place)) {
+            place.position = Some(std::array::from_fn(|i| position[i] + normal[i] * (offset - first)));
+        } else if self.frame_count > 1 && own.position.is_none() {
+            // What is said once for many frames is the place of none but the first.
+            place.position = None;
+        }
+        place
+    }
+
+    /// Reads the header of a file; `None` where it is no DICOM. A deflated one is inflated into `spool`.
+    pub(super) fn read(path: &Path, spool: &SpoolFolder) -> Result<Option<Self>, SourceError> {
+        let Some((mut file, start, syntax)) = open(path, spool)? else { return Ok(None) };
+        let end = file.len().map_err(|e| SourceError::io(path, e))?;
+        let mut header = Self::empty(syntax);
+        let fault = |fault| of_fault(path, fault);
+        let mut data_set = DataSet::new(&mut file, start, end).map_err(|e| SourceError::io(path, e))?;
+        header.pixels = data_set.visit(header.syntax.spelling, &mut header).map_err(fault)?;
+        if !(1..=FRAMES_LIMIT).contains(&header.frame_count) {
+            let found = header.frame_count.to_string();
+            return Err(SourceError::invalid(path, "number of frames", format!("1 to {FRAMES_LIMIT}"), found));
+        }
+        Ok(Some(header))
+    }
+}
+
+/// The direction in which slices follow one another: right-handed with columns and rows.
+pub(super) fn normal(place: &Place) -> Option<[f64; 3]> {
+    let [ax, ay, az, bx, by, bz] = place.orientation?;
+    let normal = [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx];
+    let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
+    (length > 0.5).then(|| normal.map(|n| n / length))
+}
+
+pub(super) fn of_fault(path: &Path, fault: Fault) -> SourceError {
+    match fault {
+        Fault::Io(error) => SourceError::io(path, error),
+        Fault::Wrong(at, found) => SourceError::invalid(path, format!("byte {at}"), "an element of DICOM", found),
+    }
+}
+
+/// The data set of a file, where it begins, and how it is written; inflated, where it is deflated. `None`: no DICOM.
+pub(super) fn open(path: &Path, spool: &SpoolFolder) -> Result<Option<(File, u64, Syntax)>, SourceError> {
+    let io = |e| SourceError::io(path, e);
+    let mut file = File::open(path).map_err(io)?;
+    let length = file.len().map_err(io)?;
+    let mut head = Vec::new();
+    Read::by_ref(&mut file).take(MARK_AT + 4).read_to_end(&mut head).map_err(io)?;
+    if !head.ends_with(b"DICM") {
+        return Ok(without_mark(&head).map(|spelling| (file, 0, Syntax::plain(spelling))));
+    }
+    let mut first = Group2::default();
+    let mut data_set = DataSet::new(&mut file, MARK_AT + 4, length).map_err(io)?;
+    let start = data_set.visit_group_2(&mut first).map_err(|fault| of_fault(path, fault))?;
+    let syntax = Syntax::of(path, &first.syntax)?;
+    if !syntax.is_deflated {
+        return Ok(Some((file, start, syntax)));
+    }
+    file.seek(SeekFrom::Start(start)).map_err(io)?;
+    let mut inflated = Spool::create(spool)?;
+    inflated.append_inflated(path, std::io::BufReader::new(file), INFLATED_LIMIT_BYTES)?;
+    Ok(Some((inflated.finish()?, 0, syntax)))
+}
+
+/// How old files without a mark are written: they begin with group 8.
+fn without_mark(head: &[u8]) -> Option<Spelling> {
+    let [0x08, 0x00, _, 0x00, a, b, ..] = *head else { return None };
+    let is_explicit = a.is_ascii_uppercase() && b.is_ascii_uppercase();
+    Some(if is_explicit { Spelling::EXPLICIT } else { Spelling::IMPLICIT })
+}
+
+#[derive(Default)]
+struct Group2 {
+    syntax: String,
+}
+
+impl Visitor for Group2 {
+    fn wants(&self, _: &[u32], tag: u32) -> bool {
+        tag == 0x0002_0010
+    }
+
+    fn value(&mut self, _: &[u32], _: Element, _: Endian, bytes: Vec<u8>) {
+        self.syntax = text(&bytes);
+    }
+
+    fn item(&mut self, _: &[u32]) {}
+}
+
+impl Visitor for Header {
+    fn wants(&self, sequences: &[u32], tag: u32) -> bool {
+        let is_followed = match sequences {
+            [] => true,
+            [SHARED | PER_FRAME] => MACROS.contains(&tag),
+            [SHARED | PER_FRAME, inside] => MACROS.contains(inside),
+            _ => false,
+        };
+        is_followed && WANTED.iter().any(|(wanted, _)| *wanted == tag)
+    }
+
+    fn item(&mut self, sequences: &[u32]) {
+        if sequences == [PER_FRAME] && (self.frames.len() as u64) < FRAMES_LIMIT {
+            self.frames.push(Place::default());
+        }
+    }
+
+    fn value(&mut self, sequences: &[u32], element: Element, endian: Endian, bytes: Vec<u8>) {
+        let own_kind = WANTED.iter().find(|(tag, _)| *tag == element.tag).map(|(_, kind)| **kind);
+        let kind = element.kind.filter(|kind| kind != b"UN").or(own_kind).unwrap_or(*b"UN");
+        match sequences {
+            [] => {
+                let numbers = numbers(kind, endian, &bytes);
+                self.place.take(element.tag, &numbers);
+                self.take(element.tag, &bytes, &numbers);
+            }
+            [SHARED, _] => self.shared.take(element.tag, &numbers(kind, endian, &bytes)),
+            [PER_FRAME, _] => {
+                if let Some(frame) = self.frames.last_mut() {
+                    frame.take(element.tag, &numbers(kind, endian, &bytes));
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Header {
+    fn take(&mut self, tag: u32, bytes: &[u8], numbers: &[f64]) {
+        let first = numbers.first().copied();
+        // Whole numbers of 16 bits, or none.
+        let word = first.filter(|n| (0.0..=65_535.0).contains(n)).unwrap_or_default() as u32;
+        let image = &mut self.image;
+        match tag {
+            0x0008_0060 => self.modality = text(bytes),
+            0x0008_103e => self.description = text(bytes),
+            0x0020_000e => self.series_uid = text(bytes),
+            0x0020_0011 => self.series_number = first.map(|n| n as i64),
+            0x0020_0013 => self.instance = first.unwrap_or_default() as i64,
+            0x0028_0002 => image.samples = word,
+            0x0028_0004 => image.photometric = text(bytes),
+            0x0028_0006 => image.is_planar = word == 1,
+            // An empty number of frames is one.
+            0x0028_0008 => self.frame_count = first.map_or(1, |n| n.max(0.0) as u64),
+            0x0028_0010 => image.rows = word,
+            0x0028_0011 => image.columns = word,
+            0x0028_0100 => image.allocated = word,
+            0x0028_0101 => image.stored = word,
+            0x0028_0102 => image.high = word,
+            0x0028_0103 => image.is_signed = word == 1,
+            0x0028_0120 => self.padding = first.and_then(|n| self.padding_of(n as i64 as u16)),
+            0x0028_1054 | 0x0054_1001 | 0x3004_0002 => self.unit = text(bytes),
+            0x3004_000c => self.offsets = numbers.to_vec(),
+            _ => {}
+        }
+    }
+
+    /// The padding value of a word, whose sign is that of the pixels whatever kind the file says it has. 0 is stated by scanners
+    /// whose images have air of that value: a patient would end in holes.
+    fn padding_of(&self, word: u16) -> Option<f64> {
+        let padding = if self.image.is_signed { f64::from(word as i16) } else { f64::from(word) };
+        Some(padding).filter(|padding| *padding != 0.0)
+    }
+}
+
+/// Text without what fills it up.
+fn text(bytes: &[u8]) -> String {
+    shortened(String::from_utf8_lossy(bytes).trim_matches(['\0', ' ']))
+}
+
+/// The numbers of a value; what is no number is NaN.
+fn numbers(kind: [u8; 2], endian: Endian, bytes: &[u8]) -> Vec<f64> {
+    fn all<const N: usize>(bytes: &[u8], endian: Endian, number: impl Fn([u8; N]) -> f64) -> Vec<f64> {
+        bytes.as_chunks::<N>().0.iter().map(|&word| in_order(word, endian, &number)).collect()
+    }
+    match &kind {
+        b"US" => all(bytes, endian, |b| u16::from_le_bytes(b).into()),
+        b"SS" => all(bytes, endian, |b| i16::from_le_bytes(b).into()),
+        b"UL" => all(bytes, endian, |b| u32::from_le_bytes(b).into()),
+        b"SL" => all(bytes, endian, |b| i32::from_le_bytes(b).into()),
+        b"FL" => all(bytes, endian, |b| f32::from_le_bytes(b).into()),
+        b"FD" => all(bytes, endian, f64::from_le_bytes),
+        _ => {
+            let text = String::from_utf8_lossy(bytes);
+            let text = text.trim_matches(['\0', ' ']);
+            if text.is_empty() {
+                return Vec::new();
+            }
+            text.split('\\').map(|number| number.trim().parse().unwrap_or(f64::NAN)).collect()
+        }
+    }
+}

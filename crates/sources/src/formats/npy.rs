@@ -1,0 +1,354 @@
+//! NumPy arrays (`.npy`, versions 1 to 3): a Python dict literal, then the packed elements.
+//!
+//! The shape is [z, y, x], as `supervol extract` writes it; `fortran_order` changes the memory order only (z runs
+//! fastest then), never which axis is which. Format: NumPy Enhancement Proposal 1 and `numpy.lib.format`.
+//! Promises: the literal is parsed strictly, by a parser that knows nothing but strings, True, False and tuples of
+//! numbers, and is at most 1 MiB long. Elements are read in place; bytes behind them are noted.
+//! Written by hand: the crate `ndarray-npy` reads whole arrays into memory.
+
+use std::fs::File;
+use std::path::Path;
+
+use supervol_format::{ByteSource, VoxelBox, VoxelType};
+
+use crate::grid::dense::shape::{SplitAxes, split_axes};
+use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
+use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
+use crate::input::file::SourceFile;
+use crate::input::selection::Selection;
+use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+
+/// Longest header read. NumPy itself warns beyond 10,000.
+const HEADER_LIMIT_BYTES: u64 = 1 << 20;
+
+/// Most axes of an array; NumPy allows 64.
+const AXES_LIMIT: usize = 64;
+
+const MAGIC: &[u8; 6] = b"\x93NUMPY";
+
+/// A `.npy` file.
+#[derive(Debug)]
+pub struct NpySource(GridSource);
+
+impl NpySource {
+    /// Opens a `.npy` file.
+    ///
+    /// # Errors
+    /// If the file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
+    pub fn open(path: &Path) -> Result<Self, SourceError> {
+        Self::open_with(path, &Selection::default())
+    }
+
+    /// The same, where a person has said which volume or channel of an array of more axes.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; also if there is no such volume or channel.
+    pub fn open_with(path: &Path, selection: &Selection) -> Result<Self, SourceError> {
+        let source_file = SourceFile::of(path)?;
+        let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
+        let length = file.len().map_err(|e| SourceError::io(path, e))?;
+        Self::of_part(path, "npy", (file, 0, length), selection, source_file)
+    }
+
+    /// The array in a part of a file: from a byte on, so many bytes.
+    pub(crate) fn of_part(
+        path: &Path,
+        format: &'static str,
+        (file, start, length): (File, u64, u64),
+        selection: &Selection,
+        source_file: SourceFile,
+    ) -> Result<Self, SourceError> {
+        let (text, offset) = header_text(path, &file, start)?;
+        let header = parse_header(&text).map_err(|wrong| {
+            let found = format!("`{}`", excerpt(&text));
+            SourceError::invalid(path, "npy header", wrong, found)
+        })?;
+        let (number, endian) = element_type(path, &header.descr)?;
+        let SplitAxes { channels, frames, chosen } = split_axes_of(path, &header, selection)?;
+        let mut notes = chosen.notes;
+        let channels = Channels::choose(path, channels, Meaning::Components, selection, &mut notes)?;
+        let frames = Frames { count: frames, wanted: selection.frame_of(path, frames)? };
+        let fastest_first = if header.fortran_order { [2, 1, 0] } else { GridLayout::X_FASTEST };
+        let plain = GridLayout { dims: chosen.dims, voxel_type: number.stored(), endian, fastest_first };
+        let layout = Elements::widened(channels, frames, plain);
+        let bytes = checked_bytes(path, layout.dims, layout.voxel_type)?;
+        let end = offset.checked_add(bytes).filter(|end| *end - start <= length);
+        let Some(end) = end else {
+            let begin = offset - start;
+            let expected = format!("{} bytes ({bytes} of voxels from byte {begin} on)", begin.saturating_add(bytes));
+            return Err(SourceError::invalid(path, "length of the file", expected, format!("{length} bytes")));
+        };
+        let grid = GridFile::single(path, file, offset, layout)?;
+        let elements = Elements::of(path, &grid, number, (channels, frames), &mut notes)?;
+
+        let mut info = SourceInfo::plain(format, chosen.dims, elements.voxel_type);
+        info.files = vec![source_file];
+        info.notes = notes;
+        if header.fortran_order {
+            info.notes.push("Fortran order: z runs fastest in the file".into());
+        }
+        if header.descr.ends_with("b1") {
+            info.notes.push("truth values are read as 0 and 1".into());
+        }
+        let excess = start + length - end;
+        if excess > 0 {
+            info.notes.push(format!("the file goes on after the array; bytes not read: {excess}"));
+        }
+        Ok(Self(GridSource::with_elements(info, grid, elements)))
+    }
+}
+
+impl VolumeSource for NpySource {
+    fn info(&self) -> &SourceInfo {
+        self.0.info()
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        self.0.read_box(voxels, out)
+    }
+}
+
+/// The dict literal and the offset of the first element, of an array that begins at `start`.
+fn header_text(path: &Path, file: &File, start_at: u64) -> Result<(String, u64), SourceError> {
+    let read = |offset: u64, out: &mut [u8]| match file.read_exact_at(start_at + offset, out) {
+        Ok(()) => Ok(()),
+        Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => {
+            let expected = format!("{} bytes from byte {offset} on", out.len());
+            Err(SourceError::invalid(path, "npy header", expected, "the end of the file"))
+        }
+        Err(e) => Err(SourceError::io(path, e)),
+    };
+    let mut start = [0; 8];
+    read(0, &mut start)?;
+    if start[..6] != *MAGIC {
+        let found = format!("`{}`", start[..6].escape_ascii());
+        return Err(SourceError::invalid(path, "magic (bytes 0 to 5)", "`\\x93NUMPY`", found));
+    }
+    let (length, text_offset): (u64, u64) = match start[6] {
+        1 => {
+            let mut length = [0; 2];
+            read(8, &mut length)?;
+            (u16::from_le_bytes(length).into(), 10)
+        }
+        2 | 3 => {
+            let mut length = [0; 4];
+            read(8, &mut length)?;
+            (u32::from_le_bytes(length).into(), 12)
+        }
+        version => {
+            let found = version.to_string();
+            return Err(SourceError::invalid(path, "npy version (byte 6)", "1, 2 or 3", found));
+        }
+    };
+    if length > HEADER_LIMIT_BYTES {
+        let expected = format!("at most {HEADER_LIMIT_BYTES} bytes");
+        return Err(SourceError::invalid(path, "length of the npy header", expected, format!("{length} bytes")));
+    }
+    // The limit above keeps the length within the address space.
+    let mut text = vec![0; length as usize];
+    read(text_offset, &mut text)?;
+    Ok((String::from_utf8_lossy(&text).into_owned(), start_at + text_offset + length))
+}
+
+/// What the dict says.
+#[derive(Debug, PartialEq, Eq)]
+struct NpyHeader {
+    descr: String,
+    fortran_order: bool,
+    shape: Vec<u64>,
+}
+
+fn parse_header(text: &str) -> Result<NpyHeader, String> {
+    let mut parser = Parser { rest: text };
+    let (mut descr, mut fortran_order, mut shape) = (None, None, None);
+    parser.expect("{")?;
+    while !parser.accept("}") {
+        let key = parser.string()?;
+        parser.expect(":")?;
+        let again = match key {
+            "descr" if parser.peek('[') => return Err("one number per element, not a structure".into()),
+            "descr" => descr.replace(parser.string()?.to_owned()).is_some(),
+            "fortran_order" => fortran_order.replace(parser.truth()?).is_some(),
+            "shape" => shape.replace(parser.tuple()?).is_some(),
+            _ => return Err("the keys 'descr', 'fortran_order' and 'shape' only".into()),
+        };
+        if again {
+            return Err(format!("the key '{key}' once"));
+        }
+        if !parser.accept(",") {
+            parser.expect("}")?;
+            break;
+        }
+    }
+    if !parser.rest.trim().is_empty() {
+        return Err("nothing but spaces behind the closing brace".into());
+    }
+    match (descr, fortran_order, shape) {
+        (Some(descr), Some(fortran_order), Some(shape)) => Ok(NpyHeader { descr, fortran_order, shape }),
+        _ => Err("the keys 'descr', 'fortran_order' and 'shape', all three".into()),
+    }
+}
+
+/// Takes one piece of the literal after the other; white space between them is passed over.
+struct Parser<'a> {
+    rest: &'a str,
+}
+
+impl<'a> Parser<'a> {
+    fn peek(&mut self, c: char) -> bool {
+        self.rest = self.rest.trim_start();
+        self.rest.starts_with(c)
+    }
+
+    fn accept(&mut self, token: &str) -> bool {
+        self.rest = self.rest.trim_start();
+        match self.rest.strip_prefix(token) {
+            Some(behind) => {
+                self.rest = behind;
+                true
+            }
+            None => false,
+        }
+    }
+
+    fn expect(&mut self, token: &str) -> Result<(), String> {
+        if self.accept(token) { Ok(()) } else { Err(format!("`{token}` before `{}`", excerpt(self.rest))) }
+    }
+
+    fn string(&mut self) -> Result<&'a str, String> {
+        let quote = ['\'', '"'].into_iter().find(|q| self.peek(*q));
+        let piece = quote.and_then(|q| self.rest[1..].split_once(q));
+        let Some((inside, behind)) = piece.filter(|(inside, _)| !inside.contains('\\')) else {
+            return Err(format!("a string before `{}`", excerpt(self.rest)));
+        };
+        self.rest = behind;
+        Ok(inside)
+    }
+
+    fn truth(&mut self) -> Result<bool, String> {
+        if self.accept("True") {
+            return Ok(true);
+        }
+        if self.accept("False") { Ok(false) } else { Err(format!("True or False before `{}`", excerpt(self.rest))) }
+    }
+
+    fn tuple(&mut self) -> Result<Vec<u64>, String> {
+        self.expect("(")?;
+        let mut numbers = Vec::new();
+        while !self.accept(")") {
+            self.rest = self.rest.trim_start();
+            let digits = self.rest.find(|c: char| !c.is_ascii_digit()).unwrap_or(self.rest.len());
+            let number = self.rest[..digits].parse();
+            numbers.push(number.map_err(|_| format!("a whole number before `{}`", excerpt(self.rest)))?);
+            self.rest = &self.rest[digits..];
+            // Python 2 wrote long integers with an L.
+            self.accept("L");
+            if numbers.len() > AXES_LIMIT {
+                return Err(format!("at most {AXES_LIMIT} axes"));
+            }
+            if !self.accept(",") {
+                self.expect(")")?;
+                break;
+            }
+        }
+        Ok(numbers)
+    }
+}
+
+/// Type and byte order behind a NumPy type string such as `<f4`.
+fn element_type(path: &Path, descr: &str) -> Result<(Number, Endian), SourceError> {
+    let unknown = || {
+        let expected = "a byte order (<, > or |) and one of u1 i1 u2 i2 u4 i4 u8 i8 f2 f4 f8 b1";
+        SourceError::invalid(path, "descr", expected, format!("`{}`", excerpt(descr)))
+    };
+    let order = descr.chars().next().filter(|c| "<>|".contains(*c)).ok_or_else(unknown)?;
+    let number = match &descr[1..] {
+        "u1" | "b1" => Number::Voxel(VoxelType::U8),
+        "i1" => Number::Voxel(VoxelType::I8),
+        "u2" => Number::Voxel(VoxelType::U16),
+        "i2" => Number::Voxel(VoxelType::I16),
+        "u4" => Number::Voxel(VoxelType::U32),
+        "i4" => Number::Voxel(VoxelType::I32),
+        "i8" => Number::Whole { signed: true },
+        "u8" => Number::Whole { signed: false },
+        "f4" => Number::Voxel(VoxelType::F32),
+        "f8" => Number::Voxel(VoxelType::F64),
+        "f2" => Number::Half,
+        "f16" => return Err(refused(path, descr, "extended floats", "astype('float64')")),
+        "c8" | "c16" | "c32" => return Err(refused(path, descr, "complex numbers", "abs() or .real")),
+        _ => return Err(unknown()),
+    };
+    if order == '|' && number.stored().bytes() > 1 {
+        return Err(unknown());
+    }
+    Ok((number, if order == '>' { Endian::Big } else { Endian::Little }))
+}
+
+fn refused(path: &Path, descr: &str, what: &str, conversion: &str) -> SourceError {
+    let what = format!("elements are {what} (`{descr}`), for which there is no voxel type");
+    SourceError::unsupported(path, what, format!("convert with {conversion} before saving"))
+}
+
+/// The three axes of the volume, and those beside them that a person has chosen from; `shape` has the slowest index first.
+fn split_axes_of(path: &Path, header: &NpyHeader, selection: &Selection) -> Result<SplitAxes, SourceError> {
+    let shape = &header.shape;
+    if let Some(axis) = shape.iter().position(|n| *n == 0) {
+        return Err(SourceError::invalid(path, "shape", "at least one element", format!("none along axis {axis}")));
+    }
+    let fastest_first: Vec<u64> = shape.iter().rev().copied().collect();
+    let split = split_axes(&fastest_first, &vec![true; shape.len()], selection.channel.is_some());
+    let refused = |advice: String| {
+        let what = format!("the array has {} axes ({shape:?}), a volume has three [z, y, x]", shape.len());
+        Err(SourceError::unsupported(path, what, advice))
+    };
+    match split {
+        Ok(split) if split.channels == 1 && split.frames == 1 => Ok(split),
+        // Any of an array's axes could be the odd one out: only a person knows.
+        Ok(_) if selection.channel.is_none() && selection.frame.is_none() => {
+            let [first, last] = [shape[0], shape[shape.len() - 1]];
+            refused(format!(
+                "choose one of the {first} along the first with --frame, or of the {last} along the last with --channel"
+            ))
+        }
+        Ok(_) if header.fortran_order => refused("in Fortran order: save it with `numpy.ascontiguousarray`".into()),
+        Ok(split) => Ok(split),
+        Err(_) => refused("save one volume of it".into()),
+    }
+}
+
+/// The first characters of a text from a file, fit for a message.
+fn excerpt(text: &str) -> String {
+    text.chars().take(80).map(|c| if c.is_control() { '?' } else { c }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn literals() {
+        let header = |descr: &str, fortran_order, shape: &[u64]| {
+            Ok(NpyHeader { descr: descr.into(), fortran_order, shape: shape.into() })
+        };
+        let text = "{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4, 5), }   \n";
+        assert_eq!(parse_header(text), header("<f4", false, &[3, 4, 5]));
+        let text = "{\"shape\":(7L,),\"fortran_order\":True,\"descr\":\"|u1\"}";
+        assert_eq!(parse_header(text), header("|u1", true, &[7]));
+        assert_eq!(parse_header("{'descr': '<f4', 'fortran_order': False, 'shape': ()}"), header("<f4", false, &[]));
+        for wrong in [
+            "",
+            "{",
+            "{}",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4, 5)",
+            "{'descr': '<f4', 'fortran_order': 0, 'shape': (3,)}",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (3,)} x",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (-3,)}",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (3 4)}",
+            "{'descr': '<f4', 'descr': '<f4', 'fortran_order': False, 'shape': (3,)}",
+            "{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (3,)}",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999999999999999,)}",
+        ] {
+            assert!(parse_header(wrong).is_err(), "{wrong}");
+        }
+    }
+}

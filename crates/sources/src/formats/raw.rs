@@ -1,0 +1,115 @@
+//! Headerless volumes: packed voxels, x fastest, after an optional header of known length.
+//!
+//! Nothing in such a file says what it is, so its length must fit the options to the byte: a wrong dim or type is the
+//! commonest mistake, and a picture of noise the commonest result.
+
+use std::fs::File;
+use std::path::Path;
+
+use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
+
+use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
+use crate::input::file::SourceFile;
+use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+
+/// What a raw file does not say about itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RawOptions {
+    /// Voxels along x, y, z.
+    pub dims: Dims,
+    /// Type of the voxels.
+    pub voxel_type: VoxelType,
+    /// Their byte order.
+    pub endian: Endian,
+    /// Bytes before the first voxel.
+    pub header_bytes: u64,
+    /// Place in the world.
+    pub geometry: Geometry,
+    /// Stored value that means "no data".
+    pub nodata: Option<f64>,
+}
+
+impl RawOptions {
+    /// What decides which voxels there are; where they are, containers say in any case.
+    fn describe(&self) -> Vec<(&'static str, String)> {
+        let [nx, ny, nz] = self.dims.0;
+        let said = [
+            ("dims", format!("{nx},{ny},{nz}")),
+            ("dtype", self.voxel_type.to_string()),
+            ("endian", self.endian.name().into()),
+            ("offset", self.header_bytes.to_string()),
+        ];
+        said.into_iter().chain(self.nodata.map(|value| ("nodata", value.to_string()))).collect()
+    }
+}
+
+/// A raw file.
+#[derive(Debug)]
+pub struct RawSource(GridSource);
+
+impl RawSource {
+    /// Opens a raw file.
+    ///
+    /// # Errors
+    /// If the options are impossible, the file cannot be opened, or its length is not exactly what they ask for.
+    pub fn open(path: &Path, options: &RawOptions) -> Result<Self, SourceError> {
+        let RawOptions { dims, voxel_type, header_bytes, .. } = *options;
+        let bytes = checked_bytes(path, dims, voxel_type).map_err(|e| SourceError::Options(e.to_string()))?;
+        if let Some(defect) = options.geometry.defect() {
+            return Err(SourceError::Options(format!("{}: {defect}", path.display())));
+        }
+        let source_file = SourceFile::of(path)?;
+        let file = File::open(path).map_err(|e| SourceError::io(path, e))?;
+        let found = file.len().map_err(|e| SourceError::io(path, e))?;
+        if header_bytes.checked_add(bytes) != Some(found) {
+            return Err(wrong_length(path, options, bytes, found));
+        }
+        let layout = GridLayout { dims, voxel_type, endian: options.endian, fastest_first: GridLayout::X_FASTEST };
+        let grid = GridFile::single(path, file, header_bytes, layout)?;
+        let mut info = SourceInfo::plain("raw", dims, voxel_type);
+        info.geometry = options.geometry;
+        info.nodata = options.nodata;
+        info.reading = options.describe();
+        info.files = vec![source_file];
+        Ok(Self(GridSource::new(info, grid)))
+    }
+}
+
+impl VolumeSource for RawSource {
+    fn info(&self) -> &SourceInfo {
+        self.0.info()
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        self.0.read_box(voxels, out)
+    }
+}
+
+/// Says what was asked for, what is there, and which offset or dims would fit.
+fn wrong_length(path: &Path, options: &RawOptions, bytes: u64, found: u64) -> SourceError {
+    let RawOptions { dims, voxel_type, header_bytes, .. } = *options;
+    let total = u128::from(header_bytes) + u128::from(bytes);
+    let expected = format!("{total} bytes ({dims} voxels of {voxel_type} after {header_bytes} bytes of header)");
+    let mut advice = Vec::new();
+    if found > bytes {
+        advice.push(format!("with these dims and a header in front, --offset {} fits", found - bytes));
+    }
+    let layer_bytes = dims.0[0] * dims.0[1] * voxel_type.bytes() as u64;
+    let data_bytes = found.saturating_sub(header_bytes);
+    let layers = data_bytes / layer_bytes;
+    if layers > 0 && data_bytes.is_multiple_of(layer_bytes) {
+        advice.push(format!("--dims {},{},{layers} fits", dims.0[0], dims.0[1]));
+    }
+    if let Some(fitting) = fitting_types(dims, data_bytes) {
+        advice.push(fitting);
+    }
+    let advice = if advice.is_empty() { "check --dims, --dtype and --offset".into() } else { advice.join("; ") };
+    SourceError::invalid(path, "length of the file", expected, format!("{found} bytes ({advice})"))
+}
+
+/// The types with which these dims would fill the file exactly.
+fn fitting_types(dims: Dims, data_bytes: u64) -> Option<String> {
+    let fits = |t: &VoxelType| dims.bytes(*t) == Some(data_bytes);
+    let names: Vec<&str> = VoxelType::ALL.iter().filter(|t| fits(t)).map(|t| t.name()).collect();
+    (!names.is_empty()).then(|| format!("--dtype {} fits", names.join(" or ")))
+}

@@ -1,0 +1,342 @@
+//! What programs write into the description of a TIFF's first page: ImageJ its lines `key=value`, others OME-XML. Which pages
+//! are the slices of one volume, and how far apart voxels are.
+
+use std::collections::{BTreeSet, HashMap};
+use std::path::Path;
+
+use quick_xml::XmlVersion;
+use quick_xml::events::{BytesStart, Event};
+
+use crate::SourceError;
+use crate::input::selection::Selection;
+use crate::input::text::shortened;
+
+/// Most slices of a volume, pages of a file.
+pub(super) const PAGES_LIMIT: usize = 1 << 16;
+
+/// What a description says.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Description {
+    /// Pages that are the slices, from the first on; `None`: all.
+    pub(super) slices: Option<Vec<usize>>,
+    /// World lengths between voxels along x, y, z, where they are known; ImageJ states x and y elsewhere.
+    pub(super) spacing: [Option<f64>; 3],
+    /// Unit of the spacing, empty where unknown.
+    pub(super) unit: String,
+    /// Whether the page's resolution is in pixels per unit.
+    pub(super) has_resolution: bool,
+    /// What a person should know.
+    pub(super) notes: Vec<String>,
+}
+
+/// Sizes of a series beside x and y, and how many pages lie between neighbours along each.
+#[derive(Debug, Clone, Copy)]
+struct Series {
+    /// Slices, channels, times.
+    sizes: [usize; 3],
+    /// Pages from one to the next.
+    strides: [usize; 3],
+}
+
+impl Series {
+    /// From the sizes of slices, channels and times, in the order in which they run, the fastest first.
+    fn new(sizes: [usize; 3], fastest_first: [usize; 3]) -> Option<Self> {
+        let (mut strides, mut product) = ([0; 3], 1usize);
+        for axis in fastest_first {
+            strides[axis] = product;
+            product = product.checked_mul(sizes[axis])?;
+        }
+        (1..=PAGES_LIMIT).contains(&product).then_some(Self { sizes, strides })
+    }
+
+    /// Pages of the slices of the channel and time that are wanted, the first where nobody says; a lone series of times is read
+    /// as slices. `samples`: pixels of several numbers are channels of their own. `names` are those of the channels, if it says any.
+    fn slices(
+        &self,
+        path: &Path,
+        samples: u64,
+        selection: &Selection,
+        (names, notes): (&[String], &mut Vec<String>),
+    ) -> Result<Vec<usize>, SourceError> {
+        let [slices, channels, times] = self.sizes;
+        let mut first = 0;
+        if samples == 1 {
+            first += selection.noted_channel(path, channels as u64, names, notes)? as usize * self.strides[1];
+        }
+        if slices == 1 && times > 1 && channels == 1 && selection.frame.is_none() {
+            notes.push(format!("{times} time points of one slice: read as slices"));
+            return Ok((0..times).map(|i| i * self.strides[2]).collect());
+        }
+        first += selection.noted_frame(path, times as u64, "time points", notes)? as usize * self.strides[2];
+        Ok((0..slices).map(|i| first + i * self.strides[0]).collect())
+    }
+}
+
+impl Description {
+    /// Reads a description; one of neither kind says nothing.
+    ///
+    /// # Errors
+    /// If it is of either kind and makes no sense, or speaks of several files.
+    pub(super) fn read(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
+        if text.contains("<OME") {
+            return Self::of_ome(path, text, samples, selection);
+        }
+        selection.refuse_series(path)?;
+        if text.starts_with("ImageJ=") {
+            return Self::of_image_j(path, text, samples, selection);
+        }
+        selection.frame_of(path, 1)?;
+        if samples == 1 {
+            selection.channel_of(path, 1)?;
+        }
+        Ok(Self::default())
+    }
+
+    fn of_image_j(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
+        let fields: HashMap<&str, &str> = text.lines().filter_map(|line| line.split_once('=')).collect();
+        let count = |name: &str| match fields.get(name) {
+            None => Ok(None),
+            Some(text) => {
+                text.trim().parse().ok().filter(|n| (1..=PAGES_LIMIT).contains(n)).map(Some).ok_or_else(|| {
+                    let expected = format!("a number of 1 to {PAGES_LIMIT}");
+                    SourceError::invalid(path, format!("ImageJ description, {name}"), expected, shortened(text))
+                })
+            }
+        };
+        let images = count("images")?.unwrap_or(1);
+        let (channels, slices, frames) = (count("channels")?, count("slices")?, count("frames")?);
+        // A stack that is no hyperstack says how many images it has, and nothing else.
+        let is_plain = channels.is_none() && slices.is_none() && frames.is_none();
+        let slices = if is_plain { images } else { slices.unwrap_or(1) };
+        let sizes = [slices, channels.unwrap_or(1), frames.unwrap_or(1)];
+        // Channels run fastest, then slices, then times.
+        let series = Series::new(sizes, [1, 0, 2]).ok_or_else(|| {
+            let expected = format!("at most {PAGES_LIMIT} pages");
+            SourceError::invalid(path, "ImageJ description", expected, format!("{sizes:?} slices, channels, times"))
+        })?;
+        let mut notes = Vec::new();
+        let slices = Some(series.slices(path, samples, selection, (&[], &mut notes))?);
+        let between = fields.get("spacing").and_then(|s| s.trim().parse().ok());
+        let unit = fields.get("unit").map(|unit| unit_of(unit)).unwrap_or_default();
+        let has_resolution = !unit.is_empty() && unit != "pixel";
+        let spacing = [None, None, between.filter(|_| has_resolution).map(f64::abs)];
+        Ok(Self { slices, spacing, unit: if has_resolution { unit } else { String::new() }, has_resolution, notes })
+    }
+
+    fn of_ome(path: &Path, text: &str, samples: u64, selection: &Selection) -> Result<Self, SourceError> {
+        let wrong = |found: String| SourceError::invalid(path, "OME-XML", "an element `Pixels` with its sizes", found);
+        let mut found = Ome { samples: samples as usize, wanted: wanted_series(path, selection)?, ..Ome::default() };
+        let mut reader = quick_xml::Reader::from_str(text);
+        loop {
+            match reader.read_event() {
+                Ok(Event::Start(element) | Event::Empty(element)) => found.take(&element).map_err(&wrong)?,
+                Ok(Event::Eof) => break,
+                Ok(_) => {}
+                Err(error) => return Err(wrong(shortened(&error.to_string()))),
+            }
+        }
+        if found.files.len() > 1 || found.is_elsewhere {
+            let what = match found.files.len() {
+                0 | 1 => "it is one of several files of an OME-TIFF, whose OME-XML is in another".into(),
+                count => format!("its OME-XML spreads the volume over {count} files"),
+            };
+            let advice =
+                "give their folder, if each holds one slice, or join them: `bfconvert IN OUT.ome.tif` (Bio-Formats)";
+            return Err(SourceError::unsupported(path, what, advice));
+        }
+        if found.wanted > 0 && found.wanted >= found.images {
+            let there = format!("{} has {} series, counted from 0 on", path.display(), found.images);
+            return Err(SourceError::Options(format!("--series {}: {there}", found.wanted)));
+        }
+        let series = found.series.ok_or_else(|| wrong("none".into()))?;
+        let mut notes = Vec::new();
+        if found.images > 1 && selection.series.is_none() {
+            let last = found.images - 1;
+            notes.push(format!("{} series; the first is used; --series 0 to {last} takes another", found.images));
+        }
+        let planes = series.slices(path, samples, selection, (&found.channels, &mut notes))?;
+        let slices = planes.into_iter().map(|plane| found.page_of(plane)).collect::<Option<_>>();
+        let slices = slices.ok_or_else(|| wrong("a slice that no `TiffData` has a page for".into()))?;
+        let units = &found.units;
+        let is_one_unit = units.iter().all(|unit| *unit == units[0]);
+        if !is_one_unit {
+            notes.push("voxel sizes have different units: not used".into());
+        }
+        let spacing = if is_one_unit { found.spacing } else { [None; 3] };
+        let unit = if is_one_unit && spacing.iter().any(Option::is_some) { units[0].clone() } else { String::new() };
+        Ok(Self { slices: Some(slices), spacing, unit, has_resolution: false, notes })
+    }
+}
+
+/// What is read of OME-XML.
+#[derive(Debug, Default)]
+struct Ome {
+    /// Numbers per pixel of a page.
+    samples: usize,
+    /// Number of the series that is read.
+    wanted: usize,
+    images: usize,
+    series: Option<Series>,
+    spacing: [Option<f64>; 3],
+    units: [String; 3],
+    /// What its channels are called, empty where one is not.
+    channels: Vec<String>,
+    /// First plane, first page, planes; where there are none, planes are pages.
+    places: Vec<[usize; 3]>,
+    files: BTreeSet<String>,
+    /// Whether it only names the file that has the rest.
+    is_elsewhere: bool,
+}
+
+impl Ome {
+    /// Takes an element; only those of the wanted series count.
+    fn take(&mut self, element: &BytesStart<'_>) -> Result<(), String> {
+        let mut attributes = HashMap::new();
+        for attribute in element.attributes() {
+            let attribute = attribute.map_err(|e| shortened(&e.to_string()))?;
+            let value = attribute
+                .normalized_value(XmlVersion::Implicit1_0)
+                .map_err(|e| shortened(&e.to_string()))?
+                .into_owned();
+            attributes.insert(attribute.key.local_name().as_ref().to_owned(), value);
+        }
+        let is_wanted = self.images == self.wanted + 1;
+        match element.local_name().as_ref() {
+            "Image" => self.images += 1,
+            "Pixels" if is_wanted => self.pixels(&attributes)?,
+            "Channel" if is_wanted && self.channels.len() < PAGES_LIMIT => {
+                self.channels.push(attributes.remove("Name").unwrap_or_default());
+            }
+            "TiffData" if is_wanted => self.place(&attributes)?,
+            "BinaryOnly" => self.is_elsewhere = true,
+            "UUID" if is_wanted => self.files.extend(attributes.remove("FileName")),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn pixels(&mut self, attributes: &HashMap<String, String>) -> Result<(), String> {
+        let size = |name: &str| number(attributes, name)?.ok_or_else(|| format!("no {name}"));
+        // Colours of one pixel are no planes of their own.
+        let sizes = [size("SizeZ")?, (size("SizeC")? / self.samples.max(1)).max(1), size("SizeT")?];
+        let order = attributes.get("DimensionOrder").map_or("XYZCT", String::as_str);
+        let mut axes: Vec<usize> = order.chars().skip(2).filter_map(|c| "ZCT".find(c)).collect();
+        let fastest_first = axes.clone();
+        axes.sort_unstable();
+        let is_whole = order.starts_with("XY") && order.len() == 5 && axes == [0, 1, 2];
+        let axes = fastest_first.try_into().ok().filter(|_| is_whole).ok_or_else(|| shortened(order))?;
+        self.series = Some(Series::new(sizes, axes).ok_or_else(|| format!("{sizes:?} slices, channels, times"))?);
+        for (i, axis) in ["X", "Y", "Z"].into_iter().enumerate() {
+            let stated = attributes.get(&format!("PhysicalSize{axis}")).and_then(|text| text.parse::<f64>().ok());
+            self.spacing[i] = stated.filter(|s| s.is_finite() && *s > 0.0);
+            self.units[i] = unit_of(attributes.get(&format!("PhysicalSize{axis}Unit")).map_or("µm", String::as_str));
+        }
+        Ok(())
+    }
+
+    fn place(&mut self, attributes: &HashMap<String, String>) -> Result<(), String> {
+        let Some(series) = self.series else { return Err("TiffData before Pixels".into()) };
+        let at = |name: &str| number(attributes, name).map(|n| n.unwrap_or(0));
+        let firsts = [at("FirstZ")?, at("FirstC")?, at("FirstT")?];
+        let plane = (0..3).map(|axis| firsts[axis].saturating_mul(series.strides[axis])).fold(0, usize::saturating_add);
+        let page = number(attributes, "IFD")?;
+        let planes = number(attributes, "PlaneCount")?.unwrap_or(if page.is_some() { 1 } else { PAGES_LIMIT });
+        if self.places.len() >= PAGES_LIMIT {
+            return Err(format!("more than {PAGES_LIMIT} elements TiffData"));
+        }
+        self.places.push([plane, page.unwrap_or(0), planes]);
+        Ok(())
+    }
+
+    /// The page of a plane.
+    fn page_of(&self, plane: usize) -> Option<usize> {
+        if self.places.is_empty() {
+            return Some(plane);
+        }
+        // Mostly they are in order, one for each plane.
+        let holds = |&&[first, _, planes]: &&[usize; 3]| plane.checked_sub(first).is_some_and(|behind| behind < planes);
+        let place = self.places.get(plane).filter(holds).or_else(|| self.places.iter().find(holds));
+        place.map(|&[first, page, _]| page.saturating_add(plane - first))
+    }
+}
+
+/// The series that is wanted of an OME-TIFF, counted from 0 on; the first where nobody says.
+fn wanted_series(path: &Path, selection: &Selection) -> Result<usize, SourceError> {
+    let Some(text) = &selection.series else { return Ok(0) };
+    let number = text.parse().ok().filter(|n| *n < PAGES_LIMIT);
+    number.ok_or_else(|| {
+        let expected = "expected the number of a series of OME, from 0 on";
+        SourceError::Options(format!("--series {}: {expected}, for {}", shortened(text), path.display()))
+    })
+}
+
+fn number(attributes: &HashMap<String, String>, name: &str) -> Result<Option<usize>, String> {
+    let Some(text) = attributes.get(name) else { return Ok(None) };
+    text.trim()
+        .parse()
+        .ok()
+        .filter(|n| *n <= PAGES_LIMIT)
+        .map(Some)
+        .ok_or_else(|| format!("{name} {}", shortened(text)))
+}
+
+/// A unit as we write it.
+fn unit_of(text: &str) -> String {
+    match text.trim() {
+        "micron" | "microns" | "um" | "µm" | "μm" | "\\u00B5m" | "Â\u{b5}m" => "um".into(),
+        // No unit, but distances of voxels.
+        "reference frame" => String::new(),
+        other => shortened(other),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Description, SourceError> {
+        Description::read("d.tif".as_ref(), text, 1, &Selection::default())
+    }
+
+    #[test]
+    fn stacks_of_image_j() {
+        let found = read("ImageJ=1.53\nimages=4\nspacing=2.5\nunit=micron\n").expect("a stack");
+        assert_eq!(found.slices, Some(vec![0, 1, 2, 3]));
+        assert_eq!((found.spacing[2], found.unit.as_str(), found.has_resolution), (Some(2.5), "um", true));
+        let found = read("ImageJ=1.53\nimages=24\nchannels=2\nslices=4\nframes=3\nhyperstack=true").expect("a stack");
+        assert_eq!(found.slices, Some(vec![0, 2, 4, 6]));
+        assert_eq!(found.notes.len(), 2, "{:?}", found.notes);
+        let found = read("ImageJ=1.53\nimages=9\nframes=9\n").expect("a stack");
+        assert_eq!(found.slices.map(|s| s.len()), Some(9));
+        assert!(read("ImageJ=1.53\nimages=-3").is_err() && read("ImageJ=1\nslices=99999\nframes=99999").is_err());
+        assert_eq!(read("anything").expect("nothing"), Description::default());
+    }
+
+    #[test]
+    fn series_of_ome() {
+        let xml = |pixels: &str, inside: &str| {
+            format!("<?xml version=\"1.0\"?><OME><Image><Pixels {pixels}>{inside}</Pixels></Image></OME>")
+        };
+        let sizes = "SizeX=\"9\" SizeY=\"9\" SizeZ=\"3\" SizeC=\"2\" SizeT=\"2\"";
+        let pages = |order: &str, inside: &str| {
+            read(&xml(&format!("DimensionOrder=\"{order}\" {sizes}"), inside)).map(|d| d.slices.expect("pages"))
+        };
+        assert_eq!(pages("XYZCT", "").expect("pages"), [0, 1, 2]);
+        assert_eq!(pages("XYCZT", "").expect("pages"), [0, 2, 4]);
+        assert_eq!(pages("XYTCZ", "").expect("pages"), [0, 4, 8]);
+        assert_eq!(pages("XYZCT", "<TiffData/>").expect("pages"), [0, 1, 2]);
+        let backward = "<TiffData FirstZ=\"2\" IFD=\"0\"/><TiffData FirstZ=\"1\" IFD=\"1\"/><TiffData IFD=\"2\"/>";
+        assert_eq!(pages("XYZCT", backward).expect("pages"), [2, 1, 0]);
+        assert!(pages("XYZCT", "<TiffData FirstZ=\"1\" IFD=\"0\"/>").is_err());
+        assert!(pages("XYZZT", "").is_err() && pages("ZXYCT", "").is_err());
+        let files = "<TiffData><UUID FileName=\"a\"/></TiffData><TiffData><UUID FileName=\"b\"/></TiffData>";
+        assert!(pages("XYZCT", files).expect_err("two files").to_string().contains("2 files"));
+        let named = "<Channel ID=\"C:0\" Name=\"DAPI\"/><Channel ID=\"C:1\"><LightPath/></Channel>";
+        let found = read(&xml(&format!("DimensionOrder=\"XYZCT\" {sizes}"), named)).expect("channels");
+        assert!(found.notes.contains(&"2 channels (DAPI); the first is used; --channel 0 to 1 takes another".into()));
+        let physical = "PhysicalSizeX=\"0.5\" PhysicalSizeY=\"0.5\" PhysicalSizeZ=\"2\" PhysicalSizeZUnit=\"µm\"";
+        let found = read(&xml(&format!("{sizes} {physical}"), "")).expect("sizes");
+        assert_eq!((found.spacing, found.unit.as_str()), ([Some(0.5), Some(0.5), Some(2.0)], "um"));
+        assert!(read("<OME><Image><Pixels SizeZ=\"x\"/></Image></OME>").is_err() && read("<OME></OME>").is_err());
+    }
+}

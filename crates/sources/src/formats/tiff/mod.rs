@@ -1,0 +1,607 @@
+//! TIFF stacks: pages as slices, classic and BigTIFF, strips and tiles, deflate, LZW, PackBits, zstd and predictors, JPEG, integers
+//! of 8 to 64 bits, single bits and floats, numbers of a pixel together or each in a plane of its own, with the spacing that ImageJ
+//! or OME-XML state.
+//!
+//! Pages that lie in the file as they are, each in one piece, are read in place, also those that ImageJ writes behind the only
+//! page of a stack of more than 4 GiB; all others are decoded once into a spool file ([`crate::input::spool`]), chunk by chunk. Of several channels and times the first is
+//! used, and the notes say so, unless `--channel` and `--frame` say otherwise. Pages that are smaller copies are left out; of pages with a palette its numbers are the voxels.
+//! Of colours the luminance is used, or one channel; of several series of OME the first, or `--series N`. Single bits become the
+//! voxels 0 and 1, 64-bit integers the smallest type that holds all of them. White-is-zero pages are turned round by the decoder, so that greater is brighter.
+//! Decoding is the crate `tiff`'s, but of JPEG and zstd (`coded`); which pages are the volume is told here.
+
+mod coded;
+mod description;
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use description::{Description, PAGES_LIMIT};
+use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
+use tiff::decoder::ifd::Value;
+use tiff::decoder::{ChunkType, Decoder, DecodingResult, Limits};
+use tiff::tags::{CompressionMethod, SampleFormat, Tag};
+use tiff::{ColorType, TiffError, TiffFormatError};
+
+use crate::grid::dense::{GridFile, GridLayout, GridSource, Part, checked_bytes};
+use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
+use crate::input::data_files::open_data;
+use crate::input::file::SourceFile;
+use crate::input::selection::Selection;
+use crate::input::spool::{Spool, SpoolFolder};
+use crate::{Axis, Endian, SourceError, SourceInfo, VolumeSource};
+use coded::{CodedChunks, Compression};
+
+/// Most bytes of a decoded strip or tile, and of a band of tiles.
+const CHUNK_LIMIT_BYTES: usize = 256 << 20;
+/// Most bytes of one field, which may be OME-XML of tens of thousands of planes.
+const FIELD_LIMIT_BYTES: usize = 32 << 20;
+/// No codec but zstd expands more than this: deflate 1032 to 1, LZW and JPEG about 1365 to 1.
+pub(crate) const RATIO_LIMIT: u64 = 1400;
+
+/// Photometric interpretation of pixels that are numbers of a palette.
+const PALETTE: u64 = 3;
+
+/// A TIFF stack.
+#[derive(Debug)]
+pub struct TiffSource(GridSource);
+
+impl TiffSource {
+    /// Opens a TIFF; its pages are decoded into `spool`.
+    ///
+    /// # Errors
+    /// If the file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
+    pub fn open(path: &Path, spool: &SpoolFolder, selection: &Selection) -> Result<Self, SourceError> {
+        let source_file = SourceFile::of(path)?;
+        let mut pages = Pages::open(path)?;
+        let described = pages.page()?;
+        let description = Description::read(path, &pages.description()?, described.samples, selection)?;
+        let mut notes = description.notes.clone();
+        let (slices, behind) = pages.slices(&description, &mut notes)?;
+        let first = pages.first_of(&slices, behind.is_some(), described)?;
+        let channels = match first.samples {
+            1 => Channels::ONE,
+            samples => Channels::choose(path, samples, first.meaning, selection, &mut notes)?,
+        };
+        let geometry = pages.geometry(&description)?;
+        let dims = Dims([first.size[0], first.size[1], slices.len() as u64]);
+        checked_bytes(path, dims, first.stored())?;
+        let in_place = match behind {
+            Some(offset) => vec![offset],
+            None => pages.offsets_in_place(&slices, first)?,
+        };
+        let plain = GridLayout {
+            dims,
+            voxel_type: first.stored(),
+            endian: Endian::Little,
+            fastest_first: GridLayout::X_FASTEST,
+        };
+        let layout = |endian| GridLayout { endian, ..Elements::widened(channels, Frames::ONE, plain) };
+        let bytes = checked_bytes(path, layout(Endian::Little).dims, first.stored())?;
+        let grid = match in_place[..] {
+            [] => GridFile::single(path, pages.decode(&slices, first, bytes, spool)?, 0, layout(Endian::Little)),
+            [offset] => GridFile::single(path, open_data(path)?, offset, layout(pages.endian())),
+            _ => {
+                let parts = in_place.iter().map(|&offset| Part { path: path.into(), offset });
+                GridFile::parts(path, parts.collect(), layout(pages.endian()))
+            }
+        };
+        let grid = grid?;
+        let elements = Elements::of(path, &grid, first.number, (channels, Frames::ONE), &mut notes)?;
+
+        let mut info = SourceInfo::plain("tiff", dims, elements.voxel_type);
+        info.geometry = geometry;
+        info.axes = ["x", "y", "z"].map(|name| Axis { name: name.into(), unit: description.unit.clone() });
+        info.notes = notes;
+        info.files = vec![source_file];
+        Ok(Self(GridSource::with_elements(info, grid, elements)))
+    }
+}
+
+impl VolumeSource for TiffSource {
+    fn info(&self) -> &SourceInfo {
+        self.0.info()
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        self.0.read_box(voxels, out)
+    }
+}
+
+/// What all pages of a volume have in common.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Page {
+    /// Pixels along x and y.
+    pub(crate) size: [u64; 2],
+    /// Numbers per pixel.
+    pub(crate) samples: u64,
+    /// Their type.
+    pub(crate) number: Number,
+    /// How they lie in the chunks of the page.
+    packing: Packing,
+    /// What those of one pixel are.
+    pub(crate) meaning: Meaning,
+}
+
+/// How the numbers of a page lie in its chunks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Packing {
+    /// Those of a pixel together.
+    Together,
+    /// All of one kind, then all of the next: each chunk has one kind.
+    InPlanes,
+    /// Single bits, of which a row begins with a byte.
+    Bits,
+}
+
+impl std::fmt::Display for Page {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [width, height] = self.size;
+        let number = match (self.number, self.packing) {
+            (Number::Voxel(_), Packing::Bits) => "bit",
+            (Number::Voxel(voxel_type), _) => voxel_type.name(),
+            (Number::Whole { signed: true }, _) => "int64",
+            (Number::Whole { signed: false }, _) => "uint64",
+            (Number::Half, _) => "half-precision float",
+        };
+        write!(f, "{width} x {height} pixels of {} {number}", self.samples)
+    }
+}
+
+impl Page {
+    pub(crate) fn bytes(self) -> u64 {
+        // Sizes have 32 bits, so that the product of all has less than 128, but may have more than 64.
+        self.size[0].saturating_mul(self.size[1]).saturating_mul(self.pixel_bytes() as u64)
+    }
+
+    /// Grey or colours, those of a pixel together.
+    pub(crate) fn plain(size: [u64; 2], samples: u64, number: Number) -> Self {
+        Self { size, samples, number, packing: Packing::Together, meaning: Meaning::Colours }
+    }
+
+    fn pixel_bytes(self) -> usize {
+        self.samples as usize * self.stored().bytes()
+    }
+
+    /// Planes that its chunks are of.
+    fn planes(self) -> u64 {
+        if self.packing == Packing::InPlanes { self.samples } else { 1 }
+    }
+
+    /// The type in which they lie in a grid.
+    pub(crate) fn stored(self) -> VoxelType {
+        self.number.stored()
+    }
+}
+
+/// The pages of a file, one of them at hand.
+pub(crate) struct Pages<'a> {
+    path: &'a Path,
+    decoder: Decoder<BufReader<File>>,
+    file_bytes: u64,
+}
+
+impl<'a> Pages<'a> {
+    pub(crate) fn open(path: &'a Path) -> Result<Self, SourceError> {
+        let file = open_data(path)?;
+        let file_bytes = file.len().map_err(|e| SourceError::io(path, e))?;
+        let mut limits = Limits::default();
+        (limits.decoding_buffer_size, limits.intermediate_buffer_size) = (CHUNK_LIMIT_BYTES, CHUNK_LIMIT_BYTES);
+        // The crate makes room for as many values as a field states, several times their bytes, before it looks for them.
+        limits.ifd_value_size = FIELD_LIMIT_BYTES.min(usize::try_from(file_bytes).unwrap_or(usize::MAX));
+        let decoder = Decoder::new(BufReader::new(file)).map_err(|e| refusal(path, e))?.with_limits(limits);
+        Ok(Self { path, decoder, file_bytes })
+    }
+
+    fn tag(&mut self, tag: Tag) -> Result<Option<u64>, SourceError> {
+        self.decoder.find_tag_unsigned(tag).map_err(|e| refusal(self.path, e))
+    }
+
+    /// How the page at hand is compressed.
+    fn compression(&mut self) -> Result<Compression, SourceError> {
+        Compression::of(self.path, self.tag(Tag::Compression)?.unwrap_or(1))
+    }
+
+    /// Most bytes that a byte of the file stands for, by the page at hand.
+    pub(crate) fn ratio_limit(&mut self, page: Page) -> Result<u64, SourceError> {
+        let voxels_of_a_byte = if page.packing == Packing::Bits { 8 } else { 1 };
+        Ok(self.compression()?.ratio_limit() * voxels_of_a_byte)
+    }
+
+    /// The page at hand.
+    pub(crate) fn page(&mut self) -> Result<Page, SourceError> {
+        let path = self.path;
+        let compression = self.compression()?;
+        let (width, height) = self.decoder.dimensions().map_err(|e| refusal(path, e))?;
+        let is_in_planes = self.tag(Tag::PlanarConfiguration)?.is_some_and(|order| order != 1);
+        let color = match self.tag(Tag::PhotometricInterpretation)? {
+            // Numbers of a palette are the voxels; what colours they are shown in is not. The decoder does not know.
+            Some(PALETTE) => {
+                ColorType::Gray(self.tag(Tag::BitsPerSample)?.and_then(|n| n.try_into().ok()).unwrap_or(1))
+            }
+            _ => match self.decoder.colortype().map_err(|e| refusal(path, e))? {
+                // What it is decoded to.
+                ColorType::YCbCr(bits) if compression == Compression::Jpeg && !is_in_planes => ColorType::RGB(bits),
+                color => color,
+            },
+        };
+        let formats = self.decoder.find_tag_unsigned_vec::<u16>(Tag::SampleFormat).map_err(|e| refusal(path, e))?;
+        let format = formats.and_then(|formats| formats.first().copied()).unwrap_or(SampleFormat::Uint.to_u16());
+        let unsupported = |what: String, advice: &str| Err(SourceError::unsupported(path, what, advice));
+        let (samples, bits) = match color {
+            ColorType::Gray(bits) => (1, bits),
+            ColorType::GrayA(bits) => (2, bits),
+            ColorType::RGB(bits) => (3, bits),
+            ColorType::RGBA(bits) => (4, bits),
+            ColorType::Multiband { bit_depth, num_samples } => (num_samples.into(), bit_depth),
+            _ => {
+                let advice = "convert to grey or RGB first, for example with Fiji (Image, Type)";
+                return unsupported(format!("pixels are colours of a kind that is not read ({color:?})"), advice);
+            }
+        };
+        let page = |number, packing| Page {
+            size: [width.into(), height.into()],
+            samples,
+            number,
+            packing,
+            meaning: match color {
+                ColorType::Multiband { .. } => Meaning::Components,
+                _ => Meaning::Colours,
+            },
+        };
+        let packing = if is_in_planes && samples > 1 { Packing::InPlanes } else { Packing::Together };
+        let number = Number::Voxel(match (SampleFormat::from_u16_exhaustive(format), bits) {
+            (SampleFormat::IEEEFP, 16) => return Ok(page(Number::Half, packing)),
+            (SampleFormat::Uint, 64) => return Ok(page(Number::Whole { signed: false }, packing)),
+            (SampleFormat::Int, 64) => return Ok(page(Number::Whole { signed: true }, packing)),
+            (SampleFormat::Uint, 1) if samples == 1 => {
+                return Ok(page(Number::Voxel(VoxelType::U8), Packing::Bits));
+            }
+            (SampleFormat::Uint, 8) => VoxelType::U8,
+            (SampleFormat::Int, 8) => VoxelType::I8,
+            (SampleFormat::Uint, 16) => VoxelType::U16,
+            (SampleFormat::Int, 16) => VoxelType::I16,
+            (SampleFormat::Uint, 32) => VoxelType::U32,
+            (SampleFormat::Int, 32) => VoxelType::I32,
+            (SampleFormat::IEEEFP, 32) => VoxelType::F32,
+            (SampleFormat::IEEEFP, 64) => VoxelType::F64,
+            (format, bits) => {
+                let advice = "convert to 8, 16 or 32 bits, for example with Fiji (Image, Type)";
+                return unsupported(format!("pixels of {bits} bits ({format:?}) have no voxel type here"), advice);
+            }
+        });
+        Ok(page(number, packing))
+    }
+
+    /// The first page of the volume, at hand; it must have as many numbers per pixel as the one with the description.
+    fn first_of(&mut self, slices: &[usize], is_behind: bool, described: Page) -> Result<Page, SourceError> {
+        let Some(&slice) = slices.first().filter(|_| !is_behind) else { return Ok(described) };
+        self.seek(slice)?;
+        let first = self.page()?;
+        if first.samples == described.samples {
+            return Ok(first);
+        }
+        let expected = format!("{} numbers per pixel, as the first", described.samples);
+        Err(SourceError::invalid(self.path, format!("page {slice}"), expected, first.samples.to_string()))
+    }
+
+    /// The description of the page at hand.
+    fn description(&mut self) -> Result<String, SourceError> {
+        let value = self.decoder.find_tag(Tag::ImageDescription).map_err(|e| refusal(self.path, e))?;
+        // One that is no text says nothing.
+        Ok(value.and_then(|value| value.into_string().ok()).unwrap_or_default())
+    }
+
+    /// Numbers of the pages that are the slices of the volume; or, where these lie behind the only page, where.
+    fn slices(
+        &mut self,
+        description: &Description,
+        notes: &mut Vec<String>,
+    ) -> Result<(Vec<usize>, Option<u64>), SourceError> {
+        let wanted = description.slices.as_deref();
+        if let Some(slices) = wanted.filter(|slices| slices.len() > 1)
+            && !self.decoder.more_images()
+        {
+            return Ok((slices.to_vec(), Some(self.behind_the_page(slices)?)));
+        }
+        let whole = self.whole_pages(notes)?;
+        let Some(wanted) = wanted else { return Ok((whole, None)) };
+        // Smaller copies are not counted by who writes descriptions.
+        let page = |&slice: &usize| {
+            whole.get(slice).copied().ok_or_else(|| {
+                let found = format!("{} pages", whole.len());
+                SourceError::invalid(
+                    self.path,
+                    "pages",
+                    format!("page {slice}, which its description speaks of"),
+                    found,
+                )
+            })
+        };
+        Ok((wanted.iter().map(page).collect::<Result<_, _>>()?, None))
+    }
+
+    /// Numbers of all pages that are not smaller copies; the first page is at hand again afterwards.
+    pub(crate) fn whole_pages(&mut self, notes: &mut Vec<String>) -> Result<Vec<usize>, SourceError> {
+        let (mut whole, mut copies, mut number) = (Vec::new(), 0, 0);
+        loop {
+            let is_copy = self.tag(Tag::NewSubfileType)?.is_some_and(|kind| kind & 1 == 1) && number > 0;
+            copies += usize::from(is_copy);
+            whole.extend((!is_copy).then_some(number));
+            if !self.decoder.more_images() {
+                break;
+            }
+            number += 1;
+            if number == PAGES_LIMIT {
+                return Err(SourceError::invalid(self.path, "pages", format!("at most {PAGES_LIMIT}"), "more"));
+            }
+            self.decoder.next_image().map_err(|e| refusal(self.path, e))?;
+        }
+        if copies > 0 {
+            notes.push(format!("{copies} pages are smaller copies of others and left out"));
+        }
+        self.seek(0)?;
+        Ok(whole)
+    }
+
+    fn seek(&mut self, page: usize) -> Result<(), SourceError> {
+        self.decoder.seek_to_image(page).map_err(|e| refusal(self.path, e))
+    }
+
+    /// ImageJ writes stacks of more than 4 GiB with one page, and all slices one after the other: where the first begins.
+    fn behind_the_page(&mut self, slices: &[usize]) -> Result<u64, SourceError> {
+        let follow_one_another = slices.iter().enumerate().all(|(i, &slice)| i == slice);
+        let page = self.page()?;
+        match self.place_of_page(page)? {
+            Some(first) if follow_one_another => Ok(first),
+            _ => {
+                let expected = format!("{} pages, which its description speaks of", slices.len());
+                Err(SourceError::invalid(self.path, "pages", expected, "one"))
+            }
+        }
+    }
+
+    /// Where each slice begins, or all of them, where they follow one another; nothing where they must be decoded.
+    fn offsets_in_place(&mut self, slices: &[usize], like: Page) -> Result<Vec<u64>, SourceError> {
+        let mut offsets = Vec::new();
+        for &slice in slices {
+            self.seek(slice)?;
+            self.check_page(slice, like)?;
+            match self.place_of_page(like)? {
+                Some(offset) => offsets.push(offset),
+                None => return Ok(Vec::new()),
+            }
+        }
+        let follows = |pair: &[u64]| pair[0].checked_add(like.bytes()) == Some(pair[1]);
+        if offsets.windows(2).all(follows) {
+            offsets.truncate(1);
+        }
+        Ok(offsets)
+    }
+
+    /// Where the pixels of the page at hand begin, if they lie in the file as they are, in one piece.
+    pub(crate) fn place_of_page(&mut self, page: Page) -> Result<Option<u64>, SourceError> {
+        let path = self.path;
+        let is_plain = self.tag(Tag::Compression)?.is_none_or(|c| c == u64::from(CompressionMethod::None.to_u16()));
+        // What the decoder turns round.
+        let is_inverted = self.tag(Tag::PhotometricInterpretation)? == Some(0);
+        let is_other = is_inverted || page.packing != Packing::Together;
+        if !is_plain || is_other || self.decoder.get_chunk_type() == ChunkType::Tile {
+            return Ok(None);
+        }
+        let mut list = |tag| self.decoder.find_tag_unsigned_vec::<u64>(tag).map_err(|e| refusal(path, e));
+        let (Some(offsets), Some(counts)) = (list(Tag::StripOffsets)?, list(Tag::StripByteCounts)?) else {
+            return Ok(None);
+        };
+        let ends = offsets.iter().zip(&counts).map(|(offset, count)| offset.checked_add(*count));
+        let is_one_piece = offsets.len() == counts.len()
+            && offsets.iter().skip(1).zip(ends).all(|(next, end)| Some(*next) == end)
+            && counts.iter().try_fold(0u64, |sum, count| sum.checked_add(*count)) == Some(page.bytes());
+        Ok(offsets.first().copied().filter(|_| is_one_piece))
+    }
+
+    pub(crate) fn endian(&self) -> Endian {
+        match self.decoder.byte_order() {
+            tiff::tags::ByteOrder::LittleEndian => Endian::Little,
+            tiff::tags::ByteOrder::BigEndian => Endian::Big,
+        }
+    }
+
+    /// Refuses a page at hand that is unlike the first.
+    pub(crate) fn check_page(&mut self, number: usize, like: Page) -> Result<(), SourceError> {
+        let page = self.page()?;
+        if page == like {
+            return Ok(());
+        }
+        let (expected, found) = (format!("{like}, as the first"), page.to_string());
+        Err(SourceError::invalid(self.path, format!("page {number}"), expected, found))
+    }
+
+    /// Spacing as described; where nothing is, 1: resolutions in dots per inch are about paper.
+    fn geometry(&mut self, description: &Description) -> Result<Geometry, SourceError> {
+        let mut spacing = description.spacing;
+        if description.has_resolution {
+            for (i, tag) in [Tag::XResolution, Tag::YResolution].into_iter().enumerate() {
+                let value = self.decoder.find_tag(tag).map_err(|e| refusal(self.path, e))?;
+                let per_unit = value.and_then(|value| match value {
+                    Value::Rational(above, below) => Some(f64::from(above) / f64::from(below)),
+                    other => other.into_f64().ok(),
+                });
+                spacing[i] = per_unit.map(|n| 1.0 / n).filter(|s| s.is_finite() && *s > 0.0);
+            }
+        }
+        // ImageJ leaves out the distance of slices where it is 1.
+        let spacing = spacing.map(|s| s.filter(|s| s.is_finite() && *s > 0.0).unwrap_or(1.0));
+        Ok(Geometry { spacing, ..Geometry::IDENTITY })
+    }
+
+    /// Decodes pages, one after the other, into a spool file.
+    fn decode(&mut self, slices: &[usize], like: Page, bytes: u64, spool: &SpoolFolder) -> Result<File, SourceError> {
+        self.seek(slices.first().copied().unwrap_or_default())?;
+        let ceiling = self.file_bytes.saturating_mul(self.ratio_limit(like)?);
+        if bytes > ceiling {
+            let found = format!("a file of {} bytes, which holds at most {ceiling}", self.file_bytes);
+            return Err(SourceError::invalid(self.path, "voxels", format!("{bytes} bytes"), found));
+        }
+        let mut spool = Spool::create(spool)?;
+        for &slice in slices {
+            self.seek(slice)?;
+            self.check_page(slice, like)?;
+            self.decode_page(slice, like, &mut spool)?;
+        }
+        spool.finish()
+    }
+
+    /// Appends a page, a band of chunks at a time.
+    pub(crate) fn decode_page(&mut self, number: usize, page: Page, spool: &mut Spool) -> Result<(), SourceError> {
+        let path = self.path;
+        let (chunk_width, chunk_height) = self.decoder.chunk_dimensions();
+        let is_tiled = self.decoder.get_chunk_type() == ChunkType::Tile;
+        let across = if is_tiled { page.size[0].div_ceil(u64::from(chunk_width.max(1))) } else { 1 };
+        let bands = page.size[1].div_ceil(u64::from(chunk_height.max(1)));
+        let row_bytes = page.size[0] as usize * page.pixel_bytes();
+        let band_bytes = row_bytes.saturating_mul(chunk_height.min(page.size[1] as u32) as usize);
+        if band_bytes > CHUNK_LIMIT_BYTES {
+            let advice = "rewrite it with smaller strips or tiles, for example with `tiffcp -r 16 IN OUT`";
+            let what = format!("strips or rows of tiles of {band_bytes} bytes; {CHUNK_LIMIT_BYTES} are read at once");
+            return Err(SourceError::unsupported(path, what, advice));
+        }
+        let (compression, endian) = (self.compression()?, self.endian());
+        let mut coded = CodedChunks::of(path, &mut self.decoder, (page, endian), compression)?;
+        // Reserved when a chunk has turned out to be there.
+        let mut band = Vec::new();
+        for band_number in 0..bands {
+            let mut rows = 0;
+            for (plane, column) in (0..page.planes()).flat_map(|plane| (0..across).map(move |column| (plane, column))) {
+                let of_first = band_number.saturating_mul(across).saturating_add(column);
+                let chunk = plane.saturating_mul(bands).saturating_mul(across).saturating_add(of_first);
+                let [of_first, chunk] = [of_first, chunk].map(u32::try_from);
+                let [of_first, chunk] = [of_first.map_err(|_| self.too_many())?, chunk.map_err(|_| self.too_many())?];
+                let piece = self.piece(page, of_first, chunk, coded.as_mut())?;
+                band.resize(band_bytes, 0);
+                let start = column as usize * chunk_width as usize;
+                let is_first = (plane, column) == (0, 0);
+                if !piece.put(page, (plane, start), &mut band) || !(is_first || rows == piece.size[1]) {
+                    let found = format!("{} x {} pixels in {} bytes", piece.size[0], piece.size[1], piece.voxels.len());
+                    let location = format!("page {number}, chunk {chunk}");
+                    return Err(SourceError::invalid(path, location, format!("pixels of {page}"), found));
+                }
+                rows = piece.size[1];
+            }
+            spool.append(&band[..row_bytes * rows])?;
+        }
+        Ok(())
+    }
+
+    /// A decoded chunk, of which as much counts as of the one of the first plane at its place: of later planes the decoder does
+    /// not cut off what lies below the page.
+    fn piece(
+        &mut self,
+        page: Page,
+        of_first: u32,
+        chunk: u32,
+        coded: Option<&mut CodedChunks>,
+    ) -> Result<Piece, SourceError> {
+        let whole = |(width, height): (u32, u32)| [width as usize, height as usize];
+        let size = whole(self.decoder.chunk_data_dimensions(of_first));
+        let (decoded, voxels) = match coded {
+            Some(coded) => {
+                let [width, height] = whole(self.decoder.chunk_dimensions());
+                let is_tiled = self.decoder.get_chunk_type() == ChunkType::Tile;
+                let most = [width, if is_tiled { height } else { height.min(page.size[1] as usize) }];
+                coded.decode(self.path, self.decoder.inner().get_ref(), chunk, most)?
+            }
+            None => {
+                let decoded = whole(self.decoder.chunk_data_dimensions(chunk));
+                (decoded, little_endian(self.decoder.read_chunk(chunk).map_err(|e| refusal(self.path, e))?))
+            }
+        };
+        let voxels = if page.packing == Packing::Bits { unpacked(&voxels, decoded) } else { voxels };
+        Ok(Piece { size, decoded, voxels })
+    }
+
+    fn too_many(&self) -> SourceError {
+        SourceError::invalid(self.path, "chunks", "fewer than 2^32 in a page", "more")
+    }
+}
+
+/// A decoded chunk of a page.
+struct Piece {
+    /// Pixels that count along x and y.
+    size: [usize; 2],
+    /// Pixels that were decoded.
+    decoded: [usize; 2],
+    voxels: Vec<u8>,
+}
+
+impl Piece {
+    /// Puts its pixels into a band of rows of the page, from pixel `start` of each on; false where they are not as many as they should be.
+    fn put(&self, page: Page, (plane, start): (u64, usize), band: &mut [u8]) -> bool {
+        let ([width, height], [decoded_width, decoded_height]) = (self.size, self.decoded);
+        let pixel_bytes = page.pixel_bytes();
+        // Of a pixel, those of one plane.
+        let piece_bytes = page.piece_bytes();
+        let row_bytes = page.size[0] as usize * pixel_bytes;
+        let is_whole = Some(self.voxels.len())
+            == decoded_width.checked_mul(decoded_height).and_then(|pixels| pixels.checked_mul(piece_bytes));
+        let is_inside = width <= decoded_width && height <= decoded_height;
+        let fits = start + width <= page.size[0] as usize && row_bytes * height <= band.len();
+        if !(is_whole && is_inside && fits) || width == 0 {
+            return false;
+        }
+        for (row, from) in self.voxels.chunks_exact(decoded_width * piece_bytes).take(height).enumerate() {
+            let into = &mut band[row * row_bytes + start * pixel_bytes..][..width * pixel_bytes];
+            if piece_bytes == pixel_bytes {
+                into.copy_from_slice(&from[..into.len()]);
+                continue;
+            }
+            let at = plane as usize * piece_bytes;
+            for (pixel, number) in into.chunks_exact_mut(pixel_bytes).zip(from.chunks_exact(piece_bytes)) {
+                pixel[at..at + piece_bytes].copy_from_slice(number);
+            }
+        }
+        true
+    }
+}
+
+/// A byte for each bit, the highest of a byte first; rows begin with a byte.
+fn unpacked(bytes: &[u8], [width, height]: [usize; 2]) -> Vec<u8> {
+    let rows = bytes.chunks(width.div_ceil(8).max(1)).take(height);
+    rows.flat_map(|row| row.iter().flat_map(|byte| (0..8).rev().map(move |bit| byte >> bit & 1)).take(width)).collect()
+}
+
+/// Decoded numbers as little-endian bytes.
+fn little_endian(mut voxels: DecodingResult) -> Vec<u8> {
+    let buffer = voxels.as_buffer(0);
+    let mut bytes = buffer.as_bytes().to_vec();
+    if cfg!(target_endian = "big") {
+        let size = match voxels {
+            DecodingResult::U8(_) | DecodingResult::I8(_) => 1,
+            DecodingResult::U16(_) | DecodingResult::I16(_) | DecodingResult::F16(_) => 2,
+            DecodingResult::U32(_) | DecodingResult::I32(_) | DecodingResult::F32(_) => 4,
+            DecodingResult::U64(_) | DecodingResult::I64(_) | DecodingResult::F64(_) => 8,
+        };
+        bytes.chunks_exact_mut(size).for_each(<[u8]>::reverse);
+    }
+    bytes
+}
+
+/// What the decoder's errors are for us.
+fn refusal(path: &Path, error: TiffError) -> SourceError {
+    match error {
+        TiffError::IoError(e) if e.kind() != std::io::ErrorKind::UnexpectedEof => SourceError::io(path, e),
+        TiffError::UnsupportedError(what) => {
+            let advice = "rewrite it first, for example with `tiffcp -c lzw IN OUT` or Fiji";
+            SourceError::unsupported(path, format!("this kind of TIFF is not read ({what})"), advice)
+        }
+        TiffError::FormatError(TiffFormatError::StripTileTagConflict) => {
+            let what = "a page has neither strips nor tiles, as those by JPEG of the old style (of before 1995)";
+            SourceError::unsupported(path, what, "rewrite it first, for example with `tiffcp -c lzw IN OUT`")
+        }
+        TiffError::LimitsExceeded => {
+            let advice = "rewrite it with smaller strips or tiles, for example with `tiffcp -r 16 IN OUT`";
+            SourceError::unsupported(path, "a strip, tile or field is larger than 256 MiB", advice)
+        }
+        other => SourceError::invalid(path, "TIFF", "what the format allows", other.to_string()),
+    }
+}

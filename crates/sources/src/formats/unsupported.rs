@@ -1,0 +1,180 @@
+//! Formats that are not read: known by what their files begin with, by their names, or by what a folder holds, so that a person
+//! hears which format it is and what converts it.
+
+use std::path::Path;
+
+use supervol_files::folder_of;
+
+use super::zarr;
+use crate::SourceError;
+
+/// Stands for the file's own name in what converts it.
+const INPUT: &str = "{in}";
+
+/// A format, and what makes of it something that is read.
+struct Other {
+    name: &'static str,
+    way_out: &'static str,
+}
+
+/// What the header of an ENVI image begins with; its name ends as NIfTI's may.
+pub(crate) const ENVI_START: &[u8] = b"ENVI";
+/// Bytes of a file that are looked at.
+pub(crate) const HEAD_BYTES: u64 = 512;
+/// Entries of a folder that are looked at.
+const ENTRIES_LIMIT: usize = 64;
+
+const CONTAINER: Other = Other {
+    name: "a container of Supervol",
+    way_out: "it is a built volume already: give it to `supervol render`, `info`, `verify` or `extract`",
+};
+const PICTURE: Other = Other {
+    name: "a picture of a kind that holds no slices",
+    way_out: "convert it to PNG or TIFF first, for example with `magick {in} OUT.png`",
+};
+const ZIP: Other = Other {
+    name: "a ZIP archive",
+    way_out: "unpack it first: `unzip {in}`; read are archives of Zarr or N5, and those of NumPy arrays that are called .npz",
+};
+const VTK_MESH: Other = Other {
+    name: "a VTK file of meshes or of grids with uneven distances",
+    way_out: "resample it to an image first, for example with ParaView (Resample To Image; Save Data, .vti)",
+};
+const NETCDF: Other = Other {
+    name: "NetCDF 3 (also MINC 1)",
+    way_out: "convert it: `ncks`, or Python: `numpy.save(OUT, xarray.open_dataset('{in}')[NAME].values)`; MINC with `mnc2nii`",
+};
+const MRC: Other = Other {
+    name: "MRC or CCP4",
+    way_out: "convert it with Python: `numpy.save(OUT, mrcfile.open('{in}').data)`, or IMOD's `mrc2tif`",
+};
+const AMIRA: Other =
+    Other { name: "an AmiraMesh", way_out: "export it from Amira or Fiji as NRRD or raw (with --dims and --dtype)" };
+const OPEN_VDB: Other =
+    Other { name: "OpenVDB", way_out: "sample the grid into an array (pyopenvdb's `copyToArray`) and save it as .npy" };
+const MICROSCOPE: Other = Other {
+    name: "a microscope's own format",
+    way_out: "convert it with Bio-Formats (`bfconvert {in} OUT.ome.tif`) or Fiji",
+};
+const SEISMIC_STORE: Other = Other {
+    name: "a seismic store (ZGY or OpenVDS)",
+    way_out: "export it as SEG-Y, for example with `zgycopy` or OpenVDS' `VDSCopy`",
+};
+const SEISMIC_UNIX: Other =
+    Other { name: "Seismic Unix", way_out: "write it as SEG-Y: `segyhdrs < {in} | segywrite tape=OUT.sgy`" };
+const ANALYSE_IMAGES: Other =
+    Other { name: "FreeSurfer's MGH or MGZ", way_out: "convert it: `mri_convert {in} OUT.nii.gz`" };
+const COMPRESSED: Other =
+    Other { name: "a compressed file", way_out: "unpack it first (gunzip, bunzip2, unxz, zstd -d)" };
+const ARCHIVE: Other =
+    Other { name: "an archive of files", way_out: "unpack it first, for example with `tar xf {in}`" };
+const FITS: Other =
+    Other { name: "FITS", way_out: "convert it with Python: `numpy.save(OUT, astropy.io.fits.getdata('{in}'))`" };
+const XDMF: Other = Other {
+    name: "XDMF",
+    way_out: "give the HDF5 file that it names (FILE.h5:/PATH), or save it as .vti with ParaView (Save Data)",
+};
+const ENVI: Other = Other {
+    name: "the header of an ENVI image",
+    way_out: "build its data as raw, with --dims and --dtype, or convert it: `gdal_translate {in} OUT.tif`",
+};
+const INRIMAGE: Other =
+    Other { name: "an INRIMAGE", way_out: "build it as raw: --offset 256, with --dims and --dtype from its header" };
+const PHILIPS: Other =
+    Other { name: "Philips' PAR and REC", way_out: "convert it with `dcm2niix`, or nibabel's `parrec2nii {in}`" };
+const PVM: Other =
+    Other { name: "a PVM volume", way_out: "convert it with `pvm2raw` (V3), and build that with --dims and --dtype" };
+const MATLAB: Other = Other {
+    name: "MATLAB",
+    way_out: "save the array with `niftiwrite`, or with Python: `numpy.save(OUT, scipy.io.loadmat('{in}')[NAME])`",
+};
+
+/// What files begin with: place, bytes, format.
+const STARTS: &[(usize, &[u8], &Other)] = &[
+    (0, &supervol_format::container::header::MAGIC, &CONTAINER),
+    (0, b"\0\0\0\x0cjP  ", &PICTURE),
+    (0, b"\x76\x2f\x31\x01", &PICTURE),
+    (0, b"PK\x03\x04", &ZIP),
+    (0, b"CDF\x01", &NETCDF),
+    (0, b"CDF\x02", &NETCDF),
+    (208, b"MAP ", &MRC),
+    (0, b"# AmiraMesh", &AMIRA),
+    (0, b"# Avizo", &AMIRA),
+    (0, b" BDV\0\0\0\0", &OPEN_VDB),
+    (0, b"ZISRAWFILE", &MICROSCOPE),
+    (0, b"\xda\xce\xbe\x0a", &MICROSCOPE),
+    (0, b"VBS\0", &SEISMIC_STORE),
+    (0, b"VDS\0", &SEISMIC_STORE),
+    (0, b"\x1f\x8b", &COMPRESSED),
+    (0, b"MATLAB 5.0", &MATLAB),
+    (0, b"SIMPLE  =", &FITS),
+    (0, ENVI_START, &ENVI),
+    (0, b"#INRIMAGE-4#{", &INRIMAGE),
+    (0, b"# === DATA DESCRIPTION FILE", &PHILIPS),
+    (0, b"PVM\n", &PVM),
+    (0, b"PVM2\n", &PVM),
+    (0, b"PVM3\n", &PVM),
+    (0, b"DDS v3d\n", &PVM),
+    (0, b"OLYMPUSRAWFORMAT", &MICROSCOPE),
+];
+
+/// What files are called, where their first bytes do not say.
+const NAMES: &[(&[&str], &Other)] = &[
+    (&[".bmp", ".jp2", ".exr", ".webp", ".gif"], &PICTURE),
+    (&[".nc", ".mnc"], &NETCDF),
+    (&[".vtp", ".vtu", ".vtr", ".vts"], &VTK_MESH),
+    (&[".zip"], &ZIP),
+    (&[".mrc", ".map", ".rec", ".ccp4"], &MRC),
+    (&[".czi", ".nd2", ".lif", ".oib", ".oif", ".lsm", ".vsi"], &MICROSCOPE),
+    (&[".zgy", ".vds"], &SEISMIC_STORE),
+    (&[".su"], &SEISMIC_UNIX),
+    (&[".mgh", ".mgz"], &ANALYSE_IMAGES),
+    (&[".fits", ".fit", ".fts"], &FITS),
+    (&[".xdmf", ".xmf"], &XDMF),
+    (&[".par"], &PHILIPS),
+    (&[".tar", ".tar.gz", ".tgz", ".tar.xz", ".tar.bz2", ".tar.zst"], &ARCHIVE),
+    (&[".gz", ".bz2", ".xz", ".zst", ".7z"], &COMPRESSED),
+];
+
+/// Files that make a folder what it is, exactly or by their ends.
+const FOLDERS: &[(&[&str], &Other)] = &[(&["layout.bin", "volumedatalayout"], &SEISMIC_STORE)];
+
+fn refused(path: &Path, what: &str, other: &Other) -> SourceError {
+    let way_out = other.way_out.replace(INPUT, &path.display().to_string());
+    SourceError::unsupported(path, format!("this is {what}{}, which is not read", other.name), way_out)
+}
+
+/// The refusal of a ZIP archive that holds nothing that is read.
+pub(crate) fn refusal_of_zip(path: &Path, what: &str) -> SourceError {
+    SourceError::unsupported(path, what, format!("unpack it first: `unzip {}`", path.display()))
+}
+
+/// The refusal of a file that describes the folder that it lies in.
+pub(crate) fn refusal_of_member(path: &Path) -> Option<SourceError> {
+    path.file_name().filter(|name| zarr::is_description(name))?;
+    let advice = format!("give the folder: {}", folder_of(path).display());
+    Some(SourceError::unsupported(path, "this describes the Zarr or N5 that it lies in", advice))
+}
+
+/// The refusal of a file of another format, by its first bytes or its name (in lower case); `None` where neither is known.
+pub(crate) fn refusal_of_file(path: &Path, head: &[u8], name: &str) -> Option<SourceError> {
+    let begins =
+        |&&(at, bytes, _): &&(usize, &[u8], &Other)| head.get(at..).is_some_and(|head| head.starts_with(bytes));
+    let by_start = STARTS.iter().find(begins).map(|(.., other)| *other);
+    let by_name = NAMES.iter().find(|(ends, _)| ends.iter().any(|end| name.ends_with(end))).map(|(_, other)| *other);
+    // What is compressed is mostly more than that, by its name.
+    let by_start = by_start.filter(|other| !std::ptr::eq(*other, &COMPRESSED) || by_name.is_none());
+    by_start.or(by_name).map(|other| refused(path, "", other))
+}
+
+/// The refusal of a folder, by what lies in it; `None` where that is nothing we know, or it is none.
+pub(crate) fn refusal_of_folder(path: &Path) -> Option<SourceError> {
+    let entries = std::fs::read_dir(path).ok()?;
+    let names: Vec<String> =
+        entries.flatten().take(ENTRIES_LIMIT).map(|e| e.file_name().to_string_lossy().into_owned()).collect();
+    let holds = |(ends, _): &&(&[&str], &Other)| {
+        names.iter().any(|name| ends.iter().any(|end| name == end || name.to_lowercase().ends_with(end)))
+    };
+    let (_, other) = FOLDERS.iter().find(holds)?;
+    Some(refused(path, "a folder of ", other))
+}

@@ -1,0 +1,253 @@
+//! VTK images: `.vti` (XML; raw, base64 or text, inline or appended, by zlib, LZ4 or neither) and legacy `.vtk` of structured points (binary or
+//! text).
+//!
+//! Raw arrays are read in place; all else is decoded once into a spool file ([`crate::input::spool`]), block by block. Of several arrays
+//! the active scalars are used, or the one that is named (`FILE.vti:/NAME`); of components, the one that is chosen. Cell data are
+//! voxels between the points. Origin, spacing and direction are the file's. 64-bit integers are kept in the smallest type that holds
+//! all of them. Several pieces and LZMA are refused by name, as are meshes and grids with uneven distances.
+//! Written by hand: `vtkio` reads whole files into memory and depends on parsers that are not kept any more.
+
+mod blocks;
+mod legacy;
+mod xml;
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use supervol_format::{ByteSource, Dims, Geometry, VoxelBox, VoxelType};
+
+use crate::grid::dense::{GridFile, GridLayout, GridSource, checked_bytes};
+use crate::grid::elements::{Channels, Elements, Frames, Meaning, Number};
+use crate::input::data_files::open_data;
+use crate::input::file::SourceFile;
+use crate::input::selection::Selection;
+use crate::input::spool::{Excess, Spool, SpoolFolder, Words, parse_voxel};
+use crate::input::text::shortened;
+use crate::{Endian, SourceError, SourceInfo, VolumeSource};
+use blocks::{UpTo, decode};
+
+/// Most arrays of a file.
+const ARRAYS_LIMIT: usize = 1024;
+/// Most arrays that a message lists.
+const LISTED_LIMIT: usize = 20;
+
+/// A VTK image.
+#[derive(Debug)]
+pub struct VtkSource(GridSource);
+
+/// How the bytes of an array are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Encoding {
+    /// As they are; in XML, behind their number.
+    Raw,
+    /// Numbers as text.
+    Text,
+    /// Colours as text: shares of the greatest number of a byte.
+    Shares,
+    /// Base64, which holds what would be there raw.
+    Base64,
+}
+
+/// One array of a file.
+#[derive(Debug, Clone)]
+struct Array {
+    name: String,
+    number: Number,
+    components: u64,
+    /// Whether it belongs to the cells, not to the points.
+    is_of_cells: bool,
+    /// Whether it is what the file is shown by.
+    is_active: bool,
+    /// Whether its components are colours.
+    is_colour: bool,
+    encoding: Encoding,
+    /// First byte.
+    offset: u64,
+}
+
+/// How XML files write their arrays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Blocks {
+    /// Bytes of a number that counts bytes.
+    word_bytes: usize,
+    compressor: Option<Compressor>,
+}
+
+/// What compresses blocks of arrays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Compressor {
+    Zlib,
+    Lz4,
+}
+
+/// What a header says.
+#[derive(Debug)]
+struct Header {
+    /// Points along the axes.
+    points: [u64; 3],
+    /// Index of the first.
+    first: [i64; 3],
+    geometry: Geometry,
+    endian: Endian,
+    arrays: Vec<Array>,
+    /// `None`: a legacy file, whose arrays have no headers.
+    blocks: Option<Blocks>,
+}
+
+impl VtkSource {
+    /// Opens a VTK image; what is not raw is decoded into `spool`.
+    ///
+    /// # Errors
+    /// If the file cannot be read, breaks the format's rules, or holds what a volume of ours cannot.
+    pub fn open(path: &Path, spool: &SpoolFolder, selection: &Selection) -> Result<Self, SourceError> {
+        let source_file = SourceFile::of(path)?;
+        let is_legacy = crate::open::head(path)?.starts_with(b"# vtk DataFile");
+        let reader = BufReader::new(open_data(path)?);
+        let header = if is_legacy { legacy::read(path, reader)? } else { xml::read(path, reader)? };
+        let mut notes = Vec::new();
+        let array = header.choose(path, selection, &mut notes)?;
+        selection.frame_of(path, 1)?;
+        let meaning = if array.is_colour { Meaning::Colours } else { Meaning::Components };
+        let channels = Channels::choose(path, array.components, meaning, selection, &mut notes)?;
+        let plain = GridLayout {
+            dims: header.dims(array),
+            voxel_type: array.number.stored(),
+            endian: header.endian,
+            fastest_first: GridLayout::X_FASTEST,
+        };
+        checked_bytes(path, plain.dims, plain.voxel_type)?;
+        let layout = Elements::widened(channels, Frames::ONE, plain);
+        let bytes = checked_bytes(path, layout.dims, layout.voxel_type)?;
+        let grid = header.grid(path, array, layout, bytes, spool)?;
+        // Text has been read as doubles.
+        let number = if array.encoding == Encoding::Text { Number::Voxel(plain.voxel_type) } else { array.number };
+        let elements = Elements::of(path, &grid, number, (channels, Frames::ONE), &mut notes)?;
+        let mut info = SourceInfo::plain("vtk", plain.dims, elements.voxel_type);
+        info.geometry = header.placed(path, array)?;
+        if array.is_of_cells {
+            notes.push("voxels are the file's cells: half a spacing from its points".into());
+        }
+        info.notes = notes;
+        info.files = vec![source_file];
+        Ok(Self(GridSource::with_elements(info, grid, elements)))
+    }
+}
+
+impl VolumeSource for VtkSource {
+    fn info(&self) -> &SourceInfo {
+        self.0.info()
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        self.0.read_box(voxels, out)
+    }
+}
+
+impl Header {
+    /// The array that is named, else the active one, else the first, of points before those of cells.
+    fn choose(&self, path: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<&Array, SourceError> {
+        let names: Vec<&str> = self.arrays.iter().take(LISTED_LIMIT).map(|array| array.name.as_str()).collect();
+        let list = names.join(", ");
+        if let Some(wanted) = &selection.array {
+            return self.arrays.iter().find(|array| array.name == *wanted).ok_or_else(|| {
+                SourceError::Options(format!("{}: no array `{}`; there are: {list}", path.display(), shortened(wanted)))
+            });
+        }
+        let best = self.arrays.iter().min_by_key(|array| (!array.is_active, array.is_of_cells));
+        let best = best.ok_or_else(|| SourceError::invalid(path, "arrays", "at least one", "none"))?;
+        if self.arrays.len() > 1 {
+            let (count, name) = (self.arrays.len(), &best.name);
+            notes.push(format!("{count} arrays ({list}); `{name}` is used; FILE:/NAME takes another"));
+        }
+        Ok(best)
+    }
+
+    /// Voxels along the axes: points, or the cells between them.
+    fn dims(&self, array: &Array) -> Dims {
+        Dims(self.points.map(|points| if array.is_of_cells { (points - 1).max(1) } else { points }))
+    }
+
+    /// Where the first voxel lies; the directions as they are, or the world's where they make no sense.
+    fn placed(&self, path: &Path, array: &Array) -> Result<Geometry, SourceError> {
+        if let Some(defect) = self.geometry.defect() {
+            return Err(SourceError::invalid(path, "place", "origin, spacing and direction of a grid", defect));
+        }
+        let half = |axis: usize| if array.is_of_cells && self.points[axis] > 1 { 0.5 } else { 0.0 };
+        let index: [f64; 3] = std::array::from_fn(|axis| self.first[axis] as f64 + half(axis));
+        let origin = self.geometry.world_from_index().transform_point3(index.into()).to_array();
+        Ok(Geometry { origin, ..self.geometry })
+    }
+
+    fn grid(
+        &self,
+        path: &Path,
+        array: &Array,
+        layout: GridLayout,
+        bytes: u64,
+        spool: &SpoolFolder,
+    ) -> Result<GridFile, SourceError> {
+        let file = open_data(path)?;
+        let is_raw = array.encoding == Encoding::Raw;
+        match self.blocks {
+            None if is_raw => return GridFile::single(path, file, array.offset, layout),
+            Some(Blocks { word_bytes, compressor: None }) if is_raw => {
+                let stated = word(path, &file, array.offset, word_bytes, self.endian)?;
+                if stated != bytes {
+                    let expected = format!("{bytes} bytes");
+                    return Err(SourceError::invalid(path, "bytes of the array", expected, format!("{stated} bytes")));
+                }
+                return GridFile::single(path, file, array.offset + word_bytes as u64, layout);
+            }
+            _ => {}
+        }
+        let mut decoded = Spool::create(spool)?;
+        if let Encoding::Text | Encoding::Shares = array.encoding {
+            let left = file.len().map_err(|e| SourceError::io(path, e))?.saturating_sub(array.offset);
+            let numbers = bytes / layout.voxel_type.bytes() as u64;
+            // A number takes a digit and a separator.
+            if left.saturating_add(1) / 2 < numbers {
+                let found = format!("{left} bytes of text");
+                return Err(SourceError::invalid(path, "text data", format!("{numbers} numbers"), found));
+            }
+            let text = UpTo::new(path, file, array.offset)?;
+            // In a legacy file other arrays follow, with nothing between that is no word.
+            let excess = if self.blocks.is_some() { Excess::Refused } else { Excess::Expected };
+            let how = (Words::Shown, excess);
+            let read = if array.encoding == Encoding::Shares { share } else { parse_voxel };
+            decoded.append_words(path, BufReader::new(text), (layout.voxel_type, read), numbers, how)?;
+            let layout = GridLayout { endian: Endian::Little, ..layout };
+            return GridFile::single(path, decoded.finish()?, 0, layout);
+        }
+        let blocks = self.blocks.unwrap_or(Blocks { word_bytes: 4, compressor: None });
+        decode(path, file, (array, blocks, self.endian), bytes, &mut decoded)?;
+        GridFile::single(path, decoded.finish()?, 0, layout)
+    }
+}
+
+/// A share of 0 to 1, of the greatest number of a byte.
+fn share(word: &str, _: VoxelType, out: &mut [u8]) -> bool {
+    let share = word.parse::<f64>().ok().filter(|share| (0.0..=1.0).contains(share));
+    // Rounded, it is at most 255.
+    share.map(|share| out[0] = (share * f64::from(u8::MAX)).round() as u8).is_some()
+}
+
+/// A number of bytes in a file.
+fn word(path: &Path, file: &File, at: u64, bytes: usize, endian: Endian) -> Result<u64, SourceError> {
+    let mut word = [0; 8];
+    file.read_exact_at(at, &mut word[..bytes]).map_err(|e| match e.kind() {
+        std::io::ErrorKind::UnexpectedEof => SourceError::invalid(path, format!("byte {at}"), "an array", "the end"),
+        _ => SourceError::io(path, e),
+    })?;
+    Ok(number(&word[..bytes], endian))
+}
+
+/// A number of four or eight bytes.
+fn number(bytes: &[u8], endian: Endian) -> u64 {
+    let mut word = [0; 8];
+    word[..bytes.len()].copy_from_slice(bytes);
+    if endian == Endian::Big {
+        word[..bytes.len()].reverse();
+    }
+    u64::from_le_bytes(word)
+}

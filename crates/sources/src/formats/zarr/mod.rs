@@ -1,0 +1,447 @@
+//! Zarr (versions 2 and 3), OME-Zarr and N5: folders of chunks, or ZIP files of what such a folder holds, read chunk by chunk.
+//!
+//! A folder is an array, or a group: of an OME-Zarr image or an N5 pyramid the finest level is read, or `--source-level N`; of other
+//! groups the one array, or the one that is named (`FOLDER:/PATH`). Axes that are neither x, y nor z are `--frame` (time) and
+//! `--channel`. Chunks that do not exist hold the fill value. Codecs: gzip, zlib, zstd, Blosc (without Snappy), LZ4, CRC-32C, byte
+//! shuffle, transposition, shards; others are refused by name.
+//! By hand: `zarrs` is 58 packages more, and inflates a chunk as far as its stream goes (decision 020). What decodes is crates'.
+//! Promises: chunk sizes are checked against the memory before anything is read; nothing is decoded beyond its chunk; nothing
+//! outside the folder is read.
+
+mod archive;
+mod blosc;
+mod codecs;
+mod metadata;
+mod n5;
+pub(crate) mod ome;
+pub(crate) mod placement;
+mod store;
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use supervol_format::Dims;
+use supervol_format::readable::Mib;
+use supervol_format::recent::Recent;
+
+use crate::grid::chunked::{ChunkGrid, ChunkMemory, ChunkedSource, Chunks, widened};
+use crate::grid::dense::{GridLayout, checked_bytes};
+use crate::grid::elements::{Channels, Elements, Frames};
+use crate::input::file::SourceFile;
+use crate::input::folder::FolderOptions;
+use crate::input::selection::Selection;
+use crate::input::spool::SpoolFolder;
+use crate::input::text::shortened;
+use crate::{Axis, Endian, SourceError, SourceInfo};
+use archive::Member;
+use metadata::{Array, Index, Version2, Version3};
+use ome::{ArrayAxis, Attributes};
+use placement::place;
+use store::Store;
+
+/// Files that make a folder Zarr or N5.
+const ZARR_FILES: [&str; 3] = ["zarr.json", ".zarray", ".zgroup"];
+const N5_FILE: &str = "attributes.json";
+/// Most entries of a list in a message.
+const LISTED_LIMIT: usize = 20;
+/// Tables of shards that are kept, and the longest of them, chunks.
+const TABLES_KEPT: usize = 8;
+const TABLE_LIMIT: u64 = 1 << 18;
+
+/// Whether a folder is Zarr or N5.
+pub fn is_zarr(folder: &Path) -> bool {
+    descriptions().any(|name| folder.join(name).is_file())
+}
+
+/// Whether a ZIP file holds Zarr or N5; not where it cannot be read.
+pub(crate) fn is_zarr_archive(path: &Path) -> bool {
+    let is_of_zarr = |name: &str| name.rsplit('/').next().is_some_and(|file| descriptions().any(|known| known == file));
+    archive::Archive::open(path, &SpoolFolder::system()).is_ok_and(|archive| archive.below("").any(is_of_zarr))
+}
+
+/// Whether a file of this name describes the Zarr or N5 that it lies in.
+pub(crate) fn is_description(name: &OsStr) -> bool {
+    descriptions().any(|known| name == known)
+}
+
+fn descriptions() -> impl Iterator<Item = &'static str> {
+    ZARR_FILES.into_iter().chain([".zattrs", N5_FILE])
+}
+
+/// How many voxels of the finest a voxel of a level of `BigDataViewer` in N5 is along x, y and z: the setup lists it, or the level says it.
+pub(crate) fn factors_of_viewer(
+    path: &Path,
+    outside: crate::input::data_files::Outside,
+    (setup, dataset, level): (&str, &str, u64),
+) -> Result<Option<[f64; 3]>, SourceError> {
+    let store = Store::new(path, outside, &SpoolFolder::system())?;
+    let attributes = |folder: &str| store.metadata::<serde_json::Value>(&store.inside(folder)?.join(N5_FILE));
+    let numbers = |value: &serde_json::Value| -> Option<[f64; 3]> {
+        let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(serde_json::Value::as_f64).collect();
+        numbers?.try_into().ok().filter(|factors: &[f64; 3]| factors.iter().all(|factor| *factor >= 1.0))
+    };
+    let listed = attributes(setup)?.and_then(|found| numbers(&found["downsamplingFactors"][level as usize]));
+    if listed.is_some() {
+        return Ok(listed);
+    }
+    Ok(attributes(dataset)?.and_then(|found| numbers(&found["downsamplingFactors"])))
+}
+
+/// Opens a folder of Zarr or N5.
+///
+/// # Errors
+/// If metadata or chunks break their rules, an encoding is not read, a chunk does not fit the memory, or nothing says which of
+/// several arrays is meant.
+pub fn open(path: &Path, options: &FolderOptions<'_>) -> Result<ChunkedSource, SourceError> {
+    options.selection.refuse_series(path)?;
+    let store = Store::new(path, options.outside, options.spool)?;
+    let name = options.selection.array.as_deref().unwrap_or_default().trim_matches('/');
+    let all: Vec<&str> = descriptions().collect();
+    let folder = if name.is_empty() { store.root(&all) } else { store.inside(name)? };
+    let mut notes = Vec::new();
+    let found = find(&store, &folder, options.selection, &mut notes)?;
+    source(&store, found, options, notes)
+}
+
+/// An array that was chosen.
+struct Found {
+    folder: PathBuf,
+    array: Array,
+    axes: Vec<ArrayAxis>,
+    /// What the channels are called, as far as the image says it.
+    channels: Vec<String>,
+    format: &'static str,
+}
+
+/// What a folder is.
+enum Node {
+    Array(Array, Option<Vec<Option<String>>>),
+    Group(Attributes),
+    N5(n5::Attributes),
+}
+
+/// Reads a folder's metadata.
+fn node(store: &Store, folder: &Path) -> Result<Option<Node>, SourceError> {
+    let path = folder.join("zarr.json");
+    if let Some(found) = store.metadata::<Version3>(&path)? {
+        if found.node_type != "array" {
+            return Ok(Some(Node::Group(found.attributes)));
+        }
+        let names = found.dimension_names.clone();
+        return Ok(Some(Node::Array(found.array(&path)?, names)));
+    }
+    let attributes = store.metadata::<Attributes>(&folder.join(".zattrs"))?;
+    let path = folder.join(".zarray");
+    if let Some(found) = store.metadata::<Version2>(&path)? {
+        return Ok(Some(Node::Array(found.array(&path)?, attributes.and_then(|a| a.dimensions))));
+    }
+    if attributes.is_some() || store.has(&folder.join(".zgroup")) {
+        return Ok(Some(Node::Group(attributes.unwrap_or_default())));
+    }
+    Ok(store.metadata::<n5::Attributes>(&folder.join(N5_FILE))?.map(Node::N5))
+}
+
+/// The array that is meant.
+fn find(store: &Store, folder: &Path, selection: &Selection, notes: &mut Vec<String>) -> Result<Found, SourceError> {
+    match node(store, folder)? {
+        None => {
+            let expected = "an array or a group of Zarr or N5";
+            Err(SourceError::invalid(
+                folder,
+                "folder",
+                expected,
+                "neither `zarr.json`, `.zarray` nor `attributes.json`",
+            ))
+        }
+        Some(Node::Array(array, names)) => {
+            selection.level_of(folder, 1)?;
+            Ok(plain(folder.into(), array, names))
+        }
+        Some(Node::Group(attributes)) => match attributes.images() {
+            [] => one_below(store, folder, &attributes, selection),
+            [image, others @ ..] => {
+                if !others.is_empty() {
+                    notes.push(format!("{} images in one group; the first is used", others.len() + 1));
+                }
+                let found = image_level(store, folder, image, selection, notes)?;
+                Ok(Found { channels: attributes.channels(), ..found })
+            }
+        },
+        Some(Node::N5(attributes)) => n5_level(store, folder, attributes, selection, notes),
+    }
+}
+
+/// An array of which nothing is known but, maybe, the names of its axes.
+fn plain(folder: PathBuf, array: Array, names: Option<Vec<Option<String>>>) -> Found {
+    let rank = array.shape.shape.len();
+    let names = names.filter(|names| names.len() == rank).unwrap_or_else(|| vec![None; rank]);
+    let axes = names.into_iter().map(|name| ArrayAxis::named(&name.unwrap_or_default())).collect();
+    Found { folder, array, axes, channels: Vec::new(), format: "zarr" }
+}
+
+/// The one array below a group that says nothing of images.
+fn one_below(
+    store: &Store,
+    folder: &Path,
+    attributes: &Attributes,
+    selection: &Selection,
+) -> Result<Found, SourceError> {
+    let names = store.nodes(folder, &ZARR_FILES);
+    if let ([name], None) = (&names[..], attributes.collection())
+        && let Some(Node::Array(array, dimensions)) = node(store, &folder.join(name))?
+    {
+        selection.level_of(folder, 1)?;
+        return Ok(plain(folder.join(name), array, dimensions));
+    }
+    Err(several(store, folder, attributes.collection().unwrap_or("group of Zarr"), &names))
+}
+
+/// Asks for a name.
+fn several(store: &Store, folder: &Path, what: &str, names: &[String]) -> SourceError {
+    let mut listed: Vec<String> = names.iter().take(LISTED_LIMIT).map(|name| shortened(name)).collect();
+    if names.len() > LISTED_LIMIT {
+        listed.push(format!("and {} more", names.len() - LISTED_LIMIT));
+    }
+    let list = if listed.is_empty() { "nothing that is read".into() } else { listed.join(", ") };
+    let below = folder.strip_prefix(&store.path).unwrap_or(folder).display().to_string();
+    let below = if below.is_empty() { below } else { format!("{below}/") };
+    let advice =
+        format!("name one, for example {}:/{below}{}", store.path.display(), names.first().map_or("NAME", |n| n));
+    SourceError::unsupported(folder, format!("this is a {what}: {list}"), advice)
+}
+
+/// A level of an OME-Zarr image.
+fn image_level(
+    store: &Store,
+    folder: &Path,
+    image: &ome::Multiscale,
+    selection: &Selection,
+    notes: &mut Vec<String>,
+) -> Result<Found, SourceError> {
+    let level = level_of(folder, image.datasets.len(), selection, notes)?;
+    let Some(dataset) = image.datasets.get(level as usize) else {
+        return Err(SourceError::invalid(folder, "multiscales", "at least one dataset", "none"));
+    };
+    let below = folder.strip_prefix(&store.path).unwrap_or(folder).join(&dataset.path);
+    let at = store.inside(&below.to_string_lossy())?;
+    let Some(Node::Array(array, _)) = node(store, &at)? else {
+        return Err(SourceError::invalid(&at, "dataset of the image", "an array", "none"));
+    };
+    let axes = image.axes(dataset, array.shape.shape.len(), notes);
+    Ok(Found { folder: at, array, axes, channels: Vec::new(), format: "ome-zarr" })
+}
+
+/// The level that is wanted of an image.
+fn level_of(folder: &Path, levels: usize, selection: &Selection, notes: &mut Vec<String>) -> Result<u64, SourceError> {
+    if levels > 1 && selection.level.is_none() {
+        notes.push(format!("{levels} levels; the finest is used; --source-level 0 to {} takes another", levels - 1));
+    }
+    selection.level_of(folder, levels as u64)
+}
+
+/// A dataset of N5, or a level of a pyramid whose levels are called s0, s1, ...
+fn n5_level(
+    store: &Store,
+    folder: &Path,
+    attributes: n5::Attributes,
+    selection: &Selection,
+    notes: &mut Vec<String>,
+) -> Result<Found, SourceError> {
+    let found = |folder: PathBuf, own: &n5::Attributes, group: &n5::Attributes| {
+        let array = own.array(&folder.join(N5_FILE))?;
+        Ok(Found { array, axes: own.axes(group), folder, channels: Vec::new(), format: "n5" })
+    };
+    if attributes.is_array() {
+        selection.level_of(folder, 1)?;
+        return found(folder.into(), &attributes, &n5::Attributes::default());
+    }
+    let levels = (0..).take_while(|level| store.has(&folder.join(format!("s{level}")).join(N5_FILE))).count();
+    if levels == 0 {
+        return Err(several(store, folder, "group of N5", &store.folders(folder)));
+    }
+    let level = level_of(folder, levels, selection, notes)?;
+    let at = folder.join(format!("s{level}"));
+    let Some(own) = store.metadata::<n5::Attributes>(&at.join(N5_FILE))?.filter(n5::Attributes::is_array) else {
+        return Err(SourceError::invalid(&at, "level", "a dataset of N5", "none"));
+    };
+    found(at, &own, &attributes)
+}
+
+fn source(
+    store: &Store,
+    found: Found,
+    options: &FolderOptions<'_>,
+    mut notes: Vec<String>,
+) -> Result<ChunkedSource, SourceError> {
+    let path = found.folder.clone();
+    let placement = {
+        let shown = (&found.array.shape.shape[..], &found.axes[..], &found.channels[..]);
+        place(&path, shown, options.selection, &mut notes)?
+    };
+    let Found { array, axes, format, .. } = found;
+    let dims = Dims(placement.axes.map(|axis| axis.map_or(1, |axis| array.shape.shape[axis])));
+    let stored = array.number.stored();
+    checked_bytes(&path, dims, stored)?;
+    let layout = GridLayout { dims, voxel_type: stored, endian: Endian::Little, fastest_first: GridLayout::X_FASTEST };
+    let chunk_bytes = array.shape.chunk_bytes(stored.bytes());
+    let too_much = |needed: Option<u64>| {
+        let chunk = chunk_bytes.map_or_else(|| "more than can be addressed".into(), |n| Mib(n as u64).to_string());
+        let advice = needed.map_or_else(
+            || "write the array anew with smaller chunks".into(),
+            |needed| format!("allow {} with --memory, or write the array anew with smaller chunks", Mib(needed)),
+        );
+        SourceError::unsupported(&path, format!("its chunks {:?} are of {chunk}", array.shape.chunk), advice)
+    };
+    let bytes = chunk_bytes.ok_or_else(|| too_much(None))?;
+    let memory = ChunkMemory::plan(bytes as u64, options.memory_bytes).map_err(|n| too_much(Some(n)))?;
+
+    let mut info = SourceInfo::plain(format, dims, stored);
+    let of = placement.axes.map(|axis| axis.map(|axis| &axes[axis]));
+    info.geometry = ome::geometry_of(of);
+    if let Some(defect) = info.geometry.defect() {
+        return Err(SourceError::invalid(&path, "place of the image", "spacings above 0, and finite numbers", defect));
+    }
+    info.axes = std::array::from_fn(|i| {
+        let usual = ["x", "y", "z"][i];
+        let (name, unit) = of[i].map_or((usual, ""), |axis| (axis.name.as_str(), axis.unit.as_str()));
+        Axis { name: if name.is_empty() { usual } else { name }.into(), unit: unit.into() }
+    });
+    let (files, are_all) = store.files(&path)?;
+    if !are_all {
+        notes.push("more chunks than are watched: whether they change while they are read is not noticed".into());
+    }
+    info.memory_bytes = files.len() as u64 * (size_of::<SourceFile>() as u64 + 2 * path.as_os_str().len() as u64 + 64);
+    info.files = files;
+    info.folder = (!store.is_archive()).then(|| store.path.clone());
+
+    let number = array.number;
+    let shape = array.shape.clone();
+    let chunks = ArrayChunks { store: store.clone(), folder: path.clone(), array, bytes, tables: Mutex::default() };
+    let grid = ChunkGrid::new(layout, shape, placement, Box::new(chunks), memory);
+    let elements = Elements::of(&path, &grid, number, (Channels::ONE, Frames::ONE), &mut notes)?;
+    info.voxel_type = elements.voxel_type;
+    info.notes = notes;
+    Ok(ChunkedSource::new(info, grid, elements))
+}
+
+/// Where each chunk of a shard begins, and how long it is.
+type Table = Arc<Vec<[u64; 2]>>;
+
+/// The chunks of an array.
+#[derive(Debug)]
+struct ArrayChunks {
+    store: Store,
+    folder: PathBuf,
+    array: Array,
+    /// Of a decoded chunk.
+    bytes: usize,
+    /// Where the chunks of some shards lie, the last used last.
+    tables: Mutex<Recent<PathBuf, Table>>,
+}
+
+impl Chunks for ArrayChunks {
+    fn decode(&self, number: &[u64]) -> Result<Option<Vec<u8>>, SourceError> {
+        let (path, data) = match &self.array.sharding {
+            None => {
+                let path = self.folder.join(self.array.keys.name(number));
+                let data = self.store.read(&path, codecs::encoded_limit(self.bytes) as u64)?;
+                (path, data)
+            }
+            Some(sharding) => {
+                let shard: Vec<u64> = number.iter().zip(&sharding.count).map(|(n, count)| n / count).collect();
+                let path = self.folder.join(self.array.keys.name(&shard));
+                let inside = number.iter().zip(&sharding.count);
+                // Fits: the table has been counted.
+                let at = inside.fold(0, |at, (n, count)| at * count + n % count) as usize;
+                let data = self.read_of_shard(&path, at, (&sharding.count, sharding.index))?;
+                (path, data)
+            }
+        };
+        let Some(data) = data else { return Ok(None) };
+        let decoded = if self.array.has_block_headers { self.block(data) } else { self.stages(data, self.bytes) };
+        let wrong =
+            |found: String| SourceError::invalid(&path, "chunk", format!("{} bytes of voxels", self.bytes), found);
+        decoded.map(Some).map_err(wrong)
+    }
+}
+
+impl ArrayChunks {
+    fn stages(&self, data: Vec<u8>, wanted: usize) -> Result<Vec<u8>, String> {
+        codecs::decode(&self.array.stages, data, wanted)
+    }
+
+    /// A block of N5, which may be smaller than a chunk.
+    fn block(&self, mut data: Vec<u8>) -> Result<Vec<u8>, String> {
+        let shape = &self.array.shape;
+        let (sizes, header) = n5::split_block(&data, shape.chunk.len())?;
+        let sizes: Vec<u64> = sizes.into_iter().rev().collect();
+        if sizes.iter().zip(&shape.chunk).any(|(size, chunk)| size > chunk) {
+            return Err(format!("a block of {sizes:?}, where chunks are of {:?}", shape.chunk));
+        }
+        let element = self.array.number.stored().bytes();
+        let wanted = sizes.iter().product::<u64>() as usize * element;
+        if header > data.len() {
+            return Err("shorter than its header".into());
+        }
+        data.drain(..header);
+        data = self.stages(data, wanted)?;
+        if sizes == shape.chunk {
+            return Ok(data);
+        }
+        Ok(widened(&data, &sizes, &shape.chunk, element, self.bytes))
+    }
+
+    /// A chunk of a shard; `None` where it has none.
+    fn read_of_shard(
+        &self,
+        path: &Path,
+        at: usize,
+        (count, index): (&[u64], Index),
+    ) -> Result<Option<Vec<u8>>, SourceError> {
+        let Some(file) = self.store.open(path)? else { return Ok(None) };
+        let length = file.length();
+        let table = self.table(path, &file, (count, index))?;
+        let [start, bytes] = table[at];
+        if [start, bytes] == [u64::MAX; 2] {
+            return Ok(None);
+        }
+        let limit = codecs::encoded_limit(self.bytes) as u64;
+        if bytes > limit || start.checked_add(bytes).is_none_or(|end| end > length) {
+            let expected = format!("at most {limit} bytes within the {length} of the shard");
+            return Err(SourceError::invalid(path, "index of the shard", expected, format!("{bytes} from {start} on")));
+        }
+        let mut data = vec![0; bytes as usize];
+        file.read_at(path, start, &mut data)?;
+        Ok(Some(data))
+    }
+
+    /// Place and length of each chunk of a shard.
+    fn table(&self, path: &Path, file: &Member<'_>, (count, index): (&[u64], Index)) -> Result<Table, SourceError> {
+        let length = file.length();
+        {
+            // Whoever panicked has changed the list whole.
+            let mut tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(table) = tables.get(path) {
+                return Ok(Arc::clone(table));
+            }
+        }
+        let chunks = count.iter().try_fold(1u64, |product, n| product.checked_mul(*n)).filter(|n| *n <= TABLE_LIMIT);
+        let Some(chunks) = chunks else {
+            let what = format!("shards of {count:?} chunks, which is more than {TABLE_LIMIT}");
+            return Err(SourceError::unsupported(path, what, "write the array anew with smaller shards"));
+        };
+        let bytes = 16 * chunks + if index.has_checksum { 4 } else { 0 };
+        let wrong = |found: String| SourceError::invalid(path, "index of the shard", format!("{bytes} bytes"), found);
+        let start = length.checked_sub(bytes).ok_or_else(|| wrong(format!("a file of {length}")))?;
+        let mut data = vec![0; bytes as usize];
+        file.read_at(path, if index.at_end { start } else { 0 }, &mut data)?;
+        let stages: &[_] = if index.has_checksum { &[codecs::Codec::Crc32c] } else { &[] };
+        let data = codecs::decode(stages, data, 16 * chunks as usize).map_err(wrong)?;
+        let numbers = data.as_chunks::<8>().0.as_chunks::<2>().0;
+        let table = Arc::new(numbers.iter().map(|pair| pair.map(u64::from_le_bytes)).collect::<Vec<_>>());
+        let mut tables = self.tables.lock().unwrap_or_else(PoisonError::into_inner);
+        tables.insert_within(TABLES_KEPT, path.into(), Arc::clone(&table));
+        Ok(table)
+    }
+}

@@ -1,0 +1,239 @@
+//! What OME-Zarr (0.1 to 0.5, and the drafts of 0.6 as far as they scale and move) says of an image: its levels, its axes, its
+//! place. <https://ngff.openmicroscopy.org>
+
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+use supervol_format::Geometry;
+
+/// What a group or an array says beside its shape.
+#[derive(Debug, Default, Deserialize)]
+pub(crate) struct Attributes {
+    /// Where 0.5 keeps what 0.4 has at the top.
+    pub(crate) ome: Option<Box<Self>>,
+    multiscales: Option<Vec<Multiscale>>,
+    /// How an image is to be shown; what is wrong in it is no reason to refuse the image.
+    omero: Option<serde_json::Value>,
+    pub(crate) plate: Option<IgnoredAny>,
+    pub(crate) well: Option<IgnoredAny>,
+    #[serde(rename = "bioformats2raw.layout")]
+    pub(crate) series: Option<IgnoredAny>,
+    /// Names of axes, as xarray writes them.
+    #[serde(rename = "_ARRAY_DIMENSIONS")]
+    pub(crate) dimensions: Option<Vec<Option<String>>>,
+}
+
+impl Attributes {
+    /// The images, each with its levels.
+    pub(crate) fn images(&self) -> &[Multiscale] {
+        let nested = || self.ome.as_ref().and_then(|ome| ome.multiscales.as_deref());
+        self.multiscales.as_deref().or_else(nested).unwrap_or_default()
+    }
+
+    /// What the channels are called, empty where one is not.
+    pub(crate) fn channels(&self) -> Vec<String> {
+        let nested = || self.ome.as_ref().and_then(|ome| ome.omero.as_ref());
+        let listed = self.omero.as_ref().or_else(nested).and_then(|omero| omero["channels"].as_array());
+        let name = |channel: &serde_json::Value| channel["label"].as_str().unwrap_or_default().to_owned();
+        listed.map_or_else(Vec::new, |channels| channels.iter().map(name).collect())
+    }
+
+    /// Whether there are several images below, and what they are.
+    pub(crate) fn collection(&self) -> Option<&'static str> {
+        let ome = self.ome.as_deref();
+        let any = |has: fn(&Self) -> bool| has(self) || ome.is_some_and(has);
+        match () {
+            () if any(|a| a.plate.is_some()) => Some("plate of wells"),
+            () if any(|a| a.well.is_some()) => Some("well with fields"),
+            () if any(|a| a.series.is_some()) => Some("series of images"),
+            () => None,
+        }
+    }
+}
+
+/// An image and its levels.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Multiscale {
+    #[serde(default)]
+    axes: Vec<OmeAxis>,
+    /// 0.6.
+    #[serde(rename = "coordinateSystems", default)]
+    systems: Vec<System>,
+    pub(crate) datasets: Vec<Dataset>,
+    #[serde(rename = "coordinateTransformations", default)]
+    transforms: Vec<Transform>,
+}
+
+#[derive(Debug, Deserialize)]
+struct System {
+    #[serde(default)]
+    axes: Vec<OmeAxis>,
+}
+
+/// An axis: by its name alone in 0.3.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged)]
+enum OmeAxis {
+    Name(String),
+    Full {
+        name: String,
+        #[serde(rename = "type", default)]
+        kind: Option<String>,
+        #[serde(default)]
+        unit: Option<String>,
+    },
+}
+
+/// A level.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Dataset {
+    pub(crate) path: String,
+    #[serde(rename = "coordinateTransformations", default)]
+    transforms: Vec<Transform>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Transform {
+    #[serde(rename = "type", default)]
+    kind: String,
+    #[serde(default)]
+    scale: Option<Vec<f64>>,
+    #[serde(default)]
+    translation: Option<Vec<f64>>,
+    #[serde(default)]
+    transformations: Vec<Transform>,
+}
+
+/// What an axis counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Role {
+    Space,
+    Time,
+    Channel,
+}
+
+/// An axis of an array.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct ArrayAxis {
+    pub(crate) name: String,
+    pub(crate) role: Role,
+    pub(crate) unit: String,
+    /// Distance of neighbours, and place of the first.
+    pub(crate) spacing: f64,
+    pub(crate) origin: f64,
+}
+
+impl ArrayAxis {
+    /// An axis of which nothing is known but, maybe, its name.
+    pub(crate) fn named(name: &str) -> Self {
+        let role = match name.to_lowercase().as_str() {
+            "t" | "time" => Role::Time,
+            "c" | "ch" | "channel" | "channels" | "rgb" => Role::Channel,
+            _ => Role::Space,
+        };
+        Self { name: name.into(), role, unit: String::new(), spacing: 1.0, origin: 0.0 }
+    }
+}
+
+impl Multiscale {
+    /// The axes of a level of so many axes, with what is noticed.
+    pub(crate) fn axes(&self, level: &Dataset, rank: usize, notes: &mut Vec<String>) -> Vec<ArrayAxis> {
+        let stated = if self.axes.is_empty() { self.systems.last().map_or(&[][..], |s| &s.axes) } else { &self.axes };
+        // Until 0.3 images had these five.
+        let usual =
+            || ["t", "c", "z", "y", "x"][5 - rank.min(5)..].iter().map(|n| OmeAxis::Name((*n).into())).collect();
+        let stated: Vec<OmeAxis> = if stated.is_empty() { usual() } else { stated.to_vec() };
+        if stated.len() != rank {
+            notes.push(format!("{} axes are named, where the array has {rank}: not used", stated.len()));
+            return vec![ArrayAxis::named(""); rank];
+        }
+        let mut axes: Vec<ArrayAxis> = stated.iter().map(OmeAxis::plain).collect();
+        for transform in level.transforms.iter().chain(&self.transforms) {
+            transform.apply(&mut axes, notes);
+        }
+        axes
+    }
+}
+
+impl OmeAxis {
+    fn plain(&self) -> ArrayAxis {
+        let (name, kind, unit) = match self {
+            Self::Name(name) => (name, None, None),
+            Self::Full { name, kind, unit } => (name, kind.as_deref(), unit.as_deref()),
+        };
+        let axis = ArrayAxis::named(name);
+        let role = match kind {
+            Some("space") => Role::Space,
+            Some("time") => Role::Time,
+            Some("channel") => Role::Channel,
+            _ => axis.role,
+        };
+        ArrayAxis { role, unit: unit_of(unit.unwrap_or_default()), ..axis }
+    }
+}
+
+impl Transform {
+    fn apply(&self, axes: &mut [ArrayAxis], notes: &mut Vec<String>) {
+        let numbers = |values: &Option<Vec<f64>>| values.clone().filter(|v| v.len() == axes.len());
+        match (self.kind.as_str(), numbers(&self.scale), numbers(&self.translation)) {
+            ("scale", Some(factors), _) => axes.iter_mut().zip(factors).for_each(|(axis, factor)| {
+                axis.spacing *= factor;
+                axis.origin *= factor;
+            }),
+            ("translation", _, Some(ways)) => axes.iter_mut().zip(ways).for_each(|(axis, way)| axis.origin += way),
+            ("identity", ..) => {}
+            ("sequence", ..) => self.transformations.iter().for_each(|t| t.apply(axes, notes)),
+            (other, ..) => {
+                notes.push(format!(
+                    "the transform `{}` is not understood and not used",
+                    crate::input::text::shortened(other)
+                ));
+            }
+        }
+    }
+}
+
+/// Units as we write them.
+pub(crate) fn unit_of(text: &str) -> String {
+    match text {
+        "angstrom" => "A",
+        "picometer" => "pm",
+        "nanometer" => "nm",
+        "micrometer" | "micron" | "µm" | "μm" => "um",
+        "millimeter" => "mm",
+        "centimeter" => "cm",
+        "meter" => "m",
+        "kilometer" => "km",
+        "inch" => "in",
+        "foot" => "ft",
+        "second" => "s",
+        "millisecond" => "ms",
+        "microsecond" => "us",
+        "pixel" | "pixels" => "",
+        other => other,
+    }
+    .into()
+}
+
+/// The place of three axes in the world, each along one of its axes. Spacings are positive; one that is not is refused by whoever
+/// checks the geometry, since nothing else could be meant by it.
+pub(crate) fn geometry_of(axes: [Option<&ArrayAxis>; 3]) -> Geometry {
+    let spacing = axes.map(|axis| axis.map_or(1.0, |axis| axis.spacing));
+    let origin = axes.map(|axis| axis.map_or(0.0, |axis| axis.origin));
+    Geometry { spacing, origin, ..Geometry::IDENTITY }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_are_called_what_the_image_says() {
+        let of = |text: &str| serde_json::from_str::<Attributes>(text).expect("attributes").channels();
+        let omero = r#"{"omero": {"channels": [{"label": "DAPI", "color": "0000FF"}, {"active": true}, 7]}}"#;
+        assert_eq!(of(omero), ["DAPI", "", ""]);
+        assert_eq!(of(&format!(r#"{{"ome": {omero}}}"#)), ["DAPI", "", ""]);
+        for wrong in [r#"{}"#, r#"{"omero": 3}"#, r#"{"omero": {"channels": "two"}}"#] {
+            assert!(of(wrong).is_empty(), "{wrong}");
+        }
+    }
+}

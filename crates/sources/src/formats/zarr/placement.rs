@@ -1,0 +1,57 @@
+//! From the axes of an array to the three of a volume, a time and a channel.
+
+use std::path::Path;
+
+use super::ome::{ArrayAxis, Role};
+use crate::SourceError;
+use crate::grid::chunked::Placement;
+use crate::input::selection::Selection;
+
+/// Which axes are x, y, z, and what is chosen on the others. `names` are those of the channels, as far as the file says them.
+pub(crate) fn place(
+    path: &Path,
+    (shape, axes, names): (&[u64], &[ArrayAxis], &[String]),
+    selection: &Selection,
+    notes: &mut Vec<String>,
+) -> Result<Placement, SourceError> {
+    let of = |role: Role| (0..shape.len()).filter(|i| axes[*i].role == role).collect::<Vec<_>>();
+    let (mut space, mut times, mut channels) = (of(Role::Space), of(Role::Time), of(Role::Channel));
+    // Beyond three, the slowest have other meanings, which nobody has named.
+    while space.len() > 3 {
+        let axis = space.iter().position(|i| shape[*i] == 1).unwrap_or(0);
+        let axis = space.remove(axis);
+        if shape[axis] > 1 {
+            if times.is_empty() { times.push(axis) } else { channels.push(axis) }
+        }
+    }
+    if space.is_empty() {
+        // Times or channels alone: a line of them.
+        space.extend(times.pop().or_else(|| channels.pop()));
+    }
+    if times.len() > 1 || channels.len() > 1 {
+        let what = format!("{} axes: a volume has three, a time and a channel", shape.len());
+        return Err(SourceError::unsupported(path, what, "write the volume that is meant as an array of its own"));
+    }
+    let mut fixed = vec![0; shape.len()];
+    let times_count = times.first().map_or(1, |axis| shape[*axis]);
+    let frame = selection.noted_frame(path, times_count, "time points", notes)?;
+    times.iter().for_each(|axis| fixed[*axis] = frame);
+    let channel_count = channels.first().map_or(1, |axis| shape[*axis]);
+    let channel = selection.noted_channel(path, channel_count, names, notes)?;
+    channels.iter().for_each(|axis| fixed[*axis] = channel);
+    Ok(Placement { axes: named_xyz(&space, axes), fixed })
+}
+
+/// x, y and z: by the names of the axes where all have one of these, else the fastest first.
+fn named_xyz(space: &[usize], axes: &[ArrayAxis]) -> [Option<usize>; 3] {
+    let called = |name: &str| {
+        let mut found = space.iter().filter(|i| axes[**i].name.eq_ignore_ascii_case(name));
+        (found.next().copied(), found.next())
+    };
+    let named = ["x", "y", "z"].map(called);
+    let is_clear = named.iter().all(|(_, second)| second.is_none());
+    if is_clear && named.iter().flat_map(|(first, _)| first).count() == space.len() {
+        return named.map(|(first, _)| first);
+    }
+    std::array::from_fn(|i| space.len().checked_sub(i + 1).map(|at| space[at]))
+}

@@ -1,0 +1,205 @@
+//! The folder or the archive of a Zarr or N5: its metadata and its chunks, none of which lies outside it.
+//!
+//! What lies in an archive has the path of the archive with its own behind it, as if that were a folder.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::ErrorKind;
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+
+use serde::de::DeserializeOwned;
+use supervol_format::ByteSource;
+
+use super::archive::{Archive, Member};
+use crate::SourceError;
+use crate::input::data_files::{FILES_LIMIT, Outside};
+use crate::input::file::SourceFile;
+use crate::input::spool::SpoolFolder;
+use crate::input::text::shortened;
+
+/// Longest metadata that are read: those of a group may hold those of all arrays below it.
+const METADATA_LIMIT_BYTES: u64 = 16 << 20;
+/// Folders inside folders that chunks lie in.
+const DEPTH_LIMIT: usize = 24;
+
+/// A folder or an archive and what may be read of it.
+#[derive(Debug, Clone)]
+pub(super) struct Store {
+    /// The folder or the archive as it was given, for messages.
+    pub(super) path: PathBuf,
+    /// The same, links followed.
+    whole: PathBuf,
+    outside: Outside,
+    archive: Option<Arc<Archive>>,
+}
+
+impl Store {
+    pub(super) fn new(path: &Path, outside: Outside, spool: &SpoolFolder) -> Result<Self, SourceError> {
+        let whole = std::fs::canonicalize(path).map_err(|e| SourceError::io(path, e))?;
+        let archive = if whole.is_dir() { None } else { Some(Arc::new(Archive::open(path, spool)?)) };
+        // Nothing leads out of an archive.
+        let outside = if archive.is_some() { Outside::Refused } else { outside };
+        Ok(Self { path: path.into(), whole, outside, archive })
+    }
+
+    /// Whether it is a file.
+    pub(super) fn is_archive(&self) -> bool {
+        self.archive.is_some()
+    }
+
+    /// The name of something in an archive.
+    fn name_in_archive(&self, path: &Path) -> String {
+        let parts = path.strip_prefix(&self.path).unwrap_or(path).components();
+        let plain = parts.filter(|part| *part != Component::CurDir);
+        plain.map(|part| part.as_os_str().to_string_lossy().into_owned()).collect::<Vec<_>>().join("/")
+    }
+
+    /// The same of a folder in it, as its entries begin.
+    fn folder_in_archive(&self, folder: &Path) -> String {
+        let name = self.name_in_archive(folder);
+        if name.is_empty() { name } else { name + "/" }
+    }
+
+    /// Whether there is a file at this path.
+    pub(super) fn has(&self, path: &Path) -> bool {
+        match &self.archive {
+            None => path.is_file(),
+            Some(archive) => archive.entry(&self.name_in_archive(path)).is_some(),
+        }
+    }
+
+    /// The folder in which an archive holds all that it holds, or the archive itself.
+    pub(super) fn root(&self, descriptions: &[&str]) -> PathBuf {
+        let is_described = |folder: &Path| descriptions.iter().any(|name| self.has(&folder.join(name)));
+        match &self.folders(&self.path)[..] {
+            [only] if self.is_archive() && !is_described(&self.path) && is_described(&self.path.join(only)) => {
+                self.path.join(only)
+            }
+            _ => self.path.clone(),
+        }
+    }
+
+    /// Names of the folders in a folder, in natural order.
+    pub(super) fn folders(&self, folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> = match &self.archive {
+            None => {
+                let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().take(FILES_LIMIT);
+                let folders = entries.filter(|entry| entry.path().is_dir());
+                folders.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
+            }
+            Some(archive) => {
+                let below = self.folder_in_archive(folder);
+                let names = archive.below(&below).filter_map(|name| name.split_once('/'));
+                let names: BTreeSet<&str> = names.map(|(first, _)| first).collect();
+                names.into_iter().take(FILES_LIMIT).map(str::to_owned).collect()
+            }
+        };
+        names.sort_by(|a, b| crate::input::folder::natural(Path::new(a), Path::new(b)));
+        names
+    }
+
+    /// The path of something in it, which must not lead out of it.
+    pub(super) fn inside(&self, name: &str) -> Result<PathBuf, SourceError> {
+        let is_plain = |part| matches!(part, Component::Normal(_) | Component::CurDir);
+        if self.outside == Outside::Allowed || Path::new(name).components().all(is_plain) {
+            return Ok(self.path.join(name));
+        }
+        Err(self.leads_out(name))
+    }
+
+    fn leads_out(&self, name: &str) -> SourceError {
+        let what = format!("`{}` lies outside the folder", shortened(name));
+        SourceError::unsupported(&self.path, what, "give --allow-outside if you know where the folder comes from")
+    }
+
+    /// A file of it, to be read in parts; `None` where there is none.
+    pub(super) fn open(&self, path: &Path) -> Result<Option<Member<'_>>, SourceError> {
+        if let Some(archive) = &self.archive {
+            let entry = archive.entry(&self.name_in_archive(path));
+            return entry.map(|entry| Member::of(archive, path, entry)).transpose();
+        }
+        let Some(file) = self.open_file(path)? else { return Ok(None) };
+        let length = file.len().map_err(|e| SourceError::io(path, e))?;
+        Ok(Some(Member::File(file, length)))
+    }
+
+    /// A file of the folder.
+    fn open_file(&self, path: &Path) -> Result<Option<File>, SourceError> {
+        let found = match std::fs::canonicalize(path) {
+            Ok(found) => found,
+            // A file where a folder is expected: nothing lies in it.
+            Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => return Ok(None),
+            Err(e) => return Err(SourceError::io(path, e)),
+        };
+        if self.outside == Outside::Refused && !found.starts_with(&self.whole) {
+            return Err(self.leads_out(&path.strip_prefix(&self.path).unwrap_or(path).to_string_lossy()));
+        }
+        // Before it is opened: a FIFO would keep us waiting.
+        supervol_format::byte_source::check_is_file(&found).map_err(|e| SourceError::io(path, e))?;
+        File::open(&found).map(Some).map_err(|e| SourceError::io(path, e))
+    }
+
+    /// Metadata of this kind; `None` where there are none.
+    pub(super) fn metadata<T: DeserializeOwned>(&self, path: &Path) -> Result<Option<T>, SourceError> {
+        let Some(text) = self.read(path, METADATA_LIMIT_BYTES)? else { return Ok(None) };
+        let found = serde_json::from_slice(&text);
+        found.map(Some).map_err(|e| SourceError::invalid(path, "metadata", "what Zarr or N5 has there", e.to_string()))
+    }
+
+    /// A whole file of at most so many bytes.
+    pub(super) fn read(&self, path: &Path, limit: u64) -> Result<Option<Vec<u8>>, SourceError> {
+        if let Some(archive) = &self.archive {
+            let entry = archive.entry(&self.name_in_archive(path));
+            return entry.map(|entry| archive.read(path, entry, limit)).transpose();
+        }
+        let Some(file) = self.open(path)? else { return Ok(None) };
+        let length = file.length();
+        if length > limit {
+            let expected = format!("at most {limit} bytes, which is more than it needs");
+            return Err(SourceError::invalid(path, "chunk or metadata", expected, format!("{length} bytes")));
+        }
+        let mut data = vec![0; usize::try_from(length).unwrap_or(usize::MAX)];
+        file.read_at(path, 0, &mut data)?;
+        Ok(Some(data))
+    }
+
+    /// The files below a folder, those of arrays below it left out, and whether these are all of them.
+    pub(super) fn files(&self, folder: &Path) -> Result<(Vec<SourceFile>, bool), SourceError> {
+        if self.is_archive() {
+            return Ok((vec![SourceFile::of(&self.path)?], true));
+        }
+        let mut files = Vec::new();
+        let is_whole = list(folder, DEPTH_LIMIT, &mut files)?;
+        files.sort();
+        Ok((files.iter().map(|path| SourceFile::of(path)).collect::<Result<_, _>>()?, is_whole))
+    }
+
+    /// Names of folders in a folder that hold one of these files, in natural order; as many as a message can list.
+    pub(super) fn nodes(&self, folder: &Path, metadata: &[&str]) -> Vec<String> {
+        let is_node = |name: &String| metadata.iter().any(|file| self.has(&folder.join(name).join(file)));
+        self.folders(folder).into_iter().filter(is_node).collect()
+    }
+}
+
+/// Adds the files of a folder; false where there are too many of them.
+fn list(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<bool, SourceError> {
+    let io = |e| SourceError::io(folder, e);
+    for entry in std::fs::read_dir(folder).map_err(io)? {
+        let entry = entry.map_err(io)?;
+        if files.len() >= FILES_LIMIT {
+            return Ok(false);
+        }
+        let path = entry.path();
+        // Links to folders could lead round in circles; chunks are reached through them all the same.
+        if entry.file_type().map_err(io)?.is_dir() {
+            let is_whole = depth > 0 && list(&path, depth - 1, files)?;
+            if !is_whole {
+                return Ok(false);
+            }
+        } else if path.is_file() {
+            files.push(path);
+        }
+    }
+    Ok(true)
+}

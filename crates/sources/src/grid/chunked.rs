@@ -1,0 +1,353 @@
+//! A grid in chunks that are decoded as wholes (Zarr, N5): box by box, in bounded memory.
+//!
+//! A chunk has the axes of the array in C order; some of them are x, y and z, on the others one place is chosen. Decoded chunks
+//! are kept, the last used longest, since neighbouring boxes share them. So many threads as there are [`ChunkMemory::readers`]
+//! hold a chunk beside those that are kept; another that wants the same chunk waits for it.
+
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+
+use supervol_format::recent::Recent;
+use supervol_format::{Dims, VoxelBox};
+
+use super::elements::{Elements, NumberGrid};
+use crate::grid::dense::{GridLayout, swap_bytes};
+use crate::{AccessOrder, Endian, SourceError, SourceInfo, VolumeSource};
+
+/// Most axes of an array.
+pub(crate) const AXES_LIMIT: usize = 16;
+/// Copies of a chunk that a reader may hold at once: encoded, between two stages, decoded.
+const COPIES: u64 = 3;
+/// Most chunks that are kept.
+const KEPT_LIMIT: u64 = 1024;
+/// Most bytes for chunks, as long as two of them fit.
+const SHARE_LIMIT_BYTES: u64 = 256 << 20;
+/// Most threads that decode at once.
+const READERS_LIMIT: u64 = 16;
+
+/// Where chunks come from.
+pub(crate) trait Chunks: Send + Sync + std::fmt::Debug {
+    /// The decoded bytes of a chunk, by its number along each axis of the array; `None` where there is none: all of it is the fill
+    /// value.
+    fn decode(&self, number: &[u64]) -> Result<Option<Vec<u8>>, SourceError>;
+}
+
+/// An array and its chunks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct ArrayShape {
+    /// Elements along each axis, the slowest first.
+    pub(crate) shape: Vec<u64>,
+    /// Elements of a chunk along each axis.
+    pub(crate) chunk: Vec<u64>,
+    /// The axes as they follow one another in a decoded chunk, the slowest first.
+    pub(crate) stored: Vec<usize>,
+    /// Byte order of the elements.
+    pub(crate) endian: Endian,
+    /// Little-endian bytes of an element that no chunk holds.
+    pub(crate) fill: [u8; 8],
+}
+
+impl ArrayShape {
+    /// Bytes of all elements, of so many bytes each; `None` beyond 64 bits.
+    pub(crate) fn whole_bytes(&self, element: usize) -> Option<u64> {
+        checked_product(&self.shape, element)
+    }
+
+    /// Bytes of a chunk of elements of so many bytes; `None` beyond the address space.
+    pub(crate) fn chunk_bytes(&self, element: usize) -> Option<usize> {
+        usize::try_from(checked_product(&self.chunk, element)?).ok().filter(|n| *n <= isize::MAX as usize / 4)
+    }
+}
+
+fn checked_product(sizes: &[u64], element: usize) -> Option<u64> {
+    sizes.iter().try_fold(element as u64, |product, n| product.checked_mul(*n))
+}
+
+/// Number of the element at a place of an array or a block of these sizes, the last axis fastest.
+pub(crate) fn number_in_c_order(place: &[u64], sizes: &[u64]) -> u64 {
+    place.iter().zip(sizes).fold(0, |number, (n, size)| number * size + n)
+}
+
+/// Which places of an array are the volume.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Placement {
+    /// The axes that are x, y, z; `None` where there is one voxel.
+    pub(crate) axes: [Option<usize>; 3],
+    /// The place on each axis that is none of them.
+    pub(crate) fixed: Vec<u64>,
+}
+
+/// How many chunks are in memory at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ChunkMemory {
+    kept: u64,
+    readers: u64,
+    chunk_bytes: u64,
+}
+
+impl ChunkMemory {
+    /// Shares out `memory_bytes`, of which a quarter is the source's; `Err`: what would have to be allowed.
+    pub(crate) fn plan(chunk_bytes: u64, memory_bytes: u64) -> Result<Self, u64> {
+        let least = chunk_bytes.saturating_mul(COPIES + 1);
+        if least > memory_bytes / 4 {
+            return Err(least.saturating_mul(4));
+        }
+        // More is not needed: each chunk of a box is looked for once.
+        let share = (memory_bytes / 4).min(SHARE_LIMIT_BYTES.max(2 * least));
+        let threads = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
+        let readers = (share / 2 / (COPIES * chunk_bytes)).clamp(1, threads.min(READERS_LIMIT));
+        let kept = ((share - readers * COPIES * chunk_bytes) / chunk_bytes).clamp(1, KEPT_LIMIT);
+        Ok(Self { kept, readers, chunk_bytes })
+    }
+
+    /// Most bytes that are held.
+    pub(crate) fn bytes(self) -> u64 {
+        (self.kept + COPIES * self.readers) * self.chunk_bytes
+    }
+}
+
+/// A grid of chunks.
+#[derive(Debug)]
+pub(crate) struct ChunkGrid {
+    layout: GridLayout,
+    array: ArrayShape,
+    placement: Placement,
+    /// Elements from one place to the next on each axis, within a chunk.
+    strides: Vec<usize>,
+    chunks: Box<dyn Chunks>,
+    memory: ChunkMemory,
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+/// A chunk; `None`: nothing but the fill value.
+type Decoded = Option<Arc<Vec<u8>>>;
+
+/// What is in memory.
+#[derive(Debug, Default)]
+struct State {
+    readers: u64,
+    loading: Vec<[u64; 3]>,
+    kept: Recent<[u64; 3], Decoded>,
+}
+
+impl ChunkGrid {
+    /// A grid of an array's places. `layout` has the dims that the placement makes, and the type of the elements.
+    pub(crate) fn new(
+        layout: GridLayout,
+        array: ArrayShape,
+        placement: Placement,
+        chunks: Box<dyn Chunks>,
+        memory: ChunkMemory,
+    ) -> Self {
+        let mut strides = vec![0; array.shape.len()];
+        let mut product = 1;
+        for axis in array.stored.iter().rev() {
+            strides[*axis] = product;
+            product *= array.chunk[*axis] as usize;
+        }
+        let (state, changed) = (Mutex::default(), Condvar::new());
+        Self { layout, array, placement, strides, chunks, memory, state, changed }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        // Whoever panicked has changed the lists whole.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Voxels of a chunk along x, y, z.
+    fn chunk_extent(&self) -> [u64; 3] {
+        self.placement.axes.map(|axis| axis.map_or(1, |axis| self.array.chunk[axis]))
+    }
+
+    /// A chunk, by its number along x, y, z: from memory, or decoded.
+    fn chunk(&self, number: [u64; 3]) -> Result<Decoded, SourceError> {
+        let mut state = self.state();
+        loop {
+            if let Some(found) = state.kept.get(&number) {
+                return Ok(found.clone());
+            }
+            if !state.loading.contains(&number) {
+                break;
+            }
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+        state.loading.push(number);
+        drop(state);
+        let decoded = self.chunks.decode(&self.number_in_array(number));
+        let mut state = self.state();
+        state.loading.retain(|loading| *loading != number);
+        self.changed.notify_all();
+        let chunk = decoded?.map(Arc::new);
+        state.kept.insert_within(self.memory.kept as usize, number, chunk.clone());
+        Ok(chunk)
+    }
+
+    fn number_in_array(&self, number: [u64; 3]) -> Vec<u64> {
+        let mut all: Vec<u64> = self.placement.fixed.iter().zip(&self.array.chunk).map(|(at, n)| at / n).collect();
+        for (axis, number) in self.placement.axes.iter().zip(number) {
+            axis.iter().for_each(|axis| all[*axis] = number);
+        }
+        all
+    }
+
+    /// Copies what a box has of a chunk.
+    fn copy(&self, chunk: Option<&[u8]>, first: [u64; 3], (part, whole): (VoxelBox, VoxelBox), out: &mut [u8]) {
+        let bytes = self.layout.voxel_type.bytes();
+        match bytes {
+            1 => self.copy_elements::<1>(chunk, first, part, whole, out),
+            2 => self.copy_elements::<2>(chunk, first, part, whole, out),
+            4 => self.copy_elements::<4>(chunk, first, part, whole, out),
+            _ => self.copy_elements::<8>(chunk, first, part, whole, out),
+        }
+    }
+
+    fn copy_elements<const BYTES: usize>(
+        &self,
+        chunk: Option<&[u8]>,
+        first: [u64; 3],
+        part: VoxelBox,
+        whole: VoxelBox,
+        out: &mut [u8],
+    ) {
+        let (out, _) = out.as_chunks_mut::<BYTES>();
+        let from = chunk.map(|chunk| chunk.as_chunks::<BYTES>().0);
+        let mut fill = [0; BYTES];
+        fill.copy_from_slice(&self.array.fill[..BYTES]);
+        let stride = self.placement.axes.map(|axis| axis.map_or(0, |axis| self.strides[axis]));
+        let fixed = self.placement.fixed.iter().zip(&self.array.chunk).zip(&self.strides);
+        let base: usize = fixed.map(|((at, n), stride)| (at % n) as usize * stride).sum();
+        let [nx, ny, _] = whole.extent();
+        let width = part.extent()[0];
+        for z in part.start[2]..part.end[2] {
+            for y in part.start[1]..part.end[1] {
+                let [dx, dy, dz] =
+                    [part.start[0] - whole.start[0], y - whole.start[1], z - whole.start[2]].map(|n| n as usize);
+                let row = &mut out[dx + nx * (dy + ny * dz)..][..width];
+                let Some(from) = from else {
+                    row.fill(fill);
+                    continue;
+                };
+                let inside = [part.start[0] - first[0], y - first[1], z - first[2]].map(|n| n as usize);
+                let at = base + inside.iter().zip(stride).map(|(n, stride)| n * stride).sum::<usize>();
+                if stride[0] == 1 {
+                    row.copy_from_slice(&from[at..at + width]);
+                } else {
+                    for (x, voxel) in row.iter_mut().enumerate() {
+                        *voxel = from[at + x * stride[0]];
+                    }
+                }
+                if self.array.endian == Endian::Big {
+                    swap_bytes(row.as_flattened_mut(), BYTES);
+                }
+            }
+        }
+    }
+}
+
+impl NumberGrid for ChunkGrid {
+    fn layout(&self) -> &GridLayout {
+        &self.layout
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        let extent = self.chunk_extent();
+        for part in chunk_boxes(voxels, extent) {
+            let number: [u64; 3] = std::array::from_fn(|a| part.start[a] / extent[a]);
+            let first = std::array::from_fn(|a| number[a] * extent[a]);
+            let reader = Reader::begin(self);
+            let chunk = self.chunk(number)?;
+            self.copy(chunk.as_ref().map(|chunk| &chunk[..]), first, (part, voxels), out);
+            drop(reader);
+        }
+        Ok(())
+    }
+
+    fn parts(&self, voxels: VoxelBox) -> Box<dyn Iterator<Item = VoxelBox> + '_> {
+        Box::new(chunk_boxes(voxels, self.chunk_extent()))
+    }
+}
+
+/// Elements of a small block where they lie in a whole chunk; what is beyond them is never read.
+pub(crate) fn widened(data: &[u8], sizes: &[u64], chunk: &[u64], element: usize, bytes: usize) -> Vec<u8> {
+    let mut out = vec![0; bytes];
+    let row = *sizes.last().unwrap_or(&1) as usize * element;
+    let mut place = vec![0u64; sizes.len()];
+    for run in data.chunks_exact(row.max(1)) {
+        let at = number_in_c_order(&place, chunk) as usize * element;
+        out[at..at + row].copy_from_slice(run);
+        // The next row: the last axis but one runs fastest.
+        for axis in (0..sizes.len().saturating_sub(1)).rev() {
+            place[axis] += 1;
+            if place[axis] < sizes[axis] {
+                break;
+            }
+            place[axis] = 0;
+        }
+    }
+    out
+}
+
+/// One of the threads that hold a chunk.
+struct Reader<'a>(&'a ChunkGrid);
+
+impl<'a> Reader<'a> {
+    fn begin(grid: &'a ChunkGrid) -> Self {
+        let mut state = grid.state();
+        while state.readers >= grid.memory.readers {
+            state = grid.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+        state.readers += 1;
+        Self(grid)
+    }
+}
+
+impl Drop for Reader<'_> {
+    fn drop(&mut self) {
+        self.0.state().readers -= 1;
+        self.0.changed.notify_all();
+    }
+}
+
+/// A box cut where chunks of this extent meet, x fastest.
+fn chunk_boxes(voxels: VoxelBox, extent: [u64; 3]) -> impl Iterator<Item = VoxelBox> {
+    let along = move |axis: usize| {
+        let (start, last, step) = (voxels.start[axis], voxels.end[axis], extent[axis]);
+        let end = move |at: u64| (at / step + 1).saturating_mul(step).min(last);
+        std::iter::successors((start < last).then_some(start), move |&at| Some(end(at)).filter(|&next| next < last))
+            .map(move |at| [at, end(at)])
+    };
+    along(2).flat_map(move |z| {
+        along(1)
+            .flat_map(move |y| along(0).map(move |x| VoxelBox { start: [x[0], y[0], z[0]], end: [x[1], y[1], z[1]] }))
+    })
+}
+
+/// A volume in chunks.
+#[derive(Debug)]
+pub struct ChunkedSource {
+    info: SourceInfo,
+    grid: ChunkGrid,
+    elements: Elements,
+}
+
+impl ChunkedSource {
+    /// Joins what metadata say with the chunks they describe.
+    pub(crate) fn new(mut info: SourceInfo, grid: ChunkGrid, elements: Elements) -> Self {
+        let dims: Dims = elements.dims(&grid);
+        assert_eq!((info.dims, info.voxel_type), (dims, elements.voxel_type), "metadata against chunks");
+        // Boxes of any order are as good; slabs are read in parallel.
+        info.access_order = AccessOrder::X_FASTEST;
+        info.memory_bytes += grid.memory.bytes();
+        Self { info, grid, elements }
+    }
+}
+
+impl VolumeSource for ChunkedSource {
+    fn info(&self) -> &SourceInfo {
+        &self.info
+    }
+
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        self.elements.read_box(&self.grid, voxels, out)
+    }
+}

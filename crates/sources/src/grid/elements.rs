@@ -1,0 +1,418 @@
+//! How the numbers of a grid become voxels: one of several channels, the luminance of colours, some of the bits of a word, 64-bit
+//! integers that fit a smaller type, half-precision floats as f32, which holds all of them.
+//!
+//! Numbers stay where they are, and become voxels when they are read; only whether 64-bit integers fit is found out by reading
+//! all of them once, on opening.
+
+use std::path::Path;
+
+use half::f16;
+use supervol_format::file_order::boxes;
+use supervol_format::voxel_type::Voxel;
+use supervol_format::{Dims, VoxelBox, VoxelType, with_voxel};
+
+use crate::SourceError;
+use crate::grid::dense::{GridLayout, SCRATCH_BYTES};
+use crate::input::selection::Selection;
+
+/// Thousandths of red, green and blue in luminance: Rec. 601, as most programs have it that turn colours into grey.
+const LUMINANCE: [f64; 3] = [299.0, 587.0, 114.0];
+
+/// Greatest whole number up to which a double holds all of them.
+const EXACT_IN_DOUBLES: i128 = 1 << 53;
+
+/// Numbers that can be read box by box: in a file, or in chunks.
+pub(crate) trait NumberGrid {
+    /// Their dims and their type.
+    fn layout(&self) -> &GridLayout;
+
+    /// As [`crate::VolumeSource::read_box`].
+    fn read_box(&self, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError>;
+
+    /// A box in small parts, in an order that reads nothing twice.
+    fn parts(&self, voxels: VoxelBox) -> Box<dyn Iterator<Item = VoxelBox> + '_> {
+        Box::new(boxes(voxels, (SCRATCH_BYTES / self.layout().voxel_type.bytes()) as u64, u64::MAX))
+    }
+}
+
+/// What the numbers of one voxel are, where there are several.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Meaning {
+    /// Red, green, blue, and whatever follows.
+    Colours,
+    /// Components of a vector, real and imaginary parts: nothing that could stand for all of them.
+    Components,
+}
+
+/// Which of the numbers that follow one another for each voxel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Channels {
+    /// How many there are.
+    pub(crate) count: u64,
+    /// Which is the voxel; `None`: the luminance of the first three.
+    pub(crate) wanted: Option<u64>,
+}
+
+impl Channels {
+    /// One number for each voxel.
+    pub(crate) const ONE: Self = Self { count: 1, wanted: Some(0) };
+
+    /// What a person wants of so many numbers; without a word of theirs, the luminance of colours.
+    pub(crate) fn choose(
+        path: &Path,
+        count: u64,
+        meaning: Meaning,
+        selection: &Selection,
+        notes: &mut Vec<String>,
+    ) -> Result<Self, SourceError> {
+        if count <= 1 {
+            selection.channel_of(path, 1)?;
+            return Ok(Self::ONE);
+        }
+        if selection.channel.is_some() {
+            return Ok(Self { count, wanted: Some(selection.channel_of(path, count)?) });
+        }
+        let last = count - 1;
+        if meaning == Meaning::Components {
+            let what = format!("{count} numbers per voxel; a volume has one");
+            return Err(SourceError::unsupported(path, what, format!("choose one with --channel 0 to {last}")));
+        }
+        if count >= 3 {
+            notes.push(format!("colours: their luminance is used; --channel 0 to {last} takes one channel instead"));
+            return Ok(Self { count, wanted: None });
+        }
+        notes.push(format!("{count} channels; the first is used; --channel 0 to {last} takes another"));
+        Ok(Self { count, wanted: Some(0) })
+    }
+}
+
+/// Volumes that follow one another along z, and which of them is meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Frames {
+    pub(crate) count: u64,
+    pub(crate) wanted: u64,
+}
+
+impl Frames {
+    /// One volume.
+    pub(crate) const ONE: Self = Self { count: 1, wanted: 0 };
+}
+
+/// Types of numbers that files hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Number {
+    /// Those of a voxel type.
+    Voxel(VoxelType),
+    /// A 64-bit integer, with or without a sign.
+    Whole { signed: bool },
+    /// A float of 16 bits (IEEE 754 binary16).
+    Half,
+}
+
+impl Number {
+    /// The type in which a grid holds them: 64-bit integers take as much room as doubles, half-precision floats as whole numbers of 16
+    /// bits.
+    pub(crate) fn stored(self) -> VoxelType {
+        match self {
+            Self::Voxel(voxel_type) => voxel_type,
+            Self::Whole { .. } => VoxelType::F64,
+            Self::Half => VoxelType::U16,
+        }
+    }
+}
+
+/// What is made of each number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Numbers {
+    /// Nothing.
+    AsStored,
+    /// Of an integer, the bits from `low` on, so many of them, with or without a sign.
+    Bits { low: u32, count: u32, signed: bool },
+    /// 64-bit integers, which the grid calls [`VoxelType::F64`], become the voxels' type, which holds all of them.
+    Whole { signed: bool },
+    /// Half-precision floats, which the grid calls [`VoxelType::U16`], become [`VoxelType::F32`].
+    Half,
+}
+
+/// Numbers of a grid and what becomes of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Elements {
+    pub(crate) channels: Channels,
+    pub(crate) frames: Frames,
+    pub(crate) numbers: Numbers,
+    /// What they become.
+    pub(crate) voxel_type: VoxelType,
+}
+
+impl Elements {
+    /// Numbers that are voxels.
+    pub(crate) fn plain(voxel_type: VoxelType) -> Self {
+        Self { channels: Channels::ONE, frames: Frames::ONE, numbers: Numbers::AsStored, voxel_type }
+    }
+
+    /// The layout of the grid of all numbers: each voxel has `channels.count` along x, and `frames.count` volumes lie along z.
+    pub(crate) fn widened(channels: Channels, frames: Frames, layout: GridLayout) -> GridLayout {
+        let [x, y, z] = layout.dims.0;
+        GridLayout { dims: Dims([x.saturating_mul(channels.count), y, z.saturating_mul(frames.count)]), ..layout }
+    }
+
+    /// What becomes of the numbers of a grid; 64-bit integers are read once, to find out what they fit.
+    pub(crate) fn of(
+        path: &Path,
+        grid: &impl NumberGrid,
+        number: Number,
+        (channels, frames): (Channels, Frames),
+        notes: &mut Vec<String>,
+    ) -> Result<Self, SourceError> {
+        let elements = Self { channels, frames, ..Self::plain(number.stored()) };
+        match number {
+            Number::Voxel(_) => Ok(elements),
+            Number::Whole { signed } => elements.narrowed(path, grid, signed, notes),
+            Number::Half => {
+                notes.push("half-precision floats: kept as f32, which holds all of them".into());
+                Ok(Self { numbers: Numbers::Half, voxel_type: VoxelType::F32, ..elements })
+            }
+        }
+    }
+
+    /// Dims of the volume.
+    pub(crate) fn dims(&self, grid: &impl NumberGrid) -> Dims {
+        let [x, y, z] = grid.layout().dims.0;
+        Dims([x / self.channels.count, y, z / self.frames.count])
+    }
+
+    /// 64-bit integers as the smallest type that holds all of them, which the notes name; reads every number once.
+    fn narrowed(
+        self,
+        path: &Path,
+        grid: &impl NumberGrid,
+        signed: bool,
+        notes: &mut Vec<String>,
+    ) -> Result<Self, SourceError> {
+        let [mut least, mut greatest] = [i128::MAX, i128::MIN];
+        for part in grid.parts(grid.layout().dims.full_box()) {
+            let mut numbers = vec![0; part.voxels() * 8];
+            grid.read_box(part, &mut numbers)?;
+            for number in numbers.as_chunks::<8>().0 {
+                let value = whole(*number, signed);
+                (least, greatest) = (least.min(value), greatest.max(value));
+            }
+        }
+        let holds = |t: &VoxelType| {
+            let (low, high) = t.limits();
+            (low as i128..=high as i128).contains(&least) && (low as i128..=high as i128).contains(&greatest)
+        };
+        let integers = VoxelType::ALL.into_iter().filter(|t| !t.is_float());
+        let is_exact = -EXACT_IN_DOUBLES <= least && greatest <= EXACT_IN_DOUBLES;
+        let fitting = integers.clone().find(holds).or_else(|| is_exact.then_some(VoxelType::F64));
+        let Some(voxel_type) = fitting else {
+            let what = format!("64-bit integers of {least} to {greatest} fit no voxel type");
+            return Err(SourceError::unsupported(path, what, "subtract or divide what they have in common first"));
+        };
+        let name = if signed { "int64" } else { "uint64" };
+        notes.push(format!("{name}, of {least} to {greatest}: kept as {voxel_type}, which holds all of them"));
+        Ok(Self { numbers: Numbers::Whole { signed }, voxel_type, ..self })
+    }
+
+    /// As [`crate::VolumeSource::read_box`].
+    pub(crate) fn read_box(&self, grid: &impl NumberGrid, voxels: VoxelBox, out: &mut [u8]) -> Result<(), SourceError> {
+        let stored = grid.layout().voxel_type;
+        if out.is_empty() {
+            return Ok(());
+        }
+        let slices = grid.layout().dims.0[2] / self.frames.count;
+        let in_frame = |[x, y, z]: [u64; 3]| [x, y, z + self.frames.wanted * slices];
+        let voxels = VoxelBox { start: in_frame(voxels.start), end: in_frame(voxels.end) };
+        if self.channels == Channels::ONE && self.numbers == Numbers::AsStored {
+            return grid.read_box(voxels, out);
+        }
+        let count = self.channels.count as usize;
+        let most = SCRATCH_BYTES / (count * stored.bytes());
+        let mut rest = out;
+        let mut scratch = Vec::new();
+        for part in boxes(voxels, most as u64, u64::MAX) {
+            let widened = |[x, y, z]: [u64; 3]| [x * count as u64, y, z];
+            let numbers = VoxelBox { start: widened(part.start), end: widened(part.end) };
+            scratch.resize(numbers.voxels() * stored.bytes(), 0);
+            grid.read_box(numbers, &mut scratch)?;
+            let (now, later) = rest.split_at_mut(part.voxels() * self.voxel_type.bytes());
+            self.convert(stored, &scratch, now);
+            rest = later;
+        }
+        Ok(())
+    }
+
+    /// Makes voxels of numbers.
+    pub(crate) fn convert(&self, stored: VoxelType, numbers: &[u8], out: &mut [u8]) {
+        if self.numbers == Numbers::Half {
+            return self.convert_halves(numbers, out);
+        }
+        if (self.channels.wanted, stored, self.numbers) == (None, VoxelType::U8, Numbers::AsStored) {
+            return luminances_of_bytes(numbers, self.channels.count as usize, out);
+        }
+        let groups = numbers.chunks_exact(stored.bytes() * self.channels.count as usize);
+        let voxels = out.chunks_exact_mut(self.voxel_type.bytes());
+        let picked = |group: &[u8], voxel: &mut [u8]| match self.channels.wanted {
+            Some(channel) => voxel.copy_from_slice(&group[channel as usize * stored.bytes()..][..stored.bytes()]),
+            None => with_voxel!(stored, V => {
+                let colours = group.chunks_exact(size_of::<V>()).map(|number| V::read_le(number).to_f64());
+                let thousandths: f64 = colours.zip(LUMINANCE).map(|(colour, share)| colour * share).sum();
+                V::from_f64(thousandths / 1000.0).write_le(voxel);
+            }),
+        };
+        if let Numbers::Whole { signed } = self.numbers {
+            for (group, voxel) in groups.zip(voxels) {
+                let mut number = [0; 8];
+                picked(group, &mut number);
+                let value = whole(number, signed) as f64;
+                with_voxel!(self.voxel_type, V => V::from_f64(value).write_le(voxel));
+            }
+            return;
+        }
+        if self.channels == Channels::ONE {
+            out.copy_from_slice(numbers);
+        } else {
+            groups.zip(voxels).for_each(|(group, voxel)| picked(group, voxel));
+        }
+        if let Numbers::Bits { low, count, signed } = self.numbers {
+            let kept = |word| bits(word, low, count, signed);
+            match stored.bytes() {
+                1 => out.iter_mut().for_each(|voxel| *voxel = kept((*voxel).into()) as u8),
+                2 => out.as_chunks_mut::<2>().0.iter_mut().for_each(|voxel| {
+                    *voxel = (kept(u16::from_le_bytes(*voxel).into()) as u16).to_le_bytes();
+                }),
+                _ => out.as_chunks_mut::<4>().0.iter_mut().for_each(|voxel| {
+                    *voxel = kept(u32::from_le_bytes(*voxel)).to_le_bytes();
+                }),
+            }
+        }
+    }
+}
+
+impl Elements {
+    /// Makes voxels of half-precision floats, little endian.
+    fn convert_halves(&self, numbers: &[u8], out: &mut [u8]) {
+        let value = |number: &[u8; 2]| f16::from_le_bytes(*number).to_f32();
+        let groups = numbers.as_chunks::<2>().0.chunks_exact(self.channels.count as usize);
+        for (group, voxel) in groups.zip(out.as_chunks_mut::<4>().0) {
+            let found = match self.channels.wanted {
+                Some(channel) => value(&group[channel as usize]),
+                None => {
+                    let parts = group.iter().zip(LUMINANCE).map(|(number, share)| f64::from(value(number)) * share);
+                    (parts.sum::<f64>() / 1000.0) as f32
+                }
+            };
+            *voxel = found.to_le_bytes();
+        }
+    }
+}
+
+/// Luminances of colours of a byte each, of which there are three or more in a group: in whole numbers, which are what doubles would be.
+fn luminances_of_bytes(numbers: &[u8], count: usize, out: &mut [u8]) {
+    const SHARES: [u32; 3] = [LUMINANCE[0] as u32, LUMINANCE[1] as u32, LUMINANCE[2] as u32];
+    let luminance = |[red, green, blue]: [u8; 3]| {
+        let thousandths = SHARES[0] * u32::from(red) + SHARES[1] * u32::from(green) + SHARES[2] * u32::from(blue);
+        let (whole, rest) = (thousandths / 1000, thousandths % 1000);
+        // Halves go to the even one.
+        (whole + u32::from(rest + (whole & 1) > 500)) as u8
+    };
+    if count == 3 {
+        numbers.as_chunks::<3>().0.iter().zip(out).for_each(|(colours, voxel)| *voxel = luminance(*colours));
+        return;
+    }
+    for (group, voxel) in numbers.chunks_exact(count).zip(out) {
+        *voxel = luminance([group[0], group[1], group[2]]);
+    }
+}
+
+/// A 64-bit integer from its bytes.
+fn whole(bytes: [u8; 8], signed: bool) -> i128 {
+    if signed { i64::from_le_bytes(bytes).into() } else { u64::from_le_bytes(bytes).into() }
+}
+
+/// `count` bits of a word, from bit `low` on.
+#[inline]
+fn bits(word: u32, low: u32, count: u32, signed: bool) -> u32 {
+    let word = word << (32 - low - count);
+    if signed { ((word as i32) >> (32 - count)) as u32 } else { word >> (32 - count) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bits_of_words() {
+        let kept = |word: u16, low, count, signed| bits(word.into(), low, count, signed) as u16;
+        assert_eq!(kept(0xf123, 0, 12, false), 0x123);
+        assert_eq!(kept(0x1830, 0, 13, true) as i16, 0x1830 - 0x2000);
+        assert_eq!(kept(0x1230, 4, 12, false), 0x123);
+        assert_eq!(kept(0x8000, 0, 16, true) as i16, i16::MIN);
+    }
+
+    #[test]
+    fn half_floats_are_what_they_were() {
+        // Every one of them; f32 has a value for each, and bits of its own only for NaN.
+        let all: Vec<u8> = (0..=u16::MAX).flat_map(u16::to_le_bytes).collect();
+        let elements = Elements { numbers: Numbers::Half, ..Elements::plain(VoxelType::F32) };
+        let mut out = vec![0; 2 * all.len()];
+        elements.convert(VoxelType::U16, &all, &mut out);
+        for (bits, voxel) in (0..=u16::MAX).zip(out.as_chunks::<4>().0) {
+            let (found, expected) = (f32::from_le_bytes(*voxel), half_by_its_definition(bits));
+            assert!(
+                found.is_nan() && expected.is_nan() || f64::from(found) == expected,
+                "{bits:04x}: {found} {expected}"
+            );
+            assert_eq!(found.is_sign_negative(), bits >> 15 == 1, "{bits:04x}");
+        }
+        // 1, 2, 4: one of them, and their luminance.
+        let colours = [0x3c00u16, 0x4000, 0x4400].map(u16::to_le_bytes);
+        let convert = |wanted| {
+            let mut out = [0; 4];
+            let channels = Channels { count: 3, wanted };
+            Elements { channels, ..elements }.convert(VoxelType::U16, colours.as_flattened(), &mut out);
+            f32::from_le_bytes(out)
+        };
+        assert_eq!([convert(Some(1)), convert(None)], [2.0, 0.299 + 2.0 * 0.587 + 4.0 * 0.114]);
+    }
+
+    /// IEEE 754-2008, 3.4: a sign, 5 bits of an exponent, 10 of a fraction.
+    fn half_by_its_definition(bits: u16) -> f64 {
+        let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 0x3ff) / 1024.0);
+        let size = match exponent {
+            0 => fraction * 2f64.powi(-14),
+            31 if fraction == 0.0 => f64::INFINITY,
+            31 => f64::NAN,
+            _ => (1.0 + fraction) * 2f64.powi(exponent - 15),
+        };
+        if bits >> 15 == 1 { -size } else { size }
+    }
+
+    #[test]
+    fn luminances_in_whole_numbers_are_those_in_doubles() {
+        let colours: Vec<u8> = (0..1 << 18u32)
+            .flat_map(|i| [(i & 63) * 4 + 3, (i >> 6 & 63) * 4 + (i & 3), (i >> 12) * 4 + 1].map(|colour| colour as u8))
+            .collect();
+        let mut found = vec![0; colours.len() / 3];
+        luminances_of_bytes(&colours, 3, &mut found);
+        for (group, found) in colours.as_chunks::<3>().0.iter().zip(found) {
+            let thousandths: f64 = group.iter().zip(LUMINANCE).map(|(colour, share)| f64::from(*colour) * share).sum();
+            assert_eq!(found, u8::from_f64(thousandths / 1000.0), "{group:?}");
+        }
+    }
+
+    #[test]
+    fn luminance_and_single_channels() {
+        let convert = |wanted, numbers: &[u8]| {
+            let channels = Channels { count: 4, wanted };
+            let elements = Elements { channels, ..Elements::plain(VoxelType::U8) };
+            let mut out = vec![0; numbers.len() / 4];
+            elements.convert(VoxelType::U8, numbers, &mut out);
+            out
+        };
+        let colours = [255, 255, 255, 9, 255, 0, 0, 9, 0, 255, 0, 9, 0, 0, 255, 9];
+        assert_eq!(convert(None, &colours), [255, 76, 150, 29]);
+        assert_eq!(convert(Some(3), &colours), [9; 4]);
+        assert_eq!(convert(Some(1), &colours), [255, 0, 255, 0]);
+    }
+}

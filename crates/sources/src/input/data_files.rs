@@ -1,0 +1,167 @@
+//! Data files that a header names: listed, or by a pattern; where they may lie; what they are.
+
+use std::fs::File;
+use std::path::{Component, Path, PathBuf};
+
+use supervol_files::folder_of;
+
+use super::file::SourceFile;
+use super::spool::SpoolFolder;
+use super::text::shortened;
+use crate::SourceError;
+use crate::grid::dense::{GridFile, GridLayout, Part, checked_bytes};
+
+/// Longest name that a file-name pattern may make, digits.
+const PATTERN_WIDTH_LIMIT: usize = 32;
+
+/// Most data files, listed or named by a pattern.
+pub(crate) const FILES_LIMIT: usize = 1 << 16;
+
+/// Whether the header's data files may lie outside its folder. A header that somebody has sent may name any file of the
+/// machine, whose bytes would then be voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Outside {
+    /// They may not.
+    #[default]
+    Refused,
+    /// They may.
+    Allowed,
+}
+
+/// Paths of the data files, which lie below the header's folder unless they need not.
+pub(crate) fn find_all(header: &Path, names: &[String], outside: Outside) -> Result<Vec<PathBuf>, SourceError> {
+    let folder = folder_of(header);
+    let folder_is = std::fs::canonicalize(folder).map_err(|e| SourceError::io(folder, e))?;
+    let find = |name: &String| {
+        let file = folder.join(name);
+        let is_below = match std::fs::canonicalize(&file) {
+            Ok(file_is) => file_is.starts_with(&folder_is),
+            // Not there, or not to be reached: whether it is shall only be told of files below the folder.
+            Err(_) => Path::new(name).components().all(|part| matches!(part, Component::Normal(_))),
+        };
+        if is_below || outside == Outside::Allowed {
+            return Ok(file);
+        }
+        let what = format!("its data file `{}` lies outside the folder of the header", shortened(name));
+        Err(SourceError::unsupported(header, what, "give --allow-outside if you know where the header comes from"))
+    };
+    names.iter().map(find).collect()
+}
+
+/// Looks at a data file; one that is not there, or is none, is the header's mistake, not the machine's.
+pub(crate) fn look_at(header: &Path, path: &Path) -> Result<SourceFile, SourceError> {
+    SourceFile::of(path).map_err(|error| {
+        let SourceError::Io { source, .. } = &error else { return error };
+        let found = match source.kind() {
+            std::io::ErrorKind::NotFound => "no such file".to_owned(),
+            std::io::ErrorKind::InvalidInput => source.to_string(),
+            _ => return error,
+        };
+        SourceError::invalid(header, "data file", format!("the data file {}", path.display()), found)
+    })
+}
+
+/// How the voxels lie in the data files that a header names.
+pub(crate) trait DataLayout {
+    /// Whether they lie there as they are.
+    fn is_raw(&self) -> bool;
+
+    /// First byte of so many bytes of raw voxels in a file, at or behind `start`.
+    fn offset(&self, path: &Path, start: u64, share_bytes: u64, notes: &mut Vec<String>) -> Result<u64, SourceError>;
+
+    /// All voxels, so many bytes from each file, decoded one behind the other.
+    fn decode(&self, files: &[PathBuf], start: u64, share_bytes: u64, spool: &SpoolFolder)
+    -> Result<File, SourceError>;
+}
+
+/// The grid in some files, the same share of it in each, from byte `start` on; `key` of the header names them.
+pub(crate) fn open_grid(
+    (header, key): (&Path, &str),
+    (files, start): (Vec<PathBuf>, u64),
+    layout: GridLayout,
+    data: &impl DataLayout,
+    (spool, notes): (&SpoolFolder, &mut Vec<String>),
+) -> Result<(GridFile, Vec<SourceFile>), SourceError> {
+    let bytes = checked_bytes(header, layout.dims, layout.voxel_type)?;
+    if !bytes.is_multiple_of(files.len() as u64 * layout.voxel_type.bytes() as u64) {
+        let expected = format!("a number of files that divides the {} voxels", layout.dims);
+        return Err(SourceError::invalid(header, key, expected, format!("{} files", files.len())));
+    }
+    let source_files = files.iter().map(|path| look_at(header, path)).collect::<Result<Vec<_>, _>>()?;
+    let share_bytes = bytes / files.len() as u64;
+    if !data.is_raw() {
+        let file = data.decode(&files, start, share_bytes, spool)?;
+        return Ok((GridFile::single(&files[0], file, 0, layout)?, source_files));
+    }
+    let mut parts = Vec::with_capacity(files.len());
+    for path in files {
+        let offset = data.offset(&path, start, share_bytes, notes)?;
+        parts.push(Part { path, offset });
+    }
+    let grid = match &parts[..] {
+        [one] => GridFile::single(&one.path, open_data(&one.path)?, one.offset, layout),
+        _ => GridFile::parts(header, parts, layout),
+    };
+    Ok((grid?, source_files))
+}
+
+/// Notes that a data file goes on behind its voxels, once.
+pub(crate) fn note_excess(path: &Path, excess: u64, notes: &mut Vec<String>) {
+    if excess > 0 && notes.iter().all(|n| !n.contains("goes on after the voxels")) {
+        // The name alone: notes must not depend on where a file lies.
+        let name = path.file_name().unwrap_or_default().display();
+        notes.push(format!("{name} goes on after the voxels; bytes not read: {excess}"));
+    }
+}
+
+/// Opens a data file that has been looked at.
+pub(crate) fn open_data(path: &Path) -> Result<File, SourceError> {
+    File::open(path).map_err(|e| SourceError::io(path, e))
+}
+
+/// The names `pattern` makes of the numbers from min to max; `%d`, `%03d` and `%%` are understood, as printf has them.
+pub(crate) fn pattern_names(path: &Path, pattern: &str, numbers: [&str; 3]) -> Result<Vec<String>, SourceError> {
+    let wrong = |expected: &str| {
+        let found = format!("`{} {}`", shortened(pattern), numbers.map(shortened).join(" "));
+        SourceError::invalid(path, "data file", expected, found)
+    };
+    let [Ok(min), Ok(max), Ok(step)] = numbers.map(str::parse::<i64>) else {
+        return Err(wrong("whole numbers `min max step` behind a file-name pattern"));
+    };
+    let count = if step == 0 { None } else { max.checked_sub(min).and_then(|d| d.checked_div(step)) };
+    let Some(count) = count.filter(|c| (0..FILES_LIMIT as i64).contains(c)) else {
+        return Err(wrong("min, max and step of 1 to 65536 files"));
+    };
+    let parts =
+        split_pattern(pattern).ok_or_else(|| wrong("one %d in the file-name pattern, such as `slice%03d.raw`"))?;
+    // Cannot overflow: |index * step| is at most |max - min|.
+    Ok((0..=count).map(|index| parts.name(min + index * step)).collect())
+}
+
+/// A file-name pattern around its one number.
+struct Pattern {
+    before: String,
+    after: String,
+    width: usize,
+    zeros: bool,
+}
+
+impl Pattern {
+    fn name(&self, number: i64) -> String {
+        let Self { before, after, width, zeros } = self;
+        if *zeros { format!("{before}{number:0width$}{after}") } else { format!("{before}{number:width$}{after}") }
+    }
+}
+
+fn split_pattern(pattern: &str) -> Option<Pattern> {
+    // `%%` is a percent sign; hide it where no `%` can be mistaken for the number's.
+    let hidden = pattern.replace("%%", "\0");
+    let (before, rest) = hidden.split_once('%')?;
+    let letter = rest.find(|c: char| !c.is_ascii_digit())?;
+    let (digits, after) = rest.split_at(letter);
+    let after = after.strip_prefix(['d', 'i', 'u'])?;
+    let width = if digits.is_empty() { 0 } else { digits.parse().ok().filter(|w| *w <= PATTERN_WIDTH_LIMIT)? };
+    let shown = |text: &str| text.replace('\0', "%");
+    let one_number = !after.contains('%');
+    one_number.then(|| Pattern { before: shown(before), after: shown(after), width, zeros: digits.starts_with('0') })
+}

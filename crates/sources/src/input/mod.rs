@@ -1,0 +1,17 @@
+//! Input files as readers use them.
+//!
+//! - [`file`]: a file that remembers its length and date, so that a change is noticed;
+//! - [`folder`]: files of a folder in their natural order;
+//! - [`data_files`]: data files that a header names, and the rule on which of them may be opened;
+//! - [`open_files`]: a bounded set of open files;
+//! - [`selection`]: the part of a file that the user chose (channel, frame, dataset);
+//! - [`spool`]: a temporary file for decoded voxels;
+//! - [`text`]: numbers and lines of text headers.
+
+pub(crate) mod data_files;
+pub mod file;
+pub mod folder;
+pub(crate) mod open_files;
+pub mod selection;
+pub mod spool;
+pub(crate) mod text;

@@ -1,0 +1,346 @@
+//! Voxels that cannot be read at random (gzip, zlib, text) are decoded once into a temporary file that can.
+//!
+//! The temporary file has no name: it vanishes with the process, however that ends. Decoding streams, and stops at the
+//! byte count the header announces (one byte more is asked for, to notice excess); a header that announces more than
+//! its file could ever hold is refused before anything is decoded. The checksum at the end of a stream is checked.
+
+use std::fs::File;
+use std::io::{BufRead, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
+
+use flate2::bufread::{DeflateDecoder, MultiGzDecoder, ZlibDecoder};
+use supervol_format::canceller::Canceller;
+use supervol_format::voxel_type::Voxel;
+use supervol_format::{VoxelType, with_voxel};
+
+use crate::SourceError;
+use crate::stop::check;
+
+/// Bytes held while copying.
+const BUFFER_BYTES: usize = 1 << 18;
+
+/// No deflate stream expands more than this (zlib's technical notes: 1032 to 1).
+pub(crate) const DEFLATE_RATIO_LIMIT: u64 = 1032;
+
+/// Longest number accepted in a text encoding, characters.
+const TOKEN_LIMIT: usize = 128;
+
+/// Folder that decoded voxels are spooled to.
+#[derive(Clone, Default, PartialEq, Eq)]
+pub struct SpoolFolder {
+    folder: Option<PathBuf>,
+    canceller: Canceller,
+}
+
+/// The folder alone: options are told apart by how they are written.
+impl std::fmt::Debug for SpoolFolder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("SpoolFolder").field(&self.folder).finish()
+    }
+}
+
+impl SpoolFolder {
+    /// The system's folder for temporary files.
+    #[must_use]
+    pub fn system() -> Self {
+        Self::default()
+    }
+
+    /// This folder, which must exist; it needs room for the decoded volume.
+    #[must_use]
+    pub fn at(folder: impl Into<PathBuf>) -> Self {
+        Self { folder: Some(folder.into()), ..Self::default() }
+    }
+
+    /// The same; whoever decodes into it stops when this says so.
+    #[must_use]
+    pub fn unless(self, canceller: Canceller) -> Self {
+        Self { canceller, ..self }
+    }
+
+    fn path(&self) -> PathBuf {
+        self.folder.clone().unwrap_or_else(std::env::temp_dir)
+    }
+}
+
+/// What a decoder does when more bytes follow than the header announces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Excess {
+    /// It is an error, found by asking for one byte more.
+    Refused,
+    /// It is expected (further volumes of a series); decoding stops.
+    Expected,
+}
+
+/// Whether errors may quote what stands in a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Words {
+    /// It is in the file that a person has named.
+    Shown,
+    /// It is in a file that a header has named: that might be any, and what is in it is nobody's business.
+    Hidden,
+}
+
+/// Makes a voxel of a word; false where it is none.
+type ParseVoxel = fn(&str, VoxelType, &mut [u8]) -> bool;
+
+/// A compressed stream and what to take from it.
+#[derive(Debug)]
+pub struct GzipShare<'a> {
+    /// File the stream comes from, for messages.
+    pub path: &'a Path,
+    /// Bytes of the file that are left for the stream.
+    pub compressed_bytes: u64,
+    /// Decoded bytes to pass over first.
+    pub skip_bytes: u64,
+    /// Decoded bytes to keep.
+    pub bytes: u64,
+    /// What to do about more.
+    pub excess: Excess,
+}
+
+/// A spool file being written.
+#[derive(Debug)]
+pub struct Spool {
+    folder: PathBuf,
+    canceller: Canceller,
+    file: BufWriter<File>,
+}
+
+impl Spool {
+    /// An empty spool file in this folder.
+    ///
+    /// # Errors
+    /// If the folder cannot be written to.
+    pub fn create(spool: &SpoolFolder) -> Result<Self, SourceError> {
+        let folder = spool.path();
+        let file = tempfile::tempfile_in(&folder).map_err(|e| SourceError::spool(&folder, e))?;
+        Ok(Self { file: BufWriter::with_capacity(BUFFER_BYTES, file), folder, canceller: spool.canceller.clone() })
+    }
+
+    /// Appends the decoded bytes of a gzip stream.
+    ///
+    /// # Errors
+    /// If the stream is damaged, holds less than announced, or more where that is refused; or the folder is full.
+    pub fn append_gzip(&mut self, reader: impl BufRead, share: &GzipShare<'_>) -> Result<(), SourceError> {
+        self.append_deflated("gzip", MultiGzDecoder::new(reader), share)
+    }
+
+    /// The same for a zlib stream.
+    ///
+    /// # Errors
+    /// As [`Self::append_gzip`].
+    pub fn append_zlib(&mut self, reader: impl BufRead, share: &GzipShare<'_>) -> Result<(), SourceError> {
+        self.append_deflated("zlib", ZlibDecoder::new(reader), share)
+    }
+
+    fn append_deflated(
+        &mut self,
+        kind: &str,
+        mut decoder: impl Read,
+        share: &GzipShare<'_>,
+    ) -> Result<(), SourceError> {
+        let wanted = share.skip_bytes.checked_add(share.bytes);
+        let ceiling = share.compressed_bytes.saturating_add(1).saturating_mul(DEFLATE_RATIO_LIMIT);
+        let Some(wanted) = wanted.filter(|w| *w <= ceiling) else {
+            let found = format!("{} compressed bytes, which hold at most {ceiling}", share.compressed_bytes);
+            return Err(SourceError::invalid(
+                share.path,
+                format!("{kind} data"),
+                format!("{} bytes", share.bytes),
+                found,
+            ));
+        };
+        let mut buffer = vec![0; BUFFER_BYTES];
+        let mut done = 0;
+        while done < wanted {
+            check(&self.canceller)?;
+            let room = buffer.len().min(usize::try_from(wanted - done).unwrap_or(usize::MAX));
+            let count = decoder.read(&mut buffer[..room]).map_err(|e| damaged(kind, share.path, done, e))?;
+            if count == 0 {
+                let found = format!("{done} bytes");
+                return Err(SourceError::invalid(
+                    share.path,
+                    format!("decoded {kind} data"),
+                    format!("{wanted} bytes"),
+                    found,
+                ));
+            }
+            let passed_over = share.skip_bytes.saturating_sub(done).min(count as u64) as usize;
+            self.write(&buffer[passed_over..count])?;
+            done += count as u64;
+        }
+        if share.excess == Excess::Refused {
+            // Reading on to the end also makes the decoder compare the stream's checksum.
+            let more = decoder.read(&mut buffer[..1]).map_err(|e| damaged(kind, share.path, done, e))?;
+            if more != 0 {
+                let found = format!("at least {} bytes", wanted + 1);
+                return Err(SourceError::invalid(
+                    share.path,
+                    format!("decoded {kind} data"),
+                    format!("{wanted} bytes"),
+                    found,
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Appends all that a bare deflate stream holds, at most `limit` bytes.
+    ///
+    /// # Errors
+    /// If the stream is damaged or holds more; or the folder is full.
+    pub fn append_inflated(&mut self, path: &Path, reader: impl BufRead, limit: u64) -> Result<(), SourceError> {
+        let mut decoder = DeflateDecoder::new(reader);
+        let mut buffer = vec![0; BUFFER_BYTES];
+        let mut done = 0;
+        loop {
+            let count = decoder.read(&mut buffer).map_err(|e| damaged("deflate", path, done, e))?;
+            done += count as u64;
+            if count == 0 {
+                return Ok(());
+            }
+            if done > limit {
+                let advice = "write it without deflation first";
+                return Err(SourceError::unsupported(path, format!("it inflates to more than {limit} bytes"), advice));
+            }
+            self.write(&buffer[..count])?;
+        }
+    }
+
+    /// Appends `voxels` numbers written as text, separated by white space or commas, as little-endian voxels.
+    ///
+    /// # Errors
+    /// If there are fewer numbers, or more where that is refused, or one is no number of this type; or the folder is full.
+    pub fn append_text(
+        &mut self,
+        path: &Path,
+        reader: impl BufRead,
+        voxel_type: VoxelType,
+        voxels: u64,
+        how: (Words, Excess),
+    ) -> Result<(), SourceError> {
+        self.append_words(path, reader, (voxel_type, parse_voxel), voxels, how)
+    }
+
+    /// As [`Self::append_text`], of words that become voxels by `parse`, which says whether they are any.
+    pub(crate) fn append_words(
+        &mut self,
+        path: &Path,
+        reader: impl BufRead,
+        (voxel_type, parse): (VoxelType, ParseVoxel),
+        voxels: u64,
+        (words, excess): (Words, Excess),
+    ) -> Result<(), SourceError> {
+        let mut tokens = Tokens { reader, path, token: String::new() };
+        let mut voxel = [0; 8];
+        let voxel = &mut voxel[..voxel_type.bytes()];
+        for number in 0..voxels {
+            let Some(token) = tokens.next()? else {
+                let found = format!("{number} numbers");
+                return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));
+            };
+            if !parse(token, voxel_type, voxel) {
+                let found = match words {
+                    Words::Shown => format!("`{token}`"),
+                    Words::Hidden => format!("a word of {} characters", token.chars().count()),
+                };
+                let location = format!("number {number} of the text data");
+                return Err(SourceError::invalid(path, location, format!("a number of type {voxel_type}"), found));
+            }
+            self.write(voxel)?;
+        }
+        if excess == Excess::Refused && tokens.next()?.is_some() {
+            let found = format!("at least {} numbers", voxels + 1);
+            return Err(SourceError::invalid(path, "text data", format!("{voxels} numbers"), found));
+        }
+        Ok(())
+    }
+
+    /// Appends bytes that have been decoded.
+    ///
+    /// # Errors
+    /// If the folder is full.
+    pub fn append(&mut self, bytes: &[u8]) -> Result<(), SourceError> {
+        self.write(bytes)
+    }
+
+    /// The finished file.
+    ///
+    /// # Errors
+    /// If the last bytes cannot be written.
+    pub fn finish(self) -> Result<File, SourceError> {
+        self.file.into_inner().map_err(|e| SourceError::spool(&self.folder, e.into_error()))
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), SourceError> {
+        check(&self.canceller)?;
+        self.file.write_all(bytes).map_err(|e| SourceError::spool(&self.folder, e))
+    }
+}
+
+/// A stream that breaks the rules of its kind (`gzip`, `zlib`) is wrong data; everything else is the machine's failure.
+pub(crate) fn damaged(kind: &str, path: &Path, done: u64, error: std::io::Error) -> SourceError {
+    use std::io::ErrorKind::{InvalidData, InvalidInput, UnexpectedEof};
+    match error.kind() {
+        InvalidData | InvalidInput | UnexpectedEof => {
+            let location = format!("after {done} decoded bytes");
+            SourceError::invalid(path, location, format!("a whole {kind} stream"), error.to_string())
+        }
+        _ => SourceError::io(path, error),
+    }
+}
+
+/// Numbers of a text, one at a time.
+struct Tokens<'a, R> {
+    reader: R,
+    path: &'a Path,
+    token: String,
+}
+
+impl<R: BufRead> Tokens<'_, R> {
+    fn next(&mut self) -> Result<Option<&str>, SourceError> {
+        self.token.clear();
+        loop {
+            let available = self.reader.fill_buf().map_err(|e| SourceError::io(self.path, e))?;
+            if available.is_empty() {
+                return Ok((!self.token.is_empty()).then_some(&self.token));
+            }
+            let mut used = 0;
+            for byte in available {
+                used += 1;
+                let separator = byte.is_ascii_whitespace() || *byte == b',';
+                if separator && !self.token.is_empty() {
+                    self.reader.consume(used);
+                    return Ok(Some(&self.token));
+                }
+                if !separator {
+                    self.token.push(char::from(*byte));
+                }
+                if self.token.len() > TOKEN_LIMIT {
+                    let expected = format!("numbers of at most {TOKEN_LIMIT} characters");
+                    return Err(SourceError::invalid(self.path, "text data", expected, "a longer word"));
+                }
+            }
+            self.reader.consume(used);
+        }
+    }
+}
+
+/// Writes the number as a voxel; false if it is none of this type.
+pub(crate) fn parse_voxel(token: &str, voxel_type: VoxelType, out: &mut [u8]) -> bool {
+    if voxel_type.is_float() {
+        let Ok(value) = token.parse::<f64>() else { return false };
+        with_voxel!(voxel_type, V => V::from_f64(value).write_le(out));
+        return true;
+    }
+    let (least, greatest) = voxel_type.limits();
+    // Every integer type here fits a double exactly.
+    match token.parse::<i64>() {
+        Ok(value) if (least..=greatest).contains(&(value as f64)) => {
+            with_voxel!(voxel_type, V => V::from_f64(value as f64).write_le(out));
+            true
+        }
+        _ => false,
+    }
+}

@@ -1,0 +1,17 @@
+//! Contracts of containers and builds, on files that are written here, damaged, huge or real.
+
+#![allow(clippy::unwrap_used, reason = "tests fail loudly")]
+
+mod bounded_error;
+mod bounded_work;
+mod container_contract;
+mod corruption;
+mod failures;
+mod formats;
+mod huge_files;
+mod reductions;
+mod reproducible;
+mod rounded_means;
+mod section_ratios;
+mod users_data;
+mod verify_finds;

@@ -1,0 +1,12 @@
+//! Pictures against the reference, across backends, scenes, levels and errors; and the issues that are known.
+
+#![allow(clippy::unwrap_used, reason = "tests fail loudly")]
+
+mod error_stated;
+mod fuzz_seeds;
+mod known_issues;
+mod levels_by_error;
+mod pictures_agree;
+mod random_scenes;
+mod stability;
+mod transfer_files;

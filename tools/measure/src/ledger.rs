@@ -1,0 +1,319 @@
+//! Records of measurements, kept by machine and date: `benches/record/<machine>/<date>.csv`.
+//!
+//! One line a measurement, with the command that gave it. The first six columns are those that benches of single parts
+//! have, too; what a measurement does not have is empty. Lines are only ever appended, and only to files that have these
+//! columns.
+
+use std::fmt::Write as _;
+use std::fs::{File, OpenOptions};
+use std::io::{Read as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use supervol_files::{OutputFile, check_distinct};
+use supervol_preprocess::Existing;
+
+use crate::context::ChartError;
+use crate::paths::Ride;
+use crate::peers::{Comparison, Levels, environment, report};
+use crate::report::machine;
+
+/// The columns of a record. `fastest`, `slowest` and `p95` (the 95th percentile of a path's frames) have the unit of the
+/// median; errors are grey levels.
+pub const COLUMNS: [&str; 15] = [
+    "command",
+    "case",
+    "median",
+    "unit",
+    "fastest",
+    "slowest",
+    "p95",
+    "program",
+    "threads",
+    "repeats",
+    "version",
+    "machine",
+    "linf_levels",
+    "p999_levels",
+    "rmse_levels",
+];
+/// Digits of a number.
+const DIGITS: i32 = 4;
+/// Time that git may take to answer.
+const GIT_LIMIT: Duration = Duration::from_secs(10);
+/// Where, in this project's repository, records are kept.
+const RECORD_FOLDER: &str = "benches/record";
+
+/// One measurement.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Entry {
+    /// What was measured: volume, size, look.
+    pub case: String,
+    /// The program, and how it samples.
+    pub program: String,
+    /// Unit of the four numbers.
+    pub unit: &'static str,
+    /// Median.
+    pub median: f64,
+    /// Least.
+    pub fastest: f64,
+    /// Greatest.
+    pub slowest: f64,
+    /// 95th percentile.
+    pub p95: Option<f64>,
+    /// Threads of the program.
+    pub threads: usize,
+    /// Numbers that the median is of.
+    pub repeats: usize,
+    /// Distance from the reference.
+    pub errors: Option<Levels>,
+}
+
+/// The entries of a comparison: processor time of each row.
+#[must_use]
+pub fn of_comparison(comparison: &Comparison) -> Vec<Entry> {
+    let [width, height] = comparison.image_size;
+    let entry = |row: &crate::peers::Row| Entry {
+        case: case(&row.scene, row.dims, row.shading, [width, height]),
+        program: format!("{}, {}", row.program, row.sampling),
+        unit: "CPU-ms",
+        median: row.cost.cpu.median_ms,
+        fastest: row.cost.cpu.least_ms,
+        slowest: row.cost.cpu.greatest_ms,
+        p95: None,
+        threads: comparison.threads,
+        repeats: row.cost.repeats,
+        errors: row.from_reference,
+    };
+    comparison.rows.iter().map(entry).collect()
+}
+
+/// The entries of rides along a path: wall time, processor time and bricks read of each frame.
+#[must_use]
+pub fn of_rides(path: &str, rides: &[Ride], threads: usize, image: [u32; 2]) -> Vec<Entry> {
+    let entries = |ride: &Ride| {
+        [
+            ("ms", ride.summary(|f| f.ms)),
+            ("CPU-ms", ride.summary(|f| f.cpu_ms)),
+            ("bricks read", ride.summary(|f| f.page_ins as f64)),
+            ("RMS error, grey levels", ride.summary(|f| f.rmse)),
+        ]
+        .map(|(unit, summary)| Entry {
+            case: format!("path {path}, {}", case(&ride.scene, ride.dims, ride.shading, image)),
+            program: if ride.backend == "gpu" { "Supervol, GPU" } else { "Supervol, default" }.into(),
+            unit,
+            median: summary.spread.median_ms,
+            fastest: summary.spread.least_ms,
+            slowest: summary.spread.greatest_ms,
+            p95: Some(summary.p95),
+            threads,
+            repeats: ride.frames.len(),
+            errors: None,
+        })
+    };
+    rides.iter().flat_map(entries).collect()
+}
+
+fn case(scene: &str, [nx, ny, nz]: [u64; 3], shading: &str, [width, height]: [u32; 2]) -> String {
+    format!("{scene} {nx}x{ny}x{nz} {shading} at {width}x{height}")
+}
+
+/// A record that lines can be appended to.
+#[derive(Debug, Clone)]
+pub struct Ledger {
+    /// The file.
+    pub file: PathBuf,
+    version: String,
+    machine: String,
+}
+
+impl Ledger {
+    /// The record `record` itself where it ends in `.csv`, else `record/<machine>/<date>.csv`. Folders and columns are made
+    /// where they are missing. To be opened before anything is measured: the version is that of this moment, and what
+    /// cannot be kept need not be measured.
+    ///
+    /// # Errors
+    /// If the file cannot be written, is one of `inputs` or no file, or has other columns.
+    pub fn open(record: &Path, inputs: &[&Path]) -> Result<Self, ChartError> {
+        let machine = machine::short_name();
+        let file = if record.extension().is_some_and(|e| e == "csv") {
+            record.to_path_buf()
+        } else {
+            record.join(&machine).join(format!("{}.csv", report::today()))
+        };
+        let cannot = |source| ChartError::Write { path: file.clone(), source };
+        let folder = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        std::fs::create_dir_all(folder).map_err(cannot)?;
+        let header = COLUMNS.join(",");
+        check_distinct(&file, inputs.iter().copied())?;
+        if file.exists() && !file.is_file() {
+            return Err(ChartError::Command(format!("cannot append to {}: it is no file", file.display())));
+        }
+        match first_line(&file).map_err(cannot)?.as_deref() {
+            None | Some("") => {
+                // As every output: whole or not at all, and not through a link to nowhere.
+                let begun = OutputFile::begin(&file, Existing::Replace)?;
+                begun.file().write_all((header + "\n").as_bytes()).map_err(cannot)?;
+                begun.publish()?;
+            }
+            Some(found) if found == header => {}
+            Some(found) => {
+                let message = format!("{}: expected a record with the columns {header}, found {found}", file.display());
+                return Err(ChartError::Command(message));
+            }
+        }
+        let version = version(folder);
+        Ok(Self { file, version, machine })
+    }
+
+    /// Appends entries that one command has measured.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn append(&self, command: &str, entries: &[Entry]) -> Result<(), ChartError> {
+        let lines: String = entries.iter().map(|entry| line(entry, command, &self.version, &self.machine)).collect();
+        let cannot = |source| ChartError::Write { path: self.file.clone(), source };
+        let mut out = OpenOptions::new().append(true).open(&self.file).map_err(cannot)?;
+        // At once, so that lines of two processes do not mingle.
+        out.write_all(lines.as_bytes()).and_then(|()| out.sync_all()).map_err(cannot)
+    }
+}
+
+/// The first line of a file, without its end, as far as a line of columns could reach; `None` where there is no file.
+fn first_line(file: &Path) -> std::io::Result<Option<String>> {
+    let file = match File::open(file) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        other => other?,
+    };
+    let mut head = Vec::new();
+    file.take(COLUMNS.join(",").len() as u64 + 1).read_to_end(&mut head)?;
+    Ok(Some(String::from_utf8_lossy(&head).lines().next().unwrap_or_default().into()))
+}
+
+fn line(entry: &Entry, command: &str, version: &str, machine: &str) -> String {
+    let number = |value: Option<f64>| value.map_or(String::new(), significant);
+    let fields = [
+        command.into(),
+        entry.case.clone(),
+        significant(entry.median),
+        entry.unit.into(),
+        significant(entry.fastest),
+        significant(entry.slowest),
+        number(entry.p95),
+        entry.program.clone(),
+        entry.threads.to_string(),
+        entry.repeats.to_string(),
+        version.into(),
+        machine.into(),
+        number(entry.errors.map(|e| e.linf)),
+        number(entry.errors.map(|e| e.p999)),
+        number(entry.errors.map(|e| e.rmse)),
+    ];
+    fields.map(|field| quoted(&field)).join(",") + "\n"
+}
+
+/// A field as CSV has it (RFC 4180): in quotation marks where it holds a comma, a quotation mark or a new line.
+fn quoted(field: &str) -> String {
+    if field.contains([',', '"', '\n', '\r']) { format!("\"{}\"", field.replace('"', "\"\"")) } else { field.into() }
+}
+
+/// A number with four digits that count, without an exponent.
+fn significant(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return value.to_string();
+    }
+    let decimals = (DIGITS - 1 - value.abs().log10().floor() as i32).max(0) as usize;
+    let mut text = String::new();
+    let _ = write!(text, "{value:.decimals$}");
+    let is_fraction = text.contains('.');
+    if is_fraction { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+}
+
+/// Version of the program, and the commit of this project's repository where the record is kept among its records: that of
+/// the program, if it was built there since.
+fn version(folder: &Path) -> String {
+    let version = env!("CARGO_PKG_VERSION").to_string();
+    let folder = folder.to_string_lossy();
+    let git = |arguments: &[&str]| {
+        let all = [&["-C", folder.as_ref()], arguments].concat();
+        environment::run(Path::new("git"), &all, GIT_LIMIT).ok().map(|answer| answer.trim().to_string())
+    };
+    let is_ours = git(&["rev-parse", "--show-prefix"]).is_some_and(|prefix| prefix.starts_with(RECORD_FOLDER));
+    let Some(commit) = git(&["rev-parse", "--short=10", "HEAD"]).filter(|_| is_ours) else { return version };
+    // Records are changed by recording: only other files make a version that no commit has.
+    let others = format!(":(top,exclude){RECORD_FOLDER}");
+    let changed = git(&["status", "--porcelain", "--untracked-files=no", "--", ":(top)", &others]);
+    let suffix = if changed.is_none_or(|files| files.is_empty()) { "" } else { "-changed" };
+    format!("{version}-{commit}{suffix}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry() -> Entry {
+        Entry {
+            case: "vessels 48x48x48 shaded at 160x120".into(),
+            program: "Supervol, default (cell by cell)".into(),
+            unit: "CPU-ms",
+            median: 12.3456,
+            fastest: 11.0,
+            slowest: 12345.6,
+            p95: None,
+            threads: 1,
+            repeats: 3,
+            errors: Some(Levels { linf: 0.25, p999: 0.12, rmse: 0.000_123_456, bias: 0.0 }),
+        }
+    }
+
+    #[test]
+    fn lines_are_appended_under_one_header() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let ledger = Ledger::open(folder.path(), &[]).expect("room");
+        ledger.append("supervol bench --dims 1,2,3", &[entry()]).expect("room");
+        let file = ledger.file;
+        assert_eq!(file.parent().and_then(Path::parent), Some(folder.path()));
+        let again = Ledger::open(&file, &[]).expect("its own columns");
+        again.append("again", &[entry(), entry()]).expect("room");
+        assert_eq!(again.file, file);
+        let text = std::fs::read_to_string(&file).expect("it was written");
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!((lines.len(), lines[0]), (4, COLUMNS.join(",").as_str()));
+        let expected = "\"supervol bench --dims 1,2,3\",vessels 48x48x48 shaded at 160x120,12.35,CPU-ms,11,12346,,\
+                        \"Supervol, default (cell by cell)\",1,3,";
+        assert!(lines[1].starts_with(expected), "{}", lines[1]);
+        assert!(lines[1].ends_with(",0.25,0.12,0.0001235"), "{}", lines[1]);
+    }
+
+    #[test]
+    fn a_file_with_other_columns_is_left_alone() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let file = folder.path().join("other.csv");
+        std::fs::write(&file, "a,b\n1,2\n").expect("room");
+        let error = Ledger::open(&file, &[]).expect_err("other columns").to_string();
+        assert!(error.contains("found a,b"), "{error}");
+        assert_eq!(std::fs::read_to_string(&file).expect("it is there"), "a,b\n1,2\n");
+    }
+
+    #[test]
+    fn records_of_the_project_have_these_columns() {
+        let record = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(RECORD_FOLDER);
+        let mut files = 0;
+        for machine in std::fs::read_dir(record).expect("the project has records") {
+            for file in std::fs::read_dir(machine.expect("an entry").path()).expect("a folder for each machine") {
+                let path = file.expect("an entry").path();
+                let text = std::fs::read_to_string(&path).expect("a text");
+                assert_eq!(text.lines().next(), Some(COLUMNS.join(",").as_str()), "{}", path.display());
+                files += 1;
+            }
+        }
+        assert!(files > 0);
+    }
+
+    #[test]
+    fn numbers_have_four_digits() {
+        for (value, text) in [(533.44, "533.4"), (1117.3, "1117"), (0.0, "0"), (62.0, "62"), (0.05, "0.05")] {
+            assert_eq!(significant(value), text);
+        }
+    }
+}

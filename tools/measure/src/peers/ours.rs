@@ -1,0 +1,105 @@
+//! Supervol's side: the CPU backend, level 0, from a cache that already holds every brick the picture needs.
+//!
+//! Streamer and cache outlive the pictures, as they do in a viewer that draws frame after frame.
+
+use std::time::Instant;
+
+use supervol_runtime::render::options::{Backend, RenderOptions};
+use supervol_runtime::render::process;
+use supervol_runtime::render::renderer::Renderer;
+use supervol_runtime::render::volume::Volume;
+use supervol_scene::image::Image;
+
+use super::cases::Case;
+use super::{Cost, Drawn, Run, Sizes, Spread, vtk};
+use crate::comparison::{Rule, Sampling};
+use crate::context::{ChartError, Context, Pace};
+use crate::methods::Integrated;
+use crate::volume::finest;
+
+/// Name of our rows.
+pub const NAME: &str = "Supervol";
+
+/// How Supervol samples in one row.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sampler {
+    integration: Integrated,
+    step_voxels: Option<f64>,
+}
+
+impl Sampler {
+    /// The default, and the peer's way of sampling at each of these steps: a point in the middle of each interval, rays
+    /// ended where the peer ends them. Offsets and arithmetic are our own.
+    #[must_use]
+    pub fn all(steps_voxels: &[f64]) -> Vec<Self> {
+        let default = Self { integration: Integrated::DEFAULT, step_voxels: None };
+        let sampled = steps_voxels.iter().map(|&step_voxels| Self {
+            integration: Integrated::Sampled(Sampling {
+                step_voxels,
+                rule: Rule::Midpoint,
+                termination_opacity: vtk::TERMINATION_OPACITY,
+                ..Sampling::default()
+            }),
+            step_voxels: Some(step_voxels),
+        });
+        [default].into_iter().chain(sampled).collect()
+    }
+
+    fn name(self) -> String {
+        match self.step_voxels {
+            None => "default (cell by cell)".into(),
+            Some(step) => super::sampling_name(step),
+        }
+    }
+}
+
+/// Draws a case again and again.
+///
+/// # Errors
+/// If a picture cannot be made.
+pub fn draw(context: &Context<'_>, case: &Case<'_>, sampler: Sampler, run: &Run) -> Result<Drawn, ChartError> {
+    let options = RenderOptions {
+        threads: Some(run.threads),
+        caster: sampler.integration.caster(),
+        host_memory_bytes: run.sizes.host_memory_bytes,
+        ..finest(Backend::Cpu)
+    };
+    let (cost, picture) = timed_pictures(context, case, &options, &run.sizes)?;
+    Ok(Drawn { program: NAME, sampling: sampler.name(), step_voxels: sampler.step_voxels, cost, picture })
+}
+
+/// A first picture, and as many more as are wanted.
+fn timed_pictures(
+    context: &Context<'_>,
+    case: &Case<'_>,
+    options: &RenderOptions,
+    sizes: &Sizes,
+) -> Result<(Cost, Image), ChartError> {
+    let container = &case.built.volume.container;
+    let scene = case.scene(sizes.image)?;
+    let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone())?;
+    renderer.set_scene(scene);
+    let mut one = || -> Result<(f64, f64, Image), ChartError> {
+        let (wall, cpu) = (Instant::now(), process::cpu_time());
+        // Tables of the transfer function are made for each picture, as a viewer would while it is edited. What shows in each brick is
+        // known from the picture before, as in VTK.
+        renderer.begin_anew();
+        renderer.advance(None)?;
+        let cpu_ms = process::cpu_time().saturating_sub(cpu).as_secs_f64() * 1e3;
+        let wall_ms = wall.elapsed().as_secs_f64() * 1e3;
+        Ok((cpu_ms, wall_ms, renderer.picture().expect("nobody cancels").into_owned()))
+    };
+    let pace = Pace::new(context.say);
+    let (first_cpu_ms, first_ms, picture) = one()?;
+    pace.tell(|| format!("  {NAME}: first picture after {:.1} s", first_ms / 1e3));
+    let (mut cpu_ms, mut wall_ms) = (Vec::new(), Vec::new());
+    let begun = Instant::now();
+    while cpu_ms.is_empty() || (cpu_ms.len() < sizes.repeats && begun.elapsed() < sizes.row_limit) {
+        let (cpu, wall, _) = one()?;
+        cpu_ms.push(cpu);
+        wall_ms.push(wall);
+        pace.tell(|| format!("  {NAME}: picture {} of {}, {cpu:.0} CPU-ms", cpu_ms.len(), sizes.repeats));
+    }
+    let (cpu, wall) = (Spread::of(&cpu_ms), Spread::of(&wall_ms));
+    Ok((Cost { repeats: cpu_ms.len(), cpu, wall, first_cpu_ms, cast_cpu: None }, picture))
+}

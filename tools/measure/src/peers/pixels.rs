@@ -1,0 +1,149 @@
+//! Errors of large pictures, measured at some of their pixels: the reference integrator is too slow for every one.
+//!
+//! The pixels are drawn at random, without repetition, among those whose ray meets the drawn domain; the seed is fixed, so
+//! that every program and every run is measured at the same pixels. What is seldom wrong may be missed: the largest error
+//! is that of these pixels.
+
+use supervol_format::random::Random;
+use supervol_format::{Dims, Geometry};
+use supervol_runtime::engines::reference::ReferenceCaster;
+use supervol_scene::clip::{IndexRay, clip_ray};
+use supervol_scene::image::Image;
+use supervol_scene::scene::ResolvedScene;
+
+use super::Levels;
+use super::cases::Case;
+use crate::context::{ChartError, Pace};
+use crate::measure::{GREY_LEVELS, distance_of};
+
+/// Seed of the choice of pixels.
+pub const SEED: u64 = 12_345;
+/// Pixels of the reference between two looks at the clock.
+const CHUNK: usize = 32;
+
+/// Some pixels of a picture as they should be.
+pub struct ExactPixels {
+    pixels: Vec<[u32; 2]>,
+    exact: Vec<[f32; 4]>,
+    /// Intervals at which the reference gave up: with any, errors may be the reference's own.
+    pub capped_pieces: u64,
+}
+
+impl ExactPixels {
+    /// `count` pixels of a case, or all that meet the volume where these are fewer; `None` where the volume is too large
+    /// for the reference, or nothing of it is in the picture.
+    ///
+    /// # Errors
+    /// If the volume cannot be read.
+    pub fn new(
+        case: &Case<'_>,
+        scene: &ResolvedScene,
+        count: usize,
+        say: &(dyn Fn(&str) + Sync),
+    ) -> Result<Option<Self>, ChartError> {
+        let pixels = chosen(scene, case, count);
+        let Some(volume) = case.built.exact(scene)?.filter(|_| !pixels.is_empty()) else { return Ok(None) };
+        let caster = ReferenceCaster::new(volume, scene);
+        let mut exact = Vec::with_capacity(pixels.len());
+        let pace = Pace::new(say);
+        for chunk in pixels.chunks(CHUNK) {
+            exact.extend(caster.pixels(chunk, &|| ()));
+            pace.tell(|| format!("  reference: {} of {} pixels", exact.len(), pixels.len()));
+        }
+        let capped_pieces = caster.capped_pieces();
+        Ok(Some(Self { pixels, exact, capped_pieces }))
+    }
+
+    /// Number of pixels.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.pixels.len()
+    }
+
+    /// How far a picture is from what it should be, at these pixels.
+    #[must_use]
+    pub fn distance(&self, picture: &Image) -> Levels {
+        let at = |&[x, y]: &[u32; 2]| picture.pixels[y as usize * picture.width as usize + x as usize];
+        let found: Vec<[f32; 4]> = self.pixels.iter().map(at).collect();
+        levels(found.as_flattened(), self.exact.as_flattened())
+    }
+}
+
+/// A distance in grey levels.
+pub fn levels(channels: &[f32], exact: &[f32]) -> Levels {
+    let d = distance_of(channels, exact);
+    Levels {
+        linf: GREY_LEVELS * d.linf,
+        p999: GREY_LEVELS * d.p999,
+        rmse: GREY_LEVELS * d.rmse,
+        bias: GREY_LEVELS * d.bias,
+    }
+}
+
+/// The chosen pixels, in order of choice (Fisher and Yates 1938, as far as needed).
+fn chosen(scene: &ResolvedScene, case: &Case<'_>, count: usize) -> Vec<[u32; 2]> {
+    let facts = &case.built.volume.facts;
+    let mut candidates = pixels_that_meet(scene, facts.dims, &facts.geometry);
+    let mut random = Random::new(SEED);
+    let wanted = count.min(candidates.len());
+    for i in 0..wanted {
+        let j = i + random.below((candidates.len() - i) as u64) as usize;
+        candidates.swap(i, j);
+    }
+    candidates.truncate(wanted);
+    candidates
+}
+
+/// Pixels, row by row, whose ray meets the drawn domain; for several rays a pixel, whose first does.
+fn pixels_that_meet(scene: &ResolvedScene, dims: Dims, geometry: &Geometry) -> Vec<[u32; 2]> {
+    let [width, height] = scene.image_size;
+    let meets = |&[x, y]: &[u32; 2]| {
+        let ray = scene.camera.ray(x * scene.subgrid, y * scene.subgrid);
+        clip_ray(&ray, &IndexRay::new(&ray, geometry), dims, &scene.clip).is_some()
+    };
+    (0..height).flat_map(|y| (0..width).map(move |x| [x, y])).filter(meets).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::peers::cases::{Looks, Subject, planned};
+    use crate::{Context, Scale};
+
+    #[test]
+    fn the_same_pixels_are_chosen_each_time_and_show_the_volume() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
+        let only = Subject::Scenes(vec!["marschner-lobb".into()]);
+        let plan = planned(&context, &only, Some(16)).expect("a scene");
+        let built = plan[0].build(&context, Looks::Unshaded, &[]).expect("a small volume");
+        let case = built.cases()[0];
+        let scene = case.scene([64, 48]).expect("a scene");
+        let few = chosen(&scene, &case, 100);
+        assert_eq!(few, chosen(&scene, &case, 100));
+        let mut distinct = few.clone();
+        distinct.sort_unstable();
+        distinct.dedup();
+        assert_eq!(distinct.len(), 100);
+        let all = chosen(&scene, &case, usize::MAX);
+        // 16 voxels from 2.6 edges away fill a fifth to two thirds of the picture.
+        assert!((600..2000).contains(&all.len()), "{}", all.len());
+
+        // Scenes are in index space, whatever spacing the synthetic volume has.
+        let survey = &planned(&context, &Subject::Scenes(vec!["seismic".into()]), Some(16)).expect("a scene")[0];
+        let survey = survey.build(&context, Looks::Unshaded, &[]).expect("a small volume");
+        assert_eq!(survey.volume.facts.geometry, Geometry::IDENTITY);
+        assert_eq!(chosen(&survey.cases()[0].scene([64, 48]).expect("a scene"), &survey.cases()[0], 100), few);
+
+        let exact = ExactPixels::new(&case, &scene, 100, &|_| ()).expect("it is read").expect("it is small");
+        let mut picture = Image { width: 64, height: 48, pixels: vec![[0.0; 4]; 64 * 48] };
+        for ([x, y], pixel) in exact.pixels.iter().zip(&exact.exact) {
+            picture.pixels[(y * 64 + x) as usize] = *pixel;
+        }
+        assert_eq!(exact.distance(&picture).linf, 0.0);
+        let [x, y] = exact.pixels[7];
+        picture.pixels[(y * 64 + x) as usize][3] += 10.0 / 255.0;
+        let off = exact.distance(&picture);
+        assert!((off.linf - 10.0).abs() < 1e-4 && (off.bias - 10.0 / 400.0).abs() < 1e-5, "{off:?}");
+    }
+}

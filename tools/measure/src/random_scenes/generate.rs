@@ -1,0 +1,262 @@
+//! One random scene: a small volume and how it is looked at, all from a seed and a number.
+//!
+//! What is drawn from: waves, white noise, Marschner and Lobb's signal, and blobs in nothing; four types of voxels, cubes and
+//! cuboids, sometimes with holes; ramps, steps and spikes, faint and nearly opaque; perspective from outside and from
+//! within, parallel rays, some along an axis; half of the scenes shaded, a third clipped. In other modes than `dvr` the same
+//! scenes, in `iso` with surfaces, without lights where there is nothing to light.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+use supervol_format::VoxelType;
+use supervol_format::random::{Random, mix};
+use supervol_runtime::render::stats::mode_name;
+use supervol_scene::scene::Mode;
+use supervol_sources::computed::Computed;
+
+use crate::fixtures::{marschner_lobb_at, point};
+use crate::volume::{Point, image_size, transfer_function};
+
+/// Width and height of the picture, pixels; one ray each.
+pub const IMAGE: [u32; 2] = [20, 16];
+/// Types of voxels that take their turn.
+const TYPES: [VoxelType; 4] = [VoxelType::F32, VoxelType::U8, VoxelType::U16, VoxelType::I16];
+/// The value of voxels that are absent, where voxels are whole numbers.
+const NODATA: f64 = 0.0;
+
+/// A volume and a scene.
+pub struct RandomScene {
+    /// Its number within the seed.
+    pub number: u64,
+    /// The volume.
+    pub source: Computed,
+    /// Members of the scene file.
+    pub members: Vec<String>,
+}
+
+/// The volume as far as the scene must know it.
+struct Shape {
+    dims: [u64; 3],
+    spacing: [f64; 3],
+    /// Least value, and how far values reach above it.
+    values: [f64; 2],
+}
+
+impl Shape {
+    /// World position of the domain's middle.
+    fn middle(&self) -> DVec3 {
+        self.at([0.5; 3])
+    }
+
+    /// World position at these shares of the domain.
+    fn at(&self, shares: [f64; 3]) -> DVec3 {
+        DVec3::from_array(std::array::from_fn(|a| (shares[a] * self.dims[a] as f64 - 0.5) * self.spacing[a]))
+    }
+
+    /// Half of the world diagonal.
+    fn radius(&self) -> f64 {
+        0.5 * DVec3::from_array(std::array::from_fn(|a| self.dims[a] as f64 * self.spacing[a])).length()
+    }
+}
+
+impl RandomScene {
+    /// Scene `number` of this seed in mode `dvr`: the same on every machine, but for the last bits of its sines.
+    #[must_use]
+    pub fn new(seed: u64, number: u64) -> Self {
+        Self::in_mode(Mode::Dvr, seed, number)
+    }
+
+    /// The same volume, camera and transfer function in some mode.
+    #[must_use]
+    pub fn in_mode(mode: Mode, seed: u64, number: u64) -> Self {
+        let mut random = Random::new(mix(seed) ^ mix(!number));
+        let (source, shape) = volume(&mut random);
+        let mut members = vec![
+            camera(&mut random, &shape),
+            image_size(IMAGE[0], IMAGE[1]),
+            classification(&mut random, &shape),
+            shading(&mut random),
+            clip(&mut random, &shape),
+        ];
+        if !matches!(mode, Mode::Dvr | Mode::Iso) {
+            members.retain(|member| !member.starts_with(SHADING));
+        }
+        if mode != Mode::Dvr {
+            members.push(format!(r#""mode": "{}""#, mode_name(mode)));
+        }
+        if mode == Mode::Iso {
+            members.push(surfaces(&mut random, &shape));
+        }
+        members.retain(|member| !member.is_empty());
+        Self { number, source, members }
+    }
+}
+
+fn volume(random: &mut Random) -> (Computed, Shape) {
+    let dims = [0; 3].map(|_| 14 + random.below(20));
+    let voxel_type = TYPES[random.below(4) as usize];
+    // Integers have some hundred values, or some ten thousand.
+    let values = match voxel_type {
+        VoxelType::F32 => [[0.0, 1.0], [0.0, 1.0], [5000.0, 20.0]][random.below(3) as usize],
+        VoxelType::U8 => [1.0, 240.0],
+        _ => [[1.0, 120.0], [2000.0, 25_000.0]][random.below(2) as usize],
+    };
+    let is_cubic = random.unit() < 0.6;
+    let spacing = [0; 3].map(|_| if is_cubic { 1.0 } else { 0.5 + 1.5 * random.unit() });
+    let field = field(random, dims);
+    let holes = if random.unit() < 0.1 { 2 + random.below(40) } else { 0 };
+    let absent = if voxel_type == VoxelType::F32 { f64::NAN } else { NODATA };
+    let value = move |voxel: [u64; 3]| {
+        let is_hole = holes > 0 && hash(voxel, 1).is_multiple_of(holes);
+        if is_hole { absent } else { values[0] + values[1] * field(voxel).clamp(0.0, 1.0) }
+    };
+    let source = Computed::new(dims, voxel_type, value).with_info(|info| {
+        info.geometry.spacing = spacing;
+        info.nodata = (holes > 0 && !absent.is_nan()).then_some(absent);
+    });
+    (source, Shape { dims, spacing, values })
+}
+
+type Field = Box<dyn Fn([u64; 3]) -> f64 + Send + Sync>;
+
+/// Values from 0 to 1.
+fn field(random: &mut Random, dims: [u64; 3]) -> Field {
+    let frequency = 0.2 + random.unit();
+    let wave = move |voxel: [u64; 3]| 0.5 + 0.5 * (frequency * point(voxel).dot(DVec3::new(1.0, 0.7, 1.3))).sin();
+    match random.below(4) {
+        0 => Box::new(wave),
+        1 => Box::new(|voxel| (hash(voxel, 0) >> 11) as f64 / (1u64 << 53) as f64),
+        2 => Box::new(move |voxel| {
+            let extent = DVec3::from_array(dims.map(|n| (n - 1) as f64));
+            marschner_lobb_at(point(voxel) * 2.0 / extent - DVec3::ONE)
+        }),
+        // Mostly exactly nothing.
+        _ => {
+            let phase = TAU * random.unit();
+            Box::new(move |voxel| {
+                let cells = (0.35 * point(voxel) + DVec3::splat(phase)).to_array().map(f64::sin);
+                (1.6 * cells[0] * cells[1] * cells[2]).max(0.0)
+            })
+        }
+    }
+}
+
+fn hash(voxel: [u64; 3], what: u64) -> u64 {
+    mix(voxel[0] ^ mix(voxel[1] ^ mix(voxel[2] ^ mix(what))))
+}
+
+/// Ramps, steps and spikes over all values or over few of them.
+fn classification(random: &mut Random, shape: &Shape) -> String {
+    let width = [1.0, 1.0, 0.2, 0.02][random.below(4) as usize];
+    let first = (1.0 - width) * random.unit();
+    let [least, reach] = shape.values;
+    let mut values: Vec<f64> =
+        (0..2 + random.below(5)).map(|_| least + reach * (first + width * random.unit())).collect();
+    values.sort_by(f64::total_cmp);
+    if random.unit() < 0.4 {
+        values[1] = values[0];
+    }
+    let greatest = [0.05, 0.3, 0.95][random.below(3) as usize];
+    let points: Vec<Point> = values
+        .into_iter()
+        .map(|value| {
+            let alpha = if random.unit() < 0.3 { 0.0 } else { greatest * random.unit() };
+            (value, [0; 3].map(|_| random.unit()), alpha)
+        })
+        .collect();
+    transfer_function([0.4, 1.0, 1.0, 3.0][random.below(4) as usize], &points)
+}
+
+fn camera(random: &mut Random, shape: &Shape) -> String {
+    let radius = shape.radius();
+    let along_axis = random.unit() < 0.2;
+    let mut away = DVec3::from_array(random.direction());
+    if along_axis {
+        let axis = [DVec3::X, DVec3::Y, DVec3::Z][random.below(3) as usize];
+        away = axis * if random.unit() < 0.5 { 1.0 } else { -1.0 };
+    }
+    let target = shape.middle();
+    let (eye, view) = match random.below(10) {
+        // From within.
+        0 => {
+            let eye = shape.at([0; 3].map(|_| 0.1 + 0.8 * random.unit()));
+            (eye, format!(r#""fov_y": {:?}"#, 40.0 + 50.0 * random.unit()))
+        }
+        1..=3 => {
+            let height = (0.4 + 1.2 * random.unit()) * radius;
+            (target + 2.0 * radius * away, format!(r#""height": {height:?}"#))
+        }
+        _ => {
+            let distance = (1.3 + 2.5 * random.unit()) * radius;
+            let fov_y = (1.6 * radius / distance).atan().to_degrees();
+            (target + distance * away, format!(r#""fov_y": {fov_y:?}"#))
+        }
+    };
+    // Never along the line of sight.
+    let up = if away.z.abs() < 0.9 { DVec3::Z } else { DVec3::Y };
+    let up = if along_axis { up } else { up + DVec3::new(0.1, 0.2, 0.05) };
+    format!(
+        r#""camera": {{"eye": {:?}, "target": {:?}, "up": {:?}, {view}}}"#,
+        eye.to_array(),
+        target.to_array(),
+        up.to_array()
+    )
+}
+
+/// One to three surfaces, some of which are seen through.
+fn surfaces(random: &mut Random, shape: &Shape) -> String {
+    let [least, reach] = shape.values;
+    let surfaces: Vec<String> = (0..1 + random.below(3))
+        .map(|_| {
+            let (value, color) = (least + reach * random.unit(), [0; 3].map(|_| random.unit()));
+            let alpha = if random.unit() < 0.4 { 1.0 } else { random.unit() };
+            format!(r#"{{"value": {value:?}, "color": {color:?}, "alpha": {alpha:?}}}"#)
+        })
+        .collect();
+    format!(r#""iso": [{}]"#, surfaces.join(", "))
+}
+
+/// How the member begins that lights a scene.
+const SHADING: &str = r#""shading": "#;
+
+/// None, the default, or one to three lights from anywhere on a material that is dull or shiny.
+fn shading(random: &mut Random) -> String {
+    match random.below(10) {
+        0..5 => return String::new(),
+        5..7 => return r#""shading": {}"#.into(),
+        _ => {}
+    }
+    let lights: Vec<String> = (0..1 + random.below(3))
+        .map(|_| {
+            let direction = random.direction();
+            format!(r#"{{"direction": {direction:?}, "intensity": {:?}}}"#, random.unit())
+        })
+        .collect();
+    let shininess = [1.0, 4.0, 32.0, 120.0][random.below(4) as usize];
+    let [ambient, diffuse, specular] = [0; 3].map(|_| random.unit());
+    format!(
+        r#""shading": {{"ambient": {ambient:?}, "diffuse": {diffuse:?}, "specular": {specular:?}, "shininess": {shininess:?}, "lights": [{}]}}"#,
+        lights.join(", ")
+    )
+}
+
+/// Nothing, a box, one or two planes near the middle, or both.
+fn clip(random: &mut Random, shape: &Shape) -> String {
+    let mut parts = Vec::new();
+    if random.unit() < 0.2 {
+        let [low, high] = [[0.0, 0.45], [0.55, 0.45]]
+            .map(|[from, reach]| shape.dims.map(|n| (from + reach * random.unit()) * n as f64 - 0.5));
+        parts.push(format!(r#""box": [{low:?}, {high:?}]"#));
+    }
+    if random.unit() < 0.2 {
+        let planes: Vec<String> = (0..1 + random.below(2))
+            .map(|_| {
+                let normal = DVec3::from_array(random.direction());
+                let offset = normal.dot(shape.middle()) + 0.3 * shape.radius() * (random.unit() - 0.7);
+                format!(r#"{{"normal": {:?}, "offset": {offset:?}}}"#, normal.to_array())
+            })
+            .collect();
+        parts.push(format!(r#""planes": [{}]"#, planes.join(", ")));
+    }
+    if parts.is_empty() { String::new() } else { format!(r#""clip": {{{}}}"#, parts.join(", ")) }
+}

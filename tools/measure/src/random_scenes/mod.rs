@@ -1,0 +1,393 @@
+//! Random scenes: does the default keep the error that is asked for?
+//!
+//! Each scene ([`RandomScene`]) is built into a container, drawn by the default method in one mode at every error of
+//! [`ERRORS`], and compared with the reference integrator pixel by pixel. Tests run some scenes, `supervol bench
+//! --random-scenes N` as many as wanted; scene K of seed S is the same in both, whatever is run before it.
+
+mod generate;
+
+use std::fmt::Write;
+use std::path::Path;
+use std::time::Instant;
+
+use serde::Serialize;
+use supervol_runtime::render::options::{Backend, RenderOptions};
+use supervol_runtime::render::renderer::render;
+use supervol_runtime::render::stats::mode_name;
+use supervol_scene::image::{GREY_LEVELS, Image, greatest};
+use supervol_scene::scene::{Mode, ResolvedScene};
+
+use crate::context::{ChartError, Context, Pace};
+use crate::stated::{AtLevel, Pixels};
+use crate::volume::{Volume, build_options, finest};
+pub use generate::{IMAGE, RandomScene};
+
+/// Errors that are asked for, grey levels of 255.
+pub const ERRORS: [f64; 4] = [0.1, 0.5, 2.0, 8.0];
+/// Levels that are asked for.
+const LEVELS: [u8; 2] = [0, 1];
+/// Voxels along an edge of a brick's core: the least, so that rays cross several.
+const CORE: u32 = 16;
+
+/// Which scenes, and how.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Options {
+    /// Seed of all scenes.
+    pub seed: u64,
+    /// Number of the first scene.
+    pub first: u64,
+    /// How many.
+    pub scenes: u64,
+    /// What rays gather.
+    pub mode: Mode,
+    /// Threads of the renderer and of the reference.
+    pub threads: usize,
+    /// Who draws: packets on the CPU, or a GPU, which predicts nothing where the transfer function has steps.
+    pub backend: Backend,
+}
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Found {
+    /// Seed of all scenes.
+    pub seed: u64,
+    /// What rays gather.
+    pub mode: Mode,
+    /// Number of the first scene.
+    pub first_scene: u64,
+    /// Scenes drawn.
+    pub scenes: u64,
+    /// Of these, scenes in which something is seen.
+    pub scenes_that_show_something: u64,
+    /// Width and height of each picture, pixels; one ray each.
+    pub image: [u32; 2],
+    /// Scenes at which the reference integrator did not stand still, so that they say nothing.
+    pub scenes_not_judged: Vec<u64>,
+    /// Wall time of everything, seconds.
+    pub seconds: f64,
+    /// By error asked for.
+    pub errors: Vec<AtError>,
+    /// By level that is asked for: what is stated of pixels against level 0.
+    pub stated: Vec<AtLevel>,
+}
+
+/// All scenes at one error. Errors are in grey levels of 255.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AtError {
+    /// `--max-error`.
+    pub asked_grey_levels: f64,
+    /// Greatest difference of any channel of any pixel of any scene.
+    pub largest_grey_levels: f64,
+    /// The scene with that.
+    pub worst_scene: u64,
+    /// 99.9th percentile of the differences of all channels of all pixels that show something in either picture.
+    pub p999_grey_levels: f64,
+    /// Scenes with a greater error than was asked for.
+    pub scenes_above: Vec<u64>,
+    /// Against what the renderer predicted, where it did.
+    pub predicted: Option<AgainstPredicted>,
+}
+
+/// Errors against those that the renderer predicted (`error_predicted` of its statistics).
+#[derive(Debug, Clone, PartialEq, Serialize, Default)]
+pub struct AgainstPredicted {
+    /// Scenes with a greater error.
+    pub scenes_above: Vec<u64>,
+    /// Greatest error measured over the error predicted.
+    pub largest_share: f64,
+    /// Median of the errors predicted.
+    pub median_grey_levels: f64,
+}
+
+/// The differences at one error while scenes are drawn.
+struct Differences {
+    sizes: Vec<f32>,
+    /// One a scene, grey levels, and what was found against them; those of a GPU that has steps have none.
+    predicted: Vec<f64>,
+    against_predicted: AgainstPredicted,
+    at: AtError,
+}
+
+impl RandomScene {
+    /// The volume, built into the context's folder, and the scene.
+    ///
+    /// # Errors
+    /// If the volume cannot be built.
+    pub fn build(&self, context: &Context<'_>) -> Result<(Volume, ResolvedScene), ChartError> {
+        let volume = Volume::build(context, "random scene", &self.source, &build_options(CORE))?;
+        let members: Vec<&str> = self.members.iter().map(String::as_str).collect();
+        let scene = volume.scene(&members)?;
+        Ok((volume, scene))
+    }
+}
+
+/// The default at level 0, aimed at an error in grey levels.
+#[must_use]
+pub fn aimed_at(grey_levels: f64, threads: usize) -> RenderOptions {
+    let max_error = grey_levels / GREY_LEVELS;
+    RenderOptions { max_error, predict_error: true, threads: Some(threads), ..finest(Backend::Cpu) }
+}
+
+/// Draws and compares.
+///
+/// # Errors
+/// If a picture cannot be made.
+pub fn run(context: &Context<'_>, options: Options) -> Result<Found, ChartError> {
+    let (start, pace) = (Instant::now(), Pace::new(context.say));
+    let mut differences = ERRORS.map(Differences::new);
+    let mut stated = LEVELS.map(Pixels::new);
+    let (mut not_judged, mut shown) = (Vec::new(), 0);
+    let aimed = |grey_levels| RenderOptions { backend: options.backend, ..aimed_at(grey_levels, options.threads) };
+    for number in options.first..options.first + options.scenes {
+        let (volume, scene) = RandomScene::in_mode(options.mode, options.seed, number).build(context)?;
+        let by_reference = RenderOptions { threads: Some(options.threads), ..finest(Backend::Reference) };
+        let (exact, stats) = render(&volume.container, &scene, &by_reference)?;
+        if stats.reference_capped_pieces > 0 {
+            not_judged.push(number);
+            continue;
+        }
+        shown += u64::from(exact.pixels.iter().any(|pixel| pixel[3] > 0.0));
+        for differences in &mut differences {
+            let (picture, stats) = volume.render(&scene, &aimed(differences.at.asked_grey_levels))?;
+            let predicted = stats.error_predicted.as_ref().and_then(|predicted| predicted.total.grey_levels);
+            if predicted.is_none() && options.backend == Backend::Cpu && options.mode == Mode::Dvr {
+                return Err(ChartError::Broken(format!("no prediction: {stats:?}")));
+            }
+            differences.add(number, &picture, &exact, predicted);
+        }
+        for pixels in &mut stated {
+            pixels.draw(number, &volume, &scene, &exact, aimed(0.5))?;
+        }
+        let done = number - options.first + 1;
+        pace.tell(|| progress(done, options.scenes, start.elapsed().as_secs_f64(), &differences));
+    }
+    Ok(Found {
+        seed: options.seed,
+        mode: options.mode,
+        first_scene: options.first,
+        scenes: options.scenes,
+        scenes_that_show_something: shown,
+        image: IMAGE,
+        scenes_not_judged: not_judged,
+        seconds: start.elapsed().as_secs_f64(),
+        errors: differences.into_iter().map(Differences::finish).collect(),
+        stated: stated.into_iter().map(Pixels::finish).collect(),
+    })
+}
+
+fn progress(done: u64, all: u64, seconds: f64, differences: &[Differences]) -> String {
+    let left = seconds / done as f64 * (all - done) as f64;
+    let largest: Vec<String> =
+        differences.iter().map(|d| format!("{:.3} of {}", d.at.largest_grey_levels, d.at.asked_grey_levels)).collect();
+    format!("{done} of {all} scenes, {left:.0} s left; largest errors so far, grey levels: {}", largest.join(", "))
+}
+
+impl Differences {
+    fn new(asked_grey_levels: f64) -> Self {
+        let at = AtError {
+            asked_grey_levels,
+            largest_grey_levels: 0.0,
+            worst_scene: 0,
+            p999_grey_levels: 0.0,
+            scenes_above: Vec::new(),
+            predicted: None,
+        };
+        Self { sizes: Vec::new(), predicted: Vec::new(), against_predicted: AgainstPredicted::default(), at }
+    }
+
+    fn add(&mut self, scene: u64, picture: &Image, exact: &Image, predicted: Option<f64>) {
+        let shows = |(a, b): &(&[f32; 4], &[f32; 4])| a[3] != 0.0 || b[3] != 0.0;
+        let seen = picture.pixels.iter().zip(&exact.pixels).filter(shows);
+        let sizes = seen.flat_map(|(a, b)| [0, 1, 2, 3].map(|c| GREY_LEVELS as f32 * (a[c] - b[c]).abs()));
+        self.sizes.extend(sizes);
+        let error = picture.distance(exact);
+        if error > self.at.largest_grey_levels {
+            (self.at.largest_grey_levels, self.at.worst_scene) = (error, scene);
+        }
+        if error > self.at.asked_grey_levels {
+            self.at.scenes_above.push(scene);
+        }
+        if let Some(predicted) = predicted {
+            self.predicted.push(predicted);
+            let against = &mut self.against_predicted;
+            if error > predicted {
+                against.scenes_above.push(scene);
+            }
+            against.largest_share = against.largest_share.max(error / predicted);
+        }
+    }
+
+    fn finish(mut self) -> AtError {
+        self.sizes.sort_by(f32::total_cmp);
+        let rank = (self.sizes.len() as f64 * 0.999).ceil() as usize;
+        let p999 = self.sizes.get(rank.max(1) - 1).copied().unwrap_or(0.0);
+        self.predicted.sort_by(f64::total_cmp);
+        let median = self.predicted.get(self.predicted.len() / 2).copied();
+        let predicted = median.map(|median| AgainstPredicted { median_grey_levels: median, ..self.against_predicted });
+        AtError { p999_grey_levels: f64::from(p999), predicted, ..self.at }
+    }
+}
+
+impl Found {
+    /// Scenes with a greater error than asked for, at whatever error, each once.
+    #[must_use]
+    pub fn scenes_above(&self) -> Vec<u64> {
+        let mut scenes: Vec<u64> = self.errors.iter().flat_map(|at| at.scenes_above.iter().copied()).collect();
+        scenes.sort_unstable();
+        scenes.dedup();
+        scenes
+    }
+
+    /// The greatest share of an error asked for that was found.
+    #[must_use]
+    pub fn greatest_share(&self) -> f64 {
+        greatest(self.errors.iter().map(|at| at.largest_grey_levels / at.asked_grey_levels))
+    }
+}
+
+/// Writes `random-scenes.md` (the page) and `random-scenes.json` (the numbers) into a folder.
+///
+/// # Errors
+/// If a file cannot be written.
+pub fn write(found: &Found, page: &str, folder: &Path) -> Result<(), ChartError> {
+    let cannot = |path: &Path, source| ChartError::Write { path: path.into(), source };
+    std::fs::create_dir_all(folder).map_err(|e| cannot(folder, e))?;
+    let numbers =
+        serde_json::to_string_pretty(found).map_err(|e| ChartError::Broken(format!("numbers without JSON: {e}")))?;
+    for (name, text) in [("random-scenes.md", page), ("random-scenes.json", &(numbers + "\n"))] {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(|e| cannot(&path, e))?;
+    }
+    Ok(())
+}
+
+/// Why nothing that is written into a text fails.
+const WRITES: &str = "strings take everything";
+
+/// What was found, as a table.
+///
+/// # Panics
+/// Never: a text takes everything.
+#[must_use]
+pub fn markdown(found: &Found, command: &str) -> String {
+    let [width, height] = found.image;
+    let last = found.first_scene + found.scenes.saturating_sub(1);
+    let mut text = format!(
+        "Random scenes {} to {last} of seed {}, mode {}, {width} x {height} pixels, {} of {} show something; {:.0} s. Errors are \
+         distances from the reference integrator, in grey levels of 255.\n\n    {command}\n\n\
+         | error asked for | largest error | in scene | 99.9th percentile | scenes above | predicted, median | largest of \
+         predicted | scenes above predicted |\n|---|---|---|---|---|---|---|---|\n",
+        found.first_scene,
+        found.seed,
+        mode_name(found.mode),
+        found.scenes_that_show_something,
+        found.scenes,
+        found.seconds
+    );
+    for at in &found.errors {
+        let against = at.predicted.as_ref().map_or("- | - | -".into(), |predicted| {
+            let AgainstPredicted { scenes_above, largest_share, median_grey_levels } = predicted;
+            format!("{median_grey_levels:.2} | {largest_share:.2} | {}", counted(scenes_above))
+        });
+        writeln!(
+            text,
+            "| {} | {:.4} | {} | {:.4} | {} | {against} |",
+            at.asked_grey_levels,
+            at.largest_grey_levels,
+            at.worst_scene,
+            at.p999_grey_levels,
+            counted(&at.scenes_above),
+        )
+        .expect(WRITES);
+    }
+    text.push_str(&stated_table(&found.stated));
+    if !found.scenes_not_judged.is_empty() {
+        let numbers = &found.scenes_not_judged;
+        writeln!(text, "\nNot judged, because the reference did not stand still: scenes {numbers:?}.").expect(WRITES);
+    }
+    text
+}
+
+/// What is stated of pixels, as a table; nothing where nothing is.
+fn stated_table(stated: &[AtLevel]) -> String {
+    if stated.is_empty() {
+        return String::new();
+    }
+    let mut text = String::from(
+        "\nWhat is stated of each pixel (`error_stated`) against the exact picture of level 0, over the pixels that are more \
+         than 0.01 off:\n\n| level drawn | pixels | true, median | stated, median | stated / true, median | largest true / \
+         stated | pixels with a bound below 254 | scenes above stated |\n|---|---|---|---|---|---|---|---|\n",
+    );
+    for at in stated {
+        writeln!(
+            text,
+            "| {} | {} | {:.3} | {:.3} | {:.1} | {:.2} | {:.0} % | {} |",
+            at.level,
+            at.pixels,
+            at.median_true_grey_levels,
+            at.median_stated_grey_levels,
+            at.median_stated_over_true,
+            at.largest_share_of_stated,
+            100.0 * at.share_with_a_bound,
+            counted(&at.scenes_above_stated)
+        )
+        .expect(WRITES);
+    }
+    text
+}
+
+/// How many scenes, and the first of them.
+fn counted(scenes: &[u64]) -> String {
+    let named: Vec<String> = scenes.iter().take(10).map(u64::to_string).collect();
+    if named.is_empty() { "0".into() } else { format!("{}: {}", scenes.len(), named.join(", ")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_are_the_same_whenever_they_are_drawn_and_all_differ() {
+        let members = |number| RandomScene::new(7, number).members;
+        assert_eq!(members(3), members(3));
+        assert!(members(3) != members(4) && members(3) != RandomScene::new(8, 3).members);
+        let all: Vec<String> = (0..200).flat_map(members).collect();
+        for part in ["\"height\": ", "\"fov_y\": ", "\"shading\": {}", "\"lights\"", "\"box\"", "\"planes\""] {
+            assert!(all.iter().filter(|member| member.contains(part)).count() > 10, "hardly any scene has {part}");
+        }
+    }
+
+    #[test]
+    fn scenes_above_the_error_are_counted_and_named() {
+        let exact = Image { width: 2, height: 1, pixels: vec![[0.5, 0.5, 0.5, 1.0], [0.0; 4]] };
+        let mut off = exact.clone();
+        off.pixels[0][1] += 0.75 / 255.0;
+        let mut differences = Differences::new(0.5);
+        differences.add(11, &exact, &exact, Some(0.6));
+        differences.add(12, &off, &exact, Some(0.6));
+        assert_eq!(differences.sizes.len(), 8, "pixels that show nothing do not count");
+        let at = differences.finish();
+        assert!((at.largest_grey_levels - 0.75).abs() < 1e-3 && at.worst_scene == 12, "{at:?}");
+        assert_eq!(
+            (at.scenes_above.as_slice(), at.p999_grey_levels),
+            (&[12u64][..], at.largest_grey_levels as f32 as f64)
+        );
+        let predicted = at.predicted.as_ref().expect("predictions");
+        assert_eq!((predicted.scenes_above.as_slice(), predicted.median_grey_levels), (&[12u64][..], 0.6));
+        let found = Found {
+            seed: 1,
+            mode: Mode::Dvr,
+            first_scene: 11,
+            scenes: 2,
+            scenes_that_show_something: 2,
+            image: IMAGE,
+            scenes_not_judged: vec![],
+            seconds: 1.0,
+            errors: vec![at],
+            stated: vec![Pixels::new(1).finish()],
+        };
+        assert_eq!(found.scenes_above(), [12]);
+        let text = markdown(&found, "supervol bench");
+        assert!(text.contains("| 0.5 | 0.7500 | 12 |") && text.contains("| 1: 12 |"), "{text}");
+    }
+}

@@ -1,0 +1,166 @@
+//! A container's bricks, all of them decoded in memory, and views of them that no streamer would hand out.
+//!
+//! The frame decides which level each brick is drawn from, and which bricks are left out. Here a measurement decides:
+//! [`Mixed`] forces two levels into one picture, [`Classified`] leaves out what one transfer function cannot see without
+//! reading anything, so that thousands of pictures take seconds. Cast, gathered and composited as every picture of the
+//! CPU ray caster.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use supervol_format::{BrickKey, Container, Lod};
+use supervol_runtime::engines::packets::{CpuFrame, CpuQuality, Rays, Skipping, cast_pass};
+use supervol_runtime::lod::LodChoice;
+use supervol_runtime::stream::classify::{Class, Classifier};
+use supervol_runtime::stream::residency::{BrickView, DecodedBrick, Resident};
+use supervol_scene::facts::value_map;
+use supervol_scene::image::Image;
+use supervol_scene::scene::ResolvedScene;
+use supervol_scene::units::InUnits;
+use supervol_scene::value_map::ValueMap;
+
+use crate::context::ChartError;
+
+/// All bricks of all levels.
+pub struct ResidentBricks {
+    container: Arc<Container>,
+    map: ValueMap,
+    bricks: HashMap<BrickKey, DecodedBrick>,
+}
+
+impl ResidentBricks {
+    /// Reads and decodes every brick.
+    ///
+    /// # Errors
+    /// If one cannot be read.
+    pub fn load(container: &Arc<Container>) -> Result<Self, ChartError> {
+        let map = value_map(container);
+        let mut bricks = HashMap::new();
+        for lod in 0..container.pyramid().levels().len() {
+            for key in container.pyramid().keys_of(Lod(lod as u8)) {
+                bricks.insert(key, decode(container, key, &map)?);
+            }
+        }
+        Ok(Self { container: container.clone(), map, bricks })
+    }
+
+    /// The picture of a view of these bricks.
+    ///
+    /// # Errors
+    /// If a ray waits: the view has answered [`Resident::Missing`].
+    pub fn picture<V: BrickView + ?Sized>(
+        &self,
+        view: &V,
+        scene: &ResolvedScene,
+        quality: CpuQuality,
+    ) -> Result<Image, ChartError> {
+        let frame = self.frame(scene, quality);
+        let states = cast(view, &frame)?;
+        let image = frame.image(&states);
+        if !image.is_finite() {
+            return Err(ChartError::Broken("a pixel is no number".into()));
+        }
+        Ok(image)
+    }
+
+    /// The frame of a scene over these bricks.
+    #[must_use]
+    pub fn frame(&self, scene: &ResolvedScene, quality: CpuQuality) -> CpuFrame {
+        let InUnits { geometry, value_range, .. } = InUnits::of(&self.container);
+        CpuFrame::new(scene, self.container.pyramid(), &geometry, self.map, value_range, quality)
+    }
+
+    /// The picture of one level.
+    ///
+    /// # Errors
+    /// Never: every brick is there.
+    pub fn level(&self, scene: &ResolvedScene, lod: Lod) -> Result<Image, ChartError> {
+        self.picture(self, scene, at_level(lod))
+    }
+}
+
+/// Casts all rays of a frame; they must finish in one pass.
+///
+/// # Errors
+/// If a ray waits.
+pub fn cast<V: BrickView + ?Sized>(view: &V, frame: &CpuFrame) -> Result<Rays, ChartError> {
+    let mut states = frame.begin();
+    let feedback = cast_pass(view, frame, &mut states);
+    match feedback.misses.first() {
+        None => Ok(states),
+        Some(miss) => Err(ChartError::Broken(format!("a ray waits for {}, but every brick is in memory", miss.key))),
+    }
+}
+
+/// One level everywhere, everything else as users get it.
+#[must_use]
+pub fn at_level(lod: Lod) -> CpuQuality {
+    CpuQuality { lod: LodChoice::Fixed(lod), ..CpuQuality::default() }
+}
+
+impl BrickView for ResidentBricks {
+    fn lookup(&self, key: BrickKey) -> Resident<'_> {
+        self.bricks.get(&key).map_or(Resident::Missing, Resident::Brick)
+    }
+}
+
+/// Level 0 where `is_coarse` says no, level `coarse` where it says yes: as if the finer bricks there had failed.
+pub struct Mixed<'a> {
+    /// Where the bricks are.
+    pub all: &'a ResidentBricks,
+    /// The coarser of the two levels.
+    pub coarse: Lod,
+    /// Asked about bricks of level 0.
+    pub is_coarse: &'a (dyn Fn(BrickKey) -> bool + Sync),
+}
+
+impl BrickView for Mixed<'_> {
+    fn lookup(&self, key: BrickKey) -> Resident<'_> {
+        let too_fine = if key.lod() == Lod::FINEST { (self.is_coarse)(key) } else { key.lod() < self.coarse };
+        if too_fine { Resident::UseParent } else { self.all.lookup(key) }
+    }
+}
+
+/// The bricks as the streamer would hand them out for one scene: what the scene cannot see is left out.
+pub struct Classified<'a> {
+    all: &'a ResidentBricks,
+    classes: HashMap<BrickKey, Class>,
+}
+
+impl<'a> Classified<'a> {
+    /// Asks the streamer's classifier about every brick.
+    ///
+    /// # Errors
+    /// If the table of contents cannot be read.
+    pub fn new(all: &'a ResidentBricks, scene: &ResolvedScene, skipping: Skipping) -> Result<Self, ChartError> {
+        let container = &all.container;
+        let classifier = Classifier::new(scene, container.descriptor().voxel_type, all.map, skipping);
+        // These views draw one level, whatever it shows.
+        let class = |&key: &BrickKey| Ok((key, classifier.classify_drawn(&container.entry(key)?)));
+        Ok(Self { all, classes: all.bricks.keys().map(class).collect::<Result<_, ChartError>>()? })
+    }
+}
+
+impl BrickView for Classified<'_> {
+    fn lookup(&self, key: BrickKey) -> Resident<'_> {
+        match self.classes.get(&key) {
+            None => Resident::Missing,
+            Some(Class::Nothing(_)) => Resident::Nothing,
+            Some(&Class::Uniform(value)) => Resident::Uniform(value),
+            Some(Class::Load | Class::TooCoarse) => self.all.lookup(key),
+        }
+    }
+}
+
+fn decode(container: &Container, key: BrickKey, map: &ValueMap) -> Result<DecodedBrick, ChartError> {
+    let descriptor = container.descriptor();
+    let entry = container.entry(key)?;
+    let mut record = vec![0; entry.record_bytes() as usize];
+    if !record.is_empty() {
+        container.read_at(entry.offset, &mut record)?;
+    }
+    let mut voxels = vec![0; container.shape(key).bytes()];
+    container.decode_brick(key, &entry, &record, &mut voxels)?;
+    let ranges = container.macro_cells(key, &entry, &record).into_iter().map(|range| [range.min, range.max]);
+    Ok(DecodedBrick::from_stored(key, container.shape(key), &voxels, ranges, map, descriptor.absence, None))
+}

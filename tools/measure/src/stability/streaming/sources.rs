@@ -1,0 +1,75 @@
+//! A byte source that watches another: it counts and times reads, and lets a rule fail or change them.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use supervol_format::ByteSource;
+use supervol_runtime::stream::loader::READER;
+
+/// Told the number of the read (from 0), its offset, and the bytes that were read; may fail the read or change the bytes.
+pub type Rule = Box<dyn Fn(u64, u64, &mut [u8]) -> io::Result<()> + Send + Sync>;
+
+/// See the module.
+pub struct Watched {
+    inner: Arc<dyn ByteSource>,
+    rule: Rule,
+    bytes: u64,
+    reads: AtomicU64,
+    nanoseconds: AtomicU64,
+}
+
+impl Watched {
+    /// Watches `inner`.
+    ///
+    /// # Errors
+    /// If its length cannot be had.
+    pub fn new(inner: Arc<dyn ByteSource>, rule: Rule) -> io::Result<Self> {
+        let bytes = inner.len()?;
+        Ok(Self { inner, rule, bytes, reads: AtomicU64::new(0), nanoseconds: AtomicU64::new(0) })
+    }
+
+    /// The same, that claims another length: a file cut short, or one that was cut after it was opened.
+    #[must_use]
+    pub fn with_length(self, bytes: u64) -> Self {
+        Self { bytes, ..self }
+    }
+
+    /// Reads so far, failed ones included.
+    pub fn reads(&self) -> u64 {
+        self.reads.load(Ordering::Relaxed)
+    }
+
+    /// Time spent so far in reads that somebody waits for: not those of the streamer's own threads.
+    pub fn time(&self) -> Duration {
+        Duration::from_nanos(self.nanoseconds.load(Ordering::Relaxed))
+    }
+}
+
+/// The rule that lets everything pass.
+pub fn pass() -> Rule {
+    Box::new(|_, _, _| Ok(()))
+}
+
+impl ByteSource for Watched {
+    fn len(&self) -> io::Result<u64> {
+        Ok(self.bytes)
+    }
+
+    fn read_exact_at(&self, offset: u64, buffer: &mut [u8]) -> io::Result<()> {
+        let start = Instant::now();
+        let number = self.reads.fetch_add(1, Ordering::Relaxed);
+        let result = if offset.checked_add(buffer.len() as u64).is_some_and(|end| end <= self.bytes) {
+            self.inner.read_exact_at(offset, buffer).and_then(|()| (self.rule)(number, offset, buffer))
+        } else {
+            Err(io::ErrorKind::UnexpectedEof.into())
+        };
+        if std::thread::current().name().is_some_and(|name| name.starts_with(READER)) {
+            return result;
+        }
+        // A frame's reads take less than the centuries that 64 bits of nanoseconds hold.
+        self.nanoseconds.fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
+        result
+    }
+}

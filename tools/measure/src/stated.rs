@@ -1,0 +1,129 @@
+//! Scenes drawn from coarser levels: does what is stated of each pixel hold, and how much of it is true?
+
+use serde::Serialize;
+use supervol_format::Lod;
+use supervol_runtime::render::options::{LevelChoice, RenderOptions};
+use supervol_runtime::render::renderer::render_with_errors;
+use supervol_scene::image::{GREY_LEVELS, Image, greatest};
+use supervol_scene::scene::ResolvedScene;
+
+use crate::context::ChartError;
+use crate::volume::Volume;
+
+/// Pictures of one level against the exact pictures of level 0, pixel by pixel. Errors are in grey levels of 255.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AtLevel {
+    /// Level of detail.
+    pub level: u8,
+    /// Pixels that differ from the exact one by more than a hundredth of a grey level.
+    pub pixels: u64,
+    /// Scenes in which a pixel is farther from the exact one than is stated of it.
+    pub scenes_above_stated: Vec<u64>,
+    /// Greatest error of a pixel over what is stated of it.
+    pub largest_share_of_stated: f64,
+    /// Median, over the pixels, of what is stated over what is true.
+    pub median_stated_over_true: f64,
+    /// Median over the pixels of what is true.
+    pub median_true_grey_levels: f64,
+    /// Median over the pixels of what is stated.
+    pub median_stated_grey_levels: f64,
+    /// Share of the pixels of which less is stated than the whole range of a channel.
+    pub share_with_a_bound: f64,
+}
+
+/// The pixels of one level while scenes are drawn: what is true of each and what is stated, grey levels.
+pub struct Pixels {
+    level: u8,
+    errors: Vec<[f64; 2]>,
+    scenes_above: Vec<u64>,
+}
+
+/// Least error that counts: the reference's own is far below.
+const LEAST: f64 = 0.01;
+/// Of a pixel of which more is stated nothing is known.
+const NO_BOUND: f64 = 254.0;
+
+impl Pixels {
+    /// None yet.
+    #[must_use]
+    pub fn new(level: u8) -> Self {
+        Self { level, errors: Vec::new(), scenes_above: Vec::new() }
+    }
+
+    /// Draws scene `number` from this level, or the coarsest, and compares.
+    ///
+    /// # Errors
+    /// If there is no picture, or nothing is stated of it.
+    pub fn draw(
+        &mut self,
+        number: u64,
+        volume: &Volume,
+        scene: &ResolvedScene,
+        exact: &Image,
+        aimed: RenderOptions,
+    ) -> Result<(), ChartError> {
+        let options = RenderOptions { level: LevelChoice::Fixed(Lod(self.level)), ..aimed };
+        let (picture, errors, stats) = render_with_errors(&volume.container, scene, &options)?;
+        let errors = errors.ok_or_else(|| ChartError::Broken(format!("nothing is stated: {stats:?}")))?;
+        self.add(number, &picture, exact, &errors);
+        Ok(())
+    }
+
+    fn add(&mut self, number: u64, picture: &Image, exact: &Image, stated: &Image) {
+        let mut is_above = false;
+        for ((found, exact), stated) in picture.pixels.iter().zip(&exact.pixels).zip(&stated.pixels) {
+            let off = greatest([0, 1, 2, 3].map(|c| f64::from(found[c] - exact[c]))) * GREY_LEVELS;
+            let stated = f64::from(stated[0]) * GREY_LEVELS;
+            is_above |= off > stated + LEAST || stated.is_nan();
+            if off > LEAST {
+                self.errors.push([off, stated]);
+            }
+        }
+        if is_above {
+            self.scenes_above.push(number);
+        }
+    }
+
+    /// What was found.
+    #[must_use]
+    pub fn finish(self) -> AtLevel {
+        let median = |of: &dyn Fn(&[f64; 2]) -> f64| {
+            let mut sorted: Vec<f64> = self.errors.iter().map(of).collect();
+            sorted.sort_by(f64::total_cmp);
+            sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+        };
+        let bounded = self.errors.iter().filter(|[_, stated]| *stated < NO_BOUND).count();
+        AtLevel {
+            level: self.level,
+            pixels: self.errors.len() as u64,
+            largest_share_of_stated: self.errors.iter().map(|[off, stated]| off / stated).fold(0.0, f64::max),
+            median_stated_over_true: median(&|[off, stated]| stated / off),
+            median_true_grey_levels: median(&|[off, _]| *off),
+            median_stated_grey_levels: median(&|[_, stated]| *stated),
+            share_with_a_bound: bounded as f64 / self.errors.len().max(1) as f64,
+            scenes_above_stated: self.scenes_above,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_that_are_farther_off_than_is_stated_are_found() {
+        let image = |values: [f32; 3]| Image { width: 3, height: 1, pixels: values.map(|v| [v; 4]).to_vec() };
+        let (exact, picture) = (image([0.0, 0.5, 1.0]), image([0.0, 0.4, 0.8]));
+        let mut pixels = Pixels::new(1);
+        pixels.add(4, &picture, &exact, &image([0.0, 0.2, 0.25]));
+        assert!(pixels.scenes_above.is_empty());
+        pixels.add(5, &picture, &exact, &image([0.0, 0.05, 1.0]));
+        let found = pixels.finish();
+        assert_eq!((found.pixels, found.scenes_above_stated.as_slice()), (4, &[5u64][..]));
+        assert!((found.largest_share_of_stated - 2.0).abs() < 1e-5 && found.share_with_a_bound == 0.75, "{found:?}");
+        assert!((found.median_stated_over_true - 2.0).abs() < 1e-5, "{found:?}");
+        let mut none = Pixels::new(1);
+        none.add(6, &image([f32::NAN; 3]), &exact, &image([0.5; 3]));
+        assert_eq!(none.finish().scenes_above_stated, [6]);
+    }
+}

@@ -1,0 +1,188 @@
+//! How fast containers are built, and in how much memory, by the size of the volume.
+//!
+//! The volume is a synthetic survey of bytes in a raw file, which the page cache holds when it is read. A build is all that
+//! `supervol build` does: pyramid, ranges, error bounds, checksums, and a file that is synced.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use supervol_format::codec::CodecChoice;
+use supervol_format::{Dims, Geometry, VoxelBox, VoxelType};
+use supervol_preprocess::{BuildOptions, Existing, build, identify};
+use supervol_runtime::render::process;
+use supervol_sources::formats::raw::{RawOptions, RawSource};
+use supervol_sources::synthetic::Synthetic;
+use supervol_sources::{Endian, VolumeSource};
+
+use super::CHOICES;
+use crate::context::{ChartError, Context};
+use crate::measure::Spread;
+
+/// Voxels along an edge.
+const EDGES: [u64; 4] = [64, 128, 256, 512];
+/// The same where there is little time.
+const SMALL_EDGES: [u64; 2] = [24, 48];
+/// Builds of each kind; their median is kept.
+const REPEATS: usize = 3;
+/// Memory that a build may use: what users get who ask for nothing else.
+pub const MEMORY_BYTES: u64 = 1 << 30;
+/// Slices of the survey that are computed and written at a time.
+const SLICES_AT_ONCE: usize = 16;
+/// The survey is always the same.
+const SEED: u64 = 1;
+
+/// Builds of one size by one codec.
+#[derive(Debug, Clone)]
+pub struct Built {
+    /// As `--codec` names it.
+    pub codec: &'static str,
+    /// Voxels along an edge, of one byte each.
+    pub edge: u64,
+    /// Wall time, from a file to a synced container.
+    pub wall: Spread,
+    /// Processor time of all threads.
+    pub cpu: Spread,
+    /// Most resident memory beside what the process had before the first build; none where the system does not tell.
+    pub peak_bytes: Option<u64>,
+    /// Bytes of the container.
+    pub container_bytes: u64,
+}
+
+impl Built {
+    /// Bytes of the volume.
+    #[must_use]
+    pub const fn volume_bytes(&self) -> u64 {
+        self.edge.pow(3)
+    }
+
+    /// Megabytes of the volume in each second of such a time.
+    #[must_use]
+    pub fn megabytes_per_second(&self, time: Spread) -> f64 {
+        self.volume_bytes() as f64 / 1e3 / time.median_ms
+    }
+}
+
+/// Builds every size by every choice of codecs, small ones first: what an allocator keeps of a build counts in the next one.
+///
+/// # Errors
+/// If the file cannot be written or not be built.
+pub fn measure(context: &Context<'_>) -> Result<Vec<Built>, ChartError> {
+    let resident_before = process::resident_bytes();
+    let mut all = Vec::new();
+    for &edge in context.pick(&EDGES[..], &SMALL_EDGES[..]) {
+        (context.say)(&format!("building {edge}^3 voxels by every codec"));
+        let file = RawFile::write(context, edge)?;
+        for choice in CHOICES {
+            all.push(measure_one(&file, choice, resident_before)?);
+        }
+    }
+    all.sort_by_key(|built| CHOICES.iter().position(|choice| choice.name() == built.codec));
+    Ok(all)
+}
+
+/// A raw file of bytes; removed at the end.
+struct RawFile {
+    path: PathBuf,
+    edge: u64,
+}
+
+impl RawFile {
+    fn write(context: &Context<'_>, edge: u64) -> Result<Self, ChartError> {
+        let file = Self { path: context.folder.join(format!("survey-{edge}.raw")), edge };
+        let survey = Synthetic::new("seismic", Dims([edge; 3]), Some(VoxelType::U8), SEED)?;
+        let failed = |source| ChartError::Write { path: file.path.clone(), source };
+        let mut out = File::create(&file.path).map_err(failed)?;
+        for z in (0..edge).step_by(SLICES_AT_ONCE) {
+            let voxels = VoxelBox { start: [0, 0, z], end: [edge, edge, (z + SLICES_AT_ONCE as u64).min(edge)] };
+            let mut bytes = vec![0; voxels.voxels()];
+            survey.read_box(voxels, &mut bytes)?;
+            out.write_all(&bytes).map_err(failed)?;
+        }
+        Ok(file)
+    }
+
+    fn open(&self) -> Result<RawSource, ChartError> {
+        let options = RawOptions {
+            dims: Dims([self.edge; 3]),
+            voxel_type: VoxelType::U8,
+            endian: Endian::Little,
+            header_bytes: 0,
+            geometry: Geometry::IDENTITY,
+            nodata: None,
+        };
+        Ok(RawSource::open(&self.path, &options)?)
+    }
+}
+
+impl Drop for RawFile {
+    fn drop(&mut self) {
+        // Its folder is removed by whoever made it, with all that is in it.
+        let _removed_early = std::fs::remove_file(&self.path);
+    }
+}
+
+fn measure_one(file: &RawFile, choice: CodecChoice, resident_before: u64) -> Result<Built, ChartError> {
+    let output = file.path.with_extension("svol");
+    let is_peak_known = forget_peak(Path::new("/proc/self/clear_refs"));
+    let (mut wall, mut cpu, mut container_bytes) = (Vec::new(), Vec::new(), 0);
+    for _ in 0..REPEATS {
+        let (begun, cpu_before) = (Instant::now(), process::cpu_time());
+        container_bytes = build_once(file, choice, &output)?;
+        wall.push(begun.elapsed().as_secs_f64() * 1e3);
+        cpu.push((process::cpu_time() - cpu_before).as_secs_f64() * 1e3);
+    }
+    let peak = process::peak_resident_bytes().saturating_sub(resident_before);
+    std::fs::remove_file(&output).map_err(|source| ChartError::Write { path: output, source })?;
+    Ok(Built {
+        codec: choice.name(),
+        edge: file.edge,
+        wall: Spread::of(&wall),
+        cpu: Spread::of(&cpu),
+        peak_bytes: is_peak_known.then_some(peak),
+        container_bytes,
+    })
+}
+
+fn build_once(file: &RawFile, choice: CodecChoice, output: &Path) -> Result<u64, ChartError> {
+    let options = BuildOptions {
+        codec: choice,
+        memory_bytes: MEMORY_BYTES,
+        existing: Existing::Replace,
+        ..BuildOptions::default()
+    };
+    let source = file.open()?;
+    let origin = identify(&file.path, source.info().format)?;
+    Ok(build(&source, origin, output, &options, &|_| ())?.container_bytes)
+}
+
+/// Has Linux forget the most memory that this process has had so far; false where it does not, so that nothing is known of
+/// the time since.
+fn forget_peak(clear_refs: &Path) -> bool {
+    std::fs::write(clear_refs, "5").is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::context::Scale;
+
+    #[test]
+    fn every_codec_builds_every_size() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let context = Context { scale: Scale::Small, folder: folder.path(), say: &|_| () };
+        let built = measure(&context).expect("a temporary folder has room");
+        assert_eq!(built.len(), CHOICES.len() * SMALL_EDGES.len());
+        assert!(built.iter().all(|b| b.wall.median_ms > 0.0 && b.container_bytes > 0));
+        let largest = |codec: &str| built.iter().rfind(|b| b.codec == codec).expect("it was built");
+        assert_eq!((largest("raw").edge, largest("auto").edge), (48, 48));
+        assert!(largest("auto").container_bytes <= largest("zstd").container_bytes);
+        assert!(largest("zstd").container_bytes < largest("raw").container_bytes);
+        // Memory is that of a build, not of everything before.
+        let most = built.iter().filter_map(|b| b.peak_bytes).max().unwrap_or(0);
+        assert!(most < 1 << 30, "{most}");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("it can be listed").count(), 0);
+        assert!(!forget_peak(&folder.path().join("no/such")));
+    }
+}

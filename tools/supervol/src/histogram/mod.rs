@@ -1,0 +1,113 @@
+//! `supervol histogram`: how often which values occur, beside the opacity that the default picture gives them.
+
+mod drawing;
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use supervol_files::check_distinct;
+use supervol_format::Container;
+use supervol_preprocess::{BuildOptions, Existing};
+use supervol_scene::facts::{DataKind, VolumeFacts};
+use supervol_scene::preset::Look;
+use supervol_scene::transfer_function::TransferFunction;
+
+use self::drawing::Drawing;
+use crate::build::SourceArguments;
+use crate::cache::CacheArguments;
+use crate::failure::{Failure, with_container, with_output};
+use crate::output::{Force, TextFile};
+
+/// Characters of the longest bar.
+const BAR: f64 = 56.0;
+/// Most rows.
+const MOST_ROWS: usize = 128;
+
+/// Of which container.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Container, or a volume file, of which a container is built into the cache folder first
+    #[arg(value_name = "CONTAINER|FILE")]
+    volume: PathBuf,
+    /// Draw it into this .svg file instead: a bar for each of 256 parts of the values in its colour of the default picture, the
+    /// opacity as a line, the 1st, 50th and 99th percentile as marks
+    #[arg(short, long, value_name = "H.svg", value_parser = svg_file)]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    /// Rows, each an equal part of the values
+    #[arg(long, default_value_t = 32, value_parser = rows, conflicts_with = "output")]
+    rows: usize,
+    /// Bars as long as the counts are, instead of their logarithms
+    #[arg(long)]
+    linear: bool,
+    /// What the data are, where they are not recognised or wrongly, as for `render`
+    #[arg(long, value_name = "KIND", visible_alias = "preset")]
+    kind: Option<DataKind>,
+    #[command(flatten)]
+    cache: CacheArguments,
+    #[command(flatten)]
+    source: SourceArguments,
+}
+
+fn rows(text: &str) -> Result<usize, String> {
+    let rows = text.parse().ok().filter(|n| (2..=MOST_ROWS).contains(n));
+    rows.ok_or_else(|| format!("'{text}': expected 2 to {MOST_ROWS} rows"))
+}
+
+fn svg_file(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let is_svg = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("svg"));
+    if is_svg { Ok(path) } else { Err(format!("'{text}': expected a name that ends in .svg")) }
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let memory_bytes = BuildOptions::default().memory_bytes;
+    let reading = arguments.source.reading(memory_bytes)?;
+    let path = &arguments.cache.container_of(&arguments.volume, &reading, None, memory_bytes)?;
+    let container = Container::open(path).map_err(|e| with_container(path, e))?;
+    let of_kind = |kind| VolumeFacts::of_kind(&container, kind);
+    let facts = arguments.kind.map_or_else(|| VolumeFacts::of(&container), of_kind);
+    if facts.histogram.is_empty() {
+        return Err(Failure::Data(format!("{}: the container holds no histogram", path.display())));
+    }
+    let look = Look::of(&facts).transfer_function;
+    let shown =
+        TransferFunction::new(look.control_points(), look.unit_distance.unwrap_or(1.0)).map_err(Failure::command)?;
+    let unit = &container.manifest().unit;
+    let Some(output) = &arguments.output else {
+        return write(arguments, &facts, &shown, unit).map_err(with_output);
+    };
+    check_distinct(output, [path.as_path(), arguments.volume.as_path()])?;
+    let file = TextFile::begin(output, arguments.force.or(Existing::ReplacePicture))?;
+    let name = &container.manifest().source.name;
+    let drawing = Drawing { name, unit, facts: &facts, shown: &shown, linear: arguments.linear };
+    file.write(&drawing.svg().map_err(Failure::Machine)?)?;
+    writeln!(crate::terminal::remarks(), "{}: kind {}", output.display(), facts.kind.name()).map_err(with_output)
+}
+
+fn write(arguments: &Arguments, facts: &VolumeFacts, shown: &TransferFunction, unit: &str) -> std::io::Result<()> {
+    let (bins, range) = (facts.histogram.len(), facts.value_range);
+    let first_bin = |row: usize| row * bins / arguments.rows;
+    let count = |row: usize| facts.histogram[first_bin(row)..first_bin(row + 1)].iter().sum::<u64>();
+    let length = |count: u64| if arguments.linear { count as f64 } else { (count as f64 + 1.0).ln() };
+    let longest = (0..arguments.rows).map(|row| length(count(row))).fold(f64::MIN_POSITIVE, f64::max);
+    let mut out = crate::terminal::stdout();
+    let scale = if arguments.linear { "counts" } else { "logarithms of counts" };
+    writeln!(out, "{:>14}  {:>14}  opacity  {scale}, kind {}", format!("value {unit}"), "voxels", facts.kind.name())?;
+    for row in 0..arguments.rows {
+        let share = first_bin(row) as f64 / bins as f64;
+        let value = range.min * (1.0 - share) + range.max * share;
+        let bar = "#".repeat((BAR * length(count(row)) / longest).round() as usize);
+        let opacity = shown.classify(value).1;
+        writeln!(out, "{:>14}  {:>14}  {opacity:>7.3}  {bar}", short(value), count(row))?;
+    }
+    Ok(())
+}
+
+/// A number in few digits.
+fn short(value: f64) -> String {
+    if value != 0.0 && !(1e-3..1e7).contains(&value.abs()) { format!("{value:.4e}") } else { format!("{value:.4}") }
+}

@@ -1,0 +1,409 @@
+//! `supervol info`: what a container holds, or what a volume file says of itself.
+
+mod source;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde::Serialize;
+use supervol_files::unfinished;
+use supervol_files::unfinished::{Leftover, Writer};
+use supervol_format::container::manifest::{AxisName, Json, Source};
+use supervol_format::{Container, Dims, Geometry, Lod, ValueRange};
+use supervol_preprocess::kept::{Reading, is_container};
+use supervol_preprocess::provenance::{rms_kept_of, steps_of};
+use supervol_scene::facts::kind;
+use supervol_sources::{LineNumbers, Survey};
+
+use crate::build::{SourceArguments, refuse_for_container};
+use crate::failure::{Failure, with_container, with_output};
+use crate::input::{Input, for_each};
+use crate::quantity::show_bytes;
+
+/// Which containers.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Containers, - for what standard input gives; volume files, to learn what they say of themselves; or folders, to learn which
+    /// unfinished files lie in them, and which volume they are
+    #[arg(value_name = "CONTAINER|FILE|FOLDER", required = true)]
+    inputs: Vec<PathBuf>,
+    /// As JSON: an object for each
+    #[arg(long)]
+    json: bool,
+    /// The text header of a SEG-Y file, or of the one that a container was built from, and nothing else
+    #[arg(long, conflicts_with = "json")]
+    text_header: bool,
+    #[command(flatten)]
+    source: SourceArguments,
+}
+
+/// The JSON that `--json` prints; its keys are a contract.
+#[derive(Debug, Serialize)]
+struct Info<'a> {
+    dims: [u64; 3],
+    spacing: [f64; 3],
+    origin: [f64; 3],
+    direction: [f64; 9],
+    left_handed: bool,
+    space: &'a str,
+    kind: &'static str,
+    kind_because: String,
+    dtype: &'static str,
+    scale: f64,
+    offset: f64,
+    value_range: Option<[f64; 2]>,
+    unit: &'a str,
+    axes: &'a [AxisName; 3],
+    brick: usize,
+    bricks: u64,
+    levels: Vec<LevelInfo>,
+    nodata: Option<f64>,
+    max_error: f64,
+    present_voxels: u64,
+    percentiles: &'a [[f64; 2]],
+    histogram: &'a [u64],
+    source: &'a Source,
+    tool: &'a str,
+    parameters: &'a std::collections::BTreeMap<String, String>,
+    survey: Option<serde_json::Value>,
+    notes: &'a [String],
+    container_bytes: u64,
+    format_version: u32,
+}
+
+#[derive(Debug, Serialize)]
+struct LevelInfo {
+    factors: [u32; 3],
+    dims: [u64; 3],
+    bricks: u64,
+    bytes: u64,
+    error: f64,
+    uniform_bricks: u64,
+    absent_bricks: u64,
+    /// Share of the amplitudes (RMS) of the level before that halving x, y or z alone would keep, where the build measured it.
+    rms_kept: Option<[f64; 3]>,
+    /// Data units; `None` where means are as exact as the voxel type.
+    rounded_to: Option<f64>,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    for_each(&arguments.inputs, |path| {
+        if arguments.inputs.len() > 1 && !arguments.json {
+            writeln!(crate::terminal::stdout(), "file       {}", path.display()).map_err(with_output)?;
+        }
+        describe(path, arguments)
+    })
+}
+
+fn describe(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
+    let Arguments { json, text_header, source, .. } = arguments;
+    if path.is_dir() {
+        return describe_folder(path, arguments);
+    }
+    let input = Input::named(path)?;
+    let reading = source.reading(source::MEMORY_BYTES)?;
+    let container = match Container::open(input.path()) {
+        Err(_) if !is_container(input.path()) => {
+            let described = source::Described::of(input.path(), &reading).map_err(|why| neither(why, &reading))?;
+            return if *text_header { print_text_header(path, described.survey()) } else { described.print(*json) };
+        }
+        opened => opened.map_err(|e| with_container(path, e))?,
+    };
+    refuse_for_container(&reading, path)?;
+    let survey = Survey::of(container.manifest());
+    if *text_header {
+        return print_text_header(path, survey.as_ref());
+    }
+    let info = gather(&container).map_err(|e| with_container(path, e))?;
+    let mut out = crate::terminal::stdout();
+    let printed = if *json {
+        serde_json::to_string_pretty(&info).map_err(std::io::Error::other).and_then(|text| writeln!(out, "{text}"))
+    } else {
+        print(&info, &container, survey.as_ref(), &mut out)
+    };
+    printed.map_err(with_output)
+}
+
+/// What to say of a file that is no container and cannot be read as a volume file.
+fn neither(no_volume: Failure, reading: &Reading) -> Failure {
+    match no_volume {
+        Failure::Data(why) | Failure::Command(why) if reading.is_default() => Failure::Data(format!(
+            "no Supervol container (`supervol build` makes one of a volume file), and no volume file that is read: {why}"
+        )),
+        other => other,
+    }
+}
+
+/// The unfinished files of a folder, and the volume that it is, if it is one.
+fn describe_folder(folder: &Path, arguments: &Arguments) -> Result<(), Failure> {
+    let Arguments { json, text_header, source, .. } = arguments;
+    if *text_header {
+        return print_text_header(folder, None);
+    }
+    // Most folders are no volume, and are not asked to be one.
+    let described = source::Described::of(folder, &source.reading(source::MEMORY_BYTES)?);
+    list_unfinished(folder, *json, described.as_ref())?;
+    match described {
+        Ok(described) if !json => described.print(false),
+        _ => Ok(()),
+    }
+}
+
+fn print_text_header(path: &Path, survey: Option<&Survey>) -> Result<(), Failure> {
+    let Some(survey) = survey else {
+        let message = "--text-header: expected a SEG-Y file, or a container built from one";
+        return Err(Failure::Command(format!("{}: {message}", path.display())));
+    };
+    let mut out = crate::terminal::stdout();
+    survey.text_header.lines().try_for_each(|line| writeln!(out, "{}", line.trim_end())).map_err(with_output)
+}
+
+/// Names what builds and other commands have not finished, or never will.
+fn list_unfinished(folder: &Path, json: bool, volume: Result<&source::Described, &Failure>) -> Result<(), Failure> {
+    let found =
+        unfinished::list(folder).map_err(|e| Failure::Machine(format!("cannot read {}: {e}", folder.display())))?;
+    let mut out = crate::terminal::stdout();
+    if json {
+        let entry = |partial: &Leftover| {
+            let (writer, _) = words_for(partial.writer);
+            serde_json::json!({ "path": partial.path, "bytes": partial.bytes, "writer": writer })
+        };
+        let entries: Vec<_> = found.iter().map(entry).collect();
+        let mut object = serde_json::json!({ "unfinished": entries });
+        if let Ok(volume) = volume {
+            object["volume"] = volume.to_json();
+        }
+        return writeln!(out, "{object:#}").map_err(with_output);
+    }
+    if let (true, Err(failure)) = (found.is_empty(), volume) {
+        let why = match failure {
+            Failure::Data(why) | Failure::Command(why) => format!(", and no volume: {why}"),
+            _ => String::new(),
+        };
+        return writeln!(out, "{}: a folder without unfinished files{why}", folder.display()).map_err(with_output);
+    }
+    found
+        .iter()
+        .try_for_each(|partial| {
+            let (_, meaning) = words_for(partial.writer);
+            writeln!(out, "unfinished {}, {}: {meaning}", partial.path.display(), show_bytes(partial.bytes))
+        })
+        .map_err(with_output)
+}
+
+/// The state of a partial's writer, for programs and for people.
+fn words_for(writer: Writer) -> (&'static str, &'static str) {
+    match writer {
+        Writer::Alive => ("alive", "a command is writing it"),
+        Writer::Dead => (
+            "dead",
+            "its command was ended; the next build to this folder goes on with it if it is the same, else removes it",
+        ),
+        Writer::Unknown => ("unknown", "whether a command is writing it cannot be told; remove it if none is"),
+    }
+}
+
+fn gather(container: &Container) -> Result<Info<'_>, supervol_format::container::ContainerError> {
+    let descriptor = container.descriptor();
+    let manifest = container.manifest();
+    let pyramid = container.pyramid();
+    let recognised = kind::recognise(container);
+    // Of the levels from 1 on.
+    let rms_kept = rms_kept_of(manifest).unwrap_or_default();
+    let steps = steps_of(manifest, descriptor.voxel_type).unwrap_or_default();
+    let mut levels = Vec::new();
+    for (lod, level) in pyramid.levels().iter().enumerate() {
+        let mut info = LevelInfo {
+            factors: level.factors,
+            dims: level.dims.0,
+            bricks: level.brick_count(),
+            bytes: 0,
+            error: 0.0,
+            uniform_bricks: 0,
+            absent_bricks: 0,
+            rms_kept: lod.checked_sub(1).and_then(|before| rms_kept.get(before).copied()),
+            rounded_to: lod
+                .checked_sub(1)
+                .and_then(|before| steps.get(before).map(|step| step * descriptor.scale.abs()))
+                .filter(|&step| step > 0.0),
+        };
+        for key in pyramid.keys_of(Lod(lod as u8)) {
+            let entry = container.entry(key)?;
+            info.bytes += entry.record_bytes();
+            info.error = info.error.max(entry.error * descriptor.scale.abs());
+            info.uniform_bricks += u64::from(entry.uniform);
+            info.absent_bricks += u64::from(entry.absent);
+        }
+        levels.push(info);
+    }
+    Ok(Info {
+        dims: descriptor.dims().0,
+        spacing: descriptor.geometry.spacing,
+        origin: descriptor.geometry.origin,
+        direction: descriptor.geometry.direction,
+        left_handed: descriptor.geometry.is_left_handed(),
+        space: &manifest.space,
+        kind: recognised.kind.name(),
+        kind_because: recognised.because,
+        dtype: descriptor.voxel_type.name(),
+        scale: descriptor.scale,
+        offset: descriptor.offset,
+        value_range: manifest.value_range.map(|r| [r.min, r.max]),
+        unit: &manifest.unit,
+        axes: &manifest.axes,
+        brick: pyramid.layout().core(),
+        bricks: pyramid.brick_count(),
+        levels,
+        nodata: descriptor.absence.nodata.map(|v| descriptor.value(v)),
+        max_error: descriptor.voxel_error() * descriptor.scale.abs(),
+        present_voxels: manifest.present_voxels,
+        percentiles: &manifest.percentiles,
+        histogram: &manifest.histogram,
+        source: &manifest.source,
+        tool: &manifest.tool,
+        parameters: &manifest.parameters,
+        survey: manifest.survey.as_ref().map(Json::value),
+        notes: &manifest.notes,
+        container_bytes: container.file_bytes(),
+        format_version: container.version(),
+    })
+}
+
+/// Where voxels lie, and what the axes are called: of a container, or of a volume file.
+struct Place<'a> {
+    dims: Dims,
+    dtype: &'static str,
+    /// Names and units.
+    axes: [(&'a str, &'a str); 3],
+    geometry: &'a Geometry,
+    space: &'a str,
+    survey: Option<&'a Survey>,
+}
+
+impl Place<'_> {
+    fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        let [nx, ny, nz] = self.dims.0;
+        let axes = self.axes.map(|(name, unit)| if unit.is_empty() { name.into() } else { format!("{name} ({unit})") });
+        writeln!(out, "volume     {nx} x {ny} x {nz} {} voxels", self.dtype)?;
+        writeln!(out, "axes       {}", axes.join(", "))?;
+        writeln!(out, "spacing    {:?}, origin {:?}", self.geometry.spacing, self.geometry.origin)?;
+        print_orientation(self, out)
+    }
+}
+
+fn print(info: &Info<'_>, container: &Container, survey: Option<&Survey>, out: &mut impl Write) -> std::io::Result<()> {
+    let place = Place {
+        dims: Dims(info.dims),
+        dtype: info.dtype,
+        axes: info.axes.each_ref().map(|axis| (&*axis.name, &*axis.unit)),
+        geometry: &container.descriptor().geometry,
+        space: info.space,
+        survey,
+    };
+    place.print(out)?;
+    writeln!(out, "kind       {}: {}", info.kind, info.kind_because)?;
+    match info.value_range {
+        Some([min, max]) => writeln!(out, "values     {} {}", ValueRange { min, max }, info.unit)?,
+        None => writeln!(out, "values     none present")?,
+    }
+    if let Some(nodata) = info.nodata {
+        writeln!(out, "no data    {nodata}")?;
+    }
+    if info.max_error > 0.0 {
+        writeln!(out, "accuracy   voxels within {} of the source's", info.max_error)?;
+    }
+    writeln!(out, "present    {} of {} voxels", info.present_voxels, info.dims.iter().product::<u64>())?;
+    writeln!(out, "source     {} ({}, {})", info.source.name, info.source.format, show_bytes(info.source.bytes))?;
+    writeln!(
+        out,
+        "container  {}, bricks of {}, written by {}",
+        show_bytes(info.container_bytes),
+        info.brick,
+        info.tool
+    )?;
+    for note in info.notes {
+        writeln!(out, "note       {note}")?;
+    }
+    writeln!(
+        out,
+        "\nlevel  factors        dims                   bricks   uniform    absent         size  error bound"
+    )?;
+    for (lod, level) in info.levels.iter().enumerate() {
+        let [x, y, z] = level.dims;
+        writeln!(
+            out,
+            "{lod:>5}  {:<13}  {:<18}  {:>9} {:>9} {:>9} {:>12}  {:.6}",
+            format!("{:?}", level.factors),
+            format!("{x} x {y} x {z}"),
+            level.bricks,
+            level.uniform_bricks,
+            level.absent_bricks,
+            show_bytes(level.bytes),
+            level.error
+        )?;
+    }
+    print_kept(&info.levels, out)?;
+    let rounded = info.levels.iter().enumerate().filter_map(|(lod, level)| Some((lod, level.rounded_to?)));
+    for (i, (lod, step)) in rounded.enumerate() {
+        if i == 0 {
+            writeln!(out, "\nmeans are rounded to multiples of")?;
+        }
+        writeln!(out, "{lod:>5}  {step}")?;
+    }
+    Ok(())
+}
+
+/// What halving each axis would keep, where the build measured it.
+fn print_kept(levels: &[LevelInfo], out: &mut impl Write) -> std::io::Result<()> {
+    let measured = levels.iter().enumerate().filter_map(|(lod, level)| Some((lod, level.rms_kept?)));
+    for (i, (lod, [x, y, z])) in measured.enumerate() {
+        if i == 0 {
+            writeln!(out, "\nkept of amplitudes (RMS) if a level halved x, y, z alone")?;
+        }
+        writeln!(out, "{lod:>5}  {x:.3}  {y:.3}  {z:.3}")?;
+    }
+    Ok(())
+}
+
+/// Which way the grid lies, and where the survey is.
+fn print_orientation(place: &Place<'_>, out: &mut impl Write) -> std::io::Result<()> {
+    let Place { geometry, space, survey, .. } = place;
+    let d = geometry.direction;
+    let axes: Vec<String> = (0..3).map(|a| format!("({}, {}, {})", d[a], d[3 + a], d[6 + a])).collect();
+    let hand = if geometry.is_left_handed() { "left" } else { "right" };
+    let space = if space.is_empty() { String::new() } else { format!(", world {space}") };
+    writeln!(out, "direction  x {}, y {}, z {}: {hand}-handed{space}", axes[0], axes[1], axes[2])?;
+    let Some(survey) = survey else { return Ok(()) };
+    let lines = |name: &str, lines: LineNumbers| {
+        let last = lines.first + lines.step * (lines.count as i64 - 1);
+        format!("{name} {} to {last} in steps of {}", lines.first, lines.step)
+    };
+    writeln!(out, "survey     {}, {}", lines("inlines", survey.inline), lines("crosslines", survey.crossline))?;
+    let Some(corners) = survey.corners else { return Ok(()) };
+    for (corner, name) in corners.iter().zip(CORNERS) {
+        writeln!(out, "corner     {name}: {:.2}, {:.2}", corner[0], corner[1])?;
+    }
+    if survey.inline.count > 1 && survey.crossline.count > 1 {
+        let azimuth = |to: usize| {
+            let [east, north] = [0, 1].map(|k| corners[to][k] - corners[0][k]);
+            east.atan2(north).to_degrees().rem_euclid(360.0)
+        };
+        writeln!(
+            out,
+            "map        crosslines ascend towards {:.1} degrees from north, inlines towards {:.1}: to the {hand} of it",
+            azimuth(1),
+            azimuth(2)
+        )?;
+    }
+    Ok(())
+}
+
+/// Names of a survey's corners, in the order in which they are kept.
+const CORNERS: [&str; 4] = [
+    "first inline, first crossline",
+    "first inline, last crossline",
+    "last inline, first crossline",
+    "last inline, last crossline",
+];

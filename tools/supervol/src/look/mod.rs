@@ -1,0 +1,407 @@
+//! What a picture shows, said in words on the command line: each option changes one thing of the scene that is drawn.
+//!
+//! Options change the scene file's scene where there is one, else the default scene. An option that would change nothing
+//! in the mode that is drawn is refused.
+
+mod parse;
+pub mod places;
+mod slices;
+pub mod warnings;
+
+use clap::{Args, ValueEnum};
+use supervol_format::Container;
+use supervol_scene::facts::{DataKind, VolumeFacts};
+use supervol_scene::preset::overview::Overview;
+use supervol_scene::preset::view::{Framed, View, upright};
+use supervol_scene::preset::{looks, placing, ramps};
+use supervol_scene::scene::{
+    CameraSpec, ImageSpec, IsoSpec, Mode, PointsSpec, Scene, ShadingSpec, SolidSpec, TransferFunctionSpec,
+};
+
+use self::parse::{CameraWish, ColorMapWish, Cutter, SurfaceWish};
+use self::places::{Crop, Cut};
+use self::slices::SliceArguments;
+use crate::failure::Failure;
+use crate::panels::{Grid, PANEL_LIMIT};
+use crate::quantity;
+
+/// What is shown, from where, and how.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "What is shown")]
+pub struct LookArguments {
+    /// What the data are, where they are not recognised or wrongly: seismic, attribute, ct, ct-offset, mri, fluorescence, em,
+    /// micro-ct, labels, mask, constant, empty or generic; `info` says what was recognised and why
+    #[arg(long, value_name = "KIND", visible_alias = "preset")]
+    kind: Option<DataKind>,
+    /// What a ray gathers
+    #[arg(long, value_enum)]
+    mode: Option<ModeName>,
+    /// Pixels of the picture
+    #[arg(long, value_name = "WxH", value_parser = quantity::image_size)]
+    size: Option<[u32; 2]>,
+    /// Where the camera stands: front, back, left, right, top, bottom, or azimuth and elevation in degrees, and the distance
+    /// in world units if it is not to be chosen: 30,20 or 30,20,1500
+    #[arg(long, value_name = "DIRECTION|AZ,EL[,DIST]", value_parser = parse::camera, allow_hyphen_values = true)]
+    camera: Option<CameraWish>,
+    /// How many times as large as it would fit
+    #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
+    zoom: Option<f64>,
+    /// Colours and opacities: VALUE:COLOUR:OPACITY,... with colours as in --background, or a file: JSON with `points` and
+    /// `unit_distance` as in a scene, a colour map of ParaView with opacities (.json), or a table of ImageVis3D (.1dt)
+    #[arg(long, value_name = "FILE|POINTS", allow_hyphen_values = true)]
+    tf: Option<String>,
+    /// Colours by name: grey, seismic, viridis, magma, inferno, plasma, cividis, turbo, cubehelix, warm, cool or spectral; or those of
+    /// a file, as for --tf
+    #[arg(long, value_name = "NAME|FILE", value_parser = parse::color_map)]
+    colormap: Option<ColorMapWish>,
+    /// Values that the colours and opacities span
+    #[arg(long, value_name = "LOW,HIGH", value_parser = parse::window, allow_hyphen_values = true)]
+    window: Option<[f64; 2]>,
+    /// The same, leaving out this percentage of the voxels at each end
+    #[arg(long, value_name = "PERCENT", value_parser = parse::percent, allow_negative_numbers = true, conflicts_with = "window")]
+    clip_percent: Option<f64>,
+    /// How many times as dense (mode dvr)
+    #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
+    opacity: Option<f64>,
+    /// Surfaces at these values: all but the last are clear
+    #[arg(long, value_name = "V[,V..]", value_delimiter = ',', allow_hyphen_values = true)]
+    iso: Vec<f64>,
+    /// A surface inside the semi-transparent volume (mode dvr), at this value: VALUE, VALUE:COLOUR or VALUE:COLOUR:OPACITY. May be
+    /// given again, up to 8 times
+    #[arg(long, value_name = "VALUE[:COLOUR[:OPACITY]]", value_parser = parse::surface, allow_hyphen_values = true)]
+    #[arg(conflicts_with = "iso")]
+    surface: Vec<SurfaceWish>,
+    /// Show this box only: I0:I1,J0:J1,K0:K1 in voxels, ends not included; or AXIS=FROM:TO,... with i, j, k (voxels), x, y, z
+    /// (world), inline, crossline, time or depth, or sagittal, coronal, axial (world)
+    #[arg(long, value_name = "BOX", value_parser = places::crop, allow_hyphen_values = true)]
+    crop: Option<Crop>,
+    /// Show only what lies on this side of a plane: x * NX + y * NY + z * NZ >= D in world units; or inside a solid, in world
+    /// units: sphere:X,Y,Z,R, box:X0,Y0,Z0,X1,Y1,Z1, cylinder:X0,Y0,Z0,X1,Y1,Z1,R, or mesh:FILE (a closed triangle mesh, .ply,
+    /// .stl or .obj); outside-sphere: and so on show what lies around it. May be given again: what all of them leave is shown
+    #[arg(long, value_name = "NX,NY,NZ,D|SOLID", value_parser = parse::cutter, allow_hyphen_values = true)]
+    clip: Vec<Cutter>,
+    #[command(flatten)]
+    slices: SliceArguments,
+    /// Without light
+    #[arg(long)]
+    unlit: bool,
+    /// Draw heights or depths this many times as large
+    #[arg(long, value_name = "FACTOR", value_parser = parse::positive, allow_negative_numbers = true)]
+    vertical_exaggeration: Option<f64>,
+    /// Colour behind the volume: black, white, grey, another name, #rrggbb, or R,G,B from 0 to 1
+    #[arg(long, value_name = "COLOUR", value_parser = parse::color)]
+    background: Option<[f64; 3]>,
+    /// Rays along each edge of a pixel
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
+    supersample: Option<u32>,
+}
+
+/// What rays gather.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ModeName {
+    /// Emission and absorption
+    Dvr,
+    /// The greatest value
+    Mip,
+    /// The least value
+    Minip,
+    /// The mean value
+    Mean,
+    /// Surfaces
+    Iso,
+}
+
+impl From<ModeName> for Mode {
+    fn from(name: ModeName) -> Self {
+        match name {
+            ModeName::Dvr => Self::Dvr,
+            ModeName::Mip => Self::Mip,
+            ModeName::Minip => Self::Minip,
+            ModeName::Mean => Self::Mean,
+            ModeName::Iso => Self::Iso,
+        }
+    }
+}
+
+/// Opacity of all surfaces but the last.
+const CLEAR_SURFACE: f64 = 0.35;
+/// Their colours, from the first on.
+const CLEAR_COLORS: [[f64; 3]; 4] = [[0.82, 0.50, 0.38], [0.35, 0.60, 0.85], [0.45, 0.75, 0.40], [0.85, 0.75, 0.35]];
+
+impl LookArguments {
+    /// The container with heights drawn as they are wanted, and a single line of voxels so wide that it can be seen.
+    pub fn placed(&self, container: Container, scene: &Scene) -> Container {
+        let facts = self.facts(&container);
+        let factor = self.vertical_exaggeration.or(scene.vertical_exaggeration);
+        placing::placed(container, &facts, factor.unwrap_or(1.0))
+    }
+
+    /// Facts of the container, of the kind that is given or recognised.
+    pub fn facts(&self, container: &Container) -> VolumeFacts {
+        self.kind.map_or_else(|| VolumeFacts::of(container), |kind| VolumeFacts::of_kind(container, kind))
+    }
+
+    /// Whether an overview of the volume has a say in [`Self::scene`]: in where the camera stands, or what projections show.
+    pub fn asks_overview(&self, scene: &Scene) -> bool {
+        let leaves_open = scene.camera.is_none() || scene.transfer_function.is_none();
+        leaves_open || self.camera.is_some() || self.zoom.is_some()
+    }
+
+    /// Where several slices are asked for: each by itself, and how they lie side by side.
+    pub fn panels(&self, scene: &Scene) -> Result<Option<(Vec<Self>, Grid)>, Failure> {
+        let cuts = &self.slices.cuts;
+        if self.slices.are_panels() {
+            self.check_panels()?;
+        }
+        if !self.slices.are_panels() || cuts.len() < 2 {
+            return Ok(None);
+        }
+        let size = self.size.unwrap_or([scene.image.width, scene.image.height]);
+        let grid = (cuts.len() <= PANEL_LIMIT).then(|| Grid::of(cuts.len(), size)).flatten();
+        let grid = grid.ok_or_else(|| {
+            let [width, height] = size;
+            Failure::Command(format!(
+                "--slice: at most {PANEL_LIMIT} slices, each with a pixel at least; found {} in a picture of {width} x {height}",
+                cuts.len()
+            ))
+        })?;
+        let alone = |cut: &Cut| Self { slices: self.slices.only(cut), size: Some(grid.size), ..self.clone() };
+        Ok(Some((cuts.iter().map(alone).collect(), grid)))
+    }
+
+    /// Whether slices are shown face on.
+    pub fn shows_panels(&self) -> bool {
+        self.slices.are_panels()
+    }
+
+    /// Whether a colour behind the volume is asked for.
+    pub fn has_background(&self) -> bool {
+        self.background.is_some()
+    }
+
+    /// The slice that the picture shows, in words.
+    pub fn name(&self) -> String {
+        self.slices.cuts.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
+    }
+
+    /// Refuses what says how a volume is shown, where a slice is shown face on.
+    fn check_panels(&self) -> Result<(), Failure> {
+        let of_volumes = [
+            ("--mode", self.mode.is_some()),
+            ("--iso", !self.iso.is_empty()),
+            ("--surface", !self.surface.is_empty()),
+            ("--opacity", self.opacity.is_some()),
+            ("--unlit", self.unlit),
+            ("--camera", self.camera.is_some()),
+        ];
+        match of_volumes.iter().find(|(_, given)| *given) {
+            Some((option, _)) => Err(Failure::Command(format!(
+                "{option} changes nothing on a slice that is shown face on; --slices volume shows slices within the volume"
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// The scene with what is asked for, everything written out.
+    pub fn scene(
+        &self,
+        scene: &Scene,
+        container: &Container,
+        facts: &VolumeFacts,
+        overview: Option<&Overview>,
+    ) -> Result<Scene, Failure> {
+        let mut scene = scene.clone();
+        self.set_image(&mut scene.image);
+        if let Some(crop) = &self.crop {
+            scene.clip.index_box = Some(crop.in_voxels(container, facts)?);
+        }
+        for cutter in &self.clip {
+            match cutter {
+                Cutter::Plane(plane) => scene.clip.planes.push(*plane),
+                Cutter::Solid(solid) => scene.clip.solids.push(SolidSpec::clone(solid)),
+            }
+        }
+        let says_light = scene.shading.is_some();
+        self.set_mode(&mut scene, facts, overview);
+        self.add_surfaces(&mut scene, facts)?;
+        if !self.surface.is_empty() && !says_light {
+            // Surfaces are nothing without light, whatever suits the kind of data.
+            scene.shading = Some(Some(ShadingSpec::default()));
+        }
+        if let Some(text) = &self.tf {
+            scene.transfer_function = Some(TransferFunctionSpec::Points(parse::transfer_function(text, facts)?));
+        }
+        if self.vertical_exaggeration.is_some() {
+            scene.vertical_exaggeration = self.vertical_exaggeration.filter(|factor| *factor != 1.0);
+        }
+        match &self.slices.cuts[..] {
+            [cut] if self.slices.are_panels() => {
+                let is_painted = self.window.is_some() || self.clip_percent.is_some() || self.colormap.is_some();
+                let look = (self.zoom.unwrap_or(1.0), is_painted);
+                scene = self.slices.panel(&scene, cut, (container, facts), look)?;
+            }
+            _ => self.slices.add_to(&mut scene, container, facts)?,
+        }
+        if let Some(n) = self.supersample {
+            scene.samples_per_pixel = Some(n * n);
+        }
+        if self.camera.is_some() || self.zoom.is_some() {
+            self.set_camera(&mut scene, facts, overview);
+        }
+        let mut scene = scene.complete(facts, overview);
+        self.repaint(&mut scene, facts)?;
+        if self.unlit {
+            self.put_out_light(&mut scene)?;
+        }
+        scene.validate().map_err(Failure::command)?;
+        Ok(scene)
+    }
+
+    fn set_image(&self, image: &mut ImageSpec) {
+        if let Some([width, height]) = self.size {
+            (image.width, image.height) = (width, height);
+        }
+        if let Some(background) = self.background {
+            image.background = background;
+        }
+    }
+
+    fn set_mode(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
+        let mode = self.mode.map(Mode::from).or((!self.iso.is_empty()).then_some(Mode::Iso));
+        let has_surfaces = !self.surface.is_empty() && scene.mode.is_none_or(|mode| mode == Mode::Dvr);
+        let mode = mode.or(has_surfaces.then_some(Mode::Dvr));
+        let Some(mode) = mode else { return };
+        // The look of the kind where it is of this mode, light and all.
+        let usual = Scene { image: scene.image.clone(), clip: scene.clip.clone(), ..Scene::default() };
+        let usual = usual.complete(facts, overview);
+        if scene.mode.is_none() && scene.transfer_function.is_none() && usual.mode == Some(mode) && self.iso.is_empty()
+        {
+            scene.shading = scene.shading.take().or(usual.shading);
+            scene.iso = usual.iso;
+            scene.samples_per_pixel = scene.samples_per_pixel.or(usual.samples_per_pixel);
+        } else if mode == Mode::Dvr && scene.transfer_function.is_none() && !facts.kind.is_seismic() {
+            scene.shading.get_or_insert_with(|| Some(ShadingSpec::default()));
+        }
+        let keeps_surfaces = mode == Mode::Dvr && scene.mode == Some(Mode::Dvr);
+        scene.mode = Some(mode);
+        if keeps_surfaces {
+            // They are inside the volume as before.
+        } else if mode != Mode::Iso {
+            scene.iso.clear();
+        } else if !self.iso.is_empty() {
+            scene.iso = surfaces(&self.iso, looks::default_surface(facts).color);
+        } else if scene.iso.is_empty() {
+            scene.iso = vec![looks::default_surface(facts)];
+        }
+    }
+
+    /// Surfaces inside the volume that are asked for: instead of the scene's.
+    fn add_surfaces(&self, scene: &mut Scene, facts: &VolumeFacts) -> Result<(), Failure> {
+        if !self.iso.is_empty() && scene.mode != Some(Mode::Iso) {
+            return Err(Failure::Command(
+                "--iso names the surfaces of mode iso; inside the semi-transparent volume (--mode dvr) --surface does"
+                    .into(),
+            ));
+        }
+        if self.surface.is_empty() {
+            return Ok(());
+        }
+        if scene.mode != Some(Mode::Dvr) {
+            return Err(Failure::Command(
+                "--surface draws inside the semi-transparent volume, in mode dvr; in mode iso, --iso names surfaces"
+                    .into(),
+            ));
+        }
+        let usual = looks::default_surface(facts).color;
+        let spec =
+            |wish: &SurfaceWish| IsoSpec { value: wish.value, color: wish.color.unwrap_or(usual), alpha: wish.alpha };
+        scene.iso = self.surface.iter().map(spec).collect();
+        Ok(())
+    }
+
+    /// The camera of a scene that is complete, for going around what is seen: from there, all of it is in every picture.
+    pub fn turning_camera(&self, scene: &Scene, facts: &VolumeFacts, overview: Option<&Overview>) -> CameraSpec {
+        let framed = scene.framed(facts, overview);
+        self.view(facts, &framed).turning_camera(&framed, [scene.image.width, scene.image.height], upright(facts))
+    }
+
+    /// The direction to look from that is asked for, or the usual one.
+    fn view(&self, facts: &VolumeFacts, framed: &Framed) -> View {
+        let usual = View::facing(facts, framed);
+        let wish =
+            self.camera.as_ref().map(|wish| View { distance: wish.distance, ..View::from(facts, wish.direction) });
+        View { zoom: self.zoom.unwrap_or(1.0), ..wish.unwrap_or(usual) }
+    }
+
+    fn set_camera(&self, scene: &mut Scene, facts: &VolumeFacts, overview: Option<&Overview>) {
+        if self.slices.are_panels() {
+            return;
+        }
+        // What is framed depends on what is shown.
+        let shown = Scene { camera: None, ..scene.clone() }.complete(facts, overview);
+        let framed = shown.framed(facts, overview);
+        scene.camera = Some(self.view(facts, &framed).camera(&framed, [scene.image.width, scene.image.height]));
+    }
+
+    /// Window, colours and opacities of the transfer function that is drawn with.
+    fn repaint(&self, scene: &mut Scene, facts: &VolumeFacts) -> Result<(), Failure> {
+        let mode = scene.mode.unwrap_or_default();
+        let asked = [
+            ("--tf", self.tf.is_some()),
+            ("--colormap", self.colormap.is_some()),
+            ("--window", self.window.is_some()),
+            ("--clip-percent", self.clip_percent.is_some()),
+            ("--opacity", self.opacity.is_some()),
+        ];
+        if mode == Mode::Iso
+            && let Some((option, _)) = asked.iter().find(|(_, given)| *given)
+        {
+            return Err(Failure::Command(format!(
+                "{option} changes nothing in mode iso: surfaces have colours of their own"
+            )));
+        }
+        if mode != Mode::Dvr && self.opacity.is_some() {
+            return Err(Failure::Command("--opacity changes nothing but in mode dvr".into()));
+        }
+        let Some(TransferFunctionSpec::Points(spec)) = &mut scene.transfer_function else {
+            return match asked.iter().find(|(_, given)| *given) {
+                Some((option, _)) => {
+                    Err(Failure::Command(format!("{option}: the scene names a preset; give --kind instead")))
+                }
+                None => Ok(()),
+            };
+        };
+        let window = self.window.or(self.clip_percent.map(|percent| ramps::clipped_window(facts, percent)));
+        let colors = self.colormap.as_ref().map(ColorMapWish::colors).transpose()?;
+        for slice in &mut scene.slices {
+            slices::repaint(slice, window, colors.as_deref())?;
+        }
+        if window.is_some() || colors.is_some() {
+            let points = ramps::repainted(&spec.control_points(), window, colors.as_deref());
+            *spec = PointsSpec { unit_distance: spec.unit_distance, ..PointsSpec::of(&points, 1.0) };
+        }
+        if let Some(factor) = self.opacity {
+            // So many times the extinction.
+            spec.points.iter_mut().for_each(|p| p.alpha = 1.0 - (1.0 - p.alpha).powf(factor));
+        }
+        Ok(())
+    }
+
+    fn put_out_light(&self, scene: &mut Scene) -> Result<(), Failure> {
+        match scene.shading.replace(None) {
+            Some(Some(_)) => Ok(()),
+            _ => Err(Failure::Command("--unlit changes nothing: this picture is not lit".into())),
+        }
+    }
+}
+
+/// Surfaces of these values: the last opaque, those before it clear.
+fn surfaces(values: &[f64], usual: [f64; 3]) -> Vec<IsoSpec> {
+    let last = values.len().saturating_sub(1);
+    let surface = |(i, &value): (usize, &f64)| IsoSpec {
+        value,
+        color: if i == last { usual } else { CLEAR_COLORS[i % CLEAR_COLORS.len()] },
+        alpha: if i == last { 1.0 } else { CLEAR_SURFACE },
+    };
+    values.iter().enumerate().map(surface).collect()
+}

@@ -1,0 +1,20 @@
+//! The command line as a user runs it.
+
+#![allow(clippy::unwrap_used, reason = "tests fail loudly")]
+
+mod batch;
+mod bounded_builds;
+mod cache;
+mod command_line;
+mod every_option;
+mod failed_bricks;
+mod full_disk;
+mod inputs;
+mod looks;
+mod machine;
+mod resumed_builds;
+mod sequences;
+mod slices;
+mod solids;
+mod support;
+mod users_data;
