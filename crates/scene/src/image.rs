@@ -3,6 +3,7 @@
 //! Row 0 is on top, x runs fastest. A file is written under a temporary name beside its own and then renamed, so that
 //! a file with the image's name is always whole.
 
+#[cfg(feature = "images")]
 use std::io::{BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
@@ -209,6 +210,7 @@ impl Image {
     ///
     /// # Errors
     /// If the name has no known extension, or the file cannot be written; no partial file stays behind.
+    #[cfg(feature = "images")]
     pub fn write(&self, path: &Path, background: [f64; 3]) -> Result<(), ImageError> {
         let format = ImageFormat::from_path(path)?;
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -234,6 +236,7 @@ impl Image {
     ///
     /// # Errors
     /// If the bytes are not taken, or the format cannot hold the picture.
+    #[cfg(feature = "images")]
     pub fn encode(
         &self,
         format: ImageFormat,
@@ -249,6 +252,7 @@ impl Image {
         Ok(out.flush()?)
     }
 
+    #[cfg(feature = "images")]
     fn encode_png(&self, out: &mut impl Write, background: [f64; 3]) -> Result<(), EncodeError> {
         let mut encoder = png::Encoder::new(out, self.width, self.height);
         encoder.set_color(png::ColorType::Rgb);
@@ -263,6 +267,7 @@ impl Image {
         Ok(rows.finish()?)
     }
 
+    #[cfg(feature = "images")]
     fn encode_exr(&self, out: &mut (impl Write + Seek)) -> Result<(), EncodeError> {
         use exr::prelude::{SpecificChannels, Vec2, WritableImage};
         let (width, height) = (self.width as usize, self.height as usize);
@@ -279,6 +284,7 @@ impl Image {
     }
 
     /// NumPy format 1.0: magic, version, header length (u16), header padded so that the data begin at a multiple of 64.
+    #[cfg(feature = "images")]
     fn encode_npy(&self, out: &mut impl Write) -> Result<(), EncodeError> {
         const PREFIX: usize = 10;
         let mut header =
@@ -312,6 +318,7 @@ pub enum EncodeError {
     Encode(String),
 }
 
+#[cfg(feature = "images")]
 impl From<png::EncodingError> for EncodeError {
     fn from(error: png::EncodingError) -> Self {
         match error {
@@ -385,7 +392,7 @@ fn mixed(a: &[f32; 4], b: &[f32; 4], weight: f32) -> [f32; 4] {
     mixed
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "images"))]
 mod tests {
     use supervol_format::random::Random;
 

@@ -10,7 +10,7 @@ use supervol_preprocess::{BuildOptions, MaxError};
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::Renderer;
 use supervol_runtime::render::stats::FrameStats;
-use supervol_runtime::render::volume::Volume;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::ResolvedScene;
 use supervol_sources::VolumeSource;
@@ -32,7 +32,7 @@ const REFERENCE: f64 = 0.01;
 /// A renderer that states errors.
 fn renderer(subject: &Subject, backend: Backend) -> Renderer {
     let options = RenderOptions { predict_error: true, ..finest(backend) };
-    Renderer::new(Volume::of(subject.container.clone()), options).expect("threads")
+    Renderer::new(PlacedVolume::of(subject.container.clone()), options).expect("threads")
 }
 
 /// A picture, what each of its pixels may be off by, and its statistics.
@@ -42,7 +42,7 @@ fn stated(
     level: LevelChoice,
     budget: Option<Duration>,
 ) -> (Image, Image, FrameStats) {
-    renderer.set_options(RenderOptions { level, ..renderer.options().clone() });
+    renderer.set_options(RenderOptions { level, ..renderer.options().clone() }).expect("options are right");
     renderer.set_scene(scene.clone());
     renderer.advance(budget.map(|budget| Instant::now() + budget)).expect("a picture");
     let (errors, stats) = (renderer.error_map().expect("somebody asked"), renderer.stats());

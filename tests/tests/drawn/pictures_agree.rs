@@ -18,7 +18,7 @@ use supervol_runtime::lod::by_error::ANY_ERROR;
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::{Renderer, render};
-use supervol_runtime::render::volume::Volume;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::ResolvedScene;
 use supervol_sources::open::{OpenOptions, open};
@@ -106,14 +106,14 @@ struct Drawer(Renderer);
 
 impl Drawer {
     fn new(subject: &Subject, backend: Backend) -> Self {
-        let volume = Volume::of(subject.container.clone());
+        let volume = PlacedVolume::of(subject.container.clone());
         Self(Renderer::new(volume, finest(backend)).unwrap_or_else(|e| panic!("{}, {backend:?}: {e}", subject.name)))
     }
 
     /// The picture at an error, grey levels.
     fn draw(&mut self, scene: &ResolvedScene, asked: f64) -> Image {
         let options = RenderOptions { max_error: asked / GREY_LEVELS, ..self.0.options().clone() };
-        self.0.set_options(options);
+        self.0.set_options(options).expect("options are right");
         self.0.set_scene(scene.clone());
         let step = self.0.advance(None).unwrap_or_else(|e| panic!("{e}"));
         let stats = self.0.stats();

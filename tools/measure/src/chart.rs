@@ -280,7 +280,7 @@ fn time_cpu(
     cost: &mut Cost,
 ) -> Result<(), ChartError> {
     let mut renderer =
-        Renderer::new(supervol_runtime::render::volume::Volume::of(volume.container.clone()), options.clone())?;
+        Renderer::new(supervol_runtime::render::volume::PlacedVolume::of(volume.container.clone()), options.clone())?;
     renderer.set_scene(scene.clone());
     // The first picture fetches the bricks.
     renderer.advance(None)?;

@@ -8,7 +8,7 @@ use supervol_format::Container;
 use supervol_format::readable::Number;
 use supervol_runtime::render::options::RenderOptions;
 use supervol_runtime::render::renderer::{Picked, PickedOn, Renderer};
-use supervol_runtime::render::volume::Volume;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::facts::VolumeFacts;
 use supervol_scene::scene::Scene;
 
@@ -38,7 +38,7 @@ pub fn run(
     format: Format,
 ) -> Result<(), Failure> {
     let resolved = scene.resolve(facts).map_err(Failure::command)?;
-    let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone()).map_err(with_render)?;
+    let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), options.clone()).map_err(with_render)?;
     renderer.set_scene(resolved);
     let mut found = Vec::with_capacity(pixels.len());
     for &pixel in pixels {

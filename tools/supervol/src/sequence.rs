@@ -12,7 +12,7 @@ use supervol_files::check_distinct;
 use supervol_format::readable::counted;
 use supervol_runtime::render::options::RenderOptions;
 use supervol_runtime::render::renderer::Renderer;
-use supervol_runtime::render::volume::Volume;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::ImageFormat;
 use supervol_scene::scene::CameraSpec;
 
@@ -51,7 +51,7 @@ impl Sequence<'_> {
             crate::progress::announce(&format!("{}: {there} are there already", self.folder.display()));
         }
         let start = Instant::now();
-        let volume = Volume::of(Arc::clone(self.subject.container));
+        let volume = PlacedVolume::of(Arc::clone(self.subject.container));
         let mut renderer = Renderer::new(volume, options.clone()).map_err(with_render)?;
         let bar = Reporter::over_pictures();
         bar.set_length(missing.len() as u64);

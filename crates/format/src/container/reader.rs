@@ -43,7 +43,7 @@ pub struct Container {
     file_bytes: u64,
     version: u32,
     path: PathBuf,
-    toc_pages: TocPages,
+    toc_pages: Arc<TocPages>,
 }
 
 impl std::fmt::Debug for Container {
@@ -89,7 +89,7 @@ impl Container {
             file_bytes,
             version,
             path: PathBuf::new(),
-            toc_pages: TocPages::default(),
+            toc_pages: Arc::default(),
         };
         container.keep_pages_of(&tail);
         Ok(container)
@@ -122,6 +122,26 @@ impl Container {
         assert_eq!(geometry.defect(), None, "a container is placed by a geometry without defects");
         self.descriptor.geometry = geometry;
         self
+    }
+
+    /// The same container at another place in the world. Both share the byte source and the pages of the table of contents.
+    ///
+    /// # Panics
+    /// If the geometry has a defect ([`Geometry::defect`]).
+    #[must_use]
+    pub fn at(&self, geometry: Geometry) -> Self {
+        let again = Self {
+            source: self.source.clone(),
+            descriptor: self.descriptor.clone(),
+            stored_geometry: self.stored_geometry,
+            sections: self.sections,
+            manifest: self.manifest.clone(),
+            file_bytes: self.file_bytes,
+            version: self.version,
+            path: self.path.clone(),
+            toc_pages: self.toc_pages.clone(),
+        };
+        again.placed(geometry)
     }
 
     /// Place in the world as the file says it, before [`Container::placed`].

@@ -33,6 +33,10 @@ pub enum RenderError {
     CheckTooLarge { level: u8, needed_bytes: u64, budget_bytes: u64, finest_that_fits: Option<u8> },
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    #[error("option `{option}`: expected {expected}, found {found}")]
+    Option { option: &'static str, expected: &'static str, found: f64 },
+    #[error("there is no scene to draw: expected one to be set before")]
+    NoScene,
     #[error("methods of comparison are for the cpu backend and mode dvr; found backend {backend:?} and mode {mode}")]
     Method { backend: Backend, mode: &'static str },
     #[error(

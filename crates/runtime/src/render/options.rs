@@ -8,6 +8,7 @@ use supervol_format::Lod;
 use crate::engines::packets::{Caster, CpuQuality, Skipping};
 use crate::lod::LodChoice;
 use crate::render::error::RenderError;
+use crate::render::process::bytes_beside_pictures;
 
 /// Who casts the rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -117,6 +118,27 @@ impl Default for RenderOptions {
 }
 
 impl RenderOptions {
+    /// The same options, with a host budget that covers the whole process as it is now: program, stacks and all.
+    #[must_use]
+    pub fn for_whole_process(self) -> Self {
+        Self { process_bytes: bytes_beside_pictures(self.threads), ..self }
+    }
+
+    /// Refuses numbers that mean nothing.
+    ///
+    /// # Errors
+    /// [`RenderError::Option`], if the requested error is not a positive number, or there are to be no threads.
+    pub fn validate(&self) -> Result<(), RenderError> {
+        let wrong = |option, expected, found: f64| Err(RenderError::Option { option, expected, found });
+        if self.max_error.is_nan() || self.max_error <= 0.0 {
+            return wrong("max_error", "a positive share of full scale, for example 0.5 / 255", self.max_error);
+        }
+        if self.threads == Some(0) {
+            return wrong("threads", "at least 1", 0.0);
+        }
+        Ok(())
+    }
+
     /// Level of detail as the ray casters and the streamer take it.
     #[must_use]
     pub fn lod(&self) -> LodChoice {

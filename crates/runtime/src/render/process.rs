@@ -1,6 +1,9 @@
 //! What the operating system says about this process: processor time and memory.
 
+use std::num::NonZero;
 use std::time::Duration;
+
+use crate::stream::loader::READERS;
 
 /// Processor time that all threads of this process have used; zero where the system does not tell.
 #[must_use]
@@ -25,6 +28,18 @@ pub fn peak_resident_bytes() -> u64 {
 #[must_use]
 pub fn resident_bytes() -> u64 {
     bytes_of("VmRSS:")
+}
+
+/// Bytes of a thread beside the memory that it casts with: the used part of its stack, and what the allocator keeps for it.
+const THREAD_BYTES: u64 = 2 << 20;
+
+/// Bytes that the process holds beside the pictures that it is about to draw with `threads` threads (`None`: one per
+/// processor). Counted in [`RenderOptions::process_bytes`](super::options::RenderOptions::process_bytes), they make the host
+/// budget a limit of the whole process.
+#[must_use]
+pub fn bytes_beside_pictures(threads: Option<usize>) -> u64 {
+    let threads = threads.or_else(|| std::thread::available_parallelism().ok().map(NonZero::get)).unwrap_or(1);
+    resident_bytes() + THREAD_BYTES * (threads + READERS) as u64
 }
 
 /// A number of `/proc/self/status`.

@@ -13,7 +13,7 @@ use supervol_runtime::engines::packets::Skipping;
 use supervol_runtime::lod::LodChoice;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::{PickedOn, Renderer, render, render_with_errors};
-use supervol_runtime::render::volume::Volume as OpenVolume;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::{ResolvedScene, Scene};
 
@@ -273,7 +273,7 @@ fn the_surface_that_hides_the_rest_is_picked() {
     let container = open(&container_bytes(&volume, 16));
     let picked = |alpha: f64| {
         let surface = format!(r#", "iso": [{{"value": 1.5, "color": [1, 0, 0], "alpha": {alpha}}}]"#);
-        let opened = OpenVolume::of(container.clone());
+        let opened = PlacedVolume::of(container.clone());
         let mut renderer = Renderer::new(opened, options(LevelChoice::Auto)).expect("a renderer");
         renderer.set_scene(ramp_scene(&volume, &surface));
         renderer.pick([10, 10]).expect("a ray").expect("something is to be seen")

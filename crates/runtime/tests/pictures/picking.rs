@@ -7,7 +7,7 @@ use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::{Picked, PickedOn, Renderer};
 use supervol_runtime::render::stats::FrameStats;
-use supervol_runtime::render::volume::Volume as Opened;
+use supervol_runtime::render::volume::PlacedVolume;
 
 use crate::{containers, support};
 use containers::{container_bytes, open};
@@ -33,7 +33,7 @@ fn options() -> RenderOptions {
 
 fn picked(volume: &Volume, json: &str, pixel: [u32; 2], options: RenderOptions) -> Result<Option<Picked>, RenderError> {
     let container = open(&container_bytes(volume, 16));
-    let mut renderer = Renderer::new(Opened::of(container), options).unwrap();
+    let mut renderer = Renderer::new(PlacedVolume::of(container), options).unwrap();
     renderer.set_scene(scene(volume, json));
     renderer.pick(pixel)
 }
@@ -150,7 +150,7 @@ fn picking_reads_the_ray_and_changes_no_picture() {
     let tf = points(1.0, &[(0.0, [1.0; 3], 0.0), (31.0, [1.0; 3], 0.3)]);
     let wanted = scene(&volume, &along_x(&format!(r#", "transfer_function": {tf}"#)));
     let (expected, _) = supervol_runtime::render::renderer::render(&container, &wanted, &options()).unwrap();
-    let mut renderer = Renderer::new(Opened::of(container), options()).unwrap();
+    let mut renderer = Renderer::new(PlacedVolume::of(container), options()).unwrap();
     renderer.set_scene(wanted);
     let first = renderer.pick(PIXEL).unwrap();
     assert!(first.is_some());

@@ -61,7 +61,7 @@ fn options(level: LevelChoice) -> RenderOptions {
 }
 
 fn renderer(container: &Arc<Container>, options: RenderOptions) -> Renderer {
-    Renderer::new(supervol_runtime::render::volume::Volume::of(container.clone()), options).unwrap()
+    Renderer::new(supervol_runtime::render::volume::PlacedVolume::of(container.clone()), options).unwrap()
 }
 
 /// Steps until the picture has converged; how many there were.

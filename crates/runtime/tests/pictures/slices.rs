@@ -10,7 +10,7 @@ use supervol_format::{Container, Lod, VoxelType};
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::{Renderer, render, render_with_errors};
-use supervol_runtime::render::volume::Volume as Opened;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::{GREY_LEVELS, Image};
 use supervol_scene::scene::{ResolvedScene, Scene};
 
@@ -134,7 +134,7 @@ fn graphics_devices_draw_the_volume_between_slices() {
         let (picture, stats) = render(&container, &scene, &device).unwrap();
         assert!(stats.converged && stats.backend == "gpu", "{more}: {stats:?}");
         assert_agree(&reference(&volume, &scene), &picture, &slices, more);
-        let mut renderer = Renderer::new(Opened::of(container.clone()), device.clone()).unwrap();
+        let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), device.clone()).unwrap();
         renderer.set_scene(scene);
         let converged = (0..10_000).any(|n| {
             let step = renderer.advance(Some(Instant::now() + Duration::from_millis(n % 8))).unwrap();
@@ -195,7 +195,7 @@ fn in_steps_it_becomes_the_picture_that_is_drawn_at_once_and_states_its_error() 
     for level in [LevelChoice::Auto, LevelChoice::Fixed(Lod(1))] {
         let options = RenderOptions { predict_error: true, cache_bytes: Some(60_000), ..options(level) };
         let (expected, errors, stats) = render_with_errors(&container, &scene, &options).unwrap();
-        let mut renderer = Renderer::new(Opened::of(container.clone()), options).unwrap();
+        let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), options).unwrap();
         renderer.set_scene(scene.clone());
         // However short the steps are, each comes some way.
         let converged = (0..10_000).any(|n| {

@@ -14,7 +14,7 @@ use supervol_runtime::engines::cells::CellRule;
 use supervol_runtime::engines::packets::Caster;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::{Renderer, render, render_with_errors};
-use supervol_runtime::render::volume::Volume as Opened;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::{GREY_LEVELS, Image, greatest};
 use supervol_scene::scene::{ResolvedScene, Scene};
 
@@ -204,7 +204,7 @@ fn pictures_in_steps_are_those_in_one_go() {
         let (picture, stats) = render(&container, &scene, &few).unwrap();
         assert!(stats.streaming.evictions > 0, "the cache holds everything");
         assert_eq!(picture.pixels, expected.pixels, "{more}: small cache");
-        let mut renderer = Renderer::new(Opened::of(container.clone()), options(LevelChoice::Auto)).unwrap();
+        let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), options(LevelChoice::Auto)).unwrap();
         renderer.set_scene(scene);
         let mut steps = 0;
         while !renderer.advance(Some(Instant::now() + Duration::from_micros(200))).unwrap().is_converged {
@@ -274,7 +274,7 @@ fn graphics_devices_cut_by_solids_as_the_reference_does() {
     assert_agree(&reference(&volume, &scene), &expected, 0, "several rays a pixel");
     let few = RenderOptions { cache_bytes: Some(64 << 10), ..device };
     assert_eq!(render(&container, &scene, &few).unwrap().0, expected, "small cache");
-    let mut renderer = Renderer::new(Opened::of(container), few).unwrap();
+    let mut renderer = Renderer::new(PlacedVolume::of(container), few).unwrap();
     renderer.set_scene(scene);
     let mut steps = 0;
     while !renderer.advance(Some(Instant::now() + Duration::from_millis(2))).unwrap().is_converged {

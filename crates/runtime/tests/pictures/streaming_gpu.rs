@@ -10,7 +10,7 @@ use supervol_runtime::engines::gpu::caster::{GpuDevice, GpuError};
 use supervol_runtime::render::error::RenderError;
 use supervol_runtime::render::options::{Backend, LevelChoice, RenderOptions};
 use supervol_runtime::render::renderer::{Renderer, render};
-use supervol_runtime::render::volume::Volume as OpenVolume;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::scene::ResolvedScene;
 
 use crate::{containers, support};
@@ -139,7 +139,7 @@ fn the_next_picture_reads_and_uploads_nothing() {
     let volume = volume();
     let container = open(&container_bytes(&volume, 16));
     let options = options(Backend::Gpu);
-    let mut renderer = Renderer::new(OpenVolume::of(container.clone()), options.clone()).unwrap();
+    let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), options.clone()).unwrap();
     let mut scene = the_scene(&volume, r#""dvr""#);
     for side in 0..3 {
         scene.camera.eye.x -= f64::from(side);
@@ -167,11 +167,11 @@ fn a_level_that_is_asked_for_is_drawn_from_then_on() {
     let volume = volume();
     let container = open(&container_bytes(&volume, 16));
     let scene = the_scene(&volume, r#""dvr""#);
-    let mut renderer = Renderer::new(OpenVolume::of(container.clone()), options(Backend::Gpu)).unwrap();
+    let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), options(Backend::Gpu)).unwrap();
     renderer.set_scene(scene.clone());
     for level in [0, 1, 0] {
         let options = RenderOptions { level: LevelChoice::Fixed(Lod(level)), ..options(Backend::Gpu) };
-        renderer.set_options(options.clone());
+        renderer.set_options(options.clone()).expect("options are right");
         assert!(renderer.advance(None).unwrap().is_converged);
         let (expected, _) = render(&container, &scene, &options).unwrap();
         assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING, "level {level}");
@@ -191,7 +191,7 @@ fn what_a_sketch_has_uploaded_stays() {
     let coarsest = LevelChoice::Fixed(container.pyramid().coarsest());
     let options = RenderOptions { level: coarsest, predict_error: true, ..options(Backend::Gpu) };
     let scene = scene_of_size(&volume, r#""dvr""#, [200, 150], 25);
-    let mut renderer = Renderer::new(OpenVolume::of(container), options).unwrap();
+    let mut renderer = Renderer::new(PlacedVolume::of(container), options).unwrap();
     renderer.set_scene(scene);
     let step = renderer.advance(Some(Instant::now())).unwrap();
     assert!(!step.is_converged && renderer.stats().device.page_ins == 1, "a sketch of the coarsest level");
@@ -214,7 +214,7 @@ fn what_a_deadline_left_out_is_drawn_with_more_time() {
     let options = options(Backend::Gpu);
     let scene = the_scene(&volume, r#""dvr""#);
     let (expected, _) = render(&container, &scene, &options).unwrap();
-    let mut renderer = Renderer::new(OpenVolume::of(container), options).unwrap();
+    let mut renderer = Renderer::new(PlacedVolume::of(container), options).unwrap();
     renderer.set_scene(scene.clone());
     let step = renderer.advance(Some(Instant::now())).unwrap();
     assert!(!step.is_converged);
@@ -244,7 +244,7 @@ fn bands_are_kept_when_it_is_time_to_stop() {
     assert!(stats.bands > 1, "{} bands", stats.bands);
     let (by_cpu, _) = render(&container, &scene, &RenderOptions { backend: Backend::Cpu, ..options.clone() }).unwrap();
     assert!(difference(&expected, &by_cpu) <= TOLERANCE, "bands are not the picture");
-    let mut renderer = Renderer::new(OpenVolume::of(container), options).unwrap();
+    let mut renderer = Renderer::new(PlacedVolume::of(container), options).unwrap();
     renderer.set_scene(scene);
     let mut steps = 1;
     while !renderer.advance(Some(Instant::now() + Duration::from_millis(50))).unwrap().is_converged {
@@ -266,7 +266,7 @@ fn steps_that_are_over_before_a_pass_is_come_some_way() {
     let options = options(Backend::Gpu);
     let scene = scene_of_size(&volume, r#""dvr""#, [160, 120], 25);
     let (expected, _) = render(&container, &scene, &options).unwrap();
-    let mut renderer = Renderer::new(OpenVolume::of(container), options).unwrap();
+    let mut renderer = Renderer::new(PlacedVolume::of(container), options).unwrap();
     renderer.set_scene(scene);
     let mut steps = 1;
     while !renderer.advance(Some(Instant::now())).unwrap().is_converged {

@@ -119,7 +119,7 @@ fn counts_depend_on_no_order_and_no_interruption() {
     let scene = wanted(&volume, "dvr", r#", "shading": {}, "samples_per_pixel": 4"#);
     let expected = counted(&container, &scene);
     let small = RenderOptions { cache_bytes: Some(60_000), threads: Some(1), ..counting() };
-    let opened = supervol_runtime::render::volume::Volume::of(container.clone());
+    let opened = supervol_runtime::render::volume::PlacedVolume::of(container.clone());
     let mut renderer = Renderer::new(opened, small).unwrap();
     renderer.set_scene(scene.clone());
     assert!(renderer.work_map().is_none(), "nothing is known yet");
@@ -130,7 +130,7 @@ fn counts_depend_on_no_order_and_no_interruption() {
     }
     assert!(renderer.work_map().expect("it has converged") == expected);
     // Nobody asked: there is none.
-    renderer.set_options(options());
+    renderer.set_options(options()).expect("options are right");
     renderer.advance(None).unwrap();
     assert!(renderer.work_map().is_none());
 }

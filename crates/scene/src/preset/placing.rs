@@ -1,7 +1,7 @@
 //! Where a volume is drawn: as it lies in the world, but for heights that somebody wants larger, for single lines of voxels, which
 //! nobody would see, and for surveys whose lines are no length apart that anybody knows.
 
-use supervol_format::Container;
+use supervol_format::{Container, Geometry};
 
 use crate::facts::{Frame, VolumeFacts};
 
@@ -11,10 +11,19 @@ const LINE_LENGTHS: f64 = 10.0;
 /// How many times as high as wide a survey is drawn at most whose lines have no unit: the files say nothing of their distance.
 const UNKNOWN_HEIGHT: f64 = 2.0;
 
-/// The container as it is drawn: heights or depths `exaggeration` times as large, a single line of voxels so wide that it can be
-/// seen, and a survey with lines of unknown distance no stick. `facts` are the container's own.
+/// The container at the place where it is drawn: see [`placement`].
 #[must_use]
 pub fn placed(container: Container, facts: &VolumeFacts, exaggeration: f64) -> Container {
+    let geometry = placement(&container, facts, exaggeration);
+    container.placed(geometry)
+}
+
+/// The place in the world where a container is drawn. Heights or depths are `exaggeration` times as large, a single line of
+/// voxels gets a width that can be seen, and a survey whose lines have no known distance does not become a stick.
+///
+/// `facts` are those of the container as it is stored.
+#[must_use]
+pub fn placement(container: &Container, facts: &VolumeFacts, exaggeration: f64) -> Geometry {
     let mut geometry = facts.geometry;
     if let Some(axis) = facts.line_axis() {
         let least = geometry.spacing[axis] * facts.dims.0[axis] as f64 / LINE_LENGTHS;
@@ -31,7 +40,7 @@ pub fn placed(container: Container, facts: &VolumeFacts, exaggeration: f64) -> C
         geometry.spacing[..2].iter_mut().for_each(|spacing| *spacing *= factor);
     }
     geometry.spacing[upright_axis(facts)] *= exaggeration;
-    container.placed(geometry)
+    geometry
 }
 
 /// The grid's axis that stands most upright.

@@ -7,7 +7,7 @@ use std::time::Instant;
 use supervol_runtime::render::options::{Backend, RenderOptions};
 use supervol_runtime::render::process;
 use supervol_runtime::render::renderer::Renderer;
-use supervol_runtime::render::volume::Volume;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_scene::image::Image;
 
 use super::cases::Case;
@@ -77,7 +77,7 @@ fn timed_pictures(
 ) -> Result<(Cost, Image), ChartError> {
     let container = &case.built.volume.container;
     let scene = case.scene(sizes.image)?;
-    let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone())?;
+    let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), options.clone())?;
     renderer.set_scene(scene);
     let mut one = || -> Result<(f64, f64, Image), ChartError> {
         let (wall, cpu) = (Instant::now(), process::cpu_time());

@@ -9,7 +9,7 @@ use supervol_runtime::engines::maps::work_in_colors;
 use supervol_runtime::render::frame::stated::in_colors;
 use supervol_runtime::render::options::{Backend, Progress, RenderOptions};
 use supervol_runtime::render::renderer::Renderer;
-use supervol_runtime::render::volume::Volume;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_runtime::stop::Canceller;
 use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene, Scene, SceneError};
@@ -90,7 +90,7 @@ fn options_of_sections(settings: &Settings) -> RenderOptions {
 impl Easel {
     /// An easel without a picture; the window is told of the volume.
     pub(super) fn new(desk: &Arc<Desk>, opened: Arc<Opened>, settings: &Settings) -> Result<Self, String> {
-        let volume = Volume::of(opened.container.clone());
+        let volume = PlacedVolume::of(opened.container.clone());
         let renderer = Renderer::new(volume, options(desk, settings)).map_err(|e| e.to_string())?;
         desk.tell(|news| (news.opened, news.frame) = (Some(opened.clone()), None));
         let Settings { decorations, inspect, .. } = *settings;
@@ -126,10 +126,10 @@ impl Easel {
 
     /// From now on pictures are made like this, from the next view on. What is loaded stays.
     pub(super) fn set(&mut self, desk: &Arc<Desk>, settings: &Settings) {
-        self.renderer.set_options(options(desk, settings));
+        self.renderer.set_options(options(desk, settings)).unwrap_or_else(|error| desk.fail(error));
         match settings.beside {
             Beside::Nothing => self.sections = None,
-            Beside::Panels => self.sections.iter_mut().for_each(|s| s.set(options_of_sections(settings))),
+            Beside::Panels => self.sections.iter_mut().for_each(|s| s.set(desk, options_of_sections(settings))),
         }
         (self.decorations, self.inspect) = (settings.decorations, settings.inspect);
         (self.is_settled, self.looks_left) = (true, 0);
@@ -162,7 +162,8 @@ impl Easel {
     pub(super) fn aim(&mut self, desk: &Arc<Desk>, scene: ResolvedScene, settings: &Settings) {
         let wanted = if scene.mode == Mode::Slice { Backend::Cpu } else { settings.backend };
         if self.renderer.options().backend != wanted {
-            self.renderer.set_options(options(desk, &Settings { backend: wanted, ..*settings }));
+            let options = options(desk, &Settings { backend: wanted, ..*settings });
+            self.renderer.set_options(options).unwrap_or_else(|error| desk.fail(error));
         }
         self.renderer.set_scene(scene);
     }

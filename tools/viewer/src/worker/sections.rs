@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use supervol_runtime::render::options::RenderOptions;
 use supervol_runtime::render::renderer::{Picked, Renderer};
-use supervol_runtime::render::volume::Volume;
+use supervol_runtime::render::volume::PlacedVolume;
 use supervol_runtime::stop::Canceller;
 use supervol_scene::scene::ResolvedScene;
 
@@ -35,14 +35,14 @@ struct Panel {
 impl Sections {
     /// Nothing yet.
     pub(super) fn new(opened: &Opened, options: RenderOptions) -> Result<Self, String> {
-        let volume = Volume::of(opened.container.clone());
+        let volume = PlacedVolume::of(opened.container.clone());
         let renderer = Renderer::new(volume, options).map_err(|e| e.to_string())?;
         Ok(Self { renderer, panels: [const { None }; PANELS] })
     }
 
     /// From now on pictures are made like this, from the next wish on.
-    pub(super) fn set(&mut self, options: RenderOptions) {
-        self.renderer.set_options(options);
+    pub(super) fn set(&mut self, desk: &Desk, options: RenderOptions) {
+        self.renderer.set_options(options).unwrap_or_else(|error| desk.fail(error));
         self.panels.iter_mut().flatten().for_each(|panel| panel.is_settled = true);
     }
 

@@ -28,6 +28,7 @@ use std::time::{Duration, Instant};
 
 use supervol_format::Container;
 use supervol_scene::camera::Camera;
+use supervol_scene::facts::VolumeFacts;
 use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene};
 use supervol_scene::units::Units;
@@ -35,11 +36,13 @@ use supervol_scene::units::Units;
 use crate::engines::gpu::caster::{GpuDevice, SHARED_MEMORY, may_have_hardware};
 use crate::engines::maps::Maps;
 use crate::render::error::RenderError;
-use crate::render::frame::{render_cpu, render_from_reference};
+use crate::engines::engine::Engine;
+use crate::render::frame::walk::FinishedBands;
+use crate::render::frame::{FrameWalk, plan_host, render_cpu, render_from_reference, streamer_for};
 use crate::render::options::{Backend, LevelChoice, RenderOptions};
 use crate::render::process;
 use crate::render::stats::{FrameStats, mode_name};
-use crate::render::volume::Volume;
+use crate::render::volume::PlacedVolume;
 use crate::stop::{Canceller, Stop};
 use crate::stream::budget::CasterBytes;
 use crate::stream::counters::milliseconds;
@@ -56,7 +59,7 @@ pub const NO_DEVICE: &str = "no graphics device is there";
 
 /// Draws pictures of one volume, one after the other.
 pub struct Renderer {
-    volume: Volume,
+    volume: PlacedVolume,
     options: RenderOptions,
     pool: rayon::ThreadPool,
     canceller: Canceller,
@@ -117,14 +120,18 @@ pub struct Step {
     pub coarsest_pixel: u32,
     /// Bricks whose coarser parents stand in, because the time was up.
     pub bricks_missing: u64,
+    /// Bricks that could not be read or decoded. Their coarser parents stand in, and the picture is not what the data show
+    /// there, however converged it is.
+    pub bricks_failed: u64,
 }
 
 impl Renderer {
     /// A renderer that has loaded nothing. Its pictures are made as the options say; their `time_budget_ms` is for [`render`].
     ///
     /// # Errors
-    /// If threads cannot be started.
-    pub fn new(volume: Volume, options: RenderOptions) -> Result<Self, RenderError> {
+    /// If an option is wrong ([`RenderOptions::validate`]), or threads cannot be started.
+    pub fn new(volume: PlacedVolume, options: RenderOptions) -> Result<Self, RenderError> {
+        options.validate()?;
         let pool = options.thread_pool()?;
         Ok(Self {
             volume,
@@ -145,7 +152,7 @@ impl Renderer {
 
     /// What it draws.
     #[must_use]
-    pub fn volume(&self) -> &Volume {
+    pub fn volume(&self) -> &PlacedVolume {
         &self.volume
     }
 
@@ -153,6 +160,12 @@ impl Renderer {
     #[must_use]
     pub fn canceller(&self) -> Canceller {
         self.canceller.clone()
+    }
+
+    /// The same renderer, stopped by this canceller instead of its own.
+    #[must_use]
+    pub fn stopped_by(self, canceller: Canceller) -> Self {
+        Self { canceller, ..self }
     }
 
     /// How pictures are made.
@@ -163,12 +176,17 @@ impl Renderer {
 
     /// From now on pictures are made like this, the present one anew; what is loaded stays, as far as the budgets let it. The
     /// number of threads stays what it was.
-    pub fn set_options(&mut self, options: RenderOptions) {
+    ///
+    /// # Errors
+    /// If an option is wrong ([`RenderOptions::validate`]); nothing changes then.
+    pub fn set_options(&mut self, options: RenderOptions) -> Result<(), RenderError> {
+        options.validate()?;
         if options.backend != self.options.backend {
             self.drawer = Drawer::Undecided;
         }
         self.options = RenderOptions { threads: self.options.threads, ..options };
         self.begin_anew();
+        Ok(())
     }
 
     /// From now on this is drawn. Where it is what has been drawn all along, the picture stays.
@@ -210,13 +228,10 @@ impl Renderer {
     /// for, whatever has been drawn; bricks on the ray are fetched, others are not.
     ///
     /// # Errors
-    /// If the picture has no such pixel, the mode no such point, a budget is too small, or somebody cancels.
-    ///
-    /// # Panics
-    /// If there is no scene.
+    /// If there is no scene, the picture has no such pixel, the mode no such point, a budget is too small, or somebody cancels.
     pub fn pick(&mut self, pixel: [u32; 2]) -> Result<Option<Picked>, RenderError> {
         let Self { volume, options, pool, resident, scene, has_deadline, .. } = self;
-        let scene = scene.as_ref().expect("a scene is set before something is picked");
+        let scene = scene.as_ref().ok_or(RenderError::NoScene)?;
         if (0..2).any(|a| pixel[a] >= scene.image_size[a]) {
             return Err(RenderError::NoSuchPixel { pixel, size: scene.image_size });
         }
@@ -251,14 +266,11 @@ impl Renderer {
     /// picture afterwards.
     ///
     /// # Errors
-    /// If a budget is too small or (reference backend only) a brick cannot be read: in all other backends bricks that cannot be
+    /// If there is no scene, a budget is too small, or (reference backend only) a brick cannot be read: in all other backends bricks that cannot be
     /// read are drawn from their parents and counted. What had been drawn of the picture is lost then.
-    ///
-    /// # Panics
-    /// If there is no scene.
     pub fn advance(&mut self, deadline: Option<Instant>) -> Result<Step, RenderError> {
         let (start, cpu_start) = (Instant::now(), process::cpu_time());
-        let scene = self.scene.clone().expect("a scene is set before it is drawn");
+        let scene = self.scene.clone().ok_or(RenderError::NoScene)?;
         self.has_deadline |= deadline.is_some();
         let stop = Stop::at(deadline).or_by(self.canceller.clone());
         let result = self.draw(&scene, &stop);
@@ -279,6 +291,7 @@ impl Renderer {
             pixels_unfinished: stats.pixels_unfinished,
             coarsest_pixel: stats.coarsest_pixel,
             bricks_missing: stats.bricks_missing_at_deadline,
+            bricks_failed: stats.bricks_failed,
         })
     }
 
@@ -456,6 +469,12 @@ impl Renderer {
         }
     }
 
+    /// [`Self::error_map`] and [`Self::work_map`].
+    #[must_use]
+    pub fn maps(&self) -> Maps {
+        Maps { errors: self.error_map(), work: self.work_map() }
+    }
+
     /// What the picture has cost since it was begun, and how far it has come.
     #[must_use]
     pub fn stats(&self) -> FrameStats {
@@ -566,11 +585,34 @@ pub fn render_with_maps(
     options: &RenderOptions,
 ) -> Result<(Image, Maps, FrameStats), RenderError> {
     let deadline = options.time_budget_ms.map(|ms| Instant::now() + Duration::from_millis(ms));
-    let mut renderer = Renderer::new(Volume::of(container.clone()), options.clone())?;
+    let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), options.clone())?;
     renderer.set_scene(scene.clone());
     renderer.advance(deadline)?;
     let stats = renderer.stats();
     let pictures = renderer.into_pictures();
     let (picture, maps) = pictures.expect("nobody cancels, and with or without a deadline there is a picture");
     Ok((picture, maps, stats))
+}
+
+/// Makes the picture of a scene by an engine from outside, with the streamer, the budgets and the passes of all others. The time
+/// budget of the options begins at `start`.
+///
+/// # Errors
+/// If a budget is too small, threads cannot be started, or the engine fails.
+pub fn render_by_engine(
+    container: &Arc<Container>,
+    scene: &ResolvedScene,
+    options: &RenderOptions,
+    engine: &mut (dyn Engine + Send),
+    start: Instant,
+) -> Result<(Image, Maps, FrameStats), RenderError> {
+    options.thread_pool()?.install(|| {
+        let plan = plan_host(container, scene, options)?;
+        let mut streamer = streamer_for(container, scene, options, plan);
+        let mut walk = FrameWalk::new(&mut streamer, plan, options, start);
+        let mut bands = FinishedBands::default();
+        let image = walk.run_on(engine, scene.image_size, &mut bands)?;
+        let stats = walk.into_stats().with_failures(VolumeFacts::of(container).value_range);
+        Ok((image, bands.into_maps(), stats))
+    })
 }

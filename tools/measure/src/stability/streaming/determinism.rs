@@ -133,7 +133,7 @@ fn gpu_differences(context: &Context<'_>, size: (u32, u32), curve: &mut Vec<Curv
     // Every picture on a software adapter compiles the shaders first: the smallest run takes one of each kind only.
     let all = [(1, 64 << 20), (1, few), (2, 64 << 20), (2, few), (8, 64 << 20), (8, few)];
     for (threads, memory) in all.into_iter().skip(context.pick(0, 4)) {
-        let living = supervol_runtime::render::volume::Volume::of(volume.container.clone());
+        let living = supervol_runtime::render::volume::PlacedVolume::of(volume.container.clone());
         let mut renderer = Renderer::new(living, options(threads, memory))?;
         let mut here = 0.0f64;
         // Cold, then warm.

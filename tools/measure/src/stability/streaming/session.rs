@@ -107,7 +107,7 @@ impl Session {
             }
         };
         let options = RenderOptions { progress: Some(Arc::new(progress)), ..settings.options() };
-        let renderer = Renderer::new(supervol_runtime::render::volume::Volume::of(container.clone()), options)?;
+        let renderer = Renderer::new(supervol_runtime::render::volume::PlacedVolume::of(container.clone()), options)?;
         *locked(&canceller) = Some(renderer.canceller());
         Ok(Self { renderer, passes, cancel_after })
     }

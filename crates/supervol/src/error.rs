@@ -1,0 +1,127 @@
+//! Errors of the library, and whose fault they are.
+
+use std::path::PathBuf;
+
+use supervol_format::Dims;
+use supervol_format::VoxelBox;
+use supervol_format::container::ContainerError;
+#[cfg(feature = "sources")]
+use supervol_preprocess::BuildError;
+use supervol_runtime::engines::gpu::device::GpuError;
+use supervol_runtime::render::error::RenderError;
+#[cfg(feature = "images")]
+use supervol_scene::image::ImageError;
+use supervol_scene::scene::SceneError;
+
+/// Failure of a call of this library. The message says what was expected, what was found, and where.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A container cannot be opened or read.
+    #[error("{path}: {source}")]
+    Container {
+        /// The file; empty where the container was not opened as one.
+        path: PathBuf,
+        /// The reason.
+        source: ContainerError,
+    },
+    /// A volume file cannot be read, or no container can be built of it.
+    #[cfg(feature = "sources")]
+    #[error(transparent)]
+    Build(#[from] BuildError),
+    /// A scene is not valid, or cannot be drawn of this volume.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// A picture cannot be drawn.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    /// A picture cannot be written.
+    #[cfg(feature = "images")]
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// A container has no such level.
+    #[error("level {level}: expected one of 0 to {coarsest}")]
+    Level {
+        /// The level that was asked for.
+        level: u8,
+        /// The coarsest level of the container.
+        coarsest: u8,
+    },
+    /// A box leaves the grid of its level, or is too large for the memory of the machine.
+    #[error("voxels {start:?} to {end:?}: expected a box inside the grid of {dims} that fits into memory", start = voxels.start, end = voxels.end)]
+    Box {
+        /// The box that was asked for, ends not included.
+        voxels: VoxelBox,
+        /// Voxels of the level.
+        dims: Dims,
+    },
+    /// Voxels in memory do not fill the grid that they are said to fill.
+    #[error("a grid of {dims} needs {expected} voxels, found {found}")]
+    Voxels {
+        /// Voxels along x, y and z.
+        dims: Dims,
+        /// Their product.
+        expected: u64,
+        /// Voxels that were given.
+        found: u64,
+    },
+}
+
+/// The side at fault, by which a program chooses what to tell its user.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// A file is damaged, or does not follow its format.
+    Data,
+    /// The caller asked for something impossible: a file that is not there, a scene out of range, too little memory.
+    Request,
+    /// The machine failed: an I/O error, a full disk, a lost graphics device.
+    Machine,
+    /// A [`Canceller`](crate::Canceller) stopped the work.
+    Cancelled,
+}
+
+impl Error {
+    /// The side at fault.
+    #[must_use]
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Container { source: ContainerError::Io { source, .. }, .. } => match source.kind() {
+                std::io::ErrorKind::NotFound | std::io::ErrorKind::InvalidInput => ErrorKind::Request,
+                _ => ErrorKind::Machine,
+            },
+            Self::Container { .. } => ErrorKind::Data,
+            #[cfg(feature = "sources")]
+            Self::Build(error) if error.is_stopped() => ErrorKind::Cancelled,
+            #[cfg(feature = "sources")]
+            Self::Build(error) if error.is_wrong_command() => ErrorKind::Request,
+            #[cfg(feature = "sources")]
+            Self::Build(error) if error.is_machine_failure() => ErrorKind::Machine,
+            #[cfg(feature = "sources")]
+            Self::Build(_) => ErrorKind::Data,
+            Self::Scene(_) | Self::Level { .. } | Self::Box { .. } | Self::Voxels { .. } => ErrorKind::Request,
+            #[cfg(feature = "images")]
+            Self::Image(ImageError::Format { .. }) => ErrorKind::Request,
+            #[cfg(feature = "images")]
+            Self::Image(_) => ErrorKind::Machine,
+            Self::Render(error) => kind_of_render(error),
+        }
+    }
+}
+
+fn kind_of_render(error: &RenderError) -> ErrorKind {
+    match error {
+        RenderError::Cancelled => ErrorKind::Cancelled,
+        RenderError::Container(_) => ErrorKind::Data,
+        RenderError::Budget(_)
+        | RenderError::ReferenceTooLarge { .. }
+        | RenderError::CheckTooLarge { .. }
+        | RenderError::Gpu(GpuError::Budget { .. })
+        | RenderError::NoPlace
+        | RenderError::NoSuchPixel { .. }
+        | RenderError::SlicesOnGpu
+        | RenderError::Option { .. }
+        | RenderError::NoScene
+        | RenderError::Method { .. } => ErrorKind::Request,
+        _ => ErrorKind::Machine,
+    }
+}

@@ -1,0 +1,159 @@
+//! A renderer that lives across pictures.
+
+use std::time::{Duration, Instant};
+
+use supervol_format::canceller::Canceller;
+use supervol_runtime::render;
+use supervol_runtime::render::options::RenderOptions;
+use supervol_runtime::render::renderer::{Picked, Step};
+use supervol_scene::scene::{ResolvedScene, Scene};
+
+use crate::error::Error;
+use crate::picture::Picture;
+use crate::volume::Volume;
+
+/// Draws pictures of one volume, one after the other, and keeps what it has loaded.
+///
+/// 1. [`Renderer::set_scene`] says what is wanted. Another camera or look keeps all bricks.
+/// 2. [`Renderer::advance`] makes the picture better until a deadline. There is a whole picture after each call.
+/// 3. [`Renderer::picture`] is the picture so far.
+///
+/// A picture that has converged is the same, bit for bit, as that of [`Volume::draw`].
+///
+/// ```
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("ball.svol");
+/// # supervol::doc_container(&path)?;
+/// use std::time::Duration;
+/// use supervol::{Options, Scene, Volume};
+///
+/// let mut renderer = Volume::open(&path)?.renderer(Options::default())?;
+/// renderer.set_scene(&Scene::default())?;
+/// while !renderer.advance_for(Duration::from_millis(33))?.is_converged {
+///     let frame = renderer.picture().expect("a deadline leaves a whole picture");
+///     assert_eq!(frame.image().width, 800);
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct Renderer {
+    volume: Volume,
+    inner: render::renderer::Renderer,
+    /// Factor of heights that the inner renderer's volume is placed with.
+    exaggeration: f64,
+    scene: Option<ResolvedScene>,
+}
+
+impl std::fmt::Debug for Renderer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Renderer").field("volume", &self.volume).field("scene", &self.scene).finish_non_exhaustive()
+    }
+}
+
+impl Renderer {
+    pub(crate) fn new(volume: Volume, options: RenderOptions) -> Result<Self, Error> {
+        let inner = render::renderer::Renderer::new(volume.placed_for(&Scene::default()), options)?;
+        Ok(Self { volume, inner, exaggeration: 1.0, scene: None })
+    }
+
+    /// The volume that it draws.
+    #[must_use]
+    pub fn volume(&self) -> &Volume {
+        &self.volume
+    }
+
+    /// The request to stop [`Renderer::advance`] and [`Renderer::pick`], from another thread.
+    #[must_use]
+    pub fn canceller(&self) -> Canceller {
+        self.inner.canceller()
+    }
+
+    /// Sets the scene that is drawn from now on. What it leaves open is chosen to suit the data.
+    ///
+    /// ```
+    /// # let folder = tempfile::tempdir()?;
+    /// # let path = folder.path().join("ball.svol");
+    /// # supervol::doc_container(&path)?;
+    /// use supervol::{Options, Scene, Volume};
+    ///
+    /// let mut renderer = Volume::open(&path)?.renderer(Options::default())?;
+    /// let wrong = Scene { samples_per_pixel: Some(3), ..Scene::default() };
+    /// assert!(renderer.set_scene(&wrong).unwrap_err().to_string().contains("samples_per_pixel"));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If the scene is not valid, or cannot be drawn of this volume; the scene before stays then.
+    pub fn set_scene(&mut self, scene: &Scene) -> Result<(), Error> {
+        scene.validate()?;
+        let exaggeration = scene.vertical_exaggeration.unwrap_or(1.0);
+        let resolved = if exaggeration == self.exaggeration {
+            self.inner.volume().resolve(scene)?
+        } else {
+            let placed = self.volume.placed_for(scene);
+            let resolved = placed.resolve(scene)?;
+            let canceller = self.inner.canceller();
+            let options = self.inner.options().clone();
+            self.inner = render::renderer::Renderer::new(placed, options)?.stopped_by(canceller);
+            self.exaggeration = exaggeration;
+            resolved
+        };
+        self.scene = Some(resolved.clone());
+        self.inner.set_scene(resolved);
+        Ok(())
+    }
+
+    /// Sets how pictures are made from now on. Loaded bricks stay as far as the budgets allow.
+    ///
+    /// # Errors
+    /// If an option is wrong; the options before stay then.
+    pub fn set_options(&mut self, options: RenderOptions) -> Result<(), Error> {
+        Ok(self.inner.set_options(options)?)
+    }
+
+    /// Makes the picture better until it has converged, the deadline has come, or the [`Canceller`] is set. `None`: no deadline.
+    ///
+    /// # Errors
+    /// If no scene is set, a budget is too small, or the machine fails.
+    pub fn advance(&mut self, deadline: Option<Instant>) -> Result<Step, Error> {
+        Ok(self.inner.advance(deadline)?)
+    }
+
+    /// [`Renderer::advance`] for this long from now.
+    ///
+    /// # Errors
+    /// As [`Renderer::advance`].
+    pub fn advance_for(&mut self, time: Duration) -> Result<Step, Error> {
+        self.advance(Some(Instant::now() + time))
+    }
+
+    /// The picture so far; `None` before the first [`Renderer::advance`].
+    #[must_use]
+    pub fn picture(&self) -> Option<Picture> {
+        let image = self.inner.picture()?.into_owned();
+        let maps = self.inner.maps();
+        let of = (self.inner.volume().clone(), self.scene.clone()?, self.inner.options().clone());
+        Some(Picture::new(of, image, maps, self.inner.stats()))
+    }
+
+    /// The first visible point under a pixel, counted from the top left; `None` where nothing is to be seen.
+    ///
+    /// ```
+    /// # let folder = tempfile::tempdir()?;
+    /// # let path = folder.path().join("ball.svol");
+    /// # supervol::doc_container(&path)?;
+    /// use supervol::{Options, Scene, Volume};
+    ///
+    /// let mut renderer = Volume::open(&path)?.renderer(Options::default())?;
+    /// renderer.set_scene(&Scene::default())?;
+    /// let middle = renderer.pick([400, 300])?.expect("the ball is in the middle");
+    /// assert!(middle.value > 0.0);
+    /// assert!(renderer.pick([0, 0])?.is_none());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If no scene is set, the picture has no such pixel, the mode has no depth, or a budget is too small.
+    pub fn pick(&mut self, pixel: [u32; 2]) -> Result<Option<Picked>, Error> {
+        Ok(self.inner.pick(pixel)?)
+    }
+}
