@@ -2,6 +2,8 @@
 //!
 //! Voxels that are not all in memory come from a source of one's own: see `Waves` below.
 
+#![allow(clippy::print_stdout, reason = "an example shows what it finds")]
+
 use std::error::Error;
 use std::path::PathBuf;
 

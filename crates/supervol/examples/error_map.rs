@@ -1,6 +1,8 @@
 //! Draws a picture with the stated error of each pixel, and checks it against the reference integrator:
 //! `cargo run --release -p supervol --example error_map -- VOLUME FOLDER`
 
+#![allow(clippy::print_stdout, reason = "an example shows what it finds")]
+
 use std::error::Error;
 use std::path::PathBuf;
 

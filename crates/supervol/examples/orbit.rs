@@ -4,6 +4,8 @@
 //! Each frame is the best picture that 33 ms allow. Bricks stay in memory from frame to frame, and the last frame is drawn on
 //! until it has converged.
 
+#![allow(clippy::print_stdout, reason = "an example shows what it finds")]
+
 use std::error::Error;
 use std::path::PathBuf;
 use std::time::Duration;

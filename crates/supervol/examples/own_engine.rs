@@ -4,6 +4,8 @@
 //! An engine names the bricks that it wants, in an order of its own. The streamer reads as many as the host budget has room
 //! for, and the engine goes on with these. It knows neither files nor threads.
 
+#![allow(clippy::print_stdout, reason = "an example shows what it finds")]
+
 use std::error::Error;
 use std::ops::Range;
 use std::sync::Arc;
@@ -92,7 +94,8 @@ impl Engine for Slabs {
         let present = self.greatest.iter().copied().filter(|value| value.is_finite());
         let (low, high) = present.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         for (pixel, value) in to.iter_mut().zip(&self.greatest) {
-            let grey = if value.is_finite() { ((value - low) / (high - low).max(f64::MIN_POSITIVE)) as f32 } else { 0.0 };
+            let grey =
+                if value.is_finite() { ((value - low) / (high - low).max(f64::MIN_POSITIVE)) as f32 } else { 0.0 };
             *pixel = [grey, grey, grey, 1.0];
         }
         Ok(())

@@ -1,5 +1,7 @@
 //! Reads a box of voxels as an array, at two levels of detail: `cargo run --release -p supervol --example read_box -- VOLUME`
 
+#![allow(clippy::print_stdout, reason = "an example shows what it finds")]
+
 use std::error::Error;
 
 use supervol::{Lod, Volume, VoxelBox};

@@ -62,8 +62,7 @@ impl Picture {
         Ok(self.image.write(path.as_ref(), self.scene.background)?)
     }
 
-    /// Whether every pixel is finished from the bricks that it wants. Failed bricks count as finished: see
-    /// [`Picture::failures`].
+    /// Whether every pixel is finished from the bricks that it wants, none of which failed.
     #[must_use]
     pub fn is_converged(&self) -> bool {
         self.stats.converged

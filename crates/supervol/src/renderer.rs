@@ -29,7 +29,7 @@ use crate::volume::Volume;
 ///
 /// let mut renderer = Volume::open(&path)?.renderer(Options::default())?;
 /// renderer.set_scene(&Scene::default())?;
-/// while !renderer.advance_for(Duration::from_millis(33))?.is_converged {
+/// while !renderer.advance_for(Duration::from_millis(33))?.is_finished {
 ///     let frame = renderer.picture().expect("a deadline leaves a whole picture");
 ///     assert_eq!(frame.image().width, 800);
 /// }

@@ -117,7 +117,7 @@ impl Drawer {
         self.0.set_scene(scene.clone());
         let step = self.0.advance(None).unwrap_or_else(|e| panic!("{e}"));
         let stats = self.0.stats();
-        let is_whole = step.is_converged && stats.bricks_failed == 0 && stats.device.anomalies == 0;
+        let is_whole = step.is_finished && stats.bricks_failed == 0 && stats.device.anomalies == 0;
         assert!(is_whole, "{stats:#?}");
         self.0.picture().expect("it has converged").into_owned()
     }

@@ -158,9 +158,9 @@ fn picking_reads_the_ray_and_changes_no_picture() {
     stats.gather_streamer(renderer.streamer().unwrap());
     let read = stats.streaming.page_ins;
     assert!((1..=4).contains(&read), "{read} bricks for a ray along 2");
-    assert!(renderer.advance(None).unwrap().is_converged);
+    assert!(renderer.advance(None).unwrap().is_finished);
     assert_eq!(renderer.picture().unwrap().pixels, expected.pixels);
     assert_eq!(renderer.pick(PIXEL).unwrap(), first);
-    assert!(renderer.advance(None).unwrap().is_converged);
+    assert!(renderer.advance(None).unwrap().is_finished);
     assert_eq!(renderer.picture().unwrap().pixels, expected.pixels);
 }

@@ -70,8 +70,8 @@ fn converge(renderer: &mut Renderer, step: Duration) -> u32 {
         let done = renderer.advance(Some(Instant::now() + step)).unwrap();
         let picture = renderer.picture().expect("with a deadline there is always a picture");
         assert!(picture.is_finite() && !done.is_cancelled, "{done:?}");
-        assert_eq!(done.is_converged, done.pixels_unfinished == 0, "{done:?}");
-        if done.is_converged {
+        assert_eq!(done.is_finished, done.pixels_unfinished == 0, "{done:?}");
+        if done.is_finished {
             return steps;
         }
     }
@@ -111,7 +111,7 @@ fn every_picture_becomes_that_of_a_new_renderer() {
                     // Also steps for which there is no time at all come some way.
                     converge(&mut renderer, Duration::from_millis(i as u64 % 3 * 2));
                 } else {
-                    assert!(renderer.advance(None).unwrap().is_converged);
+                    assert!(renderer.advance(None).unwrap().is_finished);
                 }
                 let picture = renderer.picture().unwrap();
                 assert!(*picture == expected(&container, &scene, level), "{level:?}, {cache_bytes:?}: picture {i}");
@@ -162,7 +162,7 @@ fn nothing_that_is_loaded_is_read_again() {
     // A picture that has converged is not drawn again.
     renderer.set_scene(scene_of(&volume, Wanted { opacity: 0.8, ..FIRST }));
     let passes = renderer.stats().passes;
-    assert!(renderer.advance(None).unwrap().is_converged);
+    assert!(renderer.advance(None).unwrap().is_finished);
     assert_eq!(renderer.stats().passes, passes);
 }
 
@@ -194,12 +194,12 @@ fn a_cancelled_picture_goes_on() {
             renderer.canceller().cancel();
         }
         let step = renderer.advance(None).unwrap();
-        assert!(step.is_cancelled && !step.is_converged && renderer.picture().is_none(), "{cancel_after}: {step:?}");
+        assert!(step.is_cancelled && !step.is_finished && renderer.picture().is_none(), "{cancel_after}: {step:?}");
         // Whoever looks now gets a whole picture, and then the one that is wanted.
         let step = renderer.advance(Some(Instant::now())).unwrap();
         assert!(!step.is_cancelled && step.coarsest_pixel > 1, "{cancel_after}: {step:?}");
         assert!(renderer.picture().unwrap().is_finite());
-        assert!(renderer.advance(None).unwrap().is_converged);
+        assert!(renderer.advance(None).unwrap().is_finished);
         assert!(*renderer.picture().unwrap() == expected, "{level:?}, cancelled after {cancel_after} passes");
         assert_eq!(renderer.streamer().unwrap().states().total(StateKind::Queued), 0);
     }
@@ -313,7 +313,7 @@ fn rays_are_cast_while_bricks_are_read() {
     let slow = Arc::new(Container::from_source(source.clone()).unwrap());
     let mut renderer = renderer(&slow, options);
     renderer.set_scene(scene.clone());
-    assert!(renderer.advance(None).unwrap().is_converged);
+    assert!(renderer.advance(None).unwrap().is_finished);
     assert!(source.is_overlapped.load(Ordering::Relaxed), "no pass ended while the record was being read");
     assert!(*renderer.picture().unwrap() == expected(&container, &scene, level));
 }
@@ -352,7 +352,7 @@ fn rays_are_counted_while_they_are_cast() {
         };
         let mut renderer = renderer(&container, options);
         renderer.set_scene(scene.clone());
-        assert!(renderer.advance(None).unwrap().is_converged);
+        assert!(renderer.advance(None).unwrap().is_finished);
         let rays = u64::from(scene.camera.width) * u64::from(scene.camera.height);
         assert_eq!(finished.load(Ordering::Relaxed), rays);
     }
@@ -396,7 +396,7 @@ fn looking_ahead_reads_what_the_next_picture_wants() {
             for i in 0..5 {
                 let scene = station(i);
                 renderer.set_scene(scene.clone());
-                assert!(renderer.advance(None).unwrap().is_converged);
+                assert!(renderer.advance(None).unwrap().is_finished);
                 assert!(*renderer.picture().unwrap() == expected(&container, &scene, LevelChoice::Fixed(Lod::FINEST)));
                 of_frames += if i < 2 { 0 } else { renderer.stats().streaming.page_ins };
                 if is_ahead {
@@ -405,7 +405,7 @@ fn looking_ahead_reads_what_the_next_picture_wants() {
                     assert!(cache_bytes.is_some() || i == 0 || ahead.is_complete, "{i}: {ahead:?}");
                     of_ahead += ahead.page_ins;
                     // The picture stands, and costs nothing more.
-                    assert!(renderer.advance(None).unwrap().is_converged);
+                    assert!(renderer.advance(None).unwrap().is_finished);
                     renderer.begin_anew();
                     renderer.advance(None).unwrap();
                     assert!(

@@ -139,7 +139,7 @@ fn graphics_devices_draw_the_volume_between_slices() {
         let converged = (0..10_000).any(|n| {
             let step = renderer.advance(Some(Instant::now() + Duration::from_millis(n % 8))).unwrap();
             assert!(renderer.picture().unwrap().is_finite());
-            step.is_converged
+            step.is_finished
         });
         assert!(converged && *renderer.picture().unwrap() == picture, "{more}: in steps");
     }
@@ -201,7 +201,7 @@ fn in_steps_it_becomes_the_picture_that_is_drawn_at_once_and_states_its_error() 
         let converged = (0..10_000).any(|n| {
             let step = renderer.advance(Some(Instant::now() + Duration::from_millis(n % 3))).unwrap();
             assert!(renderer.picture().unwrap().is_finite());
-            step.is_converged
+            step.is_finished
         });
         assert!(converged && *renderer.picture().unwrap() == expected, "{level:?}");
         let stated = stats.error_stated.expect("the error is stated");

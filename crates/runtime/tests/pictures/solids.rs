@@ -207,7 +207,7 @@ fn pictures_in_steps_are_those_in_one_go() {
         let mut renderer = Renderer::new(PlacedVolume::of(container.clone()), options(LevelChoice::Auto)).unwrap();
         renderer.set_scene(scene);
         let mut steps = 0;
-        while !renderer.advance(Some(Instant::now() + Duration::from_micros(200))).unwrap().is_converged {
+        while !renderer.advance(Some(Instant::now() + Duration::from_micros(200))).unwrap().is_finished {
             steps += 1;
             assert!(steps < 10_000, "no end");
         }
@@ -277,7 +277,7 @@ fn graphics_devices_cut_by_solids_as_the_reference_does() {
     let mut renderer = Renderer::new(PlacedVolume::of(container), few).unwrap();
     renderer.set_scene(scene);
     let mut steps = 0;
-    while !renderer.advance(Some(Instant::now() + Duration::from_millis(2))).unwrap().is_converged {
+    while !renderer.advance(Some(Instant::now() + Duration::from_millis(2))).unwrap().is_finished {
         steps += 1;
         assert!(steps < 10_000, "no end");
     }

@@ -274,7 +274,7 @@ fn a_file_may_shrink_or_change_under_an_open_renderer() {
         let options = RenderOptions { threads: Some(2), cache_bytes: Some(60_000), ..options() };
         let mut renderer = Renderer::new(volume::PlacedVolume::of(container.clone()), options).unwrap();
         renderer.set_scene(near.clone());
-        assert!(renderer.advance(None).unwrap().is_converged && renderer.stats().bricks_failed == 0);
+        assert!(renderer.advance(None).unwrap().is_finished && renderer.stats().bricks_failed == 0);
         harm(&std::fs::File::options().write(true).open(&path).unwrap(), container.sections().toc_offset);
         renderer.set_scene(far.clone());
         renderer.advance(None).unwrap();

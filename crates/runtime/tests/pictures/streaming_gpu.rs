@@ -144,7 +144,7 @@ fn the_next_picture_reads_and_uploads_nothing() {
     for side in 0..3 {
         scene.camera.eye.x -= f64::from(side);
         renderer.set_scene(scene.clone());
-        assert!(renderer.advance(None).unwrap().is_converged);
+        assert!(renderer.advance(None).unwrap().is_finished);
         let (expected, _) = render(&container, &scene, &options).unwrap();
         assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING, "picture {side}");
         let stats = renderer.stats();
@@ -172,7 +172,7 @@ fn a_level_that_is_asked_for_is_drawn_from_then_on() {
     for level in [0, 1, 0] {
         let options = RenderOptions { level: LevelChoice::Fixed(Lod(level)), ..options(Backend::Gpu) };
         renderer.set_options(options.clone()).expect("options are right");
-        assert!(renderer.advance(None).unwrap().is_converged);
+        assert!(renderer.advance(None).unwrap().is_finished);
         let (expected, _) = render(&container, &scene, &options).unwrap();
         assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING, "level {level}");
     }
@@ -194,10 +194,10 @@ fn what_a_sketch_has_uploaded_stays() {
     let mut renderer = Renderer::new(PlacedVolume::of(container), options).unwrap();
     renderer.set_scene(scene);
     let step = renderer.advance(Some(Instant::now())).unwrap();
-    assert!(!step.is_converged && renderer.stats().device.page_ins == 1, "a sketch of the coarsest level");
+    assert!(!step.is_finished && renderer.stats().device.page_ins == 1, "a sketch of the coarsest level");
     let unknown = renderer.stats().error_stated.unwrap();
     assert_eq!(unknown.pixels_unknown, 200 * 150, "of pixels that are larger than asked for nothing is known");
-    assert!(renderer.advance(None).unwrap().is_converged);
+    assert!(renderer.advance(None).unwrap().is_finished);
     let stats = renderer.stats();
     assert_eq!(stats.device.page_ins, 0, "{stats:#?}");
     assert_eq!(stats.error_stated.unwrap().pixels_unknown, 0);
@@ -217,14 +217,14 @@ fn what_a_deadline_left_out_is_drawn_with_more_time() {
     let mut renderer = Renderer::new(PlacedVolume::of(container), options).unwrap();
     renderer.set_scene(scene.clone());
     let step = renderer.advance(Some(Instant::now())).unwrap();
-    assert!(!step.is_converged);
+    assert!(!step.is_finished);
     assert!(difference(&renderer.picture().unwrap(), &expected) > TOLERANCE, "coarse bricks are the picture");
     // Rays stop where they are, in whichever pass, and go on.
     for ms in [1, 5, 20] {
         renderer.advance(Some(Instant::now() + Duration::from_millis(ms))).unwrap();
         assert_eq!(renderer.picture().unwrap().pixels.len(), 40 * 36);
     }
-    assert!(renderer.advance(None).unwrap().is_converged);
+    assert!(renderer.advance(None).unwrap().is_finished);
     assert!(difference(&renderer.picture().unwrap(), &expected) < ROUNDING);
 }
 
@@ -247,7 +247,7 @@ fn bands_are_kept_when_it_is_time_to_stop() {
     let mut renderer = Renderer::new(PlacedVolume::of(container), options).unwrap();
     renderer.set_scene(scene);
     let mut steps = 1;
-    while !renderer.advance(Some(Instant::now() + Duration::from_millis(50))).unwrap().is_converged {
+    while !renderer.advance(Some(Instant::now() + Duration::from_millis(50))).unwrap().is_finished {
         steps += 1;
         assert!(steps < 10_000, "the picture is begun again and again");
     }
@@ -269,7 +269,7 @@ fn steps_that_are_over_before_a_pass_is_come_some_way() {
     let mut renderer = Renderer::new(PlacedVolume::of(container), options).unwrap();
     renderer.set_scene(scene);
     let mut steps = 1;
-    while !renderer.advance(Some(Instant::now())).unwrap().is_converged {
+    while !renderer.advance(Some(Instant::now())).unwrap().is_finished {
         steps += 1;
         assert!(steps < 3_000, "rays wait for bricks that nobody fetches");
     }

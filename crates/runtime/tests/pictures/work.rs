@@ -124,7 +124,7 @@ fn counts_depend_on_no_order_and_no_interruption() {
     renderer.set_scene(scene.clone());
     assert!(renderer.work_map().is_none(), "nothing is known yet");
     for _ in 0..100_000 {
-        if renderer.advance(Some(Instant::now() + Duration::from_millis(2))).unwrap().is_converged {
+        if renderer.advance(Some(Instant::now() + Duration::from_millis(2))).unwrap().is_finished {
             break;
         }
     }

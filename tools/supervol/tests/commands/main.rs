@@ -10,6 +10,7 @@ mod every_option;
 mod failed_bricks;
 mod full_disk;
 mod inputs;
+mod library;
 mod looks;
 mod machine;
 mod resumed_builds;

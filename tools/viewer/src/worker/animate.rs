@@ -123,7 +123,7 @@ impl Easel {
         let scene = frames.scene(frame).resolve(&self.opened.facts).map_err(|e| e.to_string())?;
         self.aim(desk, scene.clone(), settings);
         let step = self.renderer.advance(None).map_err(|e| e.to_string())?;
-        let Some(picture) = self.renderer.picture().filter(|_| !step.is_cancelled && step.is_converged) else {
+        let Some(picture) = self.renderer.picture().filter(|_| !step.is_cancelled && step.is_finished) else {
             return Ok(false);
         };
         let failed = self.renderer.stats().bricks_failed;

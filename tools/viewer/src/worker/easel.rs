@@ -250,9 +250,9 @@ impl Easel {
     fn advance(&mut self, desk: &Desk, time: Duration) {
         match self.renderer.advance(Some(Instant::now() + time)) {
             Ok(step) => {
-                self.is_settled = step.is_converged;
-                self.show(desk, step.is_converged);
-                if let (true, Some(view)) = (step.is_converged, &self.view) {
+                self.is_settled = step.is_finished;
+                self.show(desk, step.is_finished);
+                if let (true, Some(view)) = (step.is_finished, &self.view) {
                     self.looks_left = LOOK_LIMIT;
                     self.ahead = LookedAhead { number: view.number, ..LookedAhead::default() };
                 }

@@ -35,7 +35,7 @@ impl Easel {
         self.aim(desk, scene.clone(), settings);
         let step = self.renderer.advance(None);
         let written = step.map_err(|e| e.to_string()).and_then(|step| {
-            let Some(picture) = self.renderer.picture().filter(|_| step.is_converged) else {
+            let Some(picture) = self.renderer.picture().filter(|_| step.is_finished) else {
                 return Ok(Message::Done("export given up; no file was written".into()));
             };
             let mut file = output.file();

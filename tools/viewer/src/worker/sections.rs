@@ -94,12 +94,12 @@ impl Sections {
         self.renderer.set_scene(panel.scene.clone());
         match self.renderer.advance(Some(Instant::now() + time)) {
             Ok(step) => {
-                panel.is_settled = step.is_converged;
+                panel.is_settled = step.is_finished;
                 let Some(picture) = self.renderer.picture() else { return };
                 // A section's error is none, or nobody knows it: nothing is lost by asking for counts alone.
                 let stats = self.renderer.counts();
                 let frame =
-                    frame_of(&panel.view, (&picture, panel.scene.background), (stats, step.is_converged), panel.began);
+                    frame_of(&panel.view, (&picture, panel.scene.background), (stats, step.is_finished), panel.began);
                 desk.tell(|news| news.sections[number] = Some(frame));
             }
             Err(error) => {

@@ -33,10 +33,10 @@ use supervol_scene::image::Image;
 use supervol_scene::scene::{Mode, ResolvedScene};
 use supervol_scene::units::Units;
 
+use crate::engines::engine::Engine;
 use crate::engines::gpu::caster::{GpuDevice, SHARED_MEMORY, may_have_hardware};
 use crate::engines::maps::Maps;
 use crate::render::error::RenderError;
-use crate::engines::engine::Engine;
 use crate::render::frame::walk::FinishedBands;
 use crate::render::frame::{FrameWalk, plan_host, render_cpu, render_from_reference, streamer_for};
 use crate::render::options::{Backend, LevelChoice, RenderOptions};
@@ -110,8 +110,8 @@ impl Work {
 /// How far a picture has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Step {
-    /// Every pixel is finished, from the bricks that it wants or, where these failed, from coarser ones: nothing is left to do.
-    pub is_converged: bool,
+    /// Nothing is left to do: every pixel is finished, from the bricks that it wants or, where these failed, from coarser ones.
+    pub is_finished: bool,
     /// Somebody cancelled the step.
     pub is_cancelled: bool,
     /// Pixels that are taken from a coarser picture.
@@ -123,6 +123,14 @@ pub struct Step {
     /// Bricks that could not be read or decoded. Their coarser parents stand in, and the picture is not what the data show
     /// there, however converged it is.
     pub bricks_failed: u64,
+}
+
+impl Step {
+    /// Whether the picture is finished, and every brick that it wants could be read.
+    #[must_use]
+    pub fn is_converged(&self) -> bool {
+        self.is_finished && self.bricks_failed == 0
+    }
 }
 
 impl Renderer {
@@ -286,7 +294,7 @@ impl Renderer {
         }
         let stats = self.work.stats(&scene);
         Ok(Step {
-            is_converged: stats.converged,
+            is_finished: stats.converged,
             is_cancelled,
             pixels_unfinished: stats.pixels_unfinished,
             coarsest_pixel: stats.coarsest_pixel,
