@@ -1,8 +1,8 @@
-//! Input files as readers use them.
+//! Access to input files, shared by the readers.
 //!
-//! - [`file`]: a file that remembers its length and date, so that a change is noticed;
-//! - [`folder`]: files of a folder in their natural order;
-//! - [`data_files`]: data files that a header names, and the rule on which of them may be opened;
+//! - [`file`]: a file with its length and times, so that a change is noticed;
+//! - [`folder`]: files of a folder in natural order;
+//! - [`data_files`]: data files that a header names, and the rule which of them may be opened;
 //! - [`open_files`]: a bounded set of open files;
 //! - [`selection`]: the part of a file that the user chose (channel, frame, dataset);
 //! - [`spool`]: a temporary file for decoded voxels;
