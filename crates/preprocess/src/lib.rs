@@ -1,9 +1,8 @@
 //! Offline half of Supervol: one volume file in, one `.svol` container out, in bounded memory.
 //!
-//! The data path: `supervol_sources` (one reader per file format) -> [`bricker`] (tiles, bricks with apron) ->
-//! [`downsample`] (coarser voxels) and [`error_bound`] (their distance from the finer ones) -> encoding and ordered
-//! writing in [`pipeline`]. `next_level` keeps coarser voxels in memory where there is room. [`verify`] checks a
-//! container rule by rule.
+//! The data path: `supervol_sources` (readers) -> [`bricker`] (tiles, bricks with apron) -> [`downsample`] (coarser
+//! voxels) and [`error_bound`] (their distance from the finer ones) -> [`pipeline`] (encoding and ordered writing).
+//! `next_level` keeps coarser voxels in memory where there is room. [`verify`] checks a container rule by rule.
 //!
 //! Nothing here touches a GPU. The caller gives a memory limit in bytes ([`memory`]). The same input and options give
 //! the same bytes, whatever the number of threads.

@@ -3,8 +3,8 @@
 //! `xyz` halves all axes, `xy` halves x and y first. `auto` keeps voxels nearly cubic and loses the least detail. At
 //! each level it measures, on sample boxes, the share of the field's variance that survives averaging along each axis.
 //! It
-//! - never halves the sample axis (z) of a seismic survey while x or y can be halved, because reflections alternate
-//!   within a few samples and cancel out (STABILITY, S17);
+//! - never halves the sample axis (z) of a seismic survey while x or y can be halved. Reflections alternate within a
+//!   few samples and cancel out (STABILITY, S17);
 //! - postpones an axis whose spacing is already twice the smallest (equal units only), or that would lose `WORSE` more
 //!   variance than the best axis.
 //!
