@@ -234,7 +234,7 @@ fn tables<R: Read + Seek>(path: &Path, decoder: &mut Decoder<R>) -> Result<Vec<u
     Ok(tables)
 }
 
-/// Size in pixels and numbers of a chunk; `None` if the size follows from the bytes.
+/// Size in pixels and numbers of a chunk; `None` if the size follows from the bytes. An error describes the found data.
 type Decoded = Result<(Option<[usize; 2]>, Vec<u8>), String>;
 
 /// Decodes one JPEG image, which may have fewer rows than its chunk.
